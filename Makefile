@@ -1,0 +1,47 @@
+# Everything a user or CI needs; nothing but Debian, Python 3.11 and make is assumed.
+PYTHON ?= python3
+BIN := .venv/bin
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+
+# A sourced ROS 2 brings its own rclpy and messages; without one the wheels from PyPI are installed.
+ifdef ROS_DISTRO
+VENV_FLAGS := --system-site-packages
+EXTRAS := dev
+else
+VENV_FLAGS :=
+EXTRAS := dev,ros
+endif
+
+.PHONY: help setup demo test check lint format bench clean
+
+help:  ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+
+setup: .venv/ready  ## build .venv with everything in it
+.venv/ready: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV_FLAGS) .venv
+	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+	touch $@
+
+demo: setup  ## plan, drive, record and judge two maneuvers on emulated PLCs; writes out/demo
+	$(BIN)/tricycle demo --output out/demo
+
+test: check  ## everything: lint, types, import contract, all tests
+	$(BIN)/python -m pytest -m "slow or ros" -q
+
+check: setup lint  ## lint, types, import contract and the fast tests
+	$(BIN)/python -m pytest -m "not slow and not ros" -q -n 2
+
+lint: setup
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: setup  ## format and fix what can be fixed
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+clean:  ## remove the environment and all output
+	rm -rf .venv out build ros_ws/build ros_ws/install ros_ws/log

@@ -1,0 +1,25 @@
+from setuptools import find_packages, setup
+
+NAME = "excitation_planner"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[f"{NAME}*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The tricycle excitation maintainers",
+    maintainer_email="maintainers@example.org",
+    description="PLAN: excitation maneuvers by Kriging, Sobol' indices and DIRECT; the planner and the maneuver driver",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "excitation_planner = excitation_planner.planner_node:main",
+            "maneuver_driver = excitation_planner.maneuver_driver_node:main",
+        ]
+    },
+)

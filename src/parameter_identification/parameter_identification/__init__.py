@@ -1,0 +1,1 @@
+"""JUDGE and IDENTIFY: trajectory error of bags, parameter estimates."""

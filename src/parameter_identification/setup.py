@@ -1,0 +1,19 @@
+from setuptools import find_packages, setup
+
+NAME = "parameter_identification"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[f"{NAME}*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The tricycle excitation maintainers",
+    maintainer_email="maintainers@example.org",
+    description="JUDGE and IDENTIFY: trajectory error of bags, parameter estimates",
+    license="Apache-2.0",
+)

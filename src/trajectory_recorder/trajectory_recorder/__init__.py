@@ -1,0 +1,1 @@
+"""RECORD: MCAP bags: recorder, replayer and a reader without ROS."""

@@ -1,0 +1,24 @@
+from setuptools import find_packages, setup
+
+NAME = "tricycle_bridge"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[f"{NAME}*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The tricycle excitation maintainers",
+    maintainer_email="maintainers@example.org",
+    description="DRIVE: PLC protocol, serial links and the bridge between ROS 2 and the two by-wire PLCs",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "tricycle_bridge = tricycle_bridge.bridge_node:main",
+        ]
+    },
+)

@@ -1,0 +1,28 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "tricycle_bringup"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[f"{NAME}*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
+        (f"share/{NAME}/config", sorted(glob("config/*"))),
+    ],
+    zip_safe=False,
+    maintainer="The tricycle excitation maintainers",
+    maintainer_email="maintainers@example.org",
+    description="Launch files, configuration, the tricycle command and the demo",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "tricycle = tricycle_bringup.cli:main",
+        ]
+    },
+)

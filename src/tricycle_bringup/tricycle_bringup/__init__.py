@@ -1,0 +1,1 @@
+"""Launch files, configuration, the tricycle command and the demo."""

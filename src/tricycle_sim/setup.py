@@ -1,0 +1,25 @@
+from setuptools import find_packages, setup
+
+NAME = "tricycle_sim"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[f"{NAME}*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The tricycle excitation maintainers",
+    maintainer_email="maintainers@example.org",
+    description="The 9-DOF tricycle, its emulated PLCs and the simulation node",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "tricycle_sim = tricycle_sim.sim_node:main",
+        ],
+        "pytest11": ["tricycle = tricycle_sim.pytest_plugin"],
+    },
+)

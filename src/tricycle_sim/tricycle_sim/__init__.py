@@ -1,0 +1,1 @@
+"""The 9-DOF tricycle, its emulated PLCs and the simulation node."""
