@@ -1,3 +1,5 @@
+"""ament_python build of this package; without ROS the root pyproject.toml installs it."""
+
 from setuptools import find_packages, setup
 
 NAME = "excitation_planner"
@@ -14,7 +16,7 @@ setup(
     zip_safe=False,
     maintainer="The tricycle excitation maintainers",
     maintainer_email="maintainers@example.org",
-    description="PLAN: excitation maneuvers by Kriging, Sobol' indices and DIRECT; the planner and the maneuver driver",
+    description="PLAN: excitation maneuvers by Kriging, Sobol' indices and DIRECT",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

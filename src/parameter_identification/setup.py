@@ -1,3 +1,5 @@
+"""ament_python build of this package; without ROS the root pyproject.toml installs it."""
+
 from setuptools import find_packages, setup
 
 NAME = "parameter_identification"

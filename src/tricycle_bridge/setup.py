@@ -1,3 +1,5 @@
+"""ament_python build of this package; without ROS the root pyproject.toml installs it."""
+
 from setuptools import find_packages, setup
 
 NAME = "tricycle_bridge"
@@ -14,7 +16,7 @@ setup(
     zip_safe=False,
     maintainer="The tricycle excitation maintainers",
     maintainer_email="maintainers@example.org",
-    description="DRIVE: PLC protocol, serial links and the bridge between ROS 2 and the two by-wire PLCs",
+    description="DRIVE: PLC protocol, serial links and the ROS 2 bridge",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [

@@ -1,4 +1,6 @@
-from glob import glob
+"""ament_python build of this package; without ROS the root pyproject.toml installs it."""
+
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,8 +14,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/launch", sorted(glob("launch/*.launch.py"))),
-        (f"share/{NAME}/config", sorted(glob("config/*"))),
+        (f"share/{NAME}/launch", sorted(map(str, Path("launch").glob("*.launch.py")))),
+        (f"share/{NAME}/config", sorted(map(str, Path("config").iterdir()))),
     ],
     zip_safe=False,
     maintainer="The tricycle excitation maintainers",

@@ -1,1 +1,1 @@
-"""DRIVE: PLC protocol, serial links and the bridge between ROS 2 and the two by-wire PLCs."""
+"""DRIVE: PLC protocol, serial links and the ROS 2 bridge."""

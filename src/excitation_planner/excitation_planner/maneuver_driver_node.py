@@ -1,0 +1,158 @@
+"""maneuver_driver: plays `maneuver/commands` on `joint_commands`, open loop, at 100 Hz."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from nav_msgs.msg import Odometry, Path
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from excitation_planner.playback import Playback, PlaybackState, Pose, Schedule
+from tricycle_bridge.run_node import run_node
+
+PERIOD = 0.01  # s
+STATE_EVERY = 0.5  # s between repeated state messages while running
+JOINTS = ("steering_motor_joint", "rear_wheel_joint")
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def _seconds(time: Time) -> float:
+    return float(time.nanoseconds) * 1e-9
+
+
+def _schedule(message: JointTrajectory) -> Schedule:
+    """Rows of a JointTrajectory; raises ValueError naming what is missing."""
+    if set(message.joint_names) != set(JOINTS):
+        raise ValueError(f"joint_names must be {', '.join(JOINTS)}")
+    steer, wheel = (message.joint_names.index(name) for name in JOINTS)
+    for row, point in enumerate(message.points):
+        if len(point.positions) != 2 or len(point.velocities) != 2:
+            raise ValueError(f"row {row} needs two positions and two velocities")
+    points = message.points
+    return Schedule(
+        np.array([p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in points]),
+        np.array([p.positions[steer] for p in points]),
+        np.array([p.velocities[wheel] for p in points]),
+    )
+
+
+def _pose(message: Odometry) -> Pose:
+    q, v = message.pose.pose.orientation, message.twist.twist.linear
+    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
+    return Pose(
+        message.pose.pose.position.x, message.pose.pose.position.y, yaw, math.hypot(v.x, v.y)
+    )
+
+
+class ManeuverDriver(Node):
+    """Wires a `Playback` to its topics, services and the 100 Hz timer."""
+
+    def __init__(self) -> None:
+        super().__init__("maneuver_driver")
+        deviation = self._limit("max_deviation", 3.0, 0.1, 100.0, "m off the path that abort a run")
+        timeout = self._limit("odom_timeout", 0.5, 0.05, 10.0, "s without a pose that abort a run")
+        self._playback = Playback(max_deviation=deviation, odom_timeout=timeout)
+        self._plan_id = ""
+        self._said: tuple[object, ...] = ()  # what the last maneuver/state said
+        self._joints = self.create_publisher(JointState, "joint_commands", 10)
+        self._state = self.create_publisher(DiagnosticStatus, "maneuver/state", LATCHED)
+        self.create_subscription(JointTrajectory, "maneuver/commands", self._on_commands, LATCHED)
+        self.create_subscription(Path, "maneuver/path", self._on_path, LATCHED)
+        self.create_subscription(Odometry, "odom", self._on_odom, qos_profile_sensor_data)
+        self.create_service(Trigger, "~/start", self._on_start)
+        self.create_service(Trigger, "~/abort", self._on_abort)
+        self.create_timer(PERIOD, self._on_tick)
+
+    def _limit(self, name: str, default: float, low: float, high: float, description: str) -> float:
+        span = FloatingPointRange(from_value=low, to_value=high)
+        descriptor = ParameterDescriptor(
+            description=description, floating_point_range=[span], read_only=True
+        )
+        return float(self.declare_parameter(name, default, descriptor).value)
+
+    def _now(self) -> float:
+        return _seconds(self.get_clock().now())
+
+    def _on_commands(self, message: JointTrajectory) -> None:
+        try:
+            self._playback.load(_schedule(message))
+        except ValueError as error:
+            self.get_logger().error(f"maneuver/commands refused: {error}")
+            return
+        self._plan_id = message.header.frame_id  # a joint trajectory has no frame: see the planner
+
+    def _on_path(self, message: Path) -> None:
+        points = [(p.pose.position.x, p.pose.position.y) for p in message.poses]
+        self._playback.load_path(np.array(points).reshape(-1, 2))
+
+    def _on_odom(self, message: Odometry) -> None:
+        self._playback.observe(_pose(message), _seconds(Time.from_msg(message.header.stamp)))
+
+    def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._attempt(response, lambda: self._playback.start(self._now()), "started")
+
+    def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._attempt(response, lambda: self._playback.abort("asked for"), "aborted")
+
+    def _attempt(
+        self, response: Trigger.Response, action: Callable[[], None], done: str
+    ) -> Trigger.Response:
+        try:
+            action()
+        except ValueError as error:
+            response.success, response.message = False, str(error)
+            self.get_logger().warning(f"refused: {error}")
+        else:
+            response.success, response.message = True, done
+        return response
+
+    def _on_tick(self) -> None:
+        now = self.get_clock().now()
+        setpoint = self._playback.tick(_seconds(now))
+        message = JointState(name=list(JOINTS))
+        message.header.stamp = now.to_msg()
+        message.position = [setpoint.steering_motor_angle, 0.0]
+        message.velocity = [0.0, setpoint.wheel_rate]
+        self._joints.publish(message)
+        self._publish_state(_seconds(now))
+
+    def _publish_state(self, now: float) -> None:
+        """Say the state when it changes, and every `STATE_EVERY` while running."""
+        playback = self._playback
+        running = playback.state is PlaybackState.RUNNING
+        elapsed = playback.elapsed(now) if running else 0.0
+        said = (playback.state, self._plan_id, playback.start_time, int(elapsed / STATE_EVERY))
+        if said == self._said:
+            return
+        self._said = said
+        start = f"{playback.start_time:.9f}" if playback.start_time is not None else ""
+        values = {
+            "state": playback.state.value,
+            "plan_id": self._plan_id,
+            "start_time": start,
+            "elapsed": f"{elapsed:.3f}",
+            "duration": f"{playback.duration:.3f}",
+            "reason": playback.reason,
+        }
+        self._state.publish(
+            DiagnosticStatus(
+                level=DiagnosticStatus.ERROR
+                if playback.state is PlaybackState.ABORTED
+                else DiagnosticStatus.OK,
+                name="maneuver_driver: maneuver",
+                message=": ".join(filter(None, (playback.state.value, playback.reason))),
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )
+        )
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(ManeuverDriver)

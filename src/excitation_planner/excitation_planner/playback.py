@@ -1,0 +1,208 @@
+"""Playing a maneuver's commands open loop: the driver's state machine, without ROS.
+
+Time is an argument everywhere; the node that owns a `Playback` passes its ROS clock.
+"""
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+STANDSTILL_SPEED = 0.05  # m/s, above which a maneuver does not start
+
+
+class PlaybackState(Enum):
+    """What the driver is doing; the values are what `maneuver/state` says."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    DONE = "done"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Commands to play, each held until the next one; the last row is the end.
+
+    Attributes
+    ----------
+    time
+        (c,) s from the start of the maneuver, starting at 0.
+    steering_motor_angle
+        (c,) rad, left positive.
+    wheel_rate
+        (c,) rad/s of the rear wheel, forward positive.
+
+    Raises
+    ------
+    ValueError
+        If the rows are not finite, do not start at 0, or their times do not increase.
+    """
+
+    time: Floats
+    steering_motor_angle: Floats
+    wheel_rate: Floats
+
+    def __post_init__(self) -> None:
+        if self.time.size < 2 or self.time[0] != 0.0 or not np.all(np.diff(self.time) > 0.0):
+            raise ValueError("times must start at 0 s and increase; at least two rows")
+        rows = np.isfinite(self.steering_motor_angle) & np.isfinite(self.wheel_rate)
+        if not rows.all():
+            raise ValueError(f"row {int(np.argmin(rows))} holds a number that is not finite")
+
+    @property
+    def duration(self) -> float:
+        """End of the maneuver in s."""
+        return float(self.time[-1])
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Planar pose and speed of `base_link` in `odom`."""
+
+    x: float  # m
+    y: float  # m
+    yaw: float  # rad, left positive
+    speed: float  # m/s
+
+
+@dataclass(frozen=True)
+class Setpoint:
+    """What the two PLCs are asked for."""
+
+    steering_motor_angle: float  # rad, left positive
+    wheel_rate: float  # rad/s
+
+
+@dataclass
+class Playback:
+    """Plays one schedule after the other.
+
+    Parameters
+    ----------
+    max_deviation
+        Distance in m from the path beyond which the run is aborted.
+    odom_timeout
+        Age in s of the newest pose beyond which the run is aborted.
+    """
+
+    max_deviation: float
+    odom_timeout: float
+    state: PlaybackState = PlaybackState.WAITING
+    reason: str = ""
+    start_time: float | None = None  # s, when row 0 was played
+    _schedule: Schedule | None = None
+    _path: Floats | None = None  # (m, 2) from the pose at the start
+    _pose: Pose | None = None
+    _pose_time: float = -math.inf
+    _anchor: Pose | None = None
+    _hold: Setpoint = field(default_factory=lambda: Setpoint(0.0, 0.0))
+
+    def load(self, schedule: Schedule) -> None:
+        """Take a new schedule; while one is being played it is refused.
+
+        Raises
+        ------
+        ValueError
+            If a maneuver is running.
+        """
+        if self.state is PlaybackState.RUNNING:
+            raise ValueError("a maneuver is running; abort it before sending new commands")
+        self._schedule = schedule
+        self._hold = Setpoint(0.0, 0.0)
+        self._set(PlaybackState.WAITING, "")
+        self.start_time = None
+
+    def load_path(self, points: Floats) -> None:
+        """Path (m, 2) in m, relative to the start pose, for the deviation limit."""
+        self._path = points
+
+    def observe(self, pose: Pose, now: float) -> None:
+        """Take the newest pose."""
+        self._pose, self._pose_time = pose, now
+
+    def start(self, now: float) -> None:
+        """Begin with row 0 at the next tick.
+
+        Raises
+        ------
+        ValueError
+            The reason why the maneuver cannot start.
+        """
+        if self._schedule is None:
+            raise ValueError("no commands yet; publish a plan on maneuver/commands")
+        if self.state is PlaybackState.RUNNING:
+            raise ValueError("already running")
+        if self._pose is None or now - self._pose_time > self.odom_timeout:
+            raise ValueError("no pose on odom; the maneuver starts only where it can be watched")
+        if abs(self._pose.speed) > STANDSTILL_SPEED:
+            raise ValueError(
+                f"the vehicle moves at {self._pose.speed:.2f} m/s; it must stand still"
+            )
+        self._anchor = self._pose
+        self.start_time = None
+        self._set(PlaybackState.RUNNING, "")
+
+    def abort(self, reason: str) -> None:
+        """Stop a running maneuver; the set-point becomes standstill.
+
+        Raises
+        ------
+        ValueError
+            If none is running.
+        """
+        if self.state is not PlaybackState.RUNNING:
+            raise ValueError("no maneuver is running")
+        self._hold = Setpoint(self._hold.steering_motor_angle, 0.0)
+        self._set(PlaybackState.ABORTED, reason)
+
+    def tick(self, now: float) -> Setpoint:
+        """The set-point for now; standstill unless a maneuver is running."""
+        if self.state is not PlaybackState.RUNNING or self._schedule is None:
+            return self._hold
+        if self.start_time is None:
+            self.start_time = now
+        reason = self._unsafe(now)
+        if reason:
+            self.abort(reason)
+            return self._hold
+        elapsed = now - self.start_time
+        if elapsed >= self._schedule.duration - 1e-6:
+            self._hold = Setpoint(float(self._schedule.steering_motor_angle[-1]), 0.0)
+            self._set(PlaybackState.DONE, "")
+            return self._hold
+        # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
+        row = int(np.searchsorted(self._schedule.time, elapsed + 1e-6, side="right")) - 1
+        self._hold = Setpoint(
+            float(self._schedule.steering_motor_angle[row]), float(self._schedule.wheel_rate[row])
+        )
+        return self._hold
+
+    @property
+    def duration(self) -> float:
+        """Length of the loaded maneuver in s; 0 without one."""
+        return self._schedule.duration if self._schedule else 0.0
+
+    def elapsed(self, now: float) -> float:
+        """Time since row 0 in s; 0 before it."""
+        return now - self.start_time if self.start_time is not None else 0.0
+
+    def _set(self, state: PlaybackState, reason: str) -> None:
+        self.state, self.reason = state, reason
+
+    def _unsafe(self, now: float) -> str:
+        if now - self._pose_time > self.odom_timeout:
+            return f"no pose on odom for {now - self._pose_time:.2f} s"
+        if self._path is None or self._pose is None or self._anchor is None:
+            return ""
+        dx, dy = self._pose.x - self._anchor.x, self._pose.y - self._anchor.y
+        c, s = math.cos(self._anchor.yaw), math.sin(self._anchor.yaw)
+        here = np.array([c * dx + s * dy, -s * dx + c * dy])
+        deviation = float(np.sqrt(((self._path - here) ** 2).sum(axis=1).min()))
+        if deviation > self.max_deviation:
+            return f"{deviation:.2f} m off the path (limit {self.max_deviation:g} m)"
+        return ""

@@ -1,0 +1,133 @@
+"""Nodes as child processes: their environment, their logs, their end."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+STOP_TIMEOUT = 5.0  # s a node gets to close its bag or port before it is killed
+
+
+class NodeError(RuntimeError):
+    """A node process could not be started, or ended when it should not have."""
+
+
+def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:
+    """Environment of node processes on this machine alone.
+
+    Parameters
+    ----------
+    domain
+        ROS domain id; nodes of other domains are neither seen nor disturbed.
+    log_dir
+        Where ROS writes its logs.
+
+    Returns
+    -------
+    env
+        This process's environment with the domain, local discovery and a Fast DDS profile
+        that finds new processes within milliseconds.
+    """
+    return {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(files("tricycle_bringup") / "fast_discovery.xml"),
+        "ROS_LOG_DIR": str(log_dir),
+        "PYTHONUNBUFFERED": "1",
+    }
+
+
+def executable(name: str) -> str:
+    """Path of a node's executable: beside this Python first, then on PATH.
+
+    Raises
+    ------
+    NodeError
+        If it is installed at neither place.
+    """
+    beside = Path(sys.executable).parent / name
+    found = str(beside) if beside.exists() else shutil.which(name)
+    if found is None:
+        raise NodeError(f"{name}: not installed; run `make setup`, or source the workspace")
+    return found
+
+
+class NodeProcesses:
+    """Node processes that end together, in the reverse order of their start.
+
+    Each runs in a session of its own, so that Ctrl-C reaches this process alone and the
+    nodes are stopped in order; each writes to `log_dir/<name>.log`.
+    """
+
+    def __init__(self, env: Mapping[str, str], log_dir: Path) -> None:
+        self._env = dict(env)
+        self._log_dir = log_dir
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, name: str, *, parameters: Mapping[str, object]) -> None:
+        """Start the node executable `name` with ROS parameters.
+
+        Raises
+        ------
+        NodeError
+            If the executable is not installed.
+        """
+        command = [executable(name), "--ros-args"]
+        for key, value in parameters.items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            # the quotes keep YAML from reading a path or a name as something else
+            command += ["-p", f"{key}:={text!r}" if isinstance(value, str | Path) else f"{key}:={text}"]
+        self._log_dir.mkdir(parents=True, exist_ok=True)
+        with (self._log_dir / f"{name}.log").open("wb") as log:
+            self._running[name] = subprocess.Popen(  # noqa: S603 - our own executables
+                command, env=self._env, stdout=log, stderr=log, start_new_session=True
+            )
+
+    def check(self) -> None:
+        """Raise if a node has ended.
+
+        Raises
+        ------
+        NodeError
+            Names the node, its exit status and the last line of its log.
+        """
+        for name, process in self._running.items():
+            if process.poll() is not None:
+                log = self._log_dir / f"{name}.log"
+                lines = log.read_text(errors="replace").strip().splitlines()
+                last = lines[-1] if lines else "it printed nothing"
+                raise NodeError(f"{name} ended with status {process.returncode}: {last} (see {log})")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for process in reversed(self._running.values()):
+            if process.poll() is None:
+                process.send_signal(signal.SIGINT)
+        deadline = time.monotonic() + STOP_TIMEOUT
+        for process in self._running.values():
+            try:
+                process.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def temporary_log_dir() -> Path:
+    """A new folder for logs that nobody asked to keep."""
+    return Path(tempfile.mkdtemp(prefix="tricycle-log-"))
