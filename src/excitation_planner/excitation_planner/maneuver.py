@@ -92,7 +92,7 @@ class Circle:
     The speed range is our reading of a misprint in the paper (section 5).
     """
 
-    operation: Box = field(default_factory=lambda: Box({"radius": (2.0, 6.0), "speed": (0.6, 1.0)}))
+    operation: Box = field(default_factory=lambda: Box.of({"radius": (2.0, 6.0), "speed": (0.6, 1.0)}))
     duration: float = 20.0  # s on the circle
     name: ClassVar[str] = "circle"
 
@@ -113,7 +113,7 @@ class DoubleLaneChange:
     Control points (0,0), (d1,0), (L-d2,W), (L,W), then (L,W), (L+d1,W), (2L-d2,0), (2L,0).
     """
 
-    operation: Box = field(default_factory=lambda: Box({"d1": (0.0, 8.0), "d2": (0.0, 8.0)}))
+    operation: Box = field(default_factory=lambda: Box.of({"d1": (0.0, 8.0), "d2": (0.0, 8.0)}))
     length: float = 16.0  # m, L: of one lane change
     width: float = 2.0  # m, W: lateral offset
     speed: float = 2.0  # m/s

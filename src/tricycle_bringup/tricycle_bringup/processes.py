@@ -1,11 +1,11 @@
 """Nodes as child processes: their environment, their logs, their end."""
 
+import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Mapping
 from importlib.resources import files
@@ -83,9 +83,8 @@ class NodeProcesses:
         """
         command = [executable(name), "--ros-args"]
         for key, value in parameters.items():
-            text = str(value).lower() if isinstance(value, bool) else str(value)
-            # the quotes keep YAML from reading a path or a name as something else
-            command += ["-p", f"{key}:={text!r}" if isinstance(value, str | Path) else f"{key}:={text}"]
+            # JSON is YAML, which --ros-args reads; it quotes what could be read as something else
+            command += ["-p", f"{key}:={json.dumps(value)}"]
         self._log_dir.mkdir(parents=True, exist_ok=True)
         with (self._log_dir / f"{name}.log").open("wb") as log:
             self._running[name] = subprocess.Popen(  # noqa: S603 - our own executables
@@ -103,9 +102,9 @@ class NodeProcesses:
         for name, process in self._running.items():
             if process.poll() is not None:
                 log = self._log_dir / f"{name}.log"
-                lines = log.read_text(errors="replace").strip().splitlines()
-                last = lines[-1] if lines else "it printed nothing"
-                raise NodeError(f"{name} ended with status {process.returncode}: {last} (see {log})")
+                lines = log.read_text(errors="replace").strip().splitlines() or ["no output"]
+                status = process.returncode
+                raise NodeError(f"{name} ended with status {status}: {lines[-1]} (see {log})")
 
     def __enter__(self) -> Self:
         return self
@@ -126,8 +125,3 @@ class NodeProcesses:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
-
-
-def temporary_log_dir() -> Path:
-    """A new folder for logs that nobody asked to keep."""
-    return Path(tempfile.mkdtemp(prefix="tricycle-log-"))
