@@ -6,7 +6,7 @@ straight run-in, so that the vehicle has settled when the path proper begins.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -20,6 +20,10 @@ ACCELERATION = 1.0  # m/s^2, of the run-in's speed ramp
 SETTLING_TIME = 1.0  # s at cruise speed before the path proper begins
 PATH_SPACING = 0.02  # m between path points
 LEAD_OUT = 6.0  # m of path beyond its end, so that the look-ahead point always exists
+
+
+CIRCLE_OPERATION = Box.of({"radius": (2.0, 6.0), "speed": (0.6, 1.0)})  # m, m/s
+LANE_CHANGE_OPERATION = Box.of({"d1": (0.0, 8.0), "d2": (0.0, 8.0)})  # m
 
 
 class PlanError(ValueError):
@@ -92,7 +96,7 @@ class Circle:
     The speed range is our reading of a misprint in the paper (section 5).
     """
 
-    operation: Box = field(default_factory=lambda: Box.of({"radius": (2.0, 6.0), "speed": (0.6, 1.0)}))
+    operation: Box = CIRCLE_OPERATION
     duration: float = 20.0  # s on the circle
     name: ClassVar[str] = "circle"
 
@@ -113,7 +117,7 @@ class DoubleLaneChange:
     Control points (0,0), (d1,0), (L-d2,W), (L,W), then (L,W), (L+d1,W), (2L-d2,0), (2L,0).
     """
 
-    operation: Box = field(default_factory=lambda: Box.of({"d1": (0.0, 8.0), "d2": (0.0, 8.0)}))
+    operation: Box = LANE_CHANGE_OPERATION
     length: float = 16.0  # m, L: of one lane change
     width: float = 2.0  # m, W: lateral offset
     speed: float = 2.0  # m/s

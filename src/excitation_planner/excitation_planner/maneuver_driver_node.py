@@ -14,12 +14,11 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from excitation_planner.playback import Playback, PlaybackState, Pose, Schedule
+from excitation_planner.playback import JOINTS, Playback, PlaybackState, Pose, Schedule
 from tricycle_bridge.run_node import run_node
 
 PERIOD = 0.01  # s
 STATE_EVERY = 0.5  # s between repeated state messages while running
-JOINTS = ("steering_motor_joint", "rear_wheel_joint")
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 

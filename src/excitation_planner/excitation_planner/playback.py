@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
+JOINTS = ("steering_motor_joint", "rear_wheel_joint")  # of every command, in this order
 STANDSTILL_SPEED = 0.05  # m/s, above which a maneuver does not start
 
 

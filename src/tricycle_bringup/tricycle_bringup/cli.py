@@ -1,0 +1,63 @@
+"""The `tricycle` command: one subcommand per step, each a module of `commands`."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.metadata import version
+
+from excitation_planner import DesignError
+from excitation_planner.maneuver import PlanError
+from parameter_identification.judge import JudgeError
+from trajectory_recorder.bag_reader import BagError
+from tricycle_bridge.link import LinkError
+from tricycle_bringup.processes import NodeError
+from tricycle_sim.commands import CommandsError
+from tricycle_sim.vehicle import VehicleError
+
+COMMANDS = (
+    "plan",
+    "simulate",
+    "drive",
+    "record",
+    "replay",
+    "judge",
+    "demo",
+    "vehicle",
+    "plc",
+    "bag",
+)
+
+USER_ERRORS = (
+    *(BagError, CommandsError, DesignError, JudgeError, LinkError, NodeError, PlanError),
+    *(VehicleError, OSError),
+)
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    top = argparse.ArgumentParser(
+        prog="tricycle",
+        description="Plan, drive, record and judge excitation maneuvers of an X-by-wire tricycle.",
+    )
+    top.add_argument("--version", action="version", version=version("tricycle-excitation"))
+    subparsers = top.add_subparsers(metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        import_module(f"tricycle_bringup.commands.{name}").add_parser(subparsers)
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; a user's mistake is one line on stderr and status 2."""
+    arguments = parser().parse_args(argv)
+    try:
+        status: int = arguments.run(arguments)
+    except BrokenPipeError:  # `tricycle … | head`
+        return 0
+    except USER_ERRORS as error:
+        print(f"tricycle: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("tricycle: interrupted", file=sys.stderr)
+        return 130
+    return status

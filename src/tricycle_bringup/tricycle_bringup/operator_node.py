@@ -1,0 +1,174 @@
+"""The operator of a running system: resets, arms, records and drives one plan after the other."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import SetParameters
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import SetBool, Trigger
+
+from excitation_planner.plan import Plan
+from excitation_planner.plan_publisher_node import PlanPublisher
+from excitation_planner.playback import PlaybackState
+from tricycle_bringup.processes import NodeError
+
+STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
+SERVICE_TIMEOUT = 15.0  # s of wall time for a node to appear and answer
+LINK_TIMEOUT = 20.0  # s of wall time for both PLCs to be linked, refreshed and armed
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Operator:
+    """A ROS node that does what the person at the vehicle would do by service calls.
+
+    Parameters
+    ----------
+    domain
+        ROS domain id.
+    check
+        Called while waiting; raises when waiting has become pointless (a node has died).
+    sim_time
+        Whether times are those of `/clock`.
+    """
+
+    def __init__(self, *, domain: int, check: Callable[[], None], sim_time: bool = True) -> None:
+        self._check = check
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._node = rclpy.create_node(
+            "operator",
+            context=self._context,
+            parameter_overrides=[Parameter("use_sim_time", value=sim_time)],
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._plans = PlanPublisher(self._node)
+        self._state: dict[str, str] = {}
+        self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
+        self._clients: dict[str, Client] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def drive(self, plan: Plan, bag: Path, *, progress: Callable[[int, int], None]) -> None:
+        """Reset the simulation, record to `bag`, and drive the plan to its end.
+
+        Parameters
+        ----------
+        plan
+            What to drive.
+        bag
+            New rosbag2 directory.
+        progress
+            `progress(elapsed, duration)` in ms of ROS time.
+
+        Raises
+        ------
+        NodeError
+            If a node does not answer, refuses, or aborts the maneuver; with its reason.
+        """
+        self._trigger("tricycle_sim/reset")
+        self._plans.publish(plan)
+        self._wait(
+            lambda: self._state.get("plan_id") == plan.id, "maneuver_driver to take the plan"
+        )
+        self._arm()
+        with self._recording(bag):
+            self._sleep(STANDSTILL)
+            self._trigger("maneuver_driver/start")
+            self._follow(progress)
+            self._sleep(STANDSTILL)
+        self._call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
+
+    def _follow(self, progress: Callable[[int, int], None]) -> None:
+        """Wait for the end of the running maneuver."""
+        ended = (PlaybackState.DONE.value, PlaybackState.ABORTED.value)
+        self._wait(lambda: self._state.get("state") == PlaybackState.RUNNING.value, "the start")
+        while self._state["state"] not in ended:
+            before = dict(self._state)
+            self._wait(lambda: self._state != before, "news of the running maneuver")  # noqa: B023
+            elapsed, duration = (float(self._state[key]) for key in ("elapsed", "duration"))
+            progress(round(1e3 * elapsed), round(1e3 * duration))
+        if self._state["state"] == PlaybackState.ABORTED.value:
+            raise NodeError(f"maneuver aborted: {self._state['reason']}")
+
+    @contextmanager
+    def _recording(self, bag: Path) -> Iterator[None]:
+        self._set_parameter("trajectory_recorder", "output", str(bag))
+        self._trigger("trajectory_recorder/start")
+        yield
+        self._trigger("trajectory_recorder/stop")
+
+    def _arm(self) -> None:
+        """Ask for ARM until both PLCs are linked and hear the standstill stream."""
+        deadline = time.monotonic() + LINK_TIMEOUT
+        while True:
+            answer = self._call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True))
+            if answer.success:
+                return
+            if time.monotonic() > deadline:
+                raise NodeError(f"tricycle_bridge: {answer.message}")
+            self._sleep(0.1)
+
+    def _on_state(self, message: DiagnosticStatus) -> None:
+        self._state = {pair.key: pair.value for pair in message.values}
+
+    def _trigger(self, service: str) -> None:
+        answer = self._call(service, Trigger, Trigger.Request())
+        if not answer.success:
+            raise NodeError(f"{service}: {answer.message}")
+
+    def _set_parameter(self, node: str, name: str, value: str) -> None:
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        result = self._call(f"{node}/set_parameters", SetParameters, request).results[0]
+        if not result.successful:
+            raise NodeError(f"{node}: {name}: {result.reason}")
+
+    def _call(self, service: str, kind: type, request: Any) -> Any:
+        client = self._clients.get(service)
+        if client is None:
+            client = self._clients[service] = self._node.create_client(kind, service)
+        self._wait(client.service_is_ready, f"the service {service}")
+        future = client.call_async(request)
+        self._wait(future.done, f"the answer of {service}")
+        return future.result()
+
+    def _sleep(self, duration: float) -> None:
+        """Let `duration` seconds of ROS time pass."""
+        clock = self._node.get_clock()
+        end = clock.now().nanoseconds + round(duration * 1e9)
+        self._wait(lambda: clock.now().nanoseconds >= end, "the clock")
+
+    def _wait(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + SERVICE_TIMEOUT
+        while not condition():
+            self._check()
+            if time.monotonic() > deadline:
+                raise NodeError(f"waited {SERVICE_TIMEOUT:.0f} s for {what}")
+            self._executor.spin_once(timeout_sec=0.05)
