@@ -1,0 +1,146 @@
+"""What a bag knows of a topic: type, message definition, type hash, offered quality of service."""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from rosbags.interfaces import Qos, QosTime
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+
+class BagError(ValueError):
+    """A bag that cannot be read or written; the message says which, why, and what would do."""
+
+
+FOREVER = 2**63 - 1  # ns; how ROS 2 writes an infinite deadline, lifespan or lease
+
+
+@dataclass(frozen=True)
+class OfferedQos:
+    """Quality of service one publisher offered, in the words of rosbag2's metadata.
+
+    Attributes
+    ----------
+    history : keep_last, keep_all, ...
+    depth : messages kept by keep_last; 0 where the middleware does not tell
+    reliability : reliable, best_effort, ...
+    durability : volatile, transient_local, ...
+    deadline, lifespan, lease : ns, FOREVER where unlimited
+    liveliness : automatic, manual_by_topic, ...
+    """
+
+    history: str = "keep_last"
+    depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    deadline: int = FOREVER
+    lifespan: int = FOREVER
+    liveliness: str = "automatic"
+    lease: int = FOREVER
+
+    @property
+    def latched(self) -> bool:
+        """Whether late subscribers are given the last messages."""
+        return self.durability == "transient_local"
+
+    @classmethod
+    def of_connection(cls, qos: Qos) -> "OfferedQos":
+        """Quality of service as `rosbags` reads it."""
+
+        def join(time: QosTime) -> int:
+            return time.sec * 10**9 + time.nsec
+
+        return cls(
+            history=qos.history.name.lower(),
+            depth=qos.depth,
+            reliability=qos.reliability.name.lower(),
+            durability=qos.durability.name.lower(),
+            deadline=join(qos.deadline),
+            lifespan=join(qos.lifespan),
+            liveliness=qos.liveliness.name.lower(),
+            lease=join(qos.liveliness_lease_duration),
+        )
+
+    def to_yaml(self) -> dict[str, Any]:
+        """Entry of ``offered_qos_profiles``, rosbag2 metadata version 9."""
+
+        def split(ns: int) -> dict[str, int]:
+            return {"sec": ns // 10**9, "nsec": ns % 10**9}
+
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": split(self.deadline),
+            "lifespan": split(self.lifespan),
+            "liveliness": self.liveliness,
+            "liveliness_lease_duration": split(self.lease),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A recorded topic.
+
+    Attributes
+    ----------
+    name : absolute, ``/odom``
+    type : ``nav_msgs/msg/Odometry``
+    definition : message definition in ``.msg`` syntax with its dependencies; empty if unknown
+    type_hash : ``RIHS01_...``; empty if unknown
+    qos : one per publisher when recording began
+    count : messages in the bag
+    """
+
+    name: str
+    type: str
+    definition: str = ""
+    type_hash: str = ""
+    qos: tuple[OfferedQos, ...] = ()
+    count: int = 0
+
+    @property
+    def latched(self) -> bool:
+        """Whether every publisher offered the last messages to late subscribers."""
+        return bool(self.qos) and all(qos.latched for qos in self.qos)
+
+    @classmethod
+    def of_type(cls, name: str, type_name: str, *, qos: tuple[OfferedQos, ...] = ()) -> "Topic":
+        """Topic of a type of ROS 2 Jazzy, with its definition and hash.
+
+        Raises
+        ------
+        BagError
+            If Jazzy's own packages have no such type.
+        """
+        store = jazzy()
+        if type_name not in store.types:
+            raise BagError(f"{name}: ROS 2 Jazzy has no message type {type_name!r}")
+        definition, _ = store.generate_msgdef(type_name, ros_version=2)
+        return cls(name, type_name, definition, store.hash_rihs01(type_name), qos)
+
+
+@cache
+def jazzy() -> Typestore:
+    """Message types of ROS 2 Jazzy: (de)serialisation, definitions and hashes without ROS."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def decode(type_name: str, data: bytes) -> Any:
+    """Deserialise a CDR message of a Jazzy type.
+
+    Raises
+    ------
+    BagError
+        If the type is unknown or the bytes are not a message of it.
+    """
+    store = jazzy()
+    if type_name not in store.types:
+        raise BagError(f"cannot decode messages of the unknown type {type_name!r}")
+    try:
+        return store.deserialize_cdr(data, type_name)
+    except Exception as error:
+        raise BagError(f"{len(data)} bytes are not a message {type_name}: {error}") from error
