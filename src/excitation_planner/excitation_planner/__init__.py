@@ -1,1 +1,28 @@
 """PLAN: excitation maneuvers by Kriging, Sobol' indices and DIRECT."""
+
+from excitation_planner.box import Box
+from excitation_planner.design import Design, Evaluation, Verdict, design_excitation
+from excitation_planner.errors import DesignError, InfeasibleManeuver
+from excitation_planner.infill import Infill
+from excitation_planner.kriging import Kriging
+from excitation_planner.search import Search
+from excitation_planner.sensitivity import Sensitivity, sensitivity
+from excitation_planner.sobol_indices import Indices, monte_carlo_indices, sobol_indices
+
+__all__ = [
+    "Box",
+    "Design",
+    "DesignError",
+    "Evaluation",
+    "Indices",
+    "InfeasibleManeuver",
+    "Infill",
+    "Kriging",
+    "Search",
+    "Sensitivity",
+    "Verdict",
+    "design_excitation",
+    "monte_carlo_indices",
+    "sensitivity",
+    "sobol_indices",
+]

@@ -1,0 +1,112 @@
+"""Named boxes: the ranges of the operation parameters x and of the unknown parameters p."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import qmc
+
+from excitation_planner.errors import DesignError
+
+FloatArray = NDArray[np.float64]
+Bounds = Mapping[str, tuple[float, float]]  # name -> (low, high)
+
+
+@dataclass(frozen=True)
+class Box:
+    """Axis-aligned box with a name on each axis.
+
+    Attributes
+    ----------
+    names : tuple of str, length k
+    low, high : tuple of float, length k
+        Limits, ``low < high`` on every axis.
+
+    Raises
+    ------
+    DesignError
+        No axis, a name given twice, or a range that is not finite or upside down.
+    """
+
+    names: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.names:
+            raise DesignError("a box needs at least one parameter: {name: (low, high), ...}")
+        if not len(self.names) == len(self.low) == len(self.high):
+            raise DesignError("a box needs one name, one low and one high limit per axis")
+        if len(set(self.names)) < len(self.names):
+            raise DesignError(f"a box names a parameter twice: {', '.join(self.names)}")
+        for name, low, high in zip(self.names, self.low, self.high, strict=True):
+            if not (math.isfinite(low) and math.isfinite(high) and low < high):
+                raise DesignError(
+                    f"{name}: range ({low:g}, {high:g}) must be finite with low < high"
+                )
+
+    @classmethod
+    def of(cls, bounds: Box | Bounds) -> Box:
+        """Box from ``{name: (low, high), ...}``; a Box is returned as it is."""
+        if isinstance(bounds, Box):
+            return bounds
+        for name, limits in bounds.items():
+            if len(tuple(limits)) != 2:
+                raise DesignError(f"{name}: a range is (low, high), not {limits!r}")
+        return cls(
+            tuple(bounds),
+            tuple(float(low) for low, _ in bounds.values()),
+            tuple(float(high) for _, high in bounds.values()),
+        )
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def index(self, name: str) -> int:
+        """Axis of the parameter ``name``; DesignError lists the names there are."""
+        if name not in self.names:
+            raise DesignError(f"unknown parameter {name!r}; one of: {', '.join(self.names)}")
+        return self.names.index(name)
+
+    def bounds(self) -> dict[str, tuple[float, float]]:
+        """Return the box as ``{name: (low, high), ...}``."""
+        return dict(zip(self.names, zip(self.low, self.high, strict=True), strict=True))
+
+    def from_unit(self, U: ArrayLike) -> FloatArray:
+        """Map points (..., k) of the unit box into this one."""
+        low, high = np.array(self.low), np.array(self.high)
+        points: FloatArray = np.clip(low + np.asarray(U, dtype=float) * (high - low), low, high)
+        return points
+
+    def to_unit(self, P: ArrayLike) -> FloatArray:
+        """Map points (..., k) of this box into the unit box."""
+        low, high = np.array(self.low), np.array(self.high)
+        unit: FloatArray = (np.asarray(P, dtype=float) - low) / (high - low)
+        return unit
+
+
+def sobol_sequence(n: int, k: int, *, seed: int | None = 0) -> FloatArray:
+    """First n points (n, k) of a k-dimensional Sobol' sequence in the unit box.
+
+    ``seed`` scrambles it (0 is a seed); ``None`` gives the unscrambled sequence of the paper.
+    """
+    # a power of two is drawn because scipy warns of anything else; its first n points are the same
+    exponent = max(0, math.ceil(math.log2(n)))
+    sequence = qmc.Sobol(k, scramble=seed is not None, seed=seed)
+    points: FloatArray = sequence.random_base2(exponent)[:n]
+    return points
+
+
+def training_points(n: int, k: int, *, seed: int = 0) -> FloatArray:
+    """n points (n, k) of the unit box to train a metamodel on, denser towards the faces.
+
+    A Sobol' sequence u blended half and half with its arcsine-distributed image (1 - cos pi u)/2:
+    a metamodel is worst at the faces, where it has neighbours on one side only.
+    """
+    u = sobol_sequence(n, k, seed=seed)
+    points: FloatArray = 0.5 * u + 0.25 * (1.0 - np.cos(np.pi * u))
+    return points

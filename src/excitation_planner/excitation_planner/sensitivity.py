@@ -1,0 +1,165 @@
+"""Sensitivity of a simulator at one operating point: first stage of the method (Algorithm 1).
+
+n: samples, k: unknown parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from excitation_planner.box import Bounds, Box, FloatArray, training_points
+from excitation_planner.errors import DesignError
+from excitation_planner.infill import Infill, infill_points
+from excitation_planner.kriging import Kriging
+from excitation_planner.sobol_indices import Indices, index_deviations, sobol_indices
+
+
+@dataclass(frozen=True)
+class Sensitivity(Indices):
+    """Sobol' indices of a simulator, with what they rest on.
+
+    Attributes
+    ----------
+    names : tuple of str, length k
+        The unknown parameters, in the order of all arrays.
+    main_interval, total_interval : ndarray (k, 2)
+        95 % intervals of `main` and `total`.
+    model : Kriging
+        The metamodel, fitted on the unit box; `predict` takes parameters in their own units.
+    leave_one_out_q2 : float
+        Share of the output's variance that the metamodel predicts at samples left out.
+    simulations : int
+        Samples simulated.
+    failed : int
+        Those of them that gave NaN or infinity and were left out.
+    """
+
+    names: tuple[str, ...]
+    main_interval: FloatArray
+    total_interval: FloatArray
+    unknown: Box
+    model: Kriging
+    leave_one_out_q2: float
+    simulations: int
+    failed: int
+
+    def predict(self, P: FloatArray) -> FloatArray:
+        """Output (n,) that the metamodel predicts at parameters P (n, k)."""
+        m: FloatArray = self.model.predict(self.unknown.to_unit(P))
+        return m
+
+
+def sensitivity(
+    f: Callable[[FloatArray], FloatArray],
+    unknown: Box | Bounds,
+    *,
+    samples: int = 200,
+    seed: int = 0,
+    infill: int = 0,
+    infill_by: Infill = Infill.INTEGRATED_VARIANCE,
+) -> Sensitivity:
+    """Sobol' indices of f over the box of the unknown parameters.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator: parameters P (n, k) to outputs (n,); NaN marks a failed simulation.
+    unknown : Box or dict
+        Unknown parameters ``{name: (low, high)}``, uniform and independent.
+    samples : int
+        Simulations to train the metamodel on, at least k + 2.
+    seed : int
+        Scrambles the sample points.
+    infill : int
+        Further simulations, one at a time where ``infill_by`` says.
+
+    Raises
+    ------
+    DesignError
+        Too few samples, f of the wrong shape, a constant output, too many failed simulations.
+
+    Examples
+    --------
+    The Ishigami function; exact: S = (.314, .442, 0), ST = (.558, .442, .244).
+
+    >>> from excitation_planner.test_functions import ISHIGAMI_UNKNOWN, ishigami
+    >>> result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=400)
+    >>> result.main.round(2), result.total.round(2)
+    (array([0.31, 0.44, 0.  ]), array([0.56, 0.44, 0.24]))
+    """
+    unknown = Box.of(unknown)
+    U = parameter_samples(unknown, samples, seed=seed)
+    m = call_simulator(f, unknown.from_unit(U))
+    for step in range(infill):
+        valid = np.isfinite(m)
+        model = fit_metamodel(U, m)
+        # failed points stay failed: keep away from them too
+        new = infill_points(model, by=infill_by, seed=seed + step, avoid=U[~valid])
+        U = np.vstack([U, new])
+        m = np.concatenate([m, call_simulator(f, unknown.from_unit(new))])
+    model = fit_metamodel(U, m)
+    return sensitivity_of_model(
+        unknown, model, sobol_indices(model), failed=int(np.sum(~np.isfinite(m)))
+    )
+
+
+def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
+    """Points (samples, k) of the unit box to simulate at."""
+    if samples < len(unknown) + 2:
+        need = f"{len(unknown)} unknown parameters need {len(unknown) + 2} at least"
+        raise DesignError(f"samples = {samples}: {need}")
+    return training_points(samples, len(unknown), seed=seed)
+
+
+def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> FloatArray:
+    """f(P) as floats (n,), its shape checked."""
+    m = np.asarray(f(P), dtype=float)
+    if m.shape != (len(P),):
+        raise DesignError(
+            f"f returned shape {m.shape} for {len(P)} samples; it must be ({len(P)},)"
+        )
+    return m
+
+
+def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
+    """Kriging of outputs m (n,) at points U (n, k) of the unit box, failed ones (NaN) left out."""
+    valid = np.isfinite(m)
+    if valid.sum() < U.shape[1] + 2:
+        raise DesignError(
+            f"{len(m) - valid.sum()} of {len(m)} simulations failed; "
+            f"{U.shape[1] + 2} valid ones are needed for {U.shape[1]} unknown parameters"
+        )
+    if np.ptp(m[valid]) <= 1e-12 * np.abs(m[valid]).max():
+        raise DesignError(
+            f"the output is constant ({m[valid][0]:g}): none of the unknown parameters moves it"
+        )
+    return Kriging().fit(U[valid], m[valid])
+
+
+def sensitivity_of_model(
+    unknown: Box, model: Kriging, indices: Indices, *, failed: int
+) -> Sensitivity:
+    """Sensitivity from a metamodel on the unit box and its indices; ``failed`` samples left out."""
+    main_deviation, total_deviation = index_deviations(model)
+    return Sensitivity(
+        main=indices.main,
+        total=indices.total,
+        variance=indices.variance,
+        names=unknown.names,
+        main_interval=_interval(indices.main, main_deviation),
+        total_interval=_interval(indices.total, total_deviation),
+        unknown=unknown,
+        model=model,
+        leave_one_out_q2=model.leave_one_out_q2(),
+        simulations=len(model.X_train_) + failed,
+        failed=failed,
+    )
+
+
+def _interval(index: FloatArray, deviation: FloatArray) -> FloatArray:
+    """95 % interval (k, 2) within [0, 1]."""
+    half = 1.96 * deviation
+    return np.clip(np.stack([index - half, index + half], axis=1), 0.0, 1.0)
