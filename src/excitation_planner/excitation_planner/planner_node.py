@@ -1,0 +1,210 @@
+"""excitation_planner: plans on request in a process of its own and publishes the newest plan."""
+
+import multiprocessing
+import signal
+import sys
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from excitation_planner.errors import DesignError
+from excitation_planner.maneuver import FAMILIES, PlanError, family_by_name
+from excitation_planner.plan import Plan, load_plan, save_plan
+from excitation_planner.plan_publisher_node import PlanPublisher
+from excitation_planner.planning import PlanRequest, plan_maneuver
+from tricycle_bridge.run_node import run_node
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, VehicleError, load_vehicle
+
+POLL = 0.2  # s between looks at the planning process
+DIAGNOSTICS_PERIOD = 1.0  # s
+PLAN_PARAMETERS = ("vehicle_file", "maneuver", "target", "samples", "budget", "seed", "noise_std")
+Settings = dict[str, Any]  # parameter name -> value, as declared below
+
+
+def _request(settings: Settings) -> PlanRequest:
+    """The request that the parameters describe; raises PlanError or VehicleError."""
+    file = settings["vehicle_file"]
+    return PlanRequest(
+        vehicle=load_vehicle(Path(file) if file else None),
+        family=family_by_name(settings["maneuver"]),
+        target=settings["target"],
+        samples=settings["samples"],
+        budget=settings["budget"],
+        seed=settings["seed"],
+        noise_std=settings["noise_std"],
+    )
+
+
+def _plan_in_process(settings: Settings, output: Path, connection: Connection) -> None:
+    """Plan and save to `output`; send ("progress", done, total), ("done",) or ("failed", why)."""
+    # Ctrl-C is the node's to handle; it sends SIGTERM, on which workers are shut down in order
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
+    try:
+        plan = plan_maneuver(
+            _request(settings),
+            progress=lambda done, total: connection.send(("progress", done, total)),
+        )
+        save_plan(plan, output)
+        connection.send(("done",))
+    except (DesignError, PlanError, VehicleError, OSError) as error:
+        connection.send(("failed", str(error)))
+
+
+class ExcitationPlanner(Node):
+    """Starts and watches the planning process; publishes plans from files."""
+
+    def __init__(self) -> None:
+        super().__init__("excitation_planner")
+        declare = self._declare
+        declare("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
+        declare("maneuver", "circle", f"family: {', '.join(FAMILIES)}")
+        declare("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
+        declare("samples", 100, "simulations per maneuver")
+        declare("budget", 12_000, "largest number of simulations")
+        declare("seed", 0, "same seed, same plan")
+        declare("noise_std", 0.01, "m, of the measured position per axis")
+        declare("plan_file", "plan.json", "the newest plan: published when it exists or is made")
+        self._plans = PlanPublisher(self)
+        self._plan: Plan | None = None
+        self._process: multiprocessing.process.BaseProcess | None = None
+        self._connection: Connection | None = None
+        self._progress = (0, 0)
+        self._problem = ""
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self.create_service(Trigger, "~/plan", self._on_plan)
+        self.create_service(Trigger, "~/cancel", self._on_cancel)
+        self.add_post_set_parameters_callback(self._on_parameters)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # planning goes on without a /clock
+        self.create_timer(POLL, self._watch, clock=steady)
+        self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
+        if self._file.exists():
+            self._publish(load_plan(self._file))
+
+    def _declare(self, name: str, default: object, description: str) -> None:
+        self.declare_parameter(name, default, ParameterDescriptor(description=description))
+
+    @property
+    def _file(self) -> Path:
+        return Path(self.get_parameter("plan_file").value)
+
+    def _publish(self, plan: Plan) -> None:
+        self._plan = plan
+        self._plans.publish(plan)
+        self.get_logger().info(f"plan {plan.id}: {plan.maneuver} for {plan.target}")
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse a plan file that exists and is none."""
+        for parameter in parameters:
+            if parameter.name == "plan_file" and Path(parameter.value).exists():
+                try:
+                    load_plan(Path(parameter.value))
+                except (PlanError, OSError) as error:
+                    return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _on_parameters(self, parameters: list[Parameter]) -> None:
+        if any(parameter.name == "plan_file" for parameter in parameters) and self._file.exists():
+            self._publish(load_plan(self._file))
+
+    def _on_plan(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = False
+        if self._process is not None:
+            response.message = "planning is under way; ~/cancel ends it"
+            return response
+        settings = {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
+        try:
+            _request(settings)
+        except (PlanError, VehicleError, OSError) as error:
+            response.message = str(error)
+            return response
+        # a fresh interpreter: a fork would inherit the middleware's threads
+        context = multiprocessing.get_context("spawn")
+        self._connection, theirs = context.Pipe(duplex=False)
+        self._process = context.Process(
+            target=_plan_in_process, args=(settings, self._file.absolute(), theirs)
+        )
+        self._process.start()
+        theirs.close()
+        self._progress, self._problem = (0, 0), ""
+        response.success, response.message = True, "planning started; see /diagnostics"
+        return response
+
+    def _on_cancel(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self._process is not None
+        response.message = "cancelled" if response.success else "nothing is being planned"
+        if response.success:
+            self._end("cancelled")
+        return response
+
+    def _watch(self) -> None:
+        """Take what the planning process has sent."""
+        if self._process is None or self._connection is None:
+            return
+        try:
+            while self._connection.poll():
+                kind, *content = self._connection.recv()
+                if kind == "progress":
+                    self._progress = (content[0], content[1])
+                elif kind == "failed":
+                    self._end(content[0])
+                    return
+                else:
+                    self._end("")
+                    self._publish(load_plan(self._file))
+                    return
+        except EOFError:
+            self._end("the planning process died")
+
+    def _end(self, problem: str) -> None:
+        """Leave the planning process behind."""
+        if self._process is not None and self._connection is not None:
+            if problem:
+                self._process.terminate()
+            self._process.join()
+            self._connection.close()
+        self._process = self._connection = None
+        self._problem = problem
+        if problem:
+            self.get_logger().error(f"planning: {problem}")
+
+    def _publish_diagnostics(self) -> None:
+        status = DiagnosticStatus(name="excitation_planner: plan", hardware_id="")
+        done, total = self._progress
+        if self._process is not None:
+            status.message = f"planning: {done} of at most {total} simulations"
+        elif self._problem:
+            status.level, status.message = DiagnosticStatus.WARN, self._problem
+        elif self._plan is None:
+            status.message = "no plan yet; call ~/plan"
+        else:
+            status.message = self._plan.verdict or f"excites {self._plan.target}"
+        values = {"simulations": str(done), "budget": str(total)}
+        if (plan := self._plan) is not None:
+            values |= {"plan_id": plan.id, "vehicle_hash": plan.vehicle_hash}
+            values |= {f"S {name}": f"{index.value:.4f}" for name, index in plan.main.items()}
+            values |= {f"ST {name}": f"{index.value:.4f}" for name, index in plan.total.items()}
+            values["H"] = f"{plan.cost:.4f}"
+        status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def destroy_node(self) -> None:
+        """End a planning process that is still at work."""
+        if self._process is not None:
+            self._end("the node is shutting down")
+        super().destroy_node()
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(ExcitationPlanner)
