@@ -1,0 +1,224 @@
+"""The two serial ports: one I/O thread reads both, writes never block.
+
+The only module that imports `serial`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import termios
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import serial
+
+from tricycle_bridge.messages import BAUD, Board
+
+RETRY_PERIOD = 0.1  # s between attempts to open a port
+_READ_SIZE = 4096  # bytes
+_MAX_WAITING = 64 * 1024  # bytes per port that wait for their reader; older ones are dropped
+
+# What pyserial and the system raise when a device goes away; termios.error is not an OSError, and
+# closing during a read raises TypeError.
+_GONE = (OSError, serial.SerialException, termios.error, TypeError)
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A port was opened."""
+
+    board: Board
+
+
+@dataclass(frozen=True)
+class Received:
+    """Bytes came in."""
+
+    board: Board
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Closed:
+    """A port went away, or could not be opened."""
+
+    board: Board
+    reason: str
+
+
+PortEvent = Opened | Received | Closed
+
+
+class SerialPorts:
+    """Keeps both ports open, as far as they exist, and hands over what they say.
+
+    Parameters
+    ----------
+    paths
+        Serial device of each board.
+    notify
+        Called from the I/O thread when `take_events` has something new; must not block.
+    baud
+        Bits per second.
+    """
+
+    def __init__(
+        self, paths: Mapping[Board, str], notify: Callable[[], None], *, baud: int = BAUD
+    ) -> None:
+        self._paths = dict(paths)
+        self._notify = notify
+        self._baud = baud
+        self._ports: dict[Board, serial.Serial] = {}
+        self._retry_at = dict.fromkeys(paths, 0.0)
+        self._reopen: dict[Board, str] = {}
+        self._events: deque[PortEvent] = deque()
+        self._waiting = dict.fromkeys(paths, 0)  # bytes in _events
+        self._overflow = dict.fromkeys(paths, 0)  # bytes dropped
+        self._lock = threading.Lock()
+        self._selector = selectors.DefaultSelector()
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_write, False)
+        self._selector.register(self._wake_read, selectors.EVENT_READ, None)
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="serial ports", daemon=True)
+        self._thread.start()
+
+    def take_events(self) -> list[PortEvent]:
+        """Return what happened since the last call, oldest first."""
+        with self._lock:
+            events = list(self._events)
+            self._events.clear()
+            self._waiting = dict.fromkeys(self._waiting, 0)
+        return events
+
+    def write(self, board: Board, frames: list[bytes]) -> int:
+        """Write frames; return how many were dropped because the port is full, gone or closed."""
+        with self._lock:
+            port = self._ports.get(board)
+            if port is None:
+                return len(frames)
+            for done, frame in enumerate(frames):
+                try:
+                    if os.write(port.fd, frame) < len(frame):
+                        return len(frames) - done  # the damaged frame fails its CRC
+                except BlockingIOError:
+                    return len(frames) - done
+                except _GONE as error:
+                    self._ask_reopen(board, str(error))
+                    return len(frames) - done
+        return 0
+
+    def reopen(self, board: Board, reason: str) -> None:
+        """Close a port and open it anew."""
+        with self._lock:
+            self._ask_reopen(board, reason)
+
+    def close(self) -> None:
+        """Close both ports and end the thread."""
+        self._stopping = True
+        self._wake()
+        self._thread.join()
+        self._selector.close()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+    # ---- the I/O thread ----
+
+    def _run(self) -> None:
+        while not self._stopping:
+            now = time.monotonic()
+            for board in self._paths:
+                if board not in self._ports and now >= self._retry_at[board]:
+                    self._open(board)
+            for key, _ in self._selector.select(self._until_retry()):
+                if key.data is None:
+                    os.read(self._wake_read, _READ_SIZE)
+                else:
+                    self._read(key.data)
+            with self._lock:
+                reopen, self._reopen = self._reopen, {}
+            for board, reason in reopen.items():
+                self._close(board, reason)
+        for board in list(self._ports):
+            self._close(board, "closed")
+
+    def _until_retry(self) -> float | None:
+        closed = [self._retry_at[board] for board in self._paths if board not in self._ports]
+        return max(min(closed) - time.monotonic(), 0.0) if closed else None
+
+    def _open(self, board: Board) -> None:
+        path = self._paths[board]
+        try:
+            # Opening clears what the driver has buffered; a real UNO resets here (DTR).
+            port = serial.Serial(path, self._baud, timeout=0, write_timeout=0, exclusive=True)
+        except _GONE as error:
+            self._retry_at[board] = time.monotonic() + RETRY_PERIOD
+            self._put(Closed(board, _open_problem(path, error)))
+            return
+        os.set_blocking(port.fd, False)
+        with self._lock:
+            self._ports[board] = port
+        self._selector.register(port.fd, selectors.EVENT_READ, board)
+        self._put(Opened(board))
+
+    def _read(self, board: Board) -> None:
+        port = self._ports.get(board)
+        if port is None:
+            return
+        try:
+            data = os.read(port.fd, _READ_SIZE)
+        except BlockingIOError:
+            return
+        except _GONE as error:
+            self._close(board, f"{self._paths[board]}: {error}")
+            return
+        if data:
+            self._put(Received(board, data))
+        else:
+            self._close(board, f"{self._paths[board]}: end of file, the device was unplugged")
+
+    def _close(self, board: Board, reason: str) -> None:
+        with self._lock:
+            port = self._ports.pop(board, None)
+        if port is None:
+            return
+        with contextlib.suppress(KeyError, ValueError):
+            self._selector.unregister(port.fd)
+        with contextlib.suppress(*_GONE):
+            port.close()
+        self._retry_at[board] = time.monotonic() + RETRY_PERIOD
+        self._put(Closed(board, reason))
+
+    def _put(self, event: PortEvent) -> None:
+        with self._lock:
+            if isinstance(event, Received):
+                if self._waiting[event.board] > _MAX_WAITING:
+                    self._overflow[event.board] += len(event.data)
+                    return
+                self._waiting[event.board] += len(event.data)
+            self._events.append(event)
+        if not self._stopping:
+            self._notify()
+
+    def _ask_reopen(self, board: Board, reason: str) -> None:
+        self._reopen[board] = reason
+        self._wake()
+
+    def _wake(self) -> None:
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._wake_write, b"\0")
+
+
+def _open_problem(path: str, error: Exception) -> str:
+    if not os.path.exists(path):  # noqa: PTH110 - a device path, kept as the user wrote it
+        return f"{path} does not exist"
+    if not os.access(path, os.R_OK | os.W_OK):
+        return f"{path}: no permission (is the user in the group dialout?)"
+    if isinstance(error, BlockingIOError) or "lock" in str(error):
+        return f"{path} is in use by another program"
+    return f"{path}: {' '.join(str(error).split())}"

@@ -1,0 +1,101 @@
+"""A serial device that is a pseudo-terminal: what the bridge opens, a PLC emulator serves."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tty
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+_READ_SIZE = 4096  # bytes
+
+
+class PtyPort:
+    """The PLC's end of a pty; the other end is the serial device at `path`.
+
+    Reads and writes never block.
+
+    Parameters
+    ----------
+    link
+        Where the serial device shall appear (a symbolic link, replaced atomically); None: only at
+        its ``/dev/pts/...`` path.
+    """
+
+    def __init__(self, link: str | os.PathLike[str] | None = None) -> None:
+        self._link = None if link is None else Path(link)
+        self.dropped = 0  # frames that the line did not take
+        self.plug()
+
+    @property
+    def path(self) -> Path:
+        """What the host opens."""
+        return self._link or self._device
+
+    def fileno(self) -> int:
+        """File descriptor of the PLC's end, for `selectors`."""
+        return self._controller
+
+    def plug(self) -> None:
+        """Create the device and publish it."""
+        self._controller, self._terminal = os.openpty()
+        # The terminal's end stays open here: without one the controller reads EIO.
+        tty.setraw(self._terminal)
+        os.set_blocking(self._controller, False)
+        self._device = Path(os.ttyname(self._terminal))
+        self.plugged = True
+        if self._link is not None:
+            self._link.parent.mkdir(parents=True, exist_ok=True)
+            temporary = self._link.with_name(f".{self._link.name}.{os.getpid()}")
+            temporary.unlink(missing_ok=True)
+            temporary.symlink_to(self._device)
+            temporary.replace(self._link)
+
+    def unplug(self) -> None:
+        """Remove the device, as pulling its cable does: the host reads an error."""
+        if not self.plugged:
+            return
+        self.plugged = False
+        if self._link is not None:
+            with contextlib.suppress(OSError):
+                if self._link.readlink() == self._device:
+                    self._link.unlink()
+        os.close(self._controller)
+        os.close(self._terminal)
+
+    close = unplug
+
+    def read(self) -> bytes:
+        """Return what the host has written, or nothing."""
+        if not self.plugged:
+            return b""
+        try:
+            return os.read(self._controller, _READ_SIZE)
+        except (BlockingIOError, InterruptedError):
+            return b""
+
+    def write(self, data: bytes) -> bool:
+        """Write to the host; False, and counted, where the line is full and drops data."""
+        if not data or not self.plugged:
+            return self.plugged
+        try:
+            written = os.write(self._controller, data)
+        except (BlockingIOError, InterruptedError):
+            written = 0
+        if written < len(data):
+            self.dropped += 1
+            return False
+        return True
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
