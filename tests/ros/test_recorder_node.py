@@ -1,0 +1,212 @@
+"""The recorder as a process: what is published is in the bag, whatever happens to the process."""
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from trajectory_recorder.bag_reader import BagReader
+from trajectory_recorder.topics import decode
+from tricycle_bringup.processes import executable
+
+pytestmark = pytest.mark.ros
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Recorder:
+    """A recorder process and its services."""
+
+    def __init__(self, node: Node, env: dict[str, str], **parameters: object) -> None:
+        command = [executable("trajectory_recorder"), "--ros-args"]
+        for name, value in parameters.items():
+            command += ["-p", f"{name}:={value}"]
+        self.process = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
+        self.node = node
+        self.executor = SingleThreadedExecutor(context=node.context)
+        self.executor.add_node(node)
+        self.status: dict[str, str] = {}
+        self.level = b""
+        self.message = ""
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "trajectory_recorder: bag":
+                self.status = {pair.key: pair.value for pair in status.values}
+                self.level, self.message = status.level, status.message
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 20
+        while not condition():
+            assert time.monotonic() < deadline, "timed out"
+            assert self.process.poll() is None, self.process.stderr and self.process.stderr.read()
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, service: str, kind: type, request: Any) -> Any:
+        client = self.node.create_client(kind, f"trajectory_recorder/{service}")
+        self.wait(client.service_is_ready)
+        future = client.call_async(request)
+        self.wait(future.done)
+        return future.result()
+
+    def trigger(self, service: str) -> tuple[bool, str]:
+        answer = self.call(service, Trigger, Trigger.Request())
+        return answer.success, answer.message
+
+    def set_output(self, path: Path) -> None:
+        parameter = Parameter("output", value=str(path)).to_parameter_msg()
+        answer = self.call(
+            "set_parameters", SetParameters, SetParameters.Request(parameters=[parameter])
+        )
+        assert answer.results[0].successful
+
+    def end(self, number: signal.Signals = signal.SIGINT) -> int:
+        self.process.send_signal(number)
+        return self.process.wait(10)
+
+
+@pytest.fixture
+def recorder(ros_node: Node, ros_environment: dict[str, str]) -> Iterator[Callable[..., Recorder]]:
+    started: list[Recorder] = []
+
+    def start(**parameters: object) -> Recorder:
+        started.append(Recorder(ros_node, ros_environment, **parameters))
+        return started[-1]
+
+    yield start
+    for one in started:
+        one.executor.shutdown()
+        one.process.kill()
+        one.process.wait()
+        assert one.process.stderr is not None
+        one.process.stderr.close()
+
+
+def texts(path: Path, topic: str) -> list[str]:
+    with BagReader(path) as bag:
+        return [decode("std_msgs/msg/String", m.data).data for m in bag.messages([topic])]
+
+
+def test_bags_one_after_the_other(recorder, ros_node: Node, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    latched = ros_node.create_publisher(String, "maneuver/path", LATCHED)
+    latched.publish(String(data="stale"))
+    latched.publish(String(data="before the recorder"))
+    sensor = ros_node.create_publisher(String, "imu", qos_profile_sensor_data)
+    state = ros_node.create_publisher(DiagnosticStatus, "maneuver/state", LATCHED)
+    r = recorder(disk_reserve=0.0)
+    r.wait(lambda: "/imu" in r.status.get("topics", "") and "/maneuver/state" in r.status["topics"])
+    assert r.trigger("stop") == (False, "not recording")
+    assert "output is empty" in r.trigger("start")[1]
+
+    for name in ("first", "second"):
+        r.set_output(tmp_path / name)
+        assert r.trigger("start") == (True, str(tmp_path / name))
+        assert "already recording" in r.trigger("start")[1]
+        state.publish(DiagnosticStatus(values=[KeyValue(key="plan_id", value=name)]))
+        for i in range(200):
+            sensor.publish(String(data=f"{name} {i}"))
+            r.executor.spin_once(timeout_sec=0)
+        r.wait(lambda: int(r.status.get("messages", 0)) > 200)
+        assert r.trigger("stop") == (True, str(tmp_path / name))
+
+    r.set_output(tmp_path / "first")
+    assert r.trigger("start") == (
+        False, f"{tmp_path / 'first'} exists: a bag is not overwritten, choose another name",
+    )  # fmt: skip
+    for name in ("first", "second"):
+        assert texts(tmp_path / name, "/maneuver/path") == ["before the recorder"]
+        assert texts(tmp_path / name, "/imu") == [f"{name} {i}" for i in range(200)]
+        with BagReader(tmp_path / name) as bag:
+            assert bag.metadata["plan_id"] == name
+            assert bag.metadata["software_version"]
+            (qos,) = bag.topics["/imu"].qos
+            assert (qos.reliability, qos.durability) == ("best_effort", "volatile")
+            assert bag.topics["/imu"].type_hash.startswith("RIHS01_")
+            stamps = [m.stamp for m in bag.messages(["/imu"])]
+            assert abs(stamps[0] * 1e-9 - time.time()) < 60
+            assert stamps == sorted(stamps)
+    assert r.end() == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_an_ended_recorder_leaves_a_readable_bag(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, tmp_path: Path, number: signal.Signals
+) -> None:
+    publisher = ros_node.create_publisher(String, "odom", 10)
+    r = recorder(record=True, output=tmp_path / "bag", topics="[odom]", disk_reserve=0.0)
+    r.wait(lambda: publisher.get_subscription_count() == 1)
+    for i in range(300):
+        publisher.publish(String(data=str(i)))
+    r.wait(lambda: int(r.status.get("messages", 0)) == 300)
+    if number is signal.SIGKILL:  # the flush after the last message
+        r.wait(lambda: len(texts_or_none(tmp_path / "bag")) == 300)
+    else:
+        for i in range(300, 310):
+            publisher.publish(String(data=str(i)))
+        publisher.wait_for_all_acked()
+    r.end(number)
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.complete
+    assert texts(tmp_path / "bag", "/odom") == [
+        str(i) for i in range(300 if number is signal.SIGKILL else 310)
+    ]
+
+
+def texts_or_none(path: Path) -> list[str]:
+    try:
+        return texts(path, "/odom")
+    except ValueError:
+        return []
+
+
+def test_a_topic_that_comes_late_and_goes_and_comes_back(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, tmp_path: Path
+) -> None:
+    r = recorder(record=True, output=tmp_path / "bag", disk_reserve=0.0, topics="[late]")
+    r.wait(lambda: r.status.get("missing", "").split() == ["/late"])
+
+    latched = ros_node.create_publisher(String, "late", LATCHED)
+    latched.publish(String(data="latched before the recorder saw the topic"))
+    r.wait(lambda: r.status["messages"] == "1")
+    latched.publish(String(data="after"))
+    r.wait(lambda: r.status["messages"] == "2")
+    ros_node.destroy_publisher(latched)
+
+    weaker = ros_node.create_publisher(String, "late", qos_profile_sensor_data)
+    r.wait(lambda: weaker.get_subscription_count() == 1)
+    weaker.publish(String(data="best effort"))
+    r.wait(lambda: r.status["messages"] == "3")
+    assert r.end() == 0
+    assert texts(tmp_path / "bag", "/late") == [
+        "latched before the recorder saw the topic", "after", "best effort",
+    ]  # fmt: skip
+
+
+def test_a_full_disk_stops_the_recording_with_a_diagnostic(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, tmp_path: Path
+) -> None:
+    r = recorder(record=True, output=tmp_path / "bag", disk_reserve=1e6)
+    r.wait(lambda: r.level == DiagnosticStatus.ERROR)
+    assert "disk_reserve is 1000000 MB" in r.message
+    assert "disk_reserve" in r.trigger("stop")[1]
+
+
+def test_a_mistake_ends_the_node_with_one_line(recorder, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    (tmp_path / "bag").mkdir()
+    r = recorder(record=True, output=tmp_path / "bag")
+    assert r.process.wait(10) == 2
+    assert r.process.stderr is not None
+    (line,) = r.process.stderr.read().splitlines()
+    assert "exists: a bag is not overwritten" in line
