@@ -1,0 +1,136 @@
+"""Commands of a drive: steering motor angle and speed over time, each held until the next."""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tricycle_bridge.messages import MAX_SPEED, MAX_STEERING_ANGLE
+
+COLUMNS = ("time", "steering_motor_angle", "speed")
+
+
+class CommandsError(ValueError):
+    """Commands are unusable; the message names row and column."""
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """Steering motor angle and speed over time; each row is held until the next, the last ends it.
+
+    Parameters
+    ----------
+    time : shape (c,)
+        Seconds from the start: starts at 0, strictly increasing.
+    steering_motor_angle : shape (c,)
+        Target of the steering motor [rad], left positive.
+    speed : shape (c,)
+        Target of the rear wheel's speed times tyre radius [m/s], negative backwards.
+
+    Raises
+    ------
+    CommandsError
+        Naming the first row (from 1) and column that is not finite, goes back in time or is beyond
+        what the PLCs accept.
+    """
+
+    time: NDArray[np.float64]
+    steering_motor_angle: NDArray[np.float64]
+    speed: NDArray[np.float64]
+
+    def __init__(self, time: ArrayLike, steering_motor_angle: ArrayLike, speed: ArrayLike) -> None:
+        for name, values in zip(COLUMNS, (time, steering_motor_angle, speed), strict=True):
+            column = np.array(values, dtype=float)  # a copy of our own, so that it stays as it is
+            column.setflags(write=False)
+            object.__setattr__(self, name, column)
+        _check(self)
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first to the last row."""
+        return float(self.time[-1])
+
+    def save(self, path: Path) -> None:
+        """Write a CSV file that `load_commands` reads back without loss."""
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            columns = (self.time, self.steering_motor_angle, self.speed)
+            writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def load_commands(path: Path) -> Commands:
+    """Read commands from a CSV file with the columns `time, steering_motor_angle, speed`.
+
+    Raises
+    ------
+    CommandsError
+        Naming file, row (the first one below the header is 1) and column of what is wrong.
+    OSError
+        If the file cannot be read.
+    """
+    try:
+        with Path(path).open(newline="", encoding="utf-8-sig") as file:
+            lines = [line for line in csv.reader(file) if any(cell.strip() for cell in line)]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise CommandsError(f"{path}: is not a CSV file") from error
+    if not lines:
+        raise CommandsError(f"{path}: is empty; needs the header {','.join(COLUMNS)} and rows")
+    header = [cell.strip() for cell in lines[0]]
+    if sorted(header) != sorted(COLUMNS):
+        raise CommandsError(
+            f"{path}: header: needs the columns {', '.join(COLUMNS)}, not {', '.join(header)}"
+        )
+    rows: list[list[float]] = []
+    for number, line in enumerate(lines[1:], start=1):
+        if len(line) != len(COLUMNS):
+            raise CommandsError(f"{path}: row {number}: has {len(line)} columns instead of 3")
+        rows.append(
+            [
+                _parse(cell, f"{path}: row {number}: {name}")
+                for name, cell in zip(header, line, strict=True)
+            ]
+        )
+    table = dict(zip(header, np.array(rows).reshape(-1, 3).T, strict=True))
+    try:
+        return Commands(**table)
+    except CommandsError as error:
+        raise CommandsError(f"{path}: {error}") from error
+
+
+def _parse(cell: str, where: str) -> float:
+    try:
+        return float(cell)
+    except ValueError:
+        raise CommandsError(f"{where}: needs a number, not '{cell.strip()}'") from None
+
+
+def _check(commands: Commands) -> None:
+    columns = {name: getattr(commands, name) for name in COLUMNS}
+    for name, column in columns.items():
+        if column.ndim != 1 or column.shape != commands.time.shape:
+            raise CommandsError(f"{name}: needs as many numbers as there are times")
+    if len(commands.time) < 2:
+        raise CommandsError("there must be at least two rows: the last one is the end")
+    bounds = {"steering_motor_angle": (MAX_STEERING_ANGLE, "rad"), "speed": (MAX_SPEED, "m/s")}
+    for index in range(len(commands.time)):
+        where = f"row {index + 1}"
+        for name, column in columns.items():
+            value = float(column[index])
+            if not math.isfinite(value):
+                raise CommandsError(f"{where}: {name}: is {value}; needs a finite number")
+            limit, unit = bounds.get(name, (math.inf, ""))
+            if abs(value) > limit + 1e-9:
+                raise CommandsError(
+                    f"{where}: {name}: {value:g} {unit} is beyond the PLC's limit of {limit:g}"
+                )
+        time = float(commands.time[index])
+        if index == 0 and time != 0.0:
+            raise CommandsError(f"{where}: time: starts at {time:g} s instead of 0")
+        if index > 0 and time <= commands.time[index - 1]:
+            raise CommandsError(
+                f"{where}: time: {time:g} s does not come after {commands.time[index - 1]:g} s"
+            )

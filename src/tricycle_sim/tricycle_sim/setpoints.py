@@ -1,0 +1,55 @@
+"""Set-points as the PLCs make them: commands looked up and slewed on 100 Hz ticks.
+
+The batch, the live vehicle's callers and the emulated PLCs all slew through `slew`.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tricycle_bridge.messages import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.compilation import compiled
+
+
+@compiled
+def slew(setpoint: float, target: float, rate: float) -> float:
+    """Return the set-point one tick closer to its target, moving at most at `rate` (per second)."""
+    reach = rate * TICK
+    if abs(target - setpoint) <= reach:
+        return target
+    return setpoint + reach if target > setpoint else setpoint - reach
+
+
+def tick_count(duration: float) -> int:
+    """Return the number of whole ticks in a duration [s]."""
+    return int(np.floor(duration / TICK + 1e-6))
+
+
+def command_rows(commands: Commands) -> NDArray[np.int64]:
+    """Return for every tick, shape (t,), the newest row whose time has come."""
+    ticks = np.arange(tick_count(commands.duration)) * TICK
+    return np.searchsorted(commands.time, ticks + 1e-6 * TICK, side="right") - 1
+
+
+@compiled
+def slew_all(
+    targets: NDArray[np.float64], rate: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Slew from 0 through the target of each tick.
+
+    Returns
+    -------
+    setpoints : shape (t,)
+    lag : shape (t,)
+        Distance to the target beyond what the next tick makes up for, else 0.
+    """
+    setpoints = np.empty_like(targets)
+    lag = np.zeros_like(targets)
+    setpoint = 0.0
+    for k in range(targets.shape[0]):
+        setpoint = slew(setpoint, targets[k], rate)
+        setpoints[k] = setpoint
+        behind = abs(targets[k] - setpoint)
+        if behind > rate * TICK * (1.0 + 1e-6):
+            lag[k] = behind
+    return setpoints, lag
