@@ -11,20 +11,24 @@ from hypothesis import strategies as st
 
 from tricycle_bridge import messages as m
 from tricycle_bridge.framing import DecoderCounters, Frame, FrameDecoder, encode
+from tricycle_bridge.messages import Board, DriveCommand, Pong, SteerCommand
 
 # (wire bytes, message, board, seq, session), section 8 of the specification
 VECTORS = [
-    ("032f01025a0a0f785634128e5d7bc100", m.Hello(0, 15, 0x12345678), m.Board.ANY, 0, 0x5A),
-    ("052101015a0a0178563412c2d328ac00", m.Hello(0, 1, 0x12345678), m.Board.STEER, 1, 0x5A),
-    ("0d2102025a04030201f3a11f3000", m.Ping(0x01020304), m.Board.STEER, 2, 0x5A),
-    ("062203035a0107fea52af9918f00", m.Control.of(m.Op.ARM), m.Board.DRIVE, 3, 0x5A),
-    ("062103045a0207fda55c32832500", m.Control.of(m.Op.ESTOP), m.Board.STEER, 4, 0x5A),
-    ("062110055a0106b80be803310534e5d1cd00", m.SteerCommand(1, 0, 3000, 1000, 0x31), m.Board.STEER, 5, 0x5A),
-    ("032110010101010101010101053395b75600", m.SteerCommand(0, 0, 0, 0, 0), m.Board.STEER, 0, 0),
-    ("0b2220065a0101e803e80301023105be116dd900", m.DriveCommand(1, 1, 1000, 1000, 0, 0, 0x31), m.Board.DRIVE, 6, 0x5A),
-    ("092205075a6f544be900", m.StatsRequest(), m.Board.DRIVE, 7, 0x5A),
-    ("0b3182095a0403020150c30103ccc301056de6824600", m.Pong(0x01020304, 50000, 50124), m.Board.STEER, 9, 0x5A),
-    ("0731830a5a01030602f930771200", m.Ack(1, 3, 0, 2), m.Board.STEER, 10, 0x5A),
+    ("032f01025a0a0f785634128e5d7bc100", m.Hello(0, 15, 0x12345678), Board.ANY, 0, 0x5A),
+    ("052101015a0a0178563412c2d328ac00", m.Hello(0, 1, 0x12345678), Board.STEER, 1, 0x5A),
+    ("0d2102025a04030201f3a11f3000", m.Ping(0x01020304), Board.STEER, 2, 0x5A),
+    ("062203035a0107fea52af9918f00", m.Control.of(m.Op.ARM), Board.DRIVE, 3, 0x5A),
+    ("062103045a0207fda55c32832500", m.Control.of(m.Op.ESTOP), Board.STEER, 4, 0x5A),
+    ("062110055a0106b80be803310534e5d1cd00",
+     SteerCommand(1, 0, 3000, 1000, 0x31), Board.STEER, 5, 0x5A),
+    ("032110010101010101010101053395b75600", SteerCommand(0, 0, 0, 0, 0), Board.STEER, 0, 0),
+    ("0b2220065a0101e803e80301023105be116dd900",
+     DriveCommand(1, 1, 1000, 1000, 0, 0, 0x31), Board.DRIVE, 6, 0x5A),
+    ("092205075a6f544be900", m.StatsRequest(), Board.DRIVE, 7, 0x5A),
+    ("0b3182095a0403020150c30103ccc301056de6824600",
+     Pong(0x01020304, 50000, 50124), Board.STEER, 9, 0x5A),
+    ("0731830a5a01030602f930771200", m.Ack(1, 3, 0, 2), Board.STEER, 10, 0x5A),
 ]  # fmt: skip
 
 

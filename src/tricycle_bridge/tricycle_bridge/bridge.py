@@ -18,6 +18,7 @@ from tricycle_bridge.link import (
     Controlled,
     LinkEvent,
     LinkEventKind,
+    LinkState,
     PlcLink,
     state_name,
 )
@@ -296,7 +297,7 @@ class Bridge:
         self._advance_arming(now)
 
     def arm(self, now: float, done: Callable[[bool, str], None]) -> None:
-        """Ask both boards to clear their faults and arm; `done(success, text)` tells the outcome."""
+        """Have both boards clear their faults and arm; `done(success, text)` tells the outcome."""
         if self._arming is not None:
             done(False, "arming is under way")
         elif self.armed and self._enabled:
@@ -320,6 +321,15 @@ class Bridge:
         self._withdraw("emergency stop")
         self._estopped = True
         return self._operate_all(Op.ESTOP, now)
+
+    def restart_links(self, now: float, reason: str) -> None:
+        """Shake hands anew on the open ports, after the host's clock jumped back."""
+        self._input = None
+        self._sent_at = -math.inf
+        for board, link in self.links.items():
+            if link.state is not LinkState.CLOSED:
+                self.closed(board, reason)
+                self.opened(board, now)
 
     def stop(self, reason: str) -> None:
         """Let both boards come to rest (no fault) and wait for the operator's next ARM."""

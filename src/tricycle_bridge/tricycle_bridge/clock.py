@@ -46,7 +46,7 @@ class PlcClock:
         return self._unwrapped_us * 1e-6
 
     def add_ping(self, t0: float, t_rx: int, t_tx: int, t3: float) -> None:
-        """Take one exchange: host sent at t0, PLC heard at t_rx, answered at t_tx, host heard at t3."""
+        """Take one exchange: PING at t0, heard at t_rx, answered at t_tx, PONG at t3."""
         rx, tx = self.unwrap(t_rx), self.unwrap(t_tx)
         self.round_trip = (t3 - t0) - (tx - rx)
         self._samples.append((self.round_trip, (rx + tx) / 2 - (t0 + t3) / 2))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from cobs import cobs
+from cobs import cobs  # type: ignore[import-untyped]
 
 from tricycle_bridge.messages import (
     MAJOR,
@@ -77,7 +77,7 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
     """
     ver_node = major << 5 | from_plc(message.ID) << 4 | board
     raw = _HEADER.pack(ver_node, message.ID, seq, session) + message.payload()
-    return cobs.encode(raw + _CRC.pack(zlib.crc32(raw))) + DELIMITER
+    return bytes(cobs.encode(raw + _CRC.pack(zlib.crc32(raw)))) + DELIMITER
 
 
 class FrameDecoder:
@@ -120,11 +120,8 @@ class FrameDecoder:
         segments[0] = self._partial + segments[0]
         # One byte more than a legal segment is enough to know that it is too long.
         self._partial = segments.pop()[: _MAX_ENCODED + 1]
-        frames = []
-        for segment in segments:
-            if segment and (frame := self._decode(segment)) is not None:
-                frames.append(frame)
-        return frames
+        decoded = (self._decode(segment) for segment in segments if segment)
+        return [frame for frame in decoded if frame is not None]
 
     def _decode(self, segment: bytes) -> Frame | None:
         counters = self.counters

@@ -208,7 +208,7 @@ class PlcLink:
         LinkError
             The command is for the other board, or a value does not fit its field.
         """
-        if command.BOARD != self.board:
+        if self.board != command.BOARD:
             raise LinkError(f"{type(command).__name__} sent to the {self._name} PLC")
         if not self.up or self.telemetry is None:
             return False

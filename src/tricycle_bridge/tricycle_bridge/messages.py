@@ -11,7 +11,6 @@ import dataclasses
 import enum
 import struct
 from dataclasses import dataclass
-from functools import cache
 from typing import Annotated, ClassVar, Self, get_type_hints
 
 MAJOR = 1  # protocol versions this suite speaks
@@ -180,17 +179,15 @@ U32 = Annotated[int, _U32]
 I32 = Annotated[int, _I32]
 
 
-@cache
 def layout(message: type[Message]) -> dict[str, WireType]:
     """Payload fields of a message class in wire order."""
     hints = get_type_hints(message, include_extras=True)
     return {f.name: hints[f.name].__metadata__[0] for f in dataclasses.fields(message)}
 
 
-@cache
 def payload_struct(message: type[Message]) -> struct.Struct:
     """Return the layout of a message class as a `struct.Struct`."""
-    return struct.Struct("<" + "".join(wire.code for wire in layout(message).values()))
+    return _STRUCTS[message]
 
 
 @dataclass(frozen=True)
@@ -209,7 +206,7 @@ class Message:
             A value does not fit its field.
         """
         try:
-            return payload_struct(type(self)).pack(*self.__dict__.values())
+            return _STRUCTS[type(self)].pack(*self.__dict__.values())
         except struct.error:
             for name, wire in layout(type(self)).items():
                 value = getattr(self, name)
@@ -223,7 +220,7 @@ class Message:
     @classmethod
     def from_payload(cls, payload: bytes) -> Self:
         """Decode the fields; bytes behind them belong to a newer minor version."""
-        return cls(*payload_struct(cls).unpack_from(payload))
+        return cls(*_STRUCTS[cls].unpack_from(payload))
 
 
 # ---- host -> PLC ----
@@ -478,6 +475,11 @@ MESSAGES: tuple[type[Message], ...] = (
     SteerState,
     DriveState,
 )
+
+_STRUCTS: dict[type[Message], struct.Struct] = {
+    message: struct.Struct("<" + "".join(wire.code for wire in layout(message).values()))
+    for message in MESSAGES
+}
 
 
 def from_plc(message_id: int) -> bool:

@@ -54,6 +54,20 @@ class Closed:
 PortEvent = Opened | Received | Closed
 
 
+class _Port:
+    """An open serial device and its file descriptor."""
+
+    def __init__(self, path: str, baud: int) -> None:
+        # Opening clears what the driver has buffered; a real UNO resets here (DTR).
+        self.device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        self.fd = self.device.fileno()
+        os.set_blocking(self.fd, False)
+
+    def close(self) -> None:
+        with contextlib.suppress(*_GONE):
+            self.device.close()
+
+
 class SerialPorts:
     """Keeps both ports open, as far as they exist, and hands over what they say.
 
@@ -73,7 +87,7 @@ class SerialPorts:
         self._paths = dict(paths)
         self._notify = notify
         self._baud = baud
-        self._ports: dict[Board, serial.Serial] = {}
+        self._ports: dict[Board, _Port] = {}
         self._retry_at = dict.fromkeys(paths, 0.0)
         self._reopen: dict[Board, str] = {}
         self._events: deque[PortEvent] = deque()
@@ -154,13 +168,11 @@ class SerialPorts:
     def _open(self, board: Board) -> None:
         path = self._paths[board]
         try:
-            # Opening clears what the driver has buffered; a real UNO resets here (DTR).
-            port = serial.Serial(path, self._baud, timeout=0, write_timeout=0, exclusive=True)
+            port = _Port(path, self._baud)
         except _GONE as error:
             self._retry_at[board] = time.monotonic() + RETRY_PERIOD
             self._put(Closed(board, _open_problem(path, error)))
             return
-        os.set_blocking(port.fd, False)
         with self._lock:
             self._ports[board] = port
         self._selector.register(port.fd, selectors.EVENT_READ, board)
@@ -189,8 +201,7 @@ class SerialPorts:
             return
         with contextlib.suppress(KeyError, ValueError):
             self._selector.unregister(port.fd)
-        with contextlib.suppress(*_GONE):
-            port.close()
+        port.close()
         self._retry_at[board] = time.monotonic() + RETRY_PERIOD
         self._put(Closed(board, reason))
 

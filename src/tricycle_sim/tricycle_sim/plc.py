@@ -14,7 +14,7 @@ from __future__ import annotations
 import dataclasses
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, TypeVar, cast
 
 from tricycle_bridge.framing import Frame, FrameDecoder, encode
 from tricycle_bridge.messages import (
@@ -126,9 +126,10 @@ class DriveOutput:
 
 MeasurementT = TypeVar("MeasurementT", SteerMeasurement, DriveMeasurement)
 OutputT = TypeVar("OutputT", SteerOutput, DriveOutput)
+CommandT = TypeVar("CommandT", SteerCommand, DriveCommand)
 
 
-class Plc(ABC, Generic[MeasurementT, OutputT]):
+class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
     """What both PLCs share: framing, session, state machine, watchdog, counters.
 
     Parameters
@@ -155,6 +156,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT]):
         self._firmware = firmware
         self._major = major
         self._minor = minor
+        slew(0.0, 0.0, 0.0)  # compiled now, not within the first armed tick
         self.reset(ResetCause.POWER_ON)
 
     def reset(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
@@ -203,7 +205,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT]):
             self._enter(PlcState.FAULT, now_us)
         if self.state is PlcState.STOPPING and self._stopped(now_us):
             self._enter(PlcState.SAFE, now_us)
-        output = self._control(now_us)
+        output = self._control()
         if self._limited:
             self.faults |= Fault.LIMIT
         else:
@@ -242,11 +244,11 @@ class Plc(ABC, Generic[MeasurementT, OutputT]):
         """Prepare the set-point when arming."""
 
     @abstractmethod
-    def _take_command(self, command: Message) -> CommandFlag:
+    def _take_command(self, command: CommandT) -> CommandFlag:
         """Keep a command's set-point; return its flags."""
 
     @abstractmethod
-    def _control(self, now_us: int) -> OutputT:
+    def _control(self) -> OutputT:
         """Advance the set-point by one tick; `_limited` tells whether a limit acted."""
 
     @abstractmethod
@@ -286,7 +288,8 @@ class Plc(ABC, Generic[MeasurementT, OutputT]):
             return
         match message:
             case SteerCommand() | DriveCommand():
-                self._accept_command(frame.seq, message, now_us)
+                # the decoder lets only this board's command through
+                self._accept_command(frame.seq, cast(CommandT, message), now_us)
             case Control():
                 result = self._operate(message, now_us)
                 self._send(Ack(message.op, frame.seq, result, self.state))
@@ -331,7 +334,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT]):
         self._last_rx_seq = seq
         return True
 
-    def _accept_command(self, seq: int, command: SteerCommand | DriveCommand, now_us: int) -> None:
+    def _accept_command(self, seq: int, command: CommandT, now_us: int) -> None:
         if (echo_of(now_us) - command.echo) & _U16 > STALE_TICKS:
             self._count(stale=1)
             self._commands_in_row = 0
@@ -445,7 +448,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT]):
         return 255 if age is None else min(age // _TICK_US, 255)
 
 
-class SteerPlc(Plc[SteerMeasurement, SteerOutput]):
+class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand]):
     """The steer PLC: a slewed, limited set-point for the steering servo."""
 
     board = Board.STEER
@@ -487,8 +490,7 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput]):
         self._setpoint = self._measured.angle
         self._tracking_since = None
 
-    def _take_command(self, command: Message) -> CommandFlag:
-        assert isinstance(command, SteerCommand)  # noqa: S101 - the decoder's table ensures it
+    def _take_command(self, command: SteerCommand) -> CommandFlag:
         angle = command.angle * ANGLE_UNIT
         rate = command.max_rate * STEER_RATE_UNIT or MAX_STEERING_RATE
         self._target = min(max(angle, -MAX_STEERING_ANGLE), MAX_STEERING_ANGLE)
@@ -496,11 +498,11 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput]):
         self._command_limited = self._target != angle or self._rate_limit != rate
         return CommandFlag(command.flags & 3)
 
-    def _control(self, now_us: int) -> SteerOutput:
+    def _control(self) -> SteerOutput:
         servo_on = self.state in (PlcState.ARMED, PlcState.STOPPING)
         self._limited = self._command_limited and self.state is PlcState.ARMED
         if self.state is PlcState.ARMED:
-            self._setpoint = slew(self._setpoint, self._target, self._rate_limit * TICK)
+            self._setpoint = slew(self._setpoint, self._target, self._rate_limit)
         elif not servo_on:
             self._setpoint = self._measured.angle
         return SteerOutput(servo_on, self._setpoint)
@@ -536,7 +538,7 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput]):
         )
 
 
-class DrivePlc(Plc[DriveMeasurement, DriveOutput]):
+class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand]):
     """The drive PLC: a slewed, limited speed set-point, gear and brake."""
 
     board = Board.DRIVE
@@ -571,7 +573,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput]):
             return Fault.STALL
         return Fault(0)
 
-    def _stopped(self, now_us: int) -> bool:
+    def _stopped(self, now_us: int) -> bool:  # noqa: ARG002 - the steering's takes its time
         return self._at_rest and self._setpoint == 0.0
 
     def _ready(self) -> bool:
@@ -581,8 +583,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput]):
         self._setpoint = 0.0
         self._stalled_since = None
 
-    def _take_command(self, command: Message) -> CommandFlag:
-        assert isinstance(command, DriveCommand)  # noqa: S101 - the decoder's table ensures it
+    def _take_command(self, command: DriveCommand) -> CommandFlag:
         speed = command.speed * SPEED_UNIT
         acceleration = command.max_acceleration * SPEED_UNIT or MAX_ACCELERATION
         self._target = min(max(speed, 0.0), MAX_SPEED)
@@ -598,18 +599,17 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput]):
         )
         return CommandFlag(command.flags & 3)
 
-    def _control(self, now_us: int) -> DriveOutput:
+    def _control(self) -> DriveOutput:
         self._limited = self._command_limited and self.state is PlcState.ARMED
         if self.state is PlcState.ARMED:
             self._brake = self._commanded_brake
-            change = self._acceleration_limit * TICK
             if self._commanded_gear != self._gear and self._at_rest and self._setpoint == 0.0:
                 self._gear = self._commanded_gear
             sign = {Gear.DRIVE: 1.0, Gear.REVERSE: -1.0, Gear.NEUTRAL: 0.0}[self._gear]
             target = sign * self._target if self._gear == self._commanded_gear else 0.0
-            self._setpoint = slew(self._setpoint, target, change)
+            self._setpoint = slew(self._setpoint, target, self._acceleration_limit)
         elif self.state is PlcState.STOPPING:
-            self._setpoint = slew(self._setpoint, 0.0, MAX_ACCELERATION * TICK)
+            self._setpoint = slew(self._setpoint, 0.0, MAX_ACCELERATION)
         else:
             self._setpoint, self._brake, self._gear = 0.0, 1.0, Gear.NEUTRAL
         return DriveOutput(self._motor_on, self._setpoint, self._brake)

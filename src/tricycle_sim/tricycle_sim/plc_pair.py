@@ -1,4 +1,4 @@
-"""Both emulated PLCs on ptys in real time: a bench without hardware for tests and demonstrations."""
+"""Both emulated PLCs on ptys in real time: a bench without hardware."""
 
 from __future__ import annotations
 

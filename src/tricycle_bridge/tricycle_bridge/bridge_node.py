@@ -1,0 +1,351 @@
+"""The bridge as a lifecycle node: ROS messages to `Bridge`, `Bridge` to ROS messages.
+
+Configure opens both ports and shakes hands (and keeps trying), activate forwards commands,
+deactivate stops safely, cleanup closes the ports.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import TwistStamped
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+from sensor_msgs.msg import BatteryState, JointState
+from std_srvs.srv import SetBool, Trigger
+
+from tricycle_bridge.bridge import Bridge, BridgeSettings, JointReadings, Setpoint, Source
+from tricycle_bridge.diagnosis import diagnose
+from tricycle_bridge.kinematics import steering_motor_angle
+from tricycle_bridge.link import LinkState
+from tricycle_bridge.messages import (
+    BAUD,
+    MAX_ACCELERATION,
+    MAX_STEERING_RATE,
+    Board,
+    DriveState,
+    LinkError,
+)
+from tricycle_bridge.run_node import run_node
+from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+
+POLL_PERIOD = 0.02  # s, wall time; what is due while neither PLC nor commander says anything
+REPORT_PERIOD = 1.0  # s between diagnostics and battery states
+STEERING_JOINT = "steering_motor_joint"
+WHEEL_JOINT = "rear_wheel_joint"
+
+
+class BridgeNode(LifecycleNode):
+    """Node `tricycle_bridge`; topics, services and parameters are listed in docs/link.md."""
+
+    def __init__(self) -> None:
+        super().__init__("tricycle_bridge")
+        self._declare_parameters()
+        self._bridge: Bridge | None = None
+        self._ports: SerialPorts | None = None
+        self._arm_when_ready = False
+        self._last_now = 0.0
+        self._reported_at = -math.inf
+        self._twist_angle = 0.0  # rad, of the last cmd_vel that moved
+
+        self._joint_states = self.create_publisher(JointState, "joint_states", 10)
+        self._battery_state = self.create_publisher(BatteryState, "battery_state", 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        newest = QoSProfile(depth=1)  # an older set-point is of no use
+        self.create_subscription(JointState, "joint_commands", self._on_joint_commands, newest)
+        self.create_subscription(TwistStamped, "cmd_vel", self._on_cmd_vel, newest)
+        self.create_service(SetBool, "~/arm", self._on_arm)
+        self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
+        self._serial_ready = self.create_guard_condition(self._step)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may tick much too fast for this
+        self.create_timer(POLL_PERIOD, self._step, clock=steady)
+
+        if self.get_parameter("autostart").value:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    def _declare_parameters(self) -> None:
+        def declare(name: str, default: Any, description: str, *bounds: float) -> None:
+            descriptor = ParameterDescriptor(description=description)
+            if bounds and isinstance(default, float):
+                descriptor.floating_point_range = [
+                    FloatingPointRange(from_value=bounds[0], to_value=bounds[1])
+                ]
+            elif bounds:
+                descriptor.integer_range = [
+                    IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)
+                ]
+            self.declare_parameter(name, default, descriptor)
+
+        settings = BridgeSettings()
+        declare("steer_port", "/dev/tricycle_steer", "serial device of the steer PLC")
+        declare("drive_port", "/dev/tricycle_drive", "serial device of the drive PLC")
+        declare("baud", BAUD, "bits per second on both ports", 9600, 1_000_000)
+        declare("boot_wait", 2.0, "s of silence after opening: a UNO's bootloader", 0.0, 10.0)
+        declare("command_rate", settings.command_rate, "Hz of unchanged set-points", 20.0, 100.0)
+        declare("tyre_radius", settings.tyre_radius, "m, of the rear wheel", 0.05, 2.0)
+        declare(
+            "max_steering_rate",
+            settings.max_steering_rate,
+            "rad/s, slew of the steering motor",
+            0.001,
+            MAX_STEERING_RATE,
+        )
+        declare(
+            "max_acceleration",
+            settings.max_acceleration,
+            "m/s^2, slew of the speed",
+            0.001,
+            MAX_ACCELERATION,
+        )
+        declare("wheelbase", 1.443, "m, for cmd_vel", 0.1, 10.0)
+        declare("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", 0.0, 1.0)
+        declare("autostart", True, "configure and activate at start, without a lifecycle manager")
+        declare("arm_on_activate", False, "arm once, as soon as nothing speaks against it")
+
+    # ---- lifecycle ----
+
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Open both ports and begin to shake hands; both are retried for as long as it takes."""
+        value = {name: p.value for name, p in self._parameters.items()}
+        if value["steer_port"] == value["drive_port"]:
+            self.get_logger().error(f"steer_port and drive_port are both {value['steer_port']}")
+            return TransitionCallbackReturn.FAILURE
+        settings = BridgeSettings(
+            command_rate=value["command_rate"],
+            tyre_radius=value["tyre_radius"],
+            max_steering_rate=value["max_steering_rate"],
+            max_acceleration=value["max_acceleration"],
+        )
+        self._bridge = Bridge(settings, rng=random.SystemRandom(), boot_wait=value["boot_wait"])
+        self._ports = SerialPorts(
+            {Board.STEER: value["steer_port"], Board.DRIVE: value["drive_port"]},
+            self._serial_ready.trigger,
+            baud=value["baud"],
+        )
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Forward commands; arm only where `arm_on_activate` says so."""
+        if self._bridge is not None:
+            self._bridge.active = True
+        self._arm_when_ready = self.get_parameter("arm_on_activate").value
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the vehicle come to rest and forward nothing any more."""
+        self._arm_when_ready = False
+        if self._bridge is not None:
+            self._bridge.active = False
+            self._bridge.stop("the bridge was deactivated")
+            self._step()
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Close both ports."""
+        self._close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and close."""
+        self._close()
+        return TransitionCallbackReturn.SUCCESS
+
+    def destroy_node(self) -> None:
+        """Stop and close, then destroy."""
+        self._close()
+        super().destroy_node()
+
+    def _close(self) -> None:
+        if self._bridge is not None:
+            self._bridge.stop("the bridge ends")
+            self._step()
+        if self._ports is not None:
+            self._ports.close()
+        self._ports = self._bridge = None
+
+    # ---- the loop: after serial data, after a command, and every 20 ms ----
+
+    def _now(self) -> float:
+        return float(self.get_clock().now().nanoseconds * 1e-9)
+
+    def _step(self) -> None:
+        bridge, ports = self._bridge, self._ports
+        if bridge is None or ports is None:
+            return
+        now = self._now()
+        if now < self._last_now:
+            bridge.restart_links(now, "the clock jumped back")
+            self._reported_at = -math.inf
+        self._last_now = now
+        for event in ports.take_events():
+            match event:
+                case Received():
+                    bridge.receive(event.board, event.data, now)
+                case Opened():
+                    bridge.opened(event.board, now)
+                case Closed():
+                    bridge.closed(event.board, event.reason)
+        bridge.poll(now)
+        if self._arm_when_ready and not bridge.refusal(now):
+            self._arm_when_ready = False
+            bridge.arm(now, lambda _, text: self.get_logger().info(text))
+        self._flush(bridge, ports, now)
+
+    def _flush(self, bridge: Bridge, ports: SerialPorts, now: float) -> None:
+        for board, frames in bridge.take_frames().items():
+            if frames:
+                bridge.links[board].counters.write_drops += ports.write(board, frames)
+        for board, link in bridge.links.items():
+            if link.state is not LinkState.CLOSED and link.wants_reopen(now):
+                ports.reopen(board, link.problem)
+        for readings in bridge.take_readings():
+            self._joint_states.publish(_joint_state(readings))
+        messages = bridge.take_messages()
+        for is_warning, text in messages:
+            (self.get_logger().warning if is_warning else self.get_logger().info)(text)
+        if messages or now - self._reported_at >= REPORT_PERIOD:
+            self._reported_at = now
+            self._report(bridge, now)
+
+    def _report(self, bridge: Bridge, now: float) -> None:
+        stamp = _stamp(now)
+        array = DiagnosticArray()
+        array.header.stamp = stamp
+        for diagnosis in diagnose(bridge, now):
+            status = DiagnosticStatus(
+                level=bytes([diagnosis.level]), name=diagnosis.name, message=diagnosis.message
+            )
+            status.values = [KeyValue(key=k, value=v) for k, v in diagnosis.values.items()]
+            array.status.append(status)
+        self._diagnostics.publish(array)
+        telemetry = bridge.links[Board.DRIVE].telemetry
+        if isinstance(telemetry, DriveState):
+            battery = BatteryState(
+                voltage=telemetry.supply * 1e-3,
+                current=-telemetry.current * 1e-3,  # negative while discharging
+                charge=math.nan,
+                capacity=math.nan,
+                design_capacity=math.nan,
+                percentage=math.nan,
+                temperature=math.nan,
+                power_supply_status=BatteryState.POWER_SUPPLY_STATUS_DISCHARGING,
+                present=True,
+            )
+            battery.header.stamp = stamp
+            self._battery_state.publish(battery)
+
+    # ---- commanders ----
+
+    def _on_joint_commands(self, message: JointState) -> None:
+        try:
+            angle = message.position[message.name.index(STEERING_JOINT)]
+            wheel_rate = message.velocity[message.name.index(WHEEL_JOINT)]
+        except (ValueError, IndexError):
+            self._refuse(
+                f"joint_commands must give position and velocity of {STEERING_JOINT} and "
+                f"{WHEEL_JOINT}"
+            )
+            return
+        if self._bridge is not None:
+            radius = self._bridge.settings.tyre_radius
+            self._command(angle, wheel_rate * radius, message.header.stamp, Source.JOINT_COMMANDS)
+
+    def _on_cmd_vel(self, message: TwistStamped) -> None:
+        speed, turn_rate = message.twist.linear.x, message.twist.angular.z
+        if speed != 0.0 and math.isfinite(speed) and math.isfinite(turn_rate):
+            self._twist_angle = steering_motor_angle(
+                speed,
+                turn_rate,
+                wheelbase=self.get_parameter("wheelbase").value,
+                caster_angle=self.get_parameter("caster_angle").value,
+            )
+        self._command(self._twist_angle, speed, message.header.stamp, Source.CMD_VEL)
+
+    def _command(self, angle: float, speed: float, stamp: Time, source: Source) -> None:
+        if self._bridge is None or not self._bridge.active:
+            return
+        self._step()  # the echo must be of the newest telemetry
+        try:
+            setpoint = Setpoint(angle, speed)
+        except LinkError as error:
+            self._refuse(f"{source.value}: {error}")
+            return
+        now = self._now()
+        refusal = self._bridge.set_command(
+            setpoint, stamp=stamp.sec + stamp.nanosec * 1e-9, now=now, source=source
+        )
+        if refusal:
+            self._log_throttled(refusal)
+        elif self._ports is not None:
+            self._flush(self._bridge, self._ports, now)
+
+    def _refuse(self, reason: str) -> None:
+        if self._bridge is not None:
+            self._bridge.counters.refused += 1
+        self._log_throttled(reason)
+
+    def _log_throttled(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=1.0)
+
+    # ---- operator ----
+
+    async def _on_arm(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
+        self._arm_when_ready = False
+        bridge = self._bridge
+        if bridge is None:
+            response.success, response.message = False, "not armed: the bridge is not configured"
+        elif request.data:
+            outcome: Future = Future(executor=self.executor)
+            bridge.arm(self._now(), lambda *result: outcome.set_result(result))
+            self._step()
+            response.success, response.message = await outcome
+        else:
+            response.success, response.message = True, bridge.disarm(self._now())
+            self._step()
+        return response
+
+    def _on_emergency_stop(
+        self, _request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        self._arm_when_ready = False
+        if self._bridge is None:
+            response.success, response.message = False, "the bridge is not configured"
+        else:
+            response.message = self._bridge.emergency_stop(self._now())
+            response.success = all(link.up for link in self._bridge.links.values())
+            self._step()
+        return response
+
+
+def _stamp(seconds: float) -> Time:
+    whole = math.floor(seconds)
+    return Time(sec=whole, nanosec=min(int((seconds - whole) * 1e9), 999_999_999))
+
+
+def _joint_state(readings: JointReadings) -> JointState:
+    message = JointState(
+        name=[joint.name for joint in readings.joints],
+        position=[joint.position for joint in readings.joints],
+        velocity=[joint.velocity for joint in readings.joints],
+    )
+    message.header.stamp = _stamp(readings.stamp)
+    return message
+
+
+def main() -> None:
+    """Entry point of the executable `tricycle_bridge`."""
+    run_node(BridgeNode)
+
+
+if __name__ == "__main__":
+    main()

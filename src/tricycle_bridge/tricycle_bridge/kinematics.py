@@ -1,0 +1,46 @@
+"""Steering geometry for the friendly door `cmd_vel`: a turn rate to a steering motor angle."""
+
+from __future__ import annotations
+
+import math
+
+from tricycle_bridge.messages import MAX_STEERING_ANGLE
+
+# The outer wheel turns by r = 0.8 - 0.2 |theta| / 45 deg of the motor's angle theta, the inner by
+# all of it: their mean is theta (0.9 - 0.1 |theta| / 45 deg).
+_MEAN_RATIO = 0.9
+_MEAN_RATIO_DROP = 0.1 / (math.pi / 4)  # 1/rad
+
+
+def steering_motor_angle(
+    speed: float, turn_rate: float, *, wheelbase: float, caster_angle: float
+) -> float:
+    """Return the steering motor's angle that turns at `turn_rate` without tyre slip.
+
+    Parameters
+    ----------
+    speed
+        m/s, forward positive; not 0.
+    turn_rate
+        rad/s, left positive.
+    wheelbase
+        m.
+    caster_angle
+        rad, king-pin from the vertical.
+
+    Returns
+    -------
+    float
+        rad, left positive, within the PLC's limits: the tightest turn where a tighter one is asked.
+
+    Examples
+    --------
+    >>> round(steering_motor_angle(1.0, 0.5, wheelbase=1.443, caster_angle=math.radians(20)), 3)
+    0.788
+    """
+    road = math.atan(wheelbase * turn_rate / speed)  # angle of the wheels' track on the road
+    wheel = abs(math.atan(math.tan(road) / math.cos(caster_angle)))  # about the king-pin
+    # wheel = theta (0.9 - 0.127 theta): the smaller root, or the vertex where there is none
+    discriminant = max(_MEAN_RATIO**2 - 4.0 * _MEAN_RATIO_DROP * wheel, 0.0)
+    theta = (_MEAN_RATIO - math.sqrt(discriminant)) / (2.0 * _MEAN_RATIO_DROP)
+    return math.copysign(min(theta, MAX_STEERING_ANGLE), road)
