@@ -15,7 +15,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(map(str, Path("launch").glob("*.launch.py")))),
-        (f"share/{NAME}/config", sorted(map(str, Path("config").iterdir()))),
+        (f"share/{NAME}/config", sorted(map(str, Path("tricycle_bringup/config").iterdir()))),
     ],
     zip_safe=False,
     maintainer="The tricycle excitation maintainers",

@@ -36,16 +36,20 @@ class Search(StrEnum):
 def adaptive_search(l: int, *, points: int, seed: int) -> SearchSteps:  # noqa: E741
     """Corners and Sobol' points of the l-dimensional unit box, then trust regions from the best.
 
-    Optima often lie on faces, which DIRECT never samples: hence the corners.
+    Optima often lie on faces, which DIRECT never samples: hence the corners. A trust region that
+    has converged makes room for a new one, from the best point far from all earlier starts.
     """
     X = np.vstack([_corners(l, seed=seed), sobol_sequence(16, l, seed=seed)])[:points]
     costs = yield X
-    regions = [
-        _TrustRegion(X[i], float(costs[i]))
-        for i in _distinct_best(X, costs, count=_STARTS, apart=0.25)
-    ]
+    begun, regions = X[:0], list[_TrustRegion]()
     while len(X) < points:
         regions = _still_searching(regions)
+        while len(regions) < _STARTS:
+            start = _best_apart(X, costs, begun, apart=0.25)
+            if start is None:
+                break
+            regions.append(_TrustRegion(X[start], float(costs[start])))
+            begun = np.vstack([begun, X[start]])
         if not regions:
             return
         proposed = np.array([region.propose(X, costs) for region in regions])[: points - len(X)]
@@ -96,15 +100,16 @@ def _corners(l: int, *, seed: int) -> FloatArray:  # noqa: E741
     return np.random.default_rng(seed).integers(0, 2, size=(16, l)).astype(float)
 
 
-def _distinct_best(X: FloatArray, costs: FloatArray, *, count: int, apart: float) -> list[int]:
-    """Indices of the cheapest points, each at least ``apart`` from the others on some axis."""
-    chosen: list[int] = []
+def _best_apart(
+    X: FloatArray, costs: FloatArray, others: FloatArray, *, apart: float
+) -> int | None:
+    """Index of the cheapest point at least ``apart`` on some axis from each of the others."""
     for i in np.argsort(costs, kind="stable"):
-        if len(chosen) == count or not np.isfinite(costs[i]):
-            break
-        if all(np.abs(X[i] - X[j]).max() >= apart for j in chosen):
-            chosen.append(int(i))
-    return chosen
+        if not np.isfinite(costs[i]):
+            return None
+        if len(others) == 0 or np.abs(X[i] - others).max(axis=1).min() >= apart:
+            return int(i)
+    return None
 
 
 class _TrustRegion:
@@ -120,9 +125,7 @@ class _TrustRegion:
         usable = np.flatnonzero(np.isfinite(costs))
         distance = np.abs(X[usable] - self.x).max(axis=1)
         near = usable[np.argsort(distance, kind="stable")[: 12 * l]]
-        # the logarithm tames the poles of H, where the target has no main effect
-        lift = max(0.0, 1e-3 - float(costs[near].min()))
-        y = np.log(costs[near] + lift)
+        y = costs[near]
         scale = max(1e-6, float(np.abs(X[near] - self.x).max()))
         low = np.clip(self.x - self.radius, 0.0, 1.0)
         high = np.clip(self.x + self.radius, 0.0, 1.0)
@@ -145,7 +148,7 @@ class _TrustRegion:
             # nothing to learn where the cost is known: the candidate farthest from what is known
             gap = np.abs(candidates[:, None] - X[near]).max(axis=2).min(axis=1)
             best = candidates[np.argmax(gap)]
-        self._predicted = float(np.exp(mean(best)[0]) - lift)
+        self._predicted = float(mean(best)[0])
         return best
 
     def update(self, x: FloatArray, cost: float) -> None:
