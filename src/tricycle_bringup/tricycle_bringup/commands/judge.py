@@ -3,9 +3,9 @@
 import argparse
 import json
 import math
-from dataclasses import fields
-from enum import Enum
+import sys
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -18,7 +18,7 @@ EXAMPLE = """\
 examples:
   tricycle judge out/demo/bags/circle
   tricycle judge out/demo/bags/* --plot judgement.png --export tum
-  tricycle judge drive_0.mcap --pose /gnss/fix --datum 46.5197,6.6323 --anchor fit
+  tricycle judge drive_0.mcap --pose /gnss/fix --datum=46.5197,6.6323 --anchor fit
 """
 
 
@@ -27,41 +27,44 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "judge",
         help="trajectory error of recorded drives, from their bags alone",
-        description="Trajectory error TE (Eq. 14) of each bag against the reference it holds. The "
-        "reference is anchored at the mean measured pose of the standstill before the start event.",
+        description="Trajectory error TE (Eq. 14) of each bag against the reference it holds, "
+        "anchored at the mean measured pose of the standstill before the start event.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory or file")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--plot", type=Path, metavar="FILE", help="save a figure (.png, .pdf, .svg)")
-    parser.add_argument(
+    add = parser.add_argument
+    add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("--json", action="store_true", help="print one JSON object")
+    add("--plot", type=Path, metavar="FILE", help="save a figure (.png, .pdf, .svg)")
+    add(
         "--export",
-        type=ExportFormat,
-        choices=list(ExportFormat),
-        metavar="{tum,csv}",
-        help="save measured and reference trajectory at the points of Eq. 14, in --output",
+        choices=[one.value for one in ExportFormat],
+        help="save measured and reference trajectory at the points of Eq. 14",
     )
-    parser.add_argument("--output", type=Path, default=Path(), metavar="DIR", help="for --export")
-    parser.add_argument(
+    add("--output", type=Path, default=Path(), metavar="DIR", help="directory for --export")
+    add(
         "--anchor",
-        type=Anchor,
-        choices=list(Anchor),
-        default=Anchor.STANDSTILL,
-        metavar="{standstill,start,fit}",
-        help="where the reference starts (fit: aligned with what was measured)",
+        choices=[one.value for one in Anchor],
+        default=Anchor.STANDSTILL.value,
+        help="where the reference starts; fit aligns it with what was measured",
     )
-    defaults = Topics()
-    topics = parser.add_argument_group("topics of a bag that was not recorded by this suite")
-    topics.add_argument("--pose", default=defaults.pose, metavar="TOPIC",
+    names = Topics()
+    add = parser.add_argument_group("bags that were not recorded by this suite").add_argument
+    add(
+        "--pose",
+        default=names.pose,
+        metavar="TOPIC",
         help="Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix (default: odom)",
-    )  # fmt: skip
-    topics.add_argument("--reference", default=defaults.reference, metavar="TOPIC")
-    topics.add_argument("--state", default=defaults.state, metavar="TOPIC")
-    topics.add_argument("--child-frame", default=defaults.child_frame, metavar="FRAME",
+    )
+    add("--reference", default=names.reference, metavar="TOPIC", help="Path with stamps from 0")
+    add("--state", default=names.state, metavar="TOPIC", help="DiagnosticStatus of the driver")
+    add(
+        "--child-frame",
+        default=names.child_frame,
+        metavar="FRAME",
         help="of the transform to take from TFMessage (default: base_link)",
-    )  # fmt: skip
-    topics.add_argument("--datum", type=_datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix")
+    )
+    add("--datum", type=_datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix, degrees and m")
     parser.set_defaults(run=run)
 
 
@@ -76,19 +79,74 @@ def run(args: argparse.Namespace) -> int:
     )
     judgements = []
     with progress_bar("judging") as progress:
-        for done, bag in enumerate(args.bags):
+        for done, bag in enumerate(args.bags, start=1):
+            judgements.append(judge(bag, topics=topics, anchor=Anchor(args.anchor)))
             progress(done, len(args.bags))
-            judgements.append(judge(bag, topics=topics, anchor=args.anchor))
-        progress(len(args.bags), len(args.bags))
     if args.json:
         found = [_as_json(judgement) for judgement in judgements]
         print(json.dumps(found[0] if len(found) == 1 else {"bags": found}))
     else:
         _print(judgements)
     if args.export:
-        for path in export(judgements, args.output, args.export):
-            print(f"saved {path}", file=_stderr())
+        for path in export(judgements, args.output, ExportFormat(args.export)):
+            print(f"saved {path}", file=sys.stderr)
     if args.plot:
         plot(judgements, args.plot)
-        print(f"saved {args.plot}", file=_stderr())
+        print(f"saved {args.plot}", file=sys.stderr)
     return 0
+
+
+def _datum(text: str) -> Datum:
+    try:
+        return Datum(*(float(number) for number in text.split(",")))
+    except (ValueError, TypeError) as error:
+        raise argparse.ArgumentTypeError(f"{text!r}: want LAT,LON or LAT,LON,ALT") from error
+
+
+def _as_json(judgement: Judgement) -> dict[str, Any]:
+    """Scalars of a judgement; numbers that are unknown become null."""
+    anchor = judgement.anchor_pose
+    values: dict[str, Any] = {
+        name: value
+        for name, value in vars(judgement).items()
+        if isinstance(value, float | int | str)
+    }
+    values |= {
+        "bag": str(judgement.bag),
+        "te_by_anchor": {name.value: te for name, te in judgement.te_by_anchor.items()},
+        "anchor": judgement.anchor.value,
+        "anchor_pose": {"x": anchor.x, "y": anchor.y, "heading": anchor.heading},
+    }
+    return {
+        name: None if isinstance(value, float) and math.isnan(value) else value
+        for name, value in values.items()
+    }
+
+
+def _print(judgements: list[Judgement]) -> None:
+    table = Table("bag", "TE / m²", "less noise", "rms / mm", "max / mm", "along", "across")
+    for heading in ("heading / °", "lag / ms", "TE, other anchors / m²"):
+        table.add_column(heading)
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for j in judgements:
+        others = (f"{a.value} {te:.4g}" for a, te in j.te_by_anchor.items() if a is not j.anchor)
+        table.add_row(
+            j.bag.name,
+            f"{j.te:.5g} ± {j.te_deviation:.1g}",
+            f"{j.te_corrected:.5g}",
+            *(f"{1e3 * value:.1f}" for value in (j.rms, j.max, j.rms_along, j.rms_cross)),
+            f"{math.degrees(j.rms_heading):.2f}",
+            f"{1e3 * j.time_offset:.1f} ± {1e3 * j.time_offset_deviation:.1f}",
+            ", ".join(others),
+        )
+    console = Console()
+    console.print(table)
+    for j in judgements:
+        pose = j.anchor_pose
+        console.print(
+            f"{j.bag.name}: reference anchored at {pose.x:.3f} m, {pose.y:.3f} m, "
+            f"{math.degrees(pose.heading):.2f}° ({j.anchor.value}); {j.points} points over "
+            f"{j.duration:.2f} s; position noise {1e3 * j.noise:.1f} mm; the lag is not applied",
+            highlight=False,
+        )
