@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.maneuver import ACCELERATION, PATH_SPACING, Drive
+from tricycle_bridge.messages import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
-from tricycle_sim.dynamics import LANES, Q0, TICK, X, advance_tick, equilibrium, pack
+from tricycle_sim.dynamics import LANES, Q0, X, advance_tick, equilibrium, pack
 from tricycle_sim.setpoints import slew
 from tricycle_sim.steering import motor_angle_for, steering_constants
 from tricycle_sim.vehicle import Vehicle

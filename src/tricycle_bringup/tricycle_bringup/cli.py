@@ -10,7 +10,7 @@ from excitation_planner import DesignError
 from excitation_planner.maneuver import PlanError
 from parameter_identification.judge import JudgeError
 from trajectory_recorder.bag_reader import BagError
-from tricycle_bridge.link import LinkError
+from tricycle_bridge.messages import LinkError
 from tricycle_bringup.processes import NodeError
 from tricycle_sim.commands import CommandsError
 from tricycle_sim.vehicle import VehicleError

@@ -171,6 +171,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         self._last_rx_seq: int | None = None
         self._command_seq = 0
         self._command_at: int | None = None  # us, of the last accepted command
+        self._command_echo = 0  # of that command
         self._commands_in_row = 0  # with enable = 1
         self._enabled = False  # flag of the last accepted command
         self._limited = False
@@ -183,6 +184,10 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
     def session(self) -> int:
         """Session given by the host; 0 = none."""
         return self._decoder.session
+
+    def host_lag(self, now_us: int) -> float:
+        """How old the telemetry is that the newest command answers, s (2 ms resolution)."""
+        return float(((echo_of(now_us) - self._command_echo) & _U16) * 1.024e-3)
 
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes from the host at PLC time `now_us`; return the answers."""
@@ -342,6 +347,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         flags = self._take_command(command)
         self._command_seq = seq
         self._command_at = now_us
+        self._command_echo = command.echo
         self._enabled = bool(flags & CommandFlag.ENABLE)
         self._commands_in_row = self._commands_in_row + 1 if self._enabled else 0
         if flags & CommandFlag.ESTOP:
