@@ -5,7 +5,6 @@ before and loses nothing to discovery. They take raw bytes and are drained in on
 costs a fraction of one callback per message.
 """
 
-import importlib
 import shutil
 import time
 from collections import deque
@@ -28,7 +27,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter, Compression
-from trajectory_recorder.topics import BagError, OfferedQos, Topic
+from trajectory_recorder.topics import BagError, OfferedQos, Topic, message_class
 from tricycle_bridge.run_node import run_node
 
 DISCOVERY_PERIOD = 0.1  # s
@@ -45,6 +44,23 @@ DIAGNOSTIC_TYPES: dict[str, Callable[[Any], Any]] = {  # to a list of Diagnostic
     "diagnostic_msgs/msg/DiagnosticStatus": lambda m: [m],
     "diagnostic_msgs/msg/DiagnosticArray": lambda m: m.status,
 }
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    description: str,
+    span: tuple[float, float] | None = None,
+) -> Any:
+    """Declare a parameter that is set once, at the start, and return its value."""
+    descriptor = ParameterDescriptor(description=description, read_only=True)
+    if span is not None and isinstance(default, int):
+        descriptor.integer_range = [IntegerRange(from_value=span[0], to_value=span[1])]
+    elif span is not None:
+        low, high = map(float, span)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
+    return node.declare_parameter(name, default, descriptor).value
 
 
 class _Source:
@@ -77,25 +93,25 @@ class TrajectoryRecorder(Node):
 
     def __init__(self) -> None:
         super().__init__("trajectory_recorder")
-        topics = self._declare("topics", TOPICS, "names to record; * and ? match anything")
+        topics = declare(self, "topics", TOPICS, "names to record; * and ? match anything")
         self._patterns = [self._absolute(pattern) for pattern in topics]
         self.declare_parameter(
             "output", "", ParameterDescriptor(description="directory of the next bag")
         )
         self._compression = Compression(
-            self._declare("compression", "zstd", "of chunks: zstd, lz4, none").replace("none", "")
+            declare(self, "compression", "zstd", "of chunks: zstd, lz4, none").replace("none", "")
         )
-        self._split_size = self._declare("split_size", 0.0, "MB of a file, 0: no limit", (0, 1e6))
-        self._split_duration = self._declare(
-            "split_duration", 0.0, "s of a file, 0: no limit", (0, 1e6)
+        self._split_size = declare(self, "split_size", 0.0, "MB of a file, 0: no limit", (0, 1e6))
+        self._split_duration = declare(
+            self, "split_duration", 0.0, "s of a file, 0: no limit", (0, 1e6)
         )
-        self._reserve = self._declare("disk_reserve", 100.0, "MB left free on the disk", (0, 1e6))
-        self._depth = self._declare(
-            "queue_depth", 10_000, "messages waiting per topic", (1, 1_000_000)
+        self._reserve = declare(self, "disk_reserve", 100.0, "MB left free on the disk", (0, 1e6))
+        self._depth = declare(
+            self, "queue_depth", 10_000, "messages waiting per topic", (1, 1_000_000)
         )
-        pairs = self._declare("metadata", [""], "key=value pairs for the bag's metadata record")
+        pairs = declare(self, "metadata", [""], "key=value pairs for the bag's metadata record")
         self._metadata = dict(pair.split("=", 1) for pair in pairs if pair)
-        record = self._declare("record", False, "start recording to `output` at once")
+        record = declare(self, "record", False, "start recording to `output` at once")
 
         self._sim_time = bool(self.get_parameter("use_sim_time").value)
         self._sources: dict[str, _Source] = {}
@@ -114,17 +130,6 @@ class TrajectoryRecorder(Node):
         self._discover()
         if record:
             self.start()
-
-    def _declare(
-        self, name: str, default: Any, description: str, span: tuple[float, float] | None = None
-    ) -> Any:
-        descriptor = ParameterDescriptor(description=description, read_only=True)
-        if span is not None and isinstance(default, int):
-            descriptor.integer_range = [IntegerRange(from_value=span[0], to_value=span[1])]
-        elif span is not None:
-            low, high = map(float, span)
-            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-        return self.declare_parameter(name, default, descriptor).value
 
     def _absolute(self, pattern: str) -> str:
         if set(pattern).isdisjoint("*?["):
@@ -210,10 +215,9 @@ class TrajectoryRecorder(Node):
             self._refuse(name, f"has the types {', '.join(types)}")
             return
         try:
-            package, _, kind = types[0].split("/")
-            message = getattr(importlib.import_module(f"{package}.msg"), kind)
-        except (ImportError, AttributeError):
-            self._refuse(name, f"its type {types[0]} is not installed")
+            message = message_class(types[0])
+        except BagError as error:
+            self._refuse(name, str(error))
             return
         topic = _topic(name, types[0], publishers)
         reliable = all(qos.reliability == "reliable" for qos in topic.qos)

@@ -1,5 +1,6 @@
 """What a bag knows of a topic: type, message definition, type hash, offered quality of service."""
 
+import importlib
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -127,6 +128,22 @@ class Topic:
 def jazzy() -> Typestore:
     """Message types of ROS 2 Jazzy: (de)serialisation, definitions and hashes without ROS."""
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+def message_class(type_name: str) -> type:
+    """Class of an installed ROS message type, ``nav_msgs/msg/Odometry``.
+
+    Raises
+    ------
+    BagError
+        If its package is not installed.
+    """
+    package, _, kind = type_name.split("/")
+    try:
+        found: type = getattr(importlib.import_module(f"{package}.msg"), kind)
+    except (ImportError, AttributeError) as error:
+        raise BagError(f"its type {type_name} is not installed") from error
+    return found
 
 
 def decode(type_name: str, data: bytes) -> Any:

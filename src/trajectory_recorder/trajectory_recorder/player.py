@@ -1,0 +1,131 @@
+"""Playing a bag against the wall clock: order, rate, pause, step and loop, without ROS."""
+
+import time
+from collections.abc import Callable, Collection
+from threading import Condition
+
+from trajectory_recorder.bag_reader import BagReader, Message
+
+CLOCK_PERIOD = 10_000_000  # ns of recorded time between ticks of the clock
+
+
+class Player:
+    """Plays messages in the order they were recorded, spaced as they were received.
+
+    Where the recorded clock jumps back, playing goes on at once from there.
+
+    Parameters
+    ----------
+    bag : open bag
+    topics : names to play
+    rate : recorded seconds per second; 0 plays as fast as ``publish`` returns
+    start : recorded seconds to skip, latched topics excepted
+    loop : begin again at the end
+    paused : begin paused
+    """
+
+    def __init__(
+        self,
+        bag: BagReader,
+        topics: Collection[str],
+        *,
+        rate: float = 1.0,
+        start: float = 0.0,
+        loop: bool = False,
+        paused: bool = False,
+    ) -> None:
+        if rate < 0 or start < 0:
+            raise ValueError(f"rate {rate} and start {start} s must not be negative")
+        self._bag = bag
+        self._topics = topics
+        self._rate = rate
+        self._start = round(start * 1e9)
+        self._loop = loop
+        self._paused = paused
+        self._steps = 0  # messages to play although paused
+        self._stopped = False
+        self._changed = Condition()
+        self._origin: tuple[float, int] | None = None  # wall s and recorded ns that coincide
+
+    def run(self, publish: Callable[[Message], None], tick: Callable[[int], None]) -> None:
+        """Play until the end, or until `stop`.
+
+        Parameters
+        ----------
+        publish : called for each message when it is due
+        tick : called with recorded time, ns, every CLOCK_PERIOD of it
+        """
+        while True:
+            self._play_once(publish, tick)
+            if self._stopped or not self._loop:
+                return
+
+    def pause(self) -> None:
+        """Hold before the next message."""
+        with self._changed:
+            self._paused = True
+            self._changed.notify()
+
+    def resume(self) -> None:
+        """Go on."""
+        with self._changed:
+            self._paused = False
+            self._origin = None
+            self._changed.notify()
+
+    def step(self) -> bool:
+        """Play one message; False if not paused."""
+        with self._changed:
+            if self._paused:
+                self._steps += 1
+                self._changed.notify()
+            return self._paused
+
+    def stop(self) -> None:
+        """End `run`."""
+        with self._changed:
+            self._stopped = True
+            self._changed.notify()
+
+    def _play_once(self, publish: Callable[[Message], None], tick: Callable[[int], None]) -> None:
+        self._origin = None
+        begin = next_tick = last = None
+        for message in self._bag.messages(self._topics):
+            stamp = message.stamp
+            if begin is None:
+                begin = stamp + self._start
+            if stamp < begin and last is None:
+                if self._bag.topics[message.topic].latched:
+                    publish(message)
+                continue
+            if next_tick is None or last is None or stamp < last:
+                self._origin, next_tick = None, stamp
+            while next_tick <= stamp and self._wait(next_tick):
+                tick(next_tick)
+                next_tick += CLOCK_PERIOD
+            if not self._wait(stamp):
+                return
+            publish(message)
+            last = stamp
+            with self._changed:
+                self._steps = max(self._steps - 1, 0)
+
+    def _wait(self, stamp: int) -> bool:
+        """Wait until a recorded time is due; False when stopped."""
+        with self._changed:
+            while not self._stopped:
+                if self._paused and not self._steps:
+                    self._origin = None
+                    self._changed.wait()
+                    continue
+                if self._paused or self._rate == 0:
+                    return True
+                now = time.monotonic()
+                if self._origin is None:
+                    self._origin = (now, stamp)
+                wall, recorded = self._origin
+                left = wall + (stamp - recorded) * 1e-9 / self._rate - now
+                if left <= 0:
+                    return True
+                self._changed.wait(left)
+            return False

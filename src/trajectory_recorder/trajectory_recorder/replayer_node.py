@@ -1,0 +1,140 @@
+"""bag_replayer: publishes a bag's messages as they were recorded, with `/clock`.
+
+Names are remapped as those of any node (``-r /odom:=/recorded/odom``).
+"""
+
+from collections.abc import Callable
+from fnmatch import fnmatchcase
+from functools import partial
+from pathlib import Path
+from threading import Thread
+
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
+
+from trajectory_recorder.bag_reader import BagReader, Message
+from trajectory_recorder.player import Player
+from trajectory_recorder.recorder_node import declare
+from trajectory_recorder.topics import BagError, OfferedQos, message_class
+from tricycle_bridge.run_node import run_node
+
+BURST = 50  # messages that may be unacknowledged when playing as fast as possible
+ACKNOWLEDGE = Duration(seconds=5)  # that a reliable subscriber may take
+DEPTH = 100  # messages, where the middleware did not tell the recorded publisher's
+
+
+class BagReplayer(Node):
+    """Plays a bag; ends when it ends."""
+
+    def __init__(self) -> None:
+        super().__init__("bag_replayer")
+        path = declare(self, "bag", "", "rosbag2 directory, .mcap or .db3 file")
+        topics = declare(self, "topics", ["*"], "names to play; * and ? match anything")
+        rate = declare(self, "rate", 1.0, "recorded s per s; 0: as fast as it is taken", (0, 1000))
+        start = declare(self, "start", 0.0, "recorded s to skip", (0, 1e9))
+        loop = declare(self, "loop", False, "begin again at the end")
+        paused = declare(self, "paused", False, "wait for ~/resume or ~/step")
+        clock = declare(self, "clock", True, "publish /clock, unless the bag holds it")
+        if not path:
+            raise BagError("the parameter bag is empty: set it to the bag to play")
+        self._bag = BagReader(Path(path))
+        self._to: dict[str, Publisher] = {}
+        for name in self._bag.topics:
+            if any(fnmatchcase(name, pattern) for pattern in topics):
+                self._create(name)
+        if not self._to:
+            raise BagError(f"{path} holds nothing to play on {', '.join(topics)}")
+        self._clock = (
+            self.create_publisher(ClockMessage, "/clock", 10)
+            if clock and "/clock" not in self._to
+            else None
+        )
+        self._burst = rate == 0
+        self._played = 0
+        self._player = Player(self._bag, self._to, rate=rate, start=start, loop=loop, paused=paused)
+        self.create_service(Trigger, "~/pause", partial(self._serve, self._player.pause))
+        self.create_service(Trigger, "~/resume", partial(self._serve, self._player.resume))
+        self.create_service(Trigger, "~/step", partial(self._serve, self._player.step))
+        self._failure: BagError | None = None
+        self._thread = Thread(target=self._play, name="player")
+        self._thread.start()
+        self.create_timer(0.05, self._end, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def destroy_node(self) -> None:
+        """End playing, then the node."""
+        self._player.stop()
+        self._thread.join()
+        self._bag.close()
+        super().destroy_node()
+
+    def _create(self, name: str) -> None:
+        topic = self._bag.topics[name]
+        try:
+            kind = message_class(topic.type)
+        except BagError as error:
+            self.get_logger().warning(f"{name} is not played: {error}")
+            return
+        self._to[name] = self.create_publisher(kind, name, _profile(topic.qos))
+
+    def _play(self) -> None:
+        try:
+            self._player.run(self._publish, self._tick)
+        except BagError as error:
+            self._failure = error
+
+    def _publish(self, message: Message) -> None:
+        publisher = self._to[message.topic]
+        publisher.publish(message.data)
+        self._played += 1
+        if self._burst and self._played % BURST == 0:
+            publisher.wait_for_all_acked(ACKNOWLEDGE)
+
+    def _tick(self, stamp: int) -> None:
+        if self._clock is not None:
+            self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
+
+    def _end(self) -> None:
+        """End the process when the bag has ended and reliable subscribers have it."""
+        if self._thread.is_alive():
+            return
+        for publisher in self._to.values():
+            publisher.wait_for_all_acked(ACKNOWLEDGE)
+        if self._failure is not None:
+            self.get_logger().error(str(self._failure))
+            raise SystemExit(2)
+        self.get_logger().info(f"played {self._played} messages")
+        raise SystemExit(0)
+
+    def _serve(
+        self,
+        action: Callable[[], bool | None],
+        _: Trigger.Request,
+        response: Trigger.Response,
+    ) -> Trigger.Response:
+        response.success = action() is not False
+        response.message = "" if response.success else "not paused: call ~/pause first"
+        return response
+
+
+def _profile(offered: tuple[OfferedQos, ...]) -> QoSProfile:
+    """Quality of service that serves whoever the recorded publishers served."""
+    reliable = all(qos.reliability != "best_effort" for qos in offered)
+    latched = bool(offered) and all(qos.latched for qos in offered)
+    keep_all = any(qos.history == "keep_all" for qos in offered)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
+        depth=max((qos.depth for qos in offered), default=0) or (1 if latched else DEPTH),
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(BagReplayer)

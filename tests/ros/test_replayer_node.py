@@ -1,0 +1,143 @@
+"""The replayer as a process."""
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from trajectory_recorder.bag_writer import BagWriter
+from trajectory_recorder.topics import OfferedQos, Topic, jazzy
+from tricycle_bringup.processes import executable
+
+pytestmark = pytest.mark.ros
+TYPE = "std_msgs/msg/String"
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    with BagWriter(tmp_path / "bag") as writer:
+        latched = (OfferedQos(history="unknown", depth=0, durability="transient_local"),)
+        sensor = (OfferedQos(history="unknown", depth=0, reliability="best_effort"),)
+        plan = writer.add_topic(Topic.of_type("/plan", TYPE, qos=latched))
+        odom = writer.add_topic(Topic.of_type("/odom", TYPE, qos=sensor))
+        writer.add_topic(Topic("/foreign", "no_such_msgs/msg/Thing"))
+        for i in range(100):
+            data = jazzy().serialize_cdr(jazzy().types[TYPE](data=str(i)), TYPE)
+            writer.write(odom if i else plan, 1000 * 10**9 + i * 10**7, bytes(data))
+    return tmp_path / "bag"
+
+
+class Replayer:
+    def __init__(self, node: Node, env: dict[str, str], *arguments: str) -> None:
+        command = [executable("bag_replayer"), "--ros-args", *arguments]
+        self.process = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
+        self.node = node
+        self.executor = SingleThreadedExecutor(context=node.context)
+        self.executor.add_node(node)
+
+    def wait(self, condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + 20
+        while not condition():
+            assert time.monotonic() < deadline, "timed out"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, name: str) -> Any:
+        client = self.node.create_client(Trigger, f"bag_replayer/{name}")
+        self.wait(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self.wait(future.done)
+        return future.result()
+
+    def errors(self) -> str:
+        assert self.process.stderr is not None
+        return self.process.stderr.read()
+
+
+@pytest.fixture
+def replayer(ros_node: Node, ros_environment: dict[str, str]) -> Iterator[Callable[..., Replayer]]:
+    started: list[Replayer] = []
+
+    def start(*arguments: str) -> Replayer:
+        started.append(Replayer(ros_node, ros_environment, *arguments))
+        return started[-1]
+
+    yield start
+    for one in started:
+        one.executor.shutdown()
+        one.process.kill()
+        one.process.wait()
+        assert one.process.stderr is not None
+        one.process.stderr.close()
+
+
+def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
+    replayer, ros_node: Node, bag: Path
+) -> None:
+    heard: list[str] = []
+    plans: list[str] = []
+    clock: list[float] = []
+    ros_node.create_subscription(
+        String, "moved", lambda m: heard.append(m.data), qos_profile_sensor_data
+    )
+    ros_node.create_subscription(
+        Clock, "/clock", lambda m: clock.append(m.clock.sec + m.clock.nanosec * 1e-9), 100
+    )
+    r = replayer("-p", f"bag:={bag}", "-p", "paused:=true", "-r", "/odom:=/moved")
+    r.wait(lambda: ros_node.count_publishers("/moved") == 1)
+    assert not heard
+    assert r.call("step").success  # the plan
+    assert r.call("step").success
+    r.wait(lambda: heard == ["1"])
+    ros_node.create_subscription(String, "plan", lambda m: plans.append(m.data), LATCHED)
+    r.wait(lambda: plans == ["0"])
+    assert r.call("resume").success
+    assert not r.call("step").success
+    r.wait(lambda: r.process.poll() is not None)
+    r.wait(lambda: heard[-1] == "99")
+    assert heard == [str(i) for i in range(1, 100)]
+    assert r.process.returncode == 0
+    assert "/foreign is not played" in r.errors()
+    assert clock == sorted(clock)
+    assert 1000.0 <= clock[0] <= clock[-1] <= 1000.99
+
+
+def test_loop_until_interrupted(replayer, ros_node: Node, bag: Path) -> None:  # type: ignore[no-untyped-def]
+    heard: list[str] = []
+    ros_node.create_subscription(
+        String, "odom", lambda m: heard.append(m.data), qos_profile_sensor_data
+    )
+    r = replayer(
+        "-p", f"bag:={bag}", "-p", "loop:=true", "-p", "rate:=20.0", "-p", "topics:=[/od*]"
+    )
+    r.wait(lambda: heard.count("50") >= 3)
+    r.process.send_signal(signal.SIGINT)
+    assert r.process.wait(10) == 0
+    assert ros_node.count_publishers("/plan") == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        ((), "the parameter bag is empty"),
+        (("-p", "bag:=nowhere"), "nowhere: no such bag"),
+        (("-p", "bag:={bag}", "-p", "topics:=[/nothing]"), "holds nothing to play on /nothing"),
+    ],
+)
+def test_mistakes_are_one_line(  # type: ignore[no-untyped-def]
+    replayer, bag: Path, arguments: tuple[str, ...], reason: str
+) -> None:
+    r = replayer(*(argument.format(bag=bag) for argument in arguments))
+    assert r.process.wait(10) == 2
+    (line,) = r.errors().splitlines()
+    assert reason in line

@@ -1,0 +1,111 @@
+"""Playing order, spacing, pause and step; times are those of the wall clock."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+
+import pytest
+
+from trajectory_recorder.bag_reader import BagReader, Message
+from trajectory_recorder.bag_writer import BagWriter
+from trajectory_recorder.player import CLOCK_PERIOD, Player
+from trajectory_recorder.topics import OfferedQos, Topic
+
+LATCHED = (OfferedQos(durability="transient_local"),)
+MS = 1_000_000  # ns
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> BagReader:
+    """/plan at 0 ms, /odom every 10 ms from 5 ms to 305 ms."""
+    with BagWriter(tmp_path / "bag") as writer:
+        plan = writer.add_topic(Topic.of_type("/plan", "std_msgs/msg/String", qos=LATCHED))
+        odom = writer.add_topic(Topic.of_type("/odom", "std_msgs/msg/String"))
+        writer.write(plan, 0, b"")
+        for i in range(31):
+            writer.write(odom, (5 + 10 * i) * MS, b"")
+    return BagReader(tmp_path / "bag")
+
+
+def play(player: Player) -> tuple[list[tuple[float, Message]], list[int]]:
+    played: list[tuple[float, Message]] = []
+    ticks: list[int] = []
+    begin = time.monotonic()
+    player.run(lambda m: played.append((time.monotonic() - begin, m)), ticks.append)
+    return played, ticks
+
+
+def until(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
+def test_messages_come_no_earlier_than_recorded_and_with_a_clock(bag: BagReader) -> None:
+    played, ticks = play(Player(bag, bag.topics))
+    assert [m for _, m in played] == list(bag.messages())
+    assert all(at >= m.stamp * 1e-9 - 1e-6 for at, m in played)
+    assert played[-1][0] < 0.305 + 0.2
+    assert ticks == list(range(0, 305 * MS, CLOCK_PERIOD))
+
+
+def test_rate_start_and_topics(bag: BagReader) -> None:
+    played, _ = play(Player(bag, ["/odom"], rate=10))
+    assert len(played) == 31
+    assert 0.03 - 1e-6 <= played[-1][0] < 0.15
+    played, _ = play(Player(bag, bag.topics, rate=0, start=0.1))
+    assert [(m.topic, m.stamp) for _, m in played[:2]] == [("/plan", 0), ("/odom", 105 * MS)]
+    assert played[-1][0] < 0.1
+
+
+def test_pause_step_and_stop(bag: BagReader) -> None:
+    played: list[Message] = []
+    player = Player(bag, bag.topics, paused=True)
+    thread = Thread(target=player.run, args=(played.append, lambda _: None))
+    thread.start()
+    assert player.step()
+    until(lambda: len(played) == 1)
+    assert player.step()
+    assert player.step()
+    until(lambda: len(played) == 3)
+    player.resume()
+    assert not player.step()
+    until(lambda: len(played) > 5)
+    player.pause()
+    player.stop()
+    thread.join(5)
+    assert not thread.is_alive()
+    assert len(played) < 32
+
+
+def test_loop_begins_again(bag: BagReader) -> None:
+    played: list[int] = []
+    player = Player(bag, bag.topics, rate=0, loop=True)
+
+    def publish(message: Message) -> None:
+        played.append(message.stamp)
+        if len(played) == 100:
+            player.stop()
+
+    player.run(publish, lambda _: None)
+    assert len(played) == 100
+    assert played[:32] == played[32:64]
+
+
+def test_a_clock_that_jumps_back_goes_on_at_once(tmp_path: Path) -> None:
+    stamps = [0, 10 * MS, -0, 10 * MS, 5 * MS, 3600 * 10**9, 3600 * 10**9 + MS]
+    with BagWriter(tmp_path / "bag") as writer:
+        topic = writer.add_topic(Topic.of_type("/odom", "std_msgs/msg/String"))
+        for stamp in stamps[:5]:
+            writer.write(topic, stamp, b"")
+    with BagReader(tmp_path / "bag") as reader:
+        played, _ = play(Player(reader, reader.topics))
+    assert [m.stamp for _, m in played] == stamps[:5]
+    assert played[-1][0] < 0.5
+
+
+def test_negative_rates_are_refused(bag: BagReader) -> None:
+    with pytest.raises(ValueError, match="must not be negative"):
+        Player(bag, bag.topics, rate=-1)
