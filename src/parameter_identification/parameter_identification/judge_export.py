@@ -76,8 +76,12 @@ def plot(judgements: Sequence[Judgement], path: Path) -> None:
         plane.set(title=f"{judgement.bag.name}: {error}", xlabel="x / m", ylabel="y / m")
         plane.set_aspect("equal", "datalim")
         plane.legend()
-        deviation.plot(s.time, 1e3 * s.along, color="C1", label="along the reference")
-        deviation.plot(s.time, 1e3 * s.cross, color="C2", label="across, to the left")
+        deviation.plot(
+            s.time, 1e3 * s.along, color="C1", linewidth=0.8, label="along the reference"
+        )
+        deviation.plot(
+            s.time, 1e3 * s.cross, color="C2", linewidth=0.8, label="across, to the left"
+        )
         deviation.plot(s.time, 1e3 * s.distance, color="0.3", linewidth=0.8, label="distance")
         deviation.set(xlabel="time since the start event / s", ylabel="deviation / mm")
         deviation.grid(alpha=0.3)

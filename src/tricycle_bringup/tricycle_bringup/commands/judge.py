@@ -4,6 +4,7 @@ import argparse
 import json
 import math
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -124,29 +125,39 @@ def _as_json(judgement: Judgement) -> dict[str, Any]:
 
 
 def _print(judgements: list[Judgement]) -> None:
-    table = Table("bag", "TE / m²", "less noise", "rms / mm", "max / mm", "along", "across")
-    for heading in ("heading / °", "lag / ms", "TE, other anchors / m²"):
-        table.add_column(heading)
+    """One column per bag; the anchors and what they would give below each other."""
+    table = Table("", *(judgement.bag.name for judgement in judgements))
     for column in table.columns[1:]:
         column.justify = "right"
-    for j in judgements:
-        others = (f"{a.value} {te:.4g}" for a, te in j.te_by_anchor.items() if a is not j.anchor)
-        table.add_row(
-            j.bag.name,
-            f"{j.te:.5g} ± {j.te_deviation:.1g}",
-            f"{j.te_corrected:.5g}",
-            *(f"{1e3 * value:.1f}" for value in (j.rms, j.max, j.rms_along, j.rms_cross)),
-            f"{math.degrees(j.rms_heading):.2f}",
-            f"{1e3 * j.time_offset:.1f} ± {1e3 * j.time_offset_deviation:.1f}",
-            ", ".join(others),
-        )
-    console = Console()
-    console.print(table)
-    for j in judgements:
-        pose = j.anchor_pose
-        console.print(
-            f"{j.bag.name}: reference anchored at {pose.x:.3f} m, {pose.y:.3f} m, "
-            f"{math.degrees(pose.heading):.2f}° ({j.anchor.value}); {j.points} points over "
-            f"{j.duration:.2f} s; position noise {1e3 * j.noise:.1f} mm; the lag is not applied",
-            highlight=False,
-        )
+
+    def add(label: str, value: Callable[[Judgement], str]) -> None:
+        table.add_row(label, *map(value, judgements))
+
+    add("TE / m²", lambda j: f"{j.te:.5g} ± {j.te_deviation:.1g}")
+    add("TE less noise / m²", lambda j: f"{j.te_corrected:.5g}")
+    add("rms distance / mm", lambda j: f"{1e3 * j.rms:.1f}")
+    add("largest distance / mm", lambda j: f"{1e3 * j.max:.1f}")
+    add("rms along, across / mm", lambda j: f"{1e3 * j.rms_along:.1f}, {1e3 * j.rms_cross:.1f}")
+    add("rms in x, y / mm", lambda j: f"{1e3 * j.rms_x:.1f}, {1e3 * j.rms_y:.1f}")
+    add("rms heading / °", lambda j: f"{math.degrees(j.rms_heading):.2f}")
+    add("lag, not applied / ms", lambda j: _with_deviation(j.time_offset, j.time_offset_deviation))
+    add("position noise / mm", lambda j: f"{1e3 * j.noise:.1f}")
+    add("duration / s, points", lambda j: f"{j.duration:.2f}, {j.points}")
+    add("anchor", lambda j: j.anchor.value)
+    add(
+        "anchor / m, m, °",
+        lambda j: (
+            f"{j.anchor_pose.x:.3f}, {j.anchor_pose.y:.3f}, "
+            f"{math.degrees(j.anchor_pose.heading):.2f}"
+        ),
+    )
+    for anchor in Anchor:
+        values = (f"{judgement.te_by_anchor[anchor]:.5g}" for judgement in judgements)
+        table.add_row(f"TE at anchor {anchor.value} / m²", *values)
+    Console().print(table)
+
+
+def _with_deviation(seconds: float, deviation: float) -> str:
+    if math.isnan(seconds):
+        return "unknown"
+    return f"{1e3 * seconds:.1f} ± {1e3 * deviation:.1f}"
