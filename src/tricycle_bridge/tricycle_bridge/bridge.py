@@ -411,16 +411,18 @@ class Bridge:
         if not self._enabled or self._arming is not None:
             return
         for board in BOARDS:
-            state = self._plc_state(board)
-            if state != PlcState.ARMED:
-                telemetry = self.links[board].telemetry
-                if telemetry is None:
-                    why = "lost"
-                else:
-                    faults = fault_names(telemetry.faults & ~Fault.LIMIT)
-                    why = state_name(telemetry.state) + (f" ({faults})" if faults else "")
-                self._withdraw(f"{_name(board)} PLC is {why}")
+            if self._plc_state(board) != PlcState.ARMED:
+                self._withdraw(self._describe(board))
                 return
+
+    def _describe(self, board: Board) -> str:
+        """What a board says of itself."""
+        telemetry = self.links[board].telemetry
+        if telemetry is None:
+            return f"{_name(board)} PLC is lost"
+        faults = fault_names(telemetry.faults & ~Fault.LIMIT)
+        state = state_name(telemetry.state)
+        return f"{_name(board)} PLC is {state}" + (f" ({faults})" if faults else "")
 
     def _take_events(self, board: Board, events: list[LinkEvent]) -> None:
         for event in events:
@@ -451,23 +453,15 @@ class Bridge:
             if outcome.result not in (Result.OK, None):
                 self._warn(f"{_name(board)} PLC refused {outcome.op.name}: {outcome.result.name}")
             return
-        if outcome.result is not Result.OK:
-            self._withdraw(f"{_name(board)} PLC {self._why(board, outcome)}")
+        if outcome.result is None:
+            self._withdraw(f"{_name(board)} PLC did not answer {outcome.op.name}")
+        elif outcome.result is not Result.OK:
+            why = outcome.result.name.lower().replace("_", " ")
+            self._withdraw(f"{self._describe(board)} and refused {outcome.op.name}: {why}")
         elif outcome.op is Op.CLEAR:
             arming.cleared.add(board)
         else:
             arming.armed.add(board)
-
-    def _why(self, board: Board, outcome: Controlled) -> str:
-        if outcome.result is None:
-            return f"did not answer {outcome.op.name}"
-        telemetry = self.links[board].telemetry
-        state = "" if telemetry is None else f" in {state_name(telemetry.state)}"
-        faults = "" if telemetry is None else fault_names(telemetry.faults)
-        return (
-            f"refused {outcome.op.name}{state}: {outcome.result.name.lower().replace('_', ' ')}"
-            + (f" ({faults})" if faults else "")
-        )
 
     def _advance_arming(self, now: float) -> None:
         arming = self._arming
@@ -483,8 +477,13 @@ class Bridge:
                 arming.arm_sent = True
                 for link in self.links.values():
                     link.control(Op.ARM, now)
-        elif len(arming.armed) == len(BOARDS) and self.armed:
-            self._finish_arming(True, "armed")
+        elif len(arming.armed) == len(BOARDS):
+            for board in BOARDS:
+                if self._plc_state(board) not in (PlcState.SAFE, PlcState.ARMED):
+                    self._withdraw(self._describe(board))  # armed, and found a fault
+                    return
+            if self.armed:
+                self._finish_arming(True, "armed")
 
     def _finish_arming(self, success: bool, text: str) -> None:
         arming, self._arming = self._arming, None

@@ -14,6 +14,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TwistStamped
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.qos import QoSProfile
@@ -61,13 +62,17 @@ class BridgeNode(LifecycleNode):
         newest = QoSProfile(depth=1)  # an older set-point is of no use
         self.create_subscription(JointState, "joint_commands", self._on_joint_commands, newest)
         self.create_subscription(TwistStamped, "cmd_vel", self._on_cmd_vel, newest)
-        self.create_service(SetBool, "~/arm", self._on_arm)
+        # Its answer awaits the boards, so it must not hold up the node's other callbacks.
+        waiting = ReentrantCallbackGroup()
+        self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
         self._serial_ready = self.create_guard_condition(self._step)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may tick much too fast for this
         self.create_timer(POLL_PERIOD, self._step, clock=steady)
 
         if self.get_parameter("autostart").value:
+            if problem := self._port_problem():
+                raise LinkError(problem)
             self.trigger_configure()
             self.trigger_activate()
 
@@ -114,10 +119,10 @@ class BridgeNode(LifecycleNode):
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Open both ports and begin to shake hands; both are retried for as long as it takes."""
-        value = {name: p.value for name, p in self._parameters.items()}
-        if value["steer_port"] == value["drive_port"]:
-            self.get_logger().error(f"steer_port and drive_port are both {value['steer_port']}")
+        if problem := self._port_problem():
+            self.get_logger().error(problem)
             return TransitionCallbackReturn.FAILURE
+        value = {name: p.value for name, p in self._parameters.items()}
         settings = BridgeSettings(
             command_rate=value["command_rate"],
             tyre_radius=value["tyre_radius"],
@@ -131,6 +136,11 @@ class BridgeNode(LifecycleNode):
             baud=value["baud"],
         )
         return TransitionCallbackReturn.SUCCESS
+
+    def _port_problem(self) -> str:
+        """What is wrong with the ports' parameters; empty if nothing."""
+        steer, drive = (self.get_parameter(f"{b}_port").value for b in ("steer", "drive"))
+        return f"steer_port and drive_port are both {steer}" if steer == drive else ""
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forward commands; arm only where `arm_on_activate` says so."""
@@ -210,7 +220,11 @@ class BridgeNode(LifecycleNode):
             self._joint_states.publish(_joint_state(readings))
         messages = bridge.take_messages()
         for is_warning, text in messages:
-            (self.get_logger().warning if is_warning else self.get_logger().info)(text)
+            # rclpy wants one severity per line of code
+            if is_warning:
+                self.get_logger().warning(text)
+            else:
+                self.get_logger().info(text)
         if messages or now - self._reported_at >= REPORT_PERIOD:
             self._reported_at = now
             self._report(bridge, now)

@@ -1,0 +1,326 @@
+"""The bridge as a process on ptys: real rclpy, real pyserial, emulated PLCs."""
+
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.executors import SingleThreadedExecutor
+from sensor_msgs.msg import BatteryState, JointState
+from std_srvs.srv import SetBool, Trigger
+
+from tricycle_bridge.messages import Board, Fault, PlcState
+
+pytestmark = pytest.mark.ros
+
+PATIENCE = 20.0  # s; only a failing test waits that long
+
+
+class Operator:
+    """A commander and an operator in one node."""
+
+    def __init__(self, node) -> None:
+        self.node = node
+        self.executor = SingleThreadedExecutor(context=node.context)
+        self.executor.add_node(node)
+        self.commands = node.create_publisher(JointState, "joint_commands", 10)
+        self.twists = node.create_publisher(TwistStamped, "cmd_vel", 10)
+        self.readings: list[JointState] = []
+        self.batteries: list[BatteryState] = []
+        self.diagnostics: dict[str, object] = {}
+        node.create_subscription(JointState, "joint_states", self.readings.append, 100)
+        node.create_subscription(BatteryState, "battery_state", self.batteries.append, 10)
+        node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        self.arm_client = node.create_client(SetBool, "tricycle_bridge/arm")
+        self.estop_client = node.create_client(Trigger, "tricycle_bridge/emergency_stop")
+        self.lifecycle_client = node.create_client(ChangeState, "tricycle_bridge/change_state")
+        self.target: tuple[float, float] | None = None  # rad, m/s; None: silent
+        self.twist: tuple[float, float] | None = None  # m/s, rad/s
+        node.create_timer(0.01, self._stream)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        self.diagnostics.update({status.name: status for status in array.status})
+
+    def _stream(self) -> None:
+        now = self.node.get_clock().now().to_msg()
+        if self.target is not None:
+            angle, speed = self.target
+            message = JointState(
+                name=["steering_motor_joint", "rear_wheel_joint"],
+                position=[angle, 0.0],
+                velocity=[0.0, speed / 0.335],
+            )
+            message.header.stamp = now
+            self.commands.publish(message)
+        if self.twist is not None:
+            twist = TwistStamped()
+            twist.header.stamp = now
+            twist.twist.linear.x, twist.twist.angular.z = self.twist
+            self.twists.publish(twist)
+
+    def wait(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, f"waited in vain for {what}: {self.said()}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def said(self) -> dict[str, str]:
+        return {name: status.message for name, status in self.diagnostics.items()}
+
+    def wait_for(self, part: str, text: str) -> None:
+        self.diagnostics.clear()  # what was said before does not count
+        self.wait(lambda: text in self.said().get(f"tricycle_bridge: {part}", ""), text)
+
+    def call(self, client, request):
+        self.wait(client.service_is_ready, "the service")
+        future = client.call_async(request)
+        self.wait(future.done, "the answer")
+        return future.result()
+
+    def arm(self, wanted: bool = True):
+        return self.call(self.arm_client, SetBool.Request(data=wanted))
+
+    def arm_at_standstill(self) -> None:
+        self.target = (0.0, 0.0)
+        self.wait_for("vehicle", "waiting for the operator")
+        answer = self.arm()
+        while answer.message == "not armed: no command stream":
+            answer = self.arm()  # on a busy machine this commander, too, pauses for 100 ms
+        assert (answer.success, answer.message) == (True, "armed")
+
+    def change_state(self, transition: int) -> bool:
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.call(self.lifecycle_client, request).success
+
+
+@pytest.fixture
+def operator(ros_node) -> Iterator[Operator]:
+    operator = Operator(ros_node)
+    yield operator
+    operator.executor.shutdown()
+
+
+@pytest.fixture
+def start_bridge(ros_environment) -> Iterator[Callable[..., subprocess.Popen]]:
+    running: list[subprocess.Popen] = []
+
+    def start(**parameters: object) -> subprocess.Popen:
+        arguments = [f"{name}:={value}" for name, value in {"boot_wait": 0.0, **parameters}.items()]
+        command = [sys.executable, "-m", "tricycle_bridge.bridge_node", "--ros-args"]
+        for argument in arguments:
+            command += ["-p", argument]
+        bridge = subprocess.Popen(
+            command,
+            env=ros_environment,
+            stderr=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            text=True,
+        )
+        running.append(bridge)
+        return bridge
+
+    yield start
+    for bridge in running:
+        if bridge.poll() is None:
+            bridge.terminate()
+        bridge.communicate(timeout=PATIENCE)
+
+
+@pytest.fixture
+def bridge(start_bridge, plc_pair) -> subprocess.Popen:
+    return start_bridge(steer_port=plc_pair.steer_path, drive_port=plc_pair.drive_path)
+
+
+def _at_rest(pair) -> bool:
+    return pair.speed == 0.0
+
+
+def test_a_drive_from_arming_to_joint_states(bridge, operator, plc_pair):
+    operator.arm_at_standstill()
+    operator.target = (0.3, 1.0)
+    operator.wait(lambda: plc_pair.speed > 0.99, "speed")
+    assert plc_pair.steering_angle == pytest.approx(0.3, abs=1e-3)
+    operator.wait(lambda: operator.readings[-1].velocity[1] > 2.9, "joint states")
+    reading = operator.readings[-1]
+    assert list(reading.name) == ["steering_motor_joint", "rear_wheel_joint"]
+    assert reading.position[0] == pytest.approx(0.3, abs=1e-3)
+    now = operator.node.get_clock().now().nanoseconds * 1e-9
+    stamp = reading.header.stamp.sec + reading.header.stamp.nanosec * 1e-9
+    assert 0.0 <= now - stamp < 0.5
+    operator.wait(lambda: bool(operator.batteries), "battery state")
+    assert operator.batteries[-1].voltage == pytest.approx(48.0)
+
+
+def test_a_silent_commander_stops_the_vehicle(bridge, operator, plc_pair):
+    operator.arm_at_standstill()
+    operator.target = (0.0, 0.5)
+    operator.wait(lambda: plc_pair.speed > 0.49, "speed")
+    operator.target = None
+    operator.wait(lambda: _at_rest(plc_pair), "standstill")
+    assert plc_pair.drive.faults & Fault.CMD_TIMEOUT
+    assert not operator.arm().success  # no command stream
+    operator.target = (0.0, 0.5)
+    operator.wait_for("vehicle", "commanded speed is 0.50 m/s")
+    assert plc_pair.drive.state is PlcState.SAFE  # never by itself
+    operator.arm_at_standstill()
+
+
+def test_refusals_say_why(bridge, operator, plc_pair):
+    operator.wait_for("vehicle", "no command stream")
+    answer = operator.arm()
+    assert (answer.success, answer.message) == (False, "not armed: no command stream")
+    plc_pair.estop_pressed = True
+    operator.target = (0.0, 0.0)
+    operator.wait_for("vehicle", "hardware e-stop pressed")
+    assert "hardware e-stop pressed" in operator.arm().message
+
+
+def test_emergency_stop_and_disarm_services(bridge, operator, plc_pair):
+    operator.arm_at_standstill()
+    answer = operator.call(operator.estop_client, Trigger.Request())
+    assert answer.success
+    for board in (Board.STEER, Board.DRIVE):
+        operator.wait(lambda b=board: plc_pair.plc(b).state is PlcState.ESTOP, "ESTOP")
+    operator.arm_at_standstill()  # clears, then arms
+    assert operator.arm(False).success
+    operator.wait(lambda: plc_pair.drive.state is PlcState.SAFE, "SAFE")
+
+
+@pytest.mark.parametrize("board", [Board.STEER, Board.DRIVE])
+def test_losing_one_board_stops_the_other(bridge, operator, plc_pair, board):
+    operator.arm_at_standstill()
+    operator.target = (0.1, 0.5)
+    operator.wait(lambda: plc_pair.speed > 0.49, "speed")
+    plc_pair.unplug(board)
+    other = plc_pair.drive if board is Board.STEER else plc_pair.steer
+    operator.wait(lambda: other.state is not PlcState.ARMED, "the other board to stop")
+    assert not other.faults & Fault.CMD_TIMEOUT  # told to, not timed out
+    operator.wait_for(f"{board.name.lower()} PLC", "does not exist")
+    plc_pair.plug(board)
+    operator.target = (0.0, 0.0)
+    operator.wait_for("vehicle", "waiting for the operator")
+    assert plc_pair.plc(board).state is PlcState.SAFE
+    operator.arm_at_standstill()
+
+
+def test_swapped_ports_are_named_and_never_armed(start_bridge, operator, plc_pair):
+    start_bridge(steer_port=plc_pair.drive_path, drive_port=plc_pair.steer_path)
+    operator.target = (0.0, 0.0)
+    operator.wait_for("steer PLC", "ports swapped: the drive PLC answers")
+    operator.wait_for("drive PLC", "ports swapped: the steer PLC answers")
+    answer = operator.arm()
+    assert not answer.success
+    assert "ports swapped" in answer.message
+
+
+def test_missing_ports_are_a_diagnostic_and_are_retried(start_bridge, operator, plc_pair):
+    plc_pair.unplug(Board.DRIVE)
+    start_bridge(steer_port=plc_pair.steer_path, drive_port=plc_pair.drive_path)
+    operator.wait_for("drive PLC", "does not exist")
+    assert "does not exist" in operator.arm().message
+    plc_pair.plug(Board.DRIVE)
+    operator.wait_for("drive PLC", "SAFE")
+
+
+def test_commands_that_are_nan_or_too_old_move_nothing(bridge, operator, plc_pair):
+    operator.arm_at_standstill()
+    operator.target = (math.nan, 0.0)
+    operator.wait(lambda: plc_pair.steer.state is not PlcState.ARMED, "the watchdog")
+    operator.target = None
+    old = JointState(
+        name=["steering_motor_joint", "rear_wheel_joint"], position=[0.5, 0.0], velocity=[0.0, 1.0]
+    )
+    operator.commands.publish(old)  # no stamp
+    vehicle = "tricycle_bridge: vehicle"
+
+    def too_old() -> int:
+        values = operator.diagnostics[vehicle].values if vehicle in operator.diagnostics else []
+        return int(next((v.value for v in values if v.key == "commands too old"), "0"))
+
+    operator.wait(lambda: too_old() == 1, "the old command to be counted")
+    assert plc_pair.steering_angle == 0.0
+
+
+def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair):
+    operator.twist = (0.0, 0.0)
+    operator.wait_for("vehicle", "waiting for the operator")
+    assert operator.arm().success
+    operator.twist = (0.5, 0.1)
+    operator.wait(lambda: plc_pair.speed > 0.49, "speed")
+    # inner wheel theta, outer theta (0.8 - 0.2 theta / 45 deg), turned about a 20 deg king-pin
+    theta = plc_pair.steering_angle
+    wheel = theta * (1.0 + 0.8 - 0.2 * theta / math.radians(45)) / 2
+    radius = 1.443 / (math.cos(0.349) * math.tan(wheel))
+    assert radius == pytest.approx(0.5 / 0.1, rel=1e-3)
+
+
+def test_lifecycle_deactivate_stops_and_cleanup_closes(start_bridge, operator, plc_pair):
+    start_bridge(steer_port=plc_pair.steer_path, drive_port=plc_pair.drive_path, autostart="false")
+    assert operator.change_state(Transition.TRANSITION_CONFIGURE)
+    operator.target = (0.0, 0.0)
+    operator.wait_for("vehicle", "the bridge is not active")
+    assert operator.change_state(Transition.TRANSITION_ACTIVATE)
+    operator.arm_at_standstill()
+    operator.target = (0.0, 0.5)
+    operator.wait(lambda: plc_pair.speed > 0.49, "speed")
+    assert operator.change_state(Transition.TRANSITION_DEACTIVATE)
+    operator.wait(lambda: _at_rest(plc_pair), "standstill")
+    assert not plc_pair.drive.faults & Fault.CMD_TIMEOUT
+    assert operator.change_state(Transition.TRANSITION_CLEANUP)
+    assert operator.change_state(Transition.TRANSITION_CONFIGURE)
+    operator.wait_for("drive PLC", "SAFE")
+
+
+def test_killing_the_bridge_at_speed_stops_the_vehicle(bridge, operator, plc_pair):
+    operator.arm_at_standstill()
+    operator.target = (0.0, 1.0)
+    operator.wait(lambda: plc_pair.speed > 0.99, "speed")
+    bridge.send_signal(signal.SIGKILL)
+    operator.wait(lambda: plc_pair.drive.state is PlcState.SAFE, "SAFE")
+    assert _at_rest(plc_pair)
+    assert plc_pair.drive.faults == Fault.CMD_TIMEOUT
+
+
+def test_sigterm_ends_the_bridge_quietly_and_the_drive_stops(bridge, operator, plc_pair):
+    operator.arm_at_standstill()
+    bridge.terminate()
+    _, stderr = bridge.communicate(timeout=PATIENCE)
+    assert bridge.returncode == 0
+    assert "Traceback" not in stderr
+    operator.wait(lambda: plc_pair.drive.state is PlcState.SAFE, "SAFE")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"command_rate": 500.0}, "command_rate"),
+        ({"baud": "fast"}, "baud"),
+        ({"steer_port": "/dev/same", "drive_port": "/dev/same"}, "both /dev/same"),
+    ],
+)
+def test_a_users_mistake_is_one_line_and_status_2(start_bridge, parameters, said):
+    bridge = start_bridge(**parameters)
+    _, stderr = bridge.communicate(timeout=PATIENCE)
+    assert bridge.returncode == 2
+    assert said in stderr
+    assert len(stderr.strip().splitlines()) == 1
+
+
+def test_arm_on_activate_arms_once(start_bridge, operator, plc_pair):
+    start_bridge(
+        steer_port=plc_pair.steer_path, drive_port=plc_pair.drive_path, arm_on_activate="true"
+    )
+    operator.target = (0.0, 0.0)
+    operator.wait_for("vehicle", "armed")
+    operator.wait(lambda: plc_pair.drive.state is PlcState.ARMED, "ARMED")
+    plc_pair.reset(Board.DRIVE)
+    operator.wait_for("vehicle", "waiting for the operator")
+    operator.wait(lambda: plc_pair.drive.state is PlcState.SAFE, "SAFE")
+    operator.wait_for("vehicle", "waiting for the operator")
