@@ -1,27 +1,39 @@
 """Search of the operation box for the cheapest maneuver, as generators.
 
-A search yields points X (b, l) of the unit box, receives their costs (b,), infinite where the
-maneuver cannot be driven, and ends by returning. Who drives it decides where the costs come from:
-an executor, a study on disk, or a function in the same process; the points of one batch are
-independent of each other.
+A search yields points X (b, l) of the unit box, receives their evaluations, whose cost is infinite
+where the maneuver cannot be driven, and ends by returning. Who drives it decides where the
+evaluations come from: an executor, a study on disk, or a function in the same process; the points
+of one batch are independent of each other.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from enum import StrEnum
+from queue import SimpleQueue
+from threading import Thread
+from typing import TYPE_CHECKING
 
+import cobyqa
 import numpy as np
-from scipy.optimize import direct, minimize
+from scipy.optimize import direct
 
 from excitation_planner.box import FloatArray, sobol_sequence
+from excitation_planner.criteria import Criterion, excitation_cost
+from excitation_planner.errors import DesignError
 from excitation_planner.kriging import Kriging
 
-SearchSteps = Generator[FloatArray, FloatArray, None]
+if TYPE_CHECKING:
+    from excitation_planner.evaluation import Evaluation, Problem
 
+SearchSteps = Generator[FloatArray, list["Evaluation"], None]
+Objective = Callable[[FloatArray], float]
+
+_SOBOL_POINTS = 16  # of the screening
 _STARTS = 4  # local searches side by side
-_FIRST_RADIUS = 0.2
-_LAST_RADIUS = 2e-3
+_APART = 0.25  # least distance between their starts, on some axis
+_FIRST_RADIUS, _LAST_RADIUS = 0.25, 2e-3  # of their trust regions
+_LOCAL_POINTS = 60  # most points of one of them
 
 
 class Search(StrEnum):
@@ -33,146 +45,254 @@ class Search(StrEnum):
     ONE_SHOT_FACTORIAL = "one-shot-factorial"  # the same over a c-level full factorial
 
 
-def adaptive_search(l: int, *, points: int, seed: int) -> SearchSteps:  # noqa: E741
-    """Corners and Sobol' points of the l-dimensional unit box, then trust regions from the best.
+def adaptive_search(
+    dimensions: int,
+    *,
+    points: int,
+    seed: int,
+    criterion: Criterion,
+) -> SearchSteps:
+    """Corners and Sobol' points of the unit box, then COBYQA from the best of them.
 
-    Optima often lie on faces, which DIRECT never samples: hence the corners. A trust region that
-    has converged makes room for a new one, from the best point far from all earlier starts.
+    Optima often lie on faces, which DIRECT never samples: hence the corners. A local search that
+    ends, or runs into a better one, makes room for one from the best point far from all starts.
     """
-    X = np.vstack([_corners(l, seed=seed), sobol_sequence(16, l, seed=seed)])[:points]
-    costs = yield X
-    begun, regions = X[:0], list[_TrustRegion]()
-    while len(X) < points:
-        regions = _still_searching(regions)
-        while len(regions) < _STARTS:
-            start = _best_apart(X, costs, begun, apart=0.25)
-            if start is None:
-                break
-            regions.append(_TrustRegion(X[start], float(costs[start])))
-            begun = np.vstack([begun, X[start]])
-        if not regions:
-            return
-        proposed = np.array([region.propose(X, costs) for region in regions])[: points - len(X)]
-        new_costs = yield proposed
-        for region, x, cost in zip(regions, proposed, new_costs, strict=False):
-            region.update(x, float(cost))
-        X, costs = np.vstack([X, proposed]), np.concatenate([costs, new_costs])
-
-
-def direct_search(l: int, *, points: int) -> SearchSteps:  # noqa: E741
-    """DIRECT on the cost itself, over a box widened by a quarter and clipped: it sees faces."""
-    known: dict[bytes, float] = {}
-    while True:
-        missing: list[FloatArray] = []
-
-        def cost(z: FloatArray, missing: list[FloatArray] = missing) -> float:
-            x = np.clip(z, 0.0, 1.0)
-            if x.tobytes() not in known:
-                missing.append(x)
-                raise _MissingError
-            value = known[x.tobytes()]
-            return value if np.isfinite(value) else 1e12
-
-        # DIRECT calls back: it is run again from the start until it asks for something unknown
-        try:
-            direct(
-                cost, [(-0.125, 1.125)] * l, maxfun=points, maxiter=points, vol_tol=0, len_tol=1e-4
-            )
-        except _MissingError:
-            if len(known) == points:
+    X = np.vstack(
+        [_corners(dimensions, seed=seed), sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)]
+    )[:points]
+    costs = _scaled((yield X), criterion)
+    finite = costs[np.isfinite(costs)]
+    if len(finite) == 0:
+        return
+    barrier = float(finite.max())  # what a local search sees where the maneuver is infeasible
+    begun, running, left = X[:0], list[_LocalSearch](), points - len(X)
+    try:
+        while left > 0:
+            running = _going_on(running)
+            while len(running) < _STARTS:
+                start = _best_apart(X, costs, begun)
+                if start is None:
+                    break
+                running.append(_LocalSearch(X[start], float(costs[start])))
+                begun = np.vstack([begun, X[start]])
+            if not running:
                 return
-            costs = yield np.array(missing)
-            known[missing[0].tobytes()] = float(costs[0])
+            asking = [search for search in running if search.asked is not None][:left]
+            if not asking:
+                continue
+            new = _scaled((yield np.array([search.asked for search in asking])), criterion)
+            for search, cost in zip(asking, new, strict=True):
+                search.tell(float(cost) if np.isfinite(cost) else barrier)
+            left -= len(asking)
+    finally:
+        for search in running:
+            search.stop()
+
+
+def direct_search(dimensions: int, *, points: int, criterion: Criterion) -> SearchSteps:
+    """DIRECT on the cost itself, over a box widened by a quarter and clipped: it sees faces."""
+    search = _TurnedInsideOut(lambda cost: _direct(cost, dimensions, points=points))
+    try:
+        for _ in range(points):
+            if search.asked is None:
+                return
+            cost = float(_scaled((yield search.asked[None]), criterion)[0])
+            search.tell(cost if np.isfinite(cost) else _DIRECT_INFINITY)
+    finally:
+        search.stop()
+
+
+_DIRECT_INFINITY = 1e6  # DIRECT compares costs, but also subtracts them
+
+
+def _direct(cost: Objective, dimensions: int, *, points: int) -> FloatArray:
+    """Minimise over the unit box by DIRECT, widened and clipped; returns the best point (l,)."""
+    result = direct(
+        lambda z: cost(np.clip(z, 0.0, 1.0)),
+        [(-0.125, 1.125)] * dimensions,
+        maxfun=points,
+        maxiter=points,
+        vol_tol=0,
+        len_tol=1e-4,
+    )
+    best: FloatArray = np.clip(result.x, 0.0, 1.0)
+    return best
+
+
+def one_shot_search(X: FloatArray, *, target: int, noise: bool) -> SearchSteps:
+    """Return the paper's second stage: Kriging models of S and ST over x, DIRECT on them (Eq. 12).
+
+    All points X (n, l) at once; then the minimum of the cost that the models give.
+    """
+    evaluations = yield X
+    usable = [i for i, evaluation in enumerate(evaluations) if not evaluation.infeasible]
+    if len(usable) < 2:
+        return
+    found = [evaluations[i] for i in usable]
+
+    def modelled(values: list[float]) -> Callable[[FloatArray], float]:
+        y = np.array(values)
+        if np.ptp(y) <= 1e-12 * np.abs(y).max():
+            return lambda _: float(y[0])
+        model = Kriging().fit(X[usable], y)
+        return lambda x: float(model.predict(x[None])[0])
+
+    k = len(found[0].main)
+    main = [modelled([float(e.main[i]) for e in found]) for i in range(k)]
+    total = [modelled([float(e.total[i]) for e in found]) for i in range(k)]
+    share = modelled([float(np.log(e.noise_share)) for e in found]) if noise else None
+
+    def cost(x: FloatArray) -> float:
+        S, ST = np.array([g(x) for g in main]), np.array([g(x) for g in total])
+        noise_share = 0.0 if share is None else float(np.exp(share(x)))
+        # the models do not know that 0 < S <= ST
+        S = np.maximum(S, 1e-6)
+        return excitation_cost(S, np.maximum(ST, S), target, noise_share=noise_share)
+
+    yield _direct(cost, X.shape[1], points=2000)[None]
+
+
+def _scaled(evaluations: list[Evaluation], criterion: Criterion) -> FloatArray:
+    """Costs (b,) on the scale that is searched; infinite where infeasible."""
+    return np.array([criterion.search_scale(evaluation.cost) for evaluation in evaluations])
+
+
+class _StoppedError(Exception):
+    """Ends the thread of a minimiser that is not wanted any more."""
+
+
+class _TurnedInsideOut:
+    """A minimiser that calls its objective, made to ask for each cost instead.
+
+    It runs in a thread of its own, which sleeps until it is told.
+
+    Attributes
+    ----------
+    asked : ndarray (l,) or None
+        Point whose cost it waits for; None when it has ended.
+    """
+
+    def __init__(self, minimise: Callable[[Objective], object]) -> None:
+        self.asked: FloatArray | None = None
+        self._questions: SimpleQueue[FloatArray | Exception | None] = SimpleQueue()
+        self._answers: SimpleQueue[float | None] = SimpleQueue()
+        Thread(target=self._run, args=(minimise,), daemon=True).start()
+        self._wait()
+
+    def tell(self, cost: float) -> None:
+        self._answers.put(cost)
+        self._wait()
+
+    def stop(self) -> None:
+        if self.asked is not None:
+            self.asked = None
+            self._answers.put(None)
+            self._questions.get()
+
+    def _wait(self) -> None:
+        question = self._questions.get()
+        if isinstance(question, Exception):
+            raise question
+        self.asked = question
+
+    def _run(self, minimise: Callable[[Objective], object]) -> None:
+        def objective(x: FloatArray) -> float:
+            self._questions.put(np.array(x, dtype=float))
+            cost = self._answers.get()
+            if cost is None:
+                raise _StoppedError
+            return cost
+
+        try:
+            minimise(objective)
+        except _StoppedError:
+            self._questions.put(None)
+        except Exception as error:
+            self._questions.put(error)
         else:
-            return
+            self._questions.put(None)
 
 
-class _MissingError(Exception):
-    """DIRECT has asked for a cost that is not known yet."""
+class _LocalSearch(_TurnedInsideOut):
+    """COBYQA (Ragonneau 2022) from one start, and the best point it has seen."""
+
+    def __init__(self, x: FloatArray, cost: float) -> None:
+        self.x, self.cost = x, cost
+
+        def minimise(objective: Objective) -> None:
+            cobyqa.minimize(
+                lambda z: objective(np.clip(z, 0.0, 1.0)),
+                x,
+                bounds=[(0.0, 1.0)] * len(x),
+                options={
+                    "radius_init": _FIRST_RADIUS,
+                    "radius_final": _LAST_RADIUS,
+                    "maxfev": _LOCAL_POINTS,
+                },
+            )
+
+        super().__init__(minimise)
+
+    def tell(self, cost: float) -> None:
+        if self.asked is not None and cost < self.cost:
+            self.x, self.cost = self.asked, cost
+        super().tell(cost)
 
 
-def _corners(l: int, *, seed: int) -> FloatArray:  # noqa: E741
+def _going_on(searches: list[_LocalSearch]) -> list[_LocalSearch]:
+    """Those that neither ended nor ran into a better one; the others are stopped."""
+    kept: list[_LocalSearch] = []
+    for search in sorted(searches, key=lambda search: search.cost):
+        alone = all(np.abs(search.x - other.x).max() > 0.05 for other in kept)
+        if search.asked is not None and alone:
+            kept.append(search)
+        else:
+            search.stop()
+    return kept
+
+
+def _corners(dimensions: int, *, seed: int) -> FloatArray:
     """At most 16 corners of the unit box: all of them up to l = 4, a random choice beyond."""
-    if l <= 4:
-        numbers = np.arange(2**l)[:, None]
-        corners: FloatArray = ((numbers >> np.arange(l)) & 1).astype(float)
+    if dimensions <= 4:
+        numbers = np.arange(2**dimensions)[:, None]
+        corners: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
         return corners
-    return np.random.default_rng(seed).integers(0, 2, size=(16, l)).astype(float)
+    return np.random.default_rng(seed).integers(0, 2, size=(16, dimensions)).astype(float)
 
 
-def _best_apart(
-    X: FloatArray, costs: FloatArray, others: FloatArray, *, apart: float
-) -> int | None:
-    """Index of the cheapest point at least ``apart`` on some axis from each of the others."""
+def _best_apart(X: FloatArray, costs: FloatArray, others: FloatArray) -> int | None:
+    """Index of the cheapest point far from each of the others."""
     for i in np.argsort(costs, kind="stable"):
         if not np.isfinite(costs[i]):
             return None
-        if len(others) == 0 or np.abs(X[i] - others).max(axis=1).min() >= apart:
+        if len(others) == 0 or np.abs(X[i] - others).max(axis=1).min() >= _APART:
             return int(i)
     return None
 
 
-class _TrustRegion:
-    """Local search that minimises a Kriging model of the cost within a shrinking box."""
-
-    def __init__(self, x: FloatArray, cost: float) -> None:
-        self.x, self.cost = x, cost
-        self.radius = _FIRST_RADIUS
-        self._predicted = cost
-
-    def propose(self, X: FloatArray, costs: FloatArray) -> FloatArray:
-        l = len(self.x)  # noqa: E741
-        usable = np.flatnonzero(np.isfinite(costs))
-        distance = np.abs(X[usable] - self.x).max(axis=1)
-        near = usable[np.argsort(distance, kind="stable")[: 12 * l]]
-        y = costs[near]
-        scale = max(1e-6, float(np.abs(X[near] - self.x).max()))
-        low = np.clip(self.x - self.radius, 0.0, 1.0)
-        high = np.clip(self.x + self.radius, 0.0, 1.0)
-        if np.ptp(y) <= 1e-12:
-            middle: FloatArray = (low + high) / 2
-            return middle
-        model = Kriging(length_scale_bounds=(0.2, 50.0)).fit((X[near] - self.x) / scale, y)
-
-        def mean(x: FloatArray) -> FloatArray:
-            value: FloatArray = model.predict((np.atleast_2d(x) - self.x) / scale)
-            return value
-
-        candidates = np.vstack([self.x[None], low + (high - low) * sobol_sequence(256, l)])
-        start = candidates[np.argmin(mean(candidates))]
-        best: FloatArray = minimize(
-            lambda x: mean(x)[0], start, method="L-BFGS-B", bounds=list(zip(low, high, strict=True))
-        ).x
-        best = np.clip(best, low, high)
-        if np.abs(X - best).max(axis=1).min() < 0.05 * self.radius:
-            # nothing to learn where the cost is known: the candidate farthest from what is known
-            gap = np.abs(candidates[:, None] - X[near]).max(axis=2).min(axis=1)
-            best = candidates[np.argmax(gap)]
-        self._predicted = float(mean(best)[0])
-        return best
-
-    def update(self, x: FloatArray, cost: float) -> None:
-        gained, promised = self.cost - cost, self.cost - self._predicted
-        if gained > 0:
-            self.x, self.cost = x, cost
-        if gained <= 0.1 * promised or promised <= 0:
-            self.radius *= 0.5
-        elif gained >= 0.7 * promised:
-            self.radius = min(2 * self.radius, 2 * _FIRST_RADIUS)
-
-
-def _still_searching(regions: list[_TrustRegion]) -> list[_TrustRegion]:
-    """Regions that have neither converged nor run into a better one."""
-    kept: list[_TrustRegion] = []
-    for region in sorted(regions, key=lambda region: region.cost):
-        clear = all(np.abs(region.x - other.x).max() > 0.05 for other in kept)
-        if region.radius >= _LAST_RADIUS and clear:
-            kept.append(region)
-    return kept
-
-
-def search_steps(search: Search, l: int, *, points: int, seed: int) -> SearchSteps:  # noqa: E741
-    """Return the search of this name over l operation parameters, of at most ``points`` points."""
-    if search is Search.DIRECT:
-        return direct_search(l, points=points)
-    return adaptive_search(l, points=points, seed=seed)
+def search_steps(problem: Problem) -> SearchSteps:
+    """Return the search that the problem asks for."""
+    dimensions, points = len(problem.operation), problem.points
+    if problem.search is Search.ADAPTIVE:
+        return adaptive_search(
+            dimensions, points=points, seed=problem.seed, criterion=problem.criterion
+        )
+    if problem.search is Search.DIRECT:
+        return direct_search(dimensions, points=points, criterion=problem.criterion)
+    if problem.criterion is not Criterion.H or problem.target_index is None:
+        raise DesignError(f"search {problem.search} models Sobol' indices: it needs criterion h")
+    if points < 3:
+        raise DesignError(
+            f"search {problem.search}: the budget allows {points} points, 3 are needed"
+        )
+    if problem.search is Search.ONE_SHOT_SOBOL:
+        X = sobol_sequence(points - 1, dimensions, seed=problem.seed)
+    else:
+        levels = np.linspace(
+            0.0, 1.0, int((points - 1 + 1e-9) ** (1 / dimensions))
+        )  # c levels per axis
+        X = np.stack(np.meshgrid(*[levels] * dimensions, indexing="ij"), axis=-1).reshape(
+            -1, dimensions
+        )
+    noisy = callable(problem.noise_variance) or problem.noise_variance > 0
+    return one_shot_search(X, target=problem.target_index, noise=noisy)

@@ -1,0 +1,151 @@
+"""Fisher information against linear models, where everything is known in closed form."""
+
+import numpy as np
+import pytest
+
+from excitation_planner import (
+    Box,
+    Criterion,
+    DesignError,
+    ManeuverSet,
+    TrajectoryNoise,
+    Verdict,
+    design_excitation,
+)
+from excitation_planner.information import (
+    difference_points,
+    information,
+    information_costs,
+    posterior_covariance,
+)
+
+TIME = np.arange(40) * 0.05
+UNIT = {"p": (0.0, 1.0), "q": (0.0, 1.0)}
+
+
+def linear(P):
+    """Channels x = p t, y = q t²: (n, 40, 2)."""
+    return np.stack([P[:, :1] * TIME, P[:, 1:] * TIME**2], axis=-1)
+
+
+def information_of(noise):
+    U = difference_points(2, 4, seed=0)
+    return information(U, linear(U), noise)
+
+
+def test_white_noise_in_closed_form():
+    F = information_of(TrajectoryNoise(std=(0.1, 0.2)))
+    exact = np.diag([np.sum(TIME**2) / 0.1**2, np.sum(TIME**4) / 0.2**2])
+    assert F.shape == (4, 2, 2)
+    assert np.allclose(F, exact, rtol=1e-6, atol=1e-6 * exact.max())
+
+
+def test_drift_is_generalised_least_squares():
+    F = information_of(TrajectoryNoise(std=0.1, drift_std=0.3, drift_time=2.0, period=0.05))
+    lag = np.abs(TIME[:, None] - TIME)
+    C = 0.1**2 * np.eye(40) + 0.3**2 * np.exp(-lag / 2.0)
+    assert F[0, 0, 0] == pytest.approx(TIME @ np.linalg.solve(C, TIME), rel=1e-6)
+
+
+def test_an_unknown_start_pose_is_marginalised():
+    noise = TrajectoryNoise(std=0.1, start_position_std=0.5, start_heading_std=0.2)
+    U = difference_points(2, 1, seed=0)
+    F = information(U, linear(U), noise)[0]
+    # the same by the covariance of everything, inverted as a whole
+    p, q = U[0]
+    ones, zeros = np.ones(40), np.zeros(40)
+    J_x = np.stack([TIME, zeros, ones, zeros, -q * TIME**2], axis=1)
+    J_y = np.stack([zeros, TIME**2, zeros, ones, p * TIME], axis=1)
+    J = np.vstack([J_x, J_y]) / 0.1
+    whole = J.T @ J + np.diag([0, 0, 0.5**-2, 0.5**-2, 0.2**-2])
+    assert np.allclose(np.linalg.inv(np.linalg.inv(whole)[:2, :2]), F, rtol=1e-5)
+    assert np.all(
+        np.linalg.eigvalsh(information(U, linear(U), TrajectoryNoise(std=0.1))[0] - F) > 0
+    )
+
+
+def test_without_information_the_prior_remains():
+    covariance = posterior_covariance(np.zeros((1, 3, 3)))
+    assert np.allclose(covariance[0], np.eye(3) / 12)
+    assert information_costs(covariance, Criterion.C, 1) == pytest.approx([1 / 12])
+    assert information_costs(covariance, Criterion.A, None) == pytest.approx([3 / 12])
+    assert information_costs(covariance, Criterion.D, None) == pytest.approx([-3 * np.log(12)])
+
+
+def _mix(x, P):
+    """The direction x of a step decides how much p and q move the end."""
+    moved = np.cos(x[0]) * P[:, :1] + np.sin(x[0]) * P[:, 1:]
+    return np.stack([moved * TIME, 0 * moved * TIME], axis=-1)
+
+
+def design(f, target, criterion, operation=None, **arguments):
+    return design_excitation(
+        f,
+        operation or {"angle": (-0.5, 1.0)},
+        UNIT,
+        target,
+        **{"criterion": criterion, "draws": 4, "budget": 800, "samples": 20, "workers": 1}
+        | arguments,
+    )
+
+
+def test_c_design_for_one_parameter():
+    result = design(_mix, "p", Criterion.C)
+    # best at angle 0, where q does not disturb: information sum(t²)/σ², prior 12
+    assert result.x[0] == pytest.approx(0.0, abs=0.02)
+    assert result.cost == pytest.approx(1 / (np.sum(TIME**2) / 0.01**2 + 12), rel=0.05)
+    assert result.verdict is Verdict.EXCITES
+    assert result.main[0] > 0.9
+    other = design(_mix, "q", Criterion.C)
+    assert other.x[0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_drive_that_teaches_nothing_is_called_so():
+    result = design(_mix, "q", Criterion.C, {"angle": (-1e-3, 1e-3)})
+    assert result.verdict is Verdict.CANNOT_EXCITE
+    assert "of the prior deviation of q" in result.explanation
+
+
+@pytest.mark.parametrize("criterion", [Criterion.D, Criterion.A])
+def test_two_drives_learn_what_one_cannot(criterion):
+    one = design(_mix, None, criterion)
+    box = Box.of({"angle": (-0.5, 1.0)})
+    pair = ManeuverSet((_mix, _mix), (box, box))
+    assert pair.operation.names == ("1.angle", "2.angle")
+    both = design(pair, None, criterion, pair.operation)
+    assert one.verdict is Verdict.CANNOT_EXCITE
+    assert both.verdict is Verdict.EXCITES
+    assert both.cost < one.cost
+    assert abs(both.x[0] - both.x[1]) == pytest.approx(1.5, abs=0.05)  # as different as can be
+
+
+def test_draws_with_failed_simulations_are_left_out():
+    def f(x, P):
+        Y = _mix(x, P)
+        Y[5] = np.nan
+        return Y
+
+    assert design(f, "p", Criterion.C).failed > 0
+    with pytest.raises(DesignError, match="simulations failed"):
+        design(lambda x, P: _mix(x, P) * np.nan, "p", Criterion.C)
+
+
+@pytest.mark.parametrize(
+    ("target", "criterion", "f", "message"),
+    [
+        (None, Criterion.C, _mix, "criterion c needs a target: p, q"),
+        (None, Criterion.H, _mix, "criterion h needs a target"),
+        ("p", Criterion.C, lambda x, P: P[:, 0], "criterion c needs trajectories"),
+    ],
+)
+def test_mistakes_are_named(target, criterion, f, message):
+    with pytest.raises(DesignError, match=message):
+        design(f, target, criterion)
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"std": 0.0}, {"std": (1.0, -1.0)}, {"drift_std": -1.0}, {"period": 0.0}]
+)
+def test_impossible_noise_is_refused(arguments):
+    with pytest.raises(DesignError, match="noise"):
+        TrajectoryNoise(**arguments)

@@ -1,0 +1,197 @@
+"""Studies on disk: ask and tell, resumption after a kill, and what must not damage them."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from excitation_planner import (
+    Design,
+    DesignError,
+    InfeasibleManeuver,
+    Study,
+    TrajectoryErrorNoise,
+    design_excitation,
+)
+
+OPERATION = {"a": (-1.0, 1.0), "b": (0.0, 2.0)}
+UNKNOWN = {"p": (0.0, 1.0), "q": (10.0, 20.0)}
+ARGUMENTS = {"samples": 12, "budget": 460, "seed": 5}
+
+
+def f(x, P):
+    if x[0] > 0.9:
+        raise InfeasibleManeuver("too fast")
+    q = (P[:, 1] - 10) / 10
+    m = P[:, 0] + 0.3 * P[:, 0] * q + (0.1 + (x[0] - 0.2) ** 2 + (x[1] - 0.7) ** 2) * q
+    m[3] = np.nan
+    return m
+
+
+def by_call(**arguments) -> Design:
+    return design_excitation(f, OPERATION, UNKNOWN, "p", workers=1, **ARGUMENTS | arguments)
+
+
+def assert_same(one: Design, other: Design) -> None:
+    assert np.array_equal(one.x, other.x)
+    assert one.cost == other.cost
+    assert one.cost_interval == other.cost_interval
+    assert [e.cost for e in one.history] == [e.cost for e in other.history]
+    assert (one.simulations, one.failed) == (other.simulations, other.failed)
+
+
+def answer(study: Study, proposals, rng) -> None:
+    """Simulate what was asked, told in parts and in random order."""
+    runs = []
+    for p in proposals:
+        try:
+            runs += [(p.point, sample, m) for sample, m in zip(p.samples, f(p.x, p.P), strict=True)]
+        except InfeasibleManeuver as infeasible:
+            study.tell_infeasible(p.point, str(infeasible))
+    for part in np.array_split(rng.permutation(len(runs)), 3):
+        for p in proposals:
+            mine = [runs[i] for i in part if runs[i][0] == p.point]
+            study.tell(p.point, [run[1] for run in mine], np.array([run[2] for run in mine]))
+
+
+def test_ask_and_tell_gives_the_design_of_the_callable(tmp_path):
+    study = Study.create(tmp_path / "study", OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    rng = np.random.default_rng(0)
+    while proposals := study.ask():
+        # f marks sample 3 as failed: ask for whole points, as the callable path runs them
+        answer(study, proposals, rng)
+        study = Study.open(tmp_path / "study")  # as after a kill
+    assert_same(study.design(), by_call())
+
+
+def test_through_csv_files(tmp_path):
+    study = Study.create(tmp_path / "study", OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    while study.ask():
+        with (tmp_path / "study" / "pending.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        points = dict.fromkeys(row["point"] for row in rows)
+        with (tmp_path / "told.csv").open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["output", "sample", "point"])
+            for point in points:
+                here = [row for row in rows if row["point"] == point]
+                x = np.array([float(here[0][name]) for name in OPERATION])
+                P = np.array([[float(row[name]) for name in UNKNOWN] for row in here])
+                try:
+                    outputs = ["failed" if np.isnan(m) else repr(float(m)) for m in f(x, P)]
+                except InfeasibleManeuver as infeasible:
+                    outputs = [f"infeasible: {infeasible}"] * len(here)
+                for row, output in zip(here, outputs, strict=True):
+                    writer.writerow([output, row["sample"], point])
+        study.tell_csv(tmp_path / "told.csv")
+    assert_same(study.design(), by_call())
+
+
+def test_a_killed_design_goes_on_where_it_was(tmp_path):
+    arguments = {"workers": 1, "store": tmp_path / "study", **ARGUMENTS}
+    calls = 0
+
+    def counted(x, P):
+        nonlocal calls
+        calls += 1
+        if calls == 25 and killing:
+            raise KeyboardInterrupt
+        return f(x, P)
+
+    killing = True
+    with pytest.raises(KeyboardInterrupt):
+        design_excitation(counted, OPERATION, UNKNOWN, "p", **arguments)
+    killing, calls = False, 0
+    whole = design_excitation(
+        counted, OPERATION, UNKNOWN, "p", **arguments | {"store": tmp_path / "other"}
+    )
+    in_all, calls = calls, 0
+    assert_same(design_excitation(counted, OPERATION, UNKNOWN, "p", **arguments), whole)
+    assert calls == in_all - 24
+    calls = 0
+    assert_same(design_excitation(counted, OPERATION, UNKNOWN, "p", **arguments), whole)
+    assert calls == 0
+
+
+@pytest.mark.parametrize("cut", [1, 7, 30])
+def test_a_line_cut_off_by_a_crash_is_asked_again(tmp_path, cut):
+    path = tmp_path / "study"
+    whole = by_call(store=path)
+    results = path / "results.csv"
+    results.write_bytes(results.read_bytes()[:-cut])
+    study = Study.open(path)
+    proposals = study.ask()
+    assert sum(len(p.samples) for p in proposals) >= 1
+    for p in proposals:
+        study.tell(p.point, p.samples, f(p.x, np.vstack([p.P] * 40))[-len(p.P) :])
+    assert_same(Study.open(path).design(), whole)
+
+
+def test_outputs_are_never_overwritten(tmp_path):
+    study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    p = study.ask()[0]
+    study.tell(p.point, [0], np.array([1.5]))
+    study.tell(p.point, [0], np.array([1.5]))
+    before = (tmp_path / "results.csv").read_bytes()
+    for point, sample, message in [
+        (p.point, 0, r"sample 0 has the output 1\.5 already"),
+        (p.point, 12, "sample 12 was never asked for"),
+        (999, 0, "point 999, sample 1 was never asked for"),
+    ]:
+        with pytest.raises(DesignError, match=message):
+            study.tell(point, [1, sample], np.array([1.0, 2.0]))
+        assert (tmp_path / "results.csv").read_bytes() == before
+    with pytest.raises(DesignError, match="point 999 was never asked for"):
+        study.tell_infeasible(999, "x")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("point,output\n0,1\n", "column sample is missing"),
+        ("point,sample,output\n0,0,1\n0,1,fast\n", "line 3: .* output 'fast' must be numbers"),
+        ("point,sample,output\nzero,0,1\n", "line 2: point 'zero'"),
+    ],
+)
+def test_a_wrong_csv_changes_nothing(tmp_path, text, message):
+    study = Study.create(tmp_path / "study", OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    study.ask()
+    told = tmp_path / "told.csv"
+    told.write_text(text)
+    with pytest.raises(DesignError, match=message):
+        study.tell_csv(told)
+    assert not (tmp_path / "study" / "results.csv").exists()
+
+
+def test_a_store_of_another_design_is_refused(tmp_path):
+    by_call(store=tmp_path)
+    with pytest.raises(DesignError, match=r"another design \(different: samples, seed\)"):
+        by_call(store=tmp_path, seed=6, samples=13)
+    with pytest.raises(DesignError, match="holds a study already"):
+        Study.create(tmp_path, OPERATION, UNKNOWN, "p")
+
+
+def test_a_study_of_another_version_is_refused(tmp_path):
+    Study.create(tmp_path, OPERATION, UNKNOWN, "p")
+    description = json.loads((tmp_path / "study.json").read_text())
+    (tmp_path / "study.json").write_text(json.dumps(description | {"version": 2}))
+    with pytest.raises(DesignError, match="study of version 2; this program reads 1"):
+        Study.open(tmp_path)
+    (tmp_path / "study.json").write_text("{")
+    with pytest.raises(DesignError, match="is not the description of a study"):
+        Study.open(tmp_path)
+
+
+def test_no_study_and_noise_that_cannot_be_kept(tmp_path):
+    with pytest.raises(DesignError, match="holds no study"):
+        Study.open(tmp_path)
+    with pytest.raises(DesignError, match="noise variance that is a number"):
+        by_call(store=tmp_path, noise_variance=lambda m: 1.0)
+
+
+def test_trajectory_error_noise_survives_the_disk(tmp_path):
+    noise = TrajectoryErrorNoise(0.01, points=100)
+    Study.create(tmp_path, OPERATION, UNKNOWN, "p", noise_variance=noise)
+    assert json.loads((tmp_path / "study.json").read_text())["noise_variance"]["points"] == 100
+    assert Study.open(tmp_path).ask()
