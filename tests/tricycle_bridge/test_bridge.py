@@ -275,7 +275,7 @@ def test_a_command_without_a_stamp_is_refused(vehicle):
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_numbers_that_are_none_are_refused(value):
-    with pytest.raises(LinkError, match="steering_motor_angle is .* must be a finite number"):
+    with pytest.raises(LinkError, match=r"steering_motor_angle is .* must be a finite number"):
         Setpoint(value, 0.0)
     with pytest.raises(LinkError, match="speed is"):
         Setpoint(0.0, value)
@@ -310,8 +310,13 @@ def test_reverse_is_a_gear(vehicle):
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("command_rate", 10.0), ("tyre_radius", 0.0), ("max_steering_rate", 3.5), ("max_acceleration", math.nan)],
-)  # fmt: skip
+    [
+        ("command_rate", 10.0),
+        ("tyre_radius", 0.0),
+        ("max_steering_rate", 3.5),
+        ("max_acceleration", math.nan),
+    ],
+)
 def test_settings_out_of_range_are_named(name, value):
     with pytest.raises(LinkError, match=f"{name} = "):
         BridgeSettings(**{name: value})

@@ -22,7 +22,14 @@ from rclpy.task import Future
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
-from tricycle_bridge.bridge import Bridge, BridgeSettings, JointReadings, Setpoint, Source
+from tricycle_bridge.bridge import (
+    INPUT_AGE,
+    Bridge,
+    BridgeSettings,
+    JointReadings,
+    Setpoint,
+    Source,
+)
 from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.kinematics import steering_motor_angle
 from tricycle_bridge.link import LinkState
@@ -292,10 +299,11 @@ class BridgeNode(LifecycleNode):
         except LinkError as error:
             self._refuse(f"{source.value}: {error}")
             return
+        wanted = stamp.sec + stamp.nanosec * 1e-9
         now = self._now()
-        refusal = self._bridge.set_command(
-            setpoint, stamp=stamp.sec + stamp.nanosec * 1e-9, now=now, source=source
-        )
+        if now < wanted < now + INPUT_AGE:
+            now = wanted  # the /clock tick that the message was made at is still on its way
+        refusal = self._bridge.set_command(setpoint, stamp=wanted, now=now, source=source)
         if refusal:
             self._log_throttled(refusal)
         elif self._ports is not None:

@@ -1,0 +1,203 @@
+"""Real serial I/O on ptys: faults of cables and devices."""
+
+import random
+import threading
+import time
+
+import pytest
+
+from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
+from tricycle_bridge.messages import Board, Fault, PlcState
+from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_sim.plc_pair import PlcPair
+from tricycle_sim.pty_port import PtyPort
+
+STEER, DRIVE = Board.STEER, Board.DRIVE
+PATIENCE = 20.0  # s; only a failing test waits that long
+
+
+class Host:
+    """What the bridge node does, without ROS: ports, bridge and a commander on the wall clock."""
+
+    def __init__(self, steer_path, drive_path):
+        self.ready = threading.Event()
+        self.ports = SerialPorts({STEER: steer_path, DRIVE: drive_path}, self.ready.set)
+        self.bridge = Bridge(BridgeSettings(), rng=random.Random(0))
+        self.bridge.active = True
+        self.target = (0.0, 0.0)
+        self.closed = []
+
+    def spin_once(self):
+        self.ready.wait(0.005)
+        self.ready.clear()
+        now = time.monotonic()
+        for event in self.ports.take_events():
+            match event:
+                case Received():
+                    self.bridge.receive(event.board, event.data, now)
+                case Opened():
+                    self.bridge.opened(event.board, now)
+                case Closed():
+                    self.closed.append(event)
+                    self.bridge.closed(event.board, event.reason)
+        self.bridge.poll(now)
+        if self.target is not None:
+            setpoint = Setpoint(*self.target)
+            self.bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+        for board, frames in self.bridge.take_frames().items():
+            link = self.bridge.links[board]
+            link.counters.write_drops += self.ports.write(board, frames)
+            if link.wants_reopen(now):
+                self.ports.reopen(board, link.problem)
+
+    def until(self, condition, what):
+        start = time.monotonic()
+        while not condition():
+            assert time.monotonic() - start < PATIENCE, f"waited in vain for {what}"
+            self.spin_once()
+        return time.monotonic() - start
+
+    def up(self):
+        return all(link.up and link.telemetry for link in self.bridge.links.values())
+
+    def arm(self):
+        self.target = (0.0, 0.0)
+        self.until(lambda: not self.bridge.refusal(time.monotonic()), "a reason to be gone")
+        self.bridge.arm(time.monotonic(), lambda *_: None)
+        self.until(lambda: self.bridge.armed, "arming")
+
+
+@pytest.fixture
+def host(plc_pair):
+    host = Host(plc_pair.steer_path, plc_pair.drive_path)
+    yield host
+    host.ports.close()
+
+
+def _replug(host, pair, board, rng):
+    """Unplug for up to 20 ms; the time from the device's return to the link's."""
+    pair.unplug(board)
+    off = time.monotonic() + 0.02 * rng.random()
+    while time.monotonic() < off:
+        host.spin_once()
+    pair.plug(board)
+    link = host.bridge.links[board]
+    losses = link.identity
+    host.until(lambda: link.up and link.identity is not losses and link.telemetry, "the link")
+
+
+def test_unplugged_and_replugged_at_random_moments_it_comes_back_unarmed(host, plc_pair):
+    rng = random.Random(0)
+    host.until(host.up, "both links")
+    for _ in range(5):
+        board = rng.choice((STEER, DRIVE))
+        _replug(host, plc_pair, board, rng)
+        assert not host.bridge.armed
+        assert plc_pair.plc(board).state is PlcState.SAFE
+
+
+@pytest.mark.slow
+def test_a_hundred_replugs_in_mid_drive_each_back_within_half_a_second(host, plc_pair):
+    rng = random.Random(1)
+    times = []
+    for _ in range(100):
+        host.arm()
+        host.target = (0.1, 0.3)
+        until = time.monotonic() + 0.2 * rng.random()
+        while time.monotonic() < until:
+            host.spin_once()
+        board = rng.choice((STEER, DRIVE))
+        start = time.monotonic()
+        _replug(host, plc_pair, board, rng)
+        times.append(time.monotonic() - start)
+        assert not host.bridge.armed
+        host.target = (0.0, 0.0)
+        other = plc_pair.drive if board is STEER else plc_pair.steer
+        host.until(lambda plc=other: plc.state is PlcState.SAFE, "the other board")
+    assert sorted(times)[-3] < 0.5  # the machine may stall now and then
+
+
+def test_a_stalled_board_costs_no_memory_and_gets_no_stale_command(host, plc_pair):
+    host.arm()
+    host.target = (0.2, 0.5)
+    host.until(lambda: plc_pair.speed > 0.4, "speed")
+    plc_pair.stall(STEER)
+    host.until(lambda: plc_pair.drive.state is PlcState.SAFE, "the drive to stop")
+    host.target = (-0.5, 0.0)
+    frozen = plc_pair.steering_angle
+    until = time.monotonic() + 0.5
+    while time.monotonic() < until:
+        host.spin_once()
+        assert sum(len(e) for e in host.ports._events if isinstance(e, Received)) < 65536
+    plc_pair.stall(STEER, stalled=False)
+    host.until(host.up, "both links")
+    assert plc_pair.steer.faults & Fault.CMD_TIMEOUT or plc_pair.steer.state is PlcState.SAFE
+    assert plc_pair.steering_angle == frozen
+
+
+def test_garbage_at_full_line_rate_hurts_nobody(host, plc_pair):
+    rng = random.Random(2)
+    host.arm()
+    host.target = (0.1, 0.5)
+    for _ in range(300):
+        with plc_pair._lock:
+            plc_pair.ports[STEER].write(rng.randbytes(115))
+            plc_pair.ports[STEER].write(b"\0")
+        host.spin_once()
+    host.until(lambda: plc_pair.speed > 0.4, "speed")
+    assert host.bridge.links[STEER].up
+    assert host.bridge.links[STEER].decoder.counters.rejected > 100
+
+
+def test_missing_devices_are_told_once_each_and_opened_when_they_appear(tmp_path):
+    host = Host(str(tmp_path / "steer"), str(tmp_path / "drive"))
+    try:
+        host.until(lambda: len(host.closed) >= 4, "retries")
+        assert {e.reason for e in host.closed} == {
+            f"{tmp_path}/steer does not exist",
+            f"{tmp_path}/drive does not exist",
+        }
+        assert len(host.bridge.take_messages()) == 2
+        with PlcPair(tmp_path / "steer", tmp_path / "drive"):
+            host.until(host.up, "both links")
+    finally:
+        host.ports.close()
+
+
+def test_swapped_cables_in_operation_are_named(host, plc_pair):
+    host.arm()
+    plc_pair.swap()
+    host.until(
+        lambda: all("ports swapped" in link.problem for link in host.bridge.links.values()),
+        "the diagnosis",
+    )
+    assert not host.bridge.armed
+    plc_pair.swap()
+    host.until(host.up, "both links")
+
+
+def test_a_device_in_use_is_said_to_be(tmp_path, plc_pair):
+    first = SerialPorts({STEER: plc_pair.steer_path}, lambda: None)
+    events = []
+    while not any(isinstance(e, Opened) for e in events):
+        events += first.take_events()
+    second = SerialPorts({STEER: plc_pair.steer_path}, lambda: None)
+    events = []
+    while not events:
+        events += second.take_events()
+    assert events[0] == Closed(STEER, f"{plc_pair.steer_path} is in use by another program")
+    first.close()
+    second.close()
+
+
+def test_a_write_that_would_block_is_dropped_and_counted(tmp_path):
+    with PtyPort(tmp_path / "plc") as port:
+        opened = threading.Event()
+        ports = SerialPorts({STEER: str(port.path)}, opened.set)
+        assert opened.wait(PATIENCE)
+        dropped = 0
+        for _ in range(5000):
+            dropped += ports.write(STEER, [bytes(20)])
+        assert 0 < dropped < 5000
+        assert ports.write(DRIVE, [b"x", b"y"]) == 2  # no such port
+        ports.close()
