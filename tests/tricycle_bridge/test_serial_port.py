@@ -75,15 +75,17 @@ def host(plc_pair):
 
 
 def _replug(host, pair, board, rng):
-    """Unplug for up to 20 ms; the time from the device's return to the link's."""
+    """Unplug for up to 20 ms; returns the time from the device's return to the link's (s)."""
+    link = host.bridge.links[board]
+    before = link.identity
     pair.unplug(board)
     off = time.monotonic() + 0.02 * rng.random()
     while time.monotonic() < off:
         host.spin_once()
     pair.plug(board)
-    link = host.bridge.links[board]
-    losses = link.identity
-    host.until(lambda: link.up and link.identity is not losses and link.telemetry, "the link")
+    return host.until(
+        lambda: link.up and link.identity is not before and link.telemetry, "the link"
+    )
 
 
 def test_unplugged_and_replugged_at_random_moments_it_comes_back_unarmed(host, plc_pair):
@@ -107,14 +109,12 @@ def test_a_hundred_replugs_in_mid_drive_each_back_within_half_a_second(host, plc
         while time.monotonic() < until:
             host.spin_once()
         board = rng.choice((STEER, DRIVE))
-        start = time.monotonic()
-        _replug(host, plc_pair, board, rng)
-        times.append(time.monotonic() - start)
+        times.append(_replug(host, plc_pair, board, rng))
         assert not host.bridge.armed
         host.target = (0.0, 0.0)
         other = plc_pair.drive if board is STEER else plc_pair.steer
         host.until(lambda plc=other: plc.state is PlcState.SAFE, "the other board")
-    assert sorted(times)[-3] < 0.5  # the machine may stall now and then
+    assert sorted(times)[-3] < 0.5, sorted(times)[-9:]  # the machine may stall now and then
 
 
 def test_a_stalled_board_costs_no_memory_and_gets_no_stale_command(host, plc_pair):

@@ -171,7 +171,6 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         self._last_rx_seq: int | None = None
         self._command_seq = 0
         self._command_at: int | None = None  # us, of the last accepted command
-        self._command_echo = 0  # of that command
         self._commands_in_row = 0  # with enable = 1
         self._enabled = False  # flag of the last accepted command
         self._limited = False
@@ -185,9 +184,9 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         """Session given by the host; 0 = none."""
         return self._decoder.session
 
-    def host_lag(self, now_us: int) -> float:
-        """How old the telemetry is that the newest command answers, s (2 ms resolution)."""
-        return float(((echo_of(now_us) - self._command_echo) & _U16) * 1.024e-3)
+    def command_age(self, now_us: int) -> int | None:
+        """Time in us since a command was last accepted; None before the first one."""
+        return None if self._command_at is None else now_us - self._command_at
 
     def receive(self, data: bytes, now_us: int) -> bytes:
         """Take bytes from the host at PLC time `now_us`; return the answers."""
@@ -347,7 +346,6 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         flags = self._take_command(command)
         self._command_seq = seq
         self._command_at = now_us
-        self._command_echo = command.echo
         self._enabled = bool(flags & CommandFlag.ENABLE)
         self._commands_in_row = self._commands_in_row + 1 if self._enabled else 0
         if flags & CommandFlag.ESTOP:
@@ -382,11 +380,8 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         if self.state is not PlcState.ESTOP:
             self._enter(PlcState.ESTOP, now_us)
 
-    def _command_age(self, now_us: int) -> int | None:
-        return None if self._command_at is None else now_us - self._command_at
-
     def _check_watchdog(self, now_us: int) -> None:
-        age = self._command_age(now_us)
+        age = self.command_age(now_us)
         if age is not None and age < _WATCHDOG_US:
             return
         self._commands_in_row = 0
@@ -428,7 +423,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
             return Result.OK
         if self.state is not PlcState.SAFE or self.faults & ~Fault.LIMIT:
             return Result.WRONG_STATE
-        age = self._command_age(now_us)
+        age = self.command_age(now_us)
         if (
             self._commands_in_row < ARMING_COMMANDS
             or age is None
@@ -450,7 +445,7 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         )
 
     def _age_ticks(self, now_us: int) -> int:
-        age = self._command_age(now_us)
+        age = self.command_age(now_us)
         return 255 if age is None else min(age // _TICK_US, 255)
 
 

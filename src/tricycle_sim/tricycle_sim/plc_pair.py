@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-import selectors
+import select
 import threading
 import time
 from types import TracebackType
@@ -137,11 +138,9 @@ class PlcPair:
                 readable = [
                     p for b, p in self.ports.items() if p.plugged and b not in self._stalled
                 ]
-                wait = max(next_tick - time.monotonic(), 0.0)
-                with selectors.DefaultSelector() as selector:
-                    for port in readable:
-                        selector.register(port, selectors.EVENT_READ)
-                    selector.select(min(wait, TICK))
+            # not under the lock, so that a port may be unplugged meanwhile (OSError, ValueError)
+            with contextlib.suppress(OSError, ValueError):
+                select.select(readable, [], [], max(next_tick - time.monotonic(), 0.0))
 
     def _serve(self) -> None:
         for board, port in self.ports.items():
