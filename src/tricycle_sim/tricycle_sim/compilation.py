@@ -2,15 +2,18 @@
 
 The machine code is kept in `__pycache__` beside the sources or, where that is not writable, in
 numba's folder of the user; `NUMBA_CACHE_DIR` names another place. Where nothing is writable every
-process compiles for itself.
+process compiles for itself. Processes that start at the same time may compile twice, never break.
 """
 
+import hashlib
 import logging
 from collections.abc import Callable
+from importlib import resources
 from typing import Any
 
 import numba
-from llvmlite import binding as llvm  # type: ignore[import-untyped]
+from llvmlite import binding as llvm
+from numba.core import event
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -25,6 +28,17 @@ if numba.config.CPU_NAME is None and numba.config.CPU_FEATURES is None:
 FASTMATH = {"reassoc", "contract", "arcp", "nsz", "afn"}
 
 
+def _fingerprint() -> str:
+    """Return a hash of all sources that are compiled into each other."""
+    folder = resources.files("tricycle_sim")
+    sources = ("compilation.py", "dynamics.py", "setpoints.py", "steering.py")
+    content = b"".join((folder / name).read_bytes() for name in sources)
+    return hashlib.sha256(content).hexdigest()
+
+
+_FINGERPRINT = _fingerprint()
+
+
 def inlined(function: Callable[..., Any]) -> Any:
     """Compile a function into its callers."""
     return numba.njit(function, forceinline=True, fastmath=FASTMATH, error_model="numpy")
@@ -34,9 +48,31 @@ def compiled(function: Callable[..., Any]) -> Any:
     """Compile a function, cached on disk, that releases the interpreter while it runs."""
     options = {"nogil": True, "fastmath": FASTMATH, "error_model": "numpy"}
     try:
-        return numba.njit(function, cache=True, **options)
+        dispatcher = numba.njit(function, cache=True, **options)
     except RuntimeError:  # numba found no folder that it may write to
         _LOGGER.warning(
             "compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that can be written"
         )
         return numba.njit(function, **options)
+    # Numba notices changes of the function's own file only; what it calls is compiled in as well.
+    file = dispatcher._cache._cache_file  # noqa: SLF001 (there is no public door to it)
+    file._source_stamp = (file._source_stamp, _FINGERPRINT)  # noqa: SLF001
+    return dispatcher
+
+
+class _Announcement(event.Listener):
+    """Say once, through the logger, why the first start takes longer."""
+
+    said = False
+
+    def on_start(self, event: event.Event) -> None:
+        function = event.data["dispatcher"].py_func
+        if not self.said and function.__module__.startswith("tricycle_sim."):
+            self.said = True
+            _LOGGER.info("compiling the vehicle model for this machine: once, takes about 20 s")
+
+    def on_end(self, event: event.Event) -> None:
+        """Nothing to say."""
+
+
+event.register("numba:compile", _Announcement())

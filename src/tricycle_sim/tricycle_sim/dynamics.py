@@ -77,6 +77,10 @@ SPEED_MODE, DEMAND, BRAKE = 0, 1, 2
 """1: `DEMAND` is a speed set-point [m/s]; 0: it is a motor torque [N m]. Brake 0 to 1."""
 
 
+NO_ROWS, NO_OUTPUT = np.empty(0, dtype=np.int64), np.empty((0, LANES, 2))
+"""`rows` and `out` of `advance` where nothing is to be recorded."""
+
+
 @inlined
 def _arctan(t: float) -> float:
     """Return atan(t) for |t| <= 1 to 1e-15, without branches."""
@@ -320,7 +324,7 @@ def _evaluate(
     lanes: int,
     table: NDArray[np.float64],
     row: int,
-    drive: tuple[float, float, float],
+    drive: NDArray[np.float64],
 ) -> None:
     """Write the slopes of a whole group, with row `row` of the steering table."""
     steering = (
@@ -333,40 +337,9 @@ def _evaluate(
         table[row, 6],
         table[row, 7],
     )
+    speed_mode, demand, brake = drive[SPEED_MODE], drive[DEMAND], drive[BRAKE]
     for i in range(lanes):
-        _slopes(g, i, steering, drive[0], drive[1], drive[2])
-
-
-@inlined
-def _stage(g: NDArray[np.float64], weight: float, ahead: float) -> None:
-    """Add `weight` slopes to the sum and go `ahead` from the start of the step."""
-    for j in range(STATES * LANES):
-        slope = g[SLOPE * LANES + j]
-        g[SUM * LANES + j] += weight * slope
-        g[j] = g[START * LANES + j] + ahead * slope
-
-
-@inlined
-def _step(
-    g: NDArray[np.float64],
-    lanes: int,
-    table: NDArray[np.float64],
-    row: int,
-    drive: tuple[float, float, float],
-    h: float,
-) -> None:
-    """Finish a classical Runge-Kutta step of `h` [s] whose first slopes are there."""
-    for j in range(STATES * LANES):
-        g[START * LANES + j] = g[j]
-        g[SUM * LANES + j] = g[j]
-    _stage(g, h / 6.0, h / 2.0)
-    _evaluate(g, lanes, table, row + 1, drive)
-    _stage(g, h / 3.0, h / 2.0)
-    _evaluate(g, lanes, table, row + 1, drive)
-    _stage(g, h / 3.0, h)
-    _evaluate(g, lanes, table, row + 2, drive)
-    for j in range(STATES * LANES):
-        g[j] = g[SUM * LANES + j] + h / 6.0 * g[SLOPE * LANES + j]
+        _slopes(g, i, steering, speed_mode, demand, brake)
 
 
 @inlined
@@ -398,12 +371,16 @@ def _watch(g: NDArray[np.float64], i: int, tick: float, steering_lag: float) -> 
 
 
 @inlined
-def _halt(g: NDArray[np.float64], i: int) -> None:
-    """Bring vehicle `i` to rest where it is."""
-    for row in range(U, STATES):
-        g[row * LANES + i] = 0.0
-    for row in range(SLOPE, SLOPE + STATES):
-        g[row * LANES + i] = 0.0
+def _watch_group(g: NDArray[np.float64], lanes: int, tick: float, steering_lag: float) -> None:
+    """Note what happens to a group at a tick; bring those that rolled over to rest."""
+    for i in range(lanes):
+        _watch(g, i, tick, steering_lag)
+    for i in range(lanes):
+        if g[ALIVE * LANES + i] == 0.0:
+            for row in range(U, STATES):
+                g[row * LANES + i] = 0.0
+            for row in range(SLOPE, SLOPE + STATES):
+                g[row * LANES + i] = 0.0
 
 
 @compiled
@@ -417,7 +394,7 @@ def advance(
     rows: NDArray[np.int64],
     out: NDArray[np.float64],
 ) -> None:
-    """Advance groups of vehicles by some ticks under the same commands.
+    """Advance groups of vehicles by t ticks under the same commands; 0 ticks evaluate the slopes.
 
     Parameters
     ----------
@@ -427,8 +404,8 @@ def advance(
         From `tricycle_sim.steering.run_servo`.
     steering_lag : shape (t + 1,)
         Set-point behind the command beyond what one tick of slew makes up for [rad], else 0.
-    drive : shape (t, 3)
-        Columns `SPEED_MODE`, `DEMAND`, `BRAKE`.
+    drive : shape (t + 1, 3)
+        Columns `SPEED_MODE`, `DEMAND`, `BRAKE`; the last row is for the slopes at the end.
     substeps : int
         Runge-Kutta steps per tick.
     first_tick : int
@@ -440,47 +417,38 @@ def advance(
     """
     # Known only at run time: a constant number of lanes is unrolled instead of vectorised.
     lanes = groups.shape[1] // ROWS
-    ticks = drive.shape[0]
+    ticks = drive.shape[0] - 1
     h = TICK / substeps
     for b in range(groups.shape[0]):
         g = groups[b]
         for k in range(ticks + 1):
-            last = min(k, ticks - 1)
-            command = (drive[last, 0], drive[last, 1], drive[last, 2])
-            row = 2 * substeps * k
-            _evaluate(g, lanes, table, row, command)
-            for i in range(lanes):
-                _watch(g, i, float(first_tick + k), steering_lag[k])
-            halted = False
-            for i in range(lanes):
-                if g[ALIVE * LANES + i] == 0.0:
-                    _halt(g, i)
-                    halted = True
-            for m in range(rows.shape[0]):
-                for i in range(lanes):
-                    out[m, b * LANES + i, k] = g[rows[m] * LANES + i]
-            if k == ticks:
-                break
             for s in range(substeps):
-                if s > 0:
-                    _evaluate(g, lanes, table, row, command)
-                _step(g, lanes, table, row, command, h)
-                row += 2
-                if halted:
-                    for i in range(lanes):
-                        if g[ALIVE * LANES + i] == 0.0:
-                            for j in range(STATES):
-                                g[j * LANES + i] = g[(START + j) * LANES + i]
-
-
-@compiled
-def slopes(
-    groups: NDArray[np.float64], table: NDArray[np.float64], drive: NDArray[np.float64]
-) -> None:
-    """Write the slopes of all groups at their present states; `table` (1, 8), `drive` (1, 3)."""
-    lanes = groups.shape[1] // ROWS
-    for b in range(groups.shape[0]):
-        _evaluate(groups[b], lanes, table, 0, (drive[0, 0], drive[0, 1], drive[0, 2]))
+                row = 2 * (k * substeps + s)
+                for stage in range(4):  # of the classical Runge-Kutta method
+                    _evaluate(g, lanes, table, row + (stage + 1) // 2, drive[k])
+                    if stage == 0:
+                        if s == 0:
+                            _watch_group(g, lanes, float(first_tick + k), steering_lag[k])
+                            for m in range(rows.shape[0]):
+                                for i in range(lanes):
+                                    out[m, b * LANES + i, k] = g[rows[m] * LANES + i]
+                        if k == ticks:
+                            break
+                        for j in range(STATES * LANES):
+                            g[START * LANES + j] = g[j]
+                            g[SUM * LANES + j] = g[j]
+                    weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+                    ahead = h if stage == 2 else h / 2.0
+                    for j in range(STATES * LANES):
+                        slope = g[SLOPE * LANES + j]
+                        g[SUM * LANES + j] += weight * slope
+                        g[j] = g[START * LANES + j] + ahead * slope
+                if k == ticks:
+                    break
+                for i in range(lanes):
+                    end = SUM if g[ALIVE * LANES + i] == 1.0 else START
+                    for j in range(STATES):
+                        g[j * LANES + i] = g[(end + j) * LANES + i]
 
 
 @compiled
@@ -513,7 +481,8 @@ def advance_tick(
     run_servo(
         servo, np.full(1, steering_setpoint), constants, 2 * substeps, table, np.empty((2, 2))
     )
-    commands = np.array(((drive[0], drive[1], drive[2]),))
+    commands = np.empty((2, 3))
+    commands[:] = np.array(drive)
     no_rows = np.empty(0, dtype=np.int64)
     advance(groups, table, np.zeros(2), commands, substeps, 0, no_rows, np.empty((0, LANES, 2)))
 
@@ -575,7 +544,7 @@ def equilibrium(vehicle: Vehicle) -> tuple[float, float, float]:
     group = np.zeros((ROWS, LANES))
     for row, value in _constants(vehicle).items():
         group[row] = value
-    group[_C_GAMMA] = 0.0
+    group[_C_GAMMA], group[ALIVE] = 0.0, 1.0
     straight = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
     pose = np.array([vehicle.com_height, 0.0, 0.0])
     variation = 1e-7 * np.eye(3)
@@ -584,7 +553,7 @@ def equilibrium(vehicle: Vehicle) -> tuple[float, float, float]:
         group[Z] = poses[:, 0]
         group[Q0 : Q3 + 1] = np.transpose([attitude_quaternion(r, p, 0.0) for _, r, p in poses])
         flat = group.reshape(1, GROUP_SIZE)
-        slopes(flat, straight, np.zeros((1, 3)))
+        advance(flat, straight, np.zeros(1), np.zeros((1, 3)), 1, 0, NO_ROWS, NO_OUTPUT)
         residual = flat.reshape(ROWS, LANES)[[SLOPE + W, SLOPE + P, SLOPE + Q]]
         jacobian = (residual[:, 1:4] - residual[:, 4:7]) / 2e-7
         pose = pose - np.linalg.solve(jacobian, residual[:, 0])

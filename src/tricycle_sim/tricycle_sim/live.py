@@ -16,9 +16,6 @@ from tricycle_sim.simulation import Feasibility, euler_angles, read_feasibility
 from tricycle_sim.steering import run_servo, steering_constants
 from tricycle_sim.vehicle import Vehicle
 
-_NO_ROWS = np.empty(0, dtype=np.int64)
-_NO_OUTPUT = np.empty((0, LANES, 2))
-
 
 @dataclass(frozen=True)
 class LiveState:
@@ -80,12 +77,13 @@ class LiveVehicle:
         self._table = np.empty((2 * substeps + 1, 8))
         self._angles = np.empty((2, 2))
         self._lag = np.zeros(2)
-        self._drive = np.zeros((1, 3))
+        self._drive = np.zeros((2, 3))
         self._ticks = 0
         self._rear_wheel_angle = 0.0
+        self._rear_wheel_speed = 0.0
         run_servo(self._servo, np.empty(0), self._constants, 0, self._table, self._angles)
         # the first state has its loads and slopes too
-        dynamics.slopes(self._groups, self._table, self._drive)
+        self._advance(self._table[:1], self._drive[:1])
         self._state = self._read()
 
     @property
@@ -125,25 +123,26 @@ class LiveVehicle:
         speed_mode = speed is not None
         if speed_mode and self._drive[0, dynamics.SPEED_MODE] == 0.0:
             self._rows[dynamics.INTEGRATOR] = 0.0  # the controller starts anew
-        self._drive[0] = (speed_mode, torque if speed is None else speed, brake)
+        self._drive[:] = (speed_mode, torque if speed is None else speed, brake)
         setpoint = np.array([math.nan if steering is None else steering])
-        substeps = self._substeps
-        run_servo(self._servo, setpoint, self._constants, 2 * substeps, self._table, self._angles)
+        half_steps = 2 * self._substeps
+        run_servo(self._servo, setpoint, self._constants, half_steps, self._table, self._angles)
+        self._advance(self._table, self._drive)
+        self._ticks += 1
+        self._state = self._read()
+        return self._state
+
+    def _advance(self, table: NDArray[np.float64], drive: NDArray[np.float64]) -> None:
         dynamics.advance(
             self._groups,
-            self._table,
+            table,
             self._lag,
-            self._drive,
-            substeps,
+            drive,
+            self._substeps,
             self._ticks,
-            _NO_ROWS,
-            _NO_OUTPUT,
+            dynamics.NO_ROWS,
+            dynamics.NO_OUTPUT,
         )
-        self._ticks += 1
-        before = self._state.wheel_speeds[2]
-        self._state = self._read()
-        self._rear_wheel_angle += 0.5 * TICK * (before + self._state.wheel_speeds[2])
-        return self._state
 
     def _read(self) -> LiveState:
         values: NDArray[np.float64] = self._rows[:, 0]
@@ -157,6 +156,8 @@ class LiveVehicle:
             right - (p * axles[4] + q * axles[5] + r * axles[6]),
             rear - q,
         )
+        self._rear_wheel_angle += 0.5 * TICK * (self._rear_wheel_speed + wheel_speeds[2])
+        self._rear_wheel_speed = wheel_speeds[2]
         gravity = self.vehicle.gravity
         specific_force = (
             du + q * w - r * v + gravity * 2.0 * (q1 * q3 - q0 * q2),

@@ -216,12 +216,13 @@ class _Replay:
     def __init__(self, vehicle: Vehicle, commands: Commands) -> None:
         rows = command_rows(commands)
         ticks = len(rows)
-        self.time: NDArray[np.float64] = np.arange(ticks + 1) * TICK
+        self.time = np.arange(ticks + 1, dtype=np.float64) * TICK
         setpoints, lag = slew_all(commands.steering_motor_angle[rows], vehicle.steering_slew)
         self._lag = np.append(lag, 0.0)
-        self._drive = np.zeros((ticks, 3))
+        speeds, _ = slew_all(commands.speed[rows], vehicle.acceleration)
+        self._drive = np.zeros((ticks + 1, 3))
         self._drive[:, dynamics.SPEED_MODE] = 1.0
-        self._drive[:, dynamics.DEMAND], _ = slew_all(commands.speed[rows], vehicle.acceleration)
+        self._drive[:, dynamics.DEMAND] = np.append(speeds, speeds[-1:])
         self.table = np.empty((2 * ticks + 1, 8))
         self.angles = np.empty((2, ticks + 1))
         self.pose = dynamics.equilibrium(vehicle)

@@ -78,7 +78,7 @@ def motor_angle_for(angle: float, constants: NDArray[np.float64]) -> float:
             low = middle
         else:
             high = middle
-    return 0.5 * (low + high)
+    return float(0.5 * (low + high))
 
 
 @compiled

@@ -1,0 +1,144 @@
+"""A vehicle file is complete, in its units and plausible, or one line says what is not."""
+
+import math
+from importlib import resources
+
+import pytest
+import yaml
+
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, VehicleError, load_vehicle
+
+TEXT = (resources.files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")
+
+
+def write(path, change):
+    """Write the packaged file with a change and return its path."""
+    document = yaml.safe_load(TEXT)
+    change(document)
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return path
+
+
+def test_packaged_vehicle_is_table_2_of_the_paper():
+    vehicle = load_vehicle()
+    assert vehicle.mass == 48.3
+    assert vehicle.com_to_front_axle + vehicle.com_to_rear_axle == pytest.approx(1.443)
+    assert vehicle.caster_angle == pytest.approx(math.radians(20.0))
+    assert tuple(vehicle.unknown) == UNKNOWN_PARAMETERS
+    assert vehicle.unknown["cornering_stiffness"] == (500.0, 1500.0)
+    assert vehicle.nominal_point() == pytest.approx([1000.0, 50.0, 0.15, 50.0, 0.009, 5e-4])
+
+
+def test_static_loads_by_moment_balance():
+    assert load_vehicle().static_loads() == pytest.approx((120.72, 115.37, 237.73), abs=0.005)
+
+
+def test_impossible_inertia_is_doubted_with_its_numbers():
+    first, second = load_vehicle().warnings()
+    assert first.startswith("yaw_inertia: 50 kg m^2 is larger")
+    assert "48.8" in first
+    assert "75" in second
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"vertical_stiffness": 3000.0}, "tenth of its radius"),
+        ({"rear_wheel_y": 3.0}, "tips over"),
+        ({"cornering_stiffness": 500.0, "mass": 200.0}, "oversteers"),
+        ({"roll_inertia": 90.0}, "roll_inertia"),
+    ],
+)
+def test_doubtful_vehicles_are_named(values, word):
+    warnings = load_vehicle().replace(**values).warnings()
+    assert any(word in warning for warning in warnings)
+
+
+def test_a_file_may_leave_less_unknown(tmp_path):
+    def know_the_inertia(document):
+        document["constants"]["yaw_inertia"] = {
+            "value": 30.0,
+            "unit": "kg m^2",
+            "basis": "data",
+            "about": "measured on a pendulum",
+        }
+
+    vehicle = load_vehicle(write(tmp_path / "v.yaml", know_the_inertia))
+    assert "yaw_inertia" not in vehicle.unknown
+    assert vehicle.yaw_inertia == 30.0
+    assert vehicle.nominal_point().shape == (5,)
+    assert vehicle.warnings() == ()
+
+
+def test_replacing_a_value_changes_the_hash_and_keeps_the_ranges():
+    vehicle = load_vehicle()
+    other = vehicle.replace(cornering_stiffness=800.0)
+    assert other.nominal["cornering_stiffness"] == 800.0
+    assert other.unknown == vehicle.unknown
+    assert other.file_hash != vehicle.file_hash
+    assert vehicle.replace().file_hash == vehicle.file_hash
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"masss": 1.0}, "did you mean mass?"),
+        ({"mass": -1.0}, "mass: -1 kg is not in"),
+        ({"mass": math.nan}, "mass: nan"),
+        ({"cornering_stiffness": 2000.0}, "outside [500, 1500]"),
+    ],
+)
+def test_replace_refuses_what_cannot_be(values, message):
+    with pytest.raises(VehicleError, match=r"^[^\n]*$") as error:
+        load_vehicle().replace(**values)
+    assert message in str(error.value)
+
+
+def constant(name, **entries):
+    return lambda document: document["constants"][name].update(entries)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d["constants"].pop("mass"), "mass: is missing (kg)"),
+        (lambda d: d["constants"].update(wings=1), "wings: is no constant"),
+        (lambda d: d.update(colour="red"), "colour: is no key"),
+        (lambda d: d.pop("name"), "name: needs a text"),
+        (lambda d: d.pop("constants"), "needs the keys"),
+        (constant("mass", unit="g"), "mass.unit: needs 'kg', not 'g'"),
+        (constant("mass", value="heavy"), "mass.value: needs a number, not 'heavy'"),
+        (constant("mass", value=True), "mass.value: needs a number"),
+        (constant("mass", basis="guess"), "mass.basis: needs one of data"),
+        (constant("mass", about=None), "mass.about: needs a text"),
+        (constant("mass", colour="red"), "mass.colour: is no key"),
+        (constant("mass", range=[1, 2], nominal=1), "mass: needs either value"),
+        (constant("cornering_stiffness", range=[1500, 500]), "upside down"),
+        (constant("cornering_stiffness", nominal=1), "cornering_stiffness.nominal: 1 is outside"),
+        (constant("cornering_stiffness", range=[500]), "nominal and range"),
+        (constant("right_wheel_y", value=0.3), "right_wheel_y: 0.3 m is not in"),
+    ],
+)
+def test_a_wrong_file_gets_one_line_with_the_place(tmp_path, change, message):
+    path = write(tmp_path / "v.yaml", change)
+    with pytest.raises(VehicleError, match=r"^[^\n]*$") as error:
+        load_vehicle(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+
+
+def test_a_known_constant_cannot_be_unknown(tmp_path):
+    def spread(document):
+        entry = document["constants"]["mass"]
+        del entry["value"]
+        entry.update(nominal=48.3, range=[40.0, 50.0])
+
+    with pytest.raises(VehicleError, match="mass: cannot be unknown"):
+        load_vehicle(write(tmp_path / "v.yaml", spread))
+
+
+def test_not_yaml_at_all(tmp_path):
+    path = tmp_path / "v.yaml"
+    path.write_text("name: [", encoding="utf-8")
+    with pytest.raises(VehicleError, match="is not valid YAML"):
+        load_vehicle(path)
