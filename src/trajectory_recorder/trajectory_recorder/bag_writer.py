@@ -13,7 +13,7 @@ import os
 import struct
 import zlib
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from enum import Enum
 from pathlib import Path
@@ -49,6 +49,10 @@ _MESSAGE_FIELDS = _MESSAGE.size - 9  # bytes of the record that are not opcode, 
 _MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of entries
 _CHUNK = struct.Struct("<BQQQQI")  # opcode, length, start, end, uncompressed size, CRC
 _PENDING_BYTES = 8 * 2**20  # chunks kept before the file, and with it its summary, is written
+
+_BUFFERS = 64  # in one call to the operating system
+
+Buffer = bytes | bytearray
 
 _YamlDumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # tens of times faster, where built
 
@@ -142,7 +146,7 @@ class BagWriter:
         if len(self._chunk) >= self._chunk_size:
             self._finish_chunk()
             if self._files[-1].pending_bytes >= _PENDING_BYTES:
-                self.flush()
+                self._files[-1].flush(self.metadata)
 
     def flush(self) -> None:
         """Make the bag on disk complete; a process killed later loses what comes after this."""
@@ -262,9 +266,10 @@ class _McapFile:
         self.closed = False
         self._schemas: dict[str, Schema] = {}  # by type name
         self._channels: list[Channel] = []
-        self._chunk_indexes: list[ChunkIndex] = []
+        self._chunks = 0
+        self._chunk_indexes = bytearray()  # encoded: there may be many, and each tail has them all
         header = MAGIC + _encode(Header(profile="ros2", library="trajectory_recorder"))
-        self._pending = [header]
+        self._pending: list[Buffer] = [header]
         self.pending_bytes = len(header)
         self._data_end = 0  # bytes on disk that are never touched again
         self._tail = b""  # what follows them: summary, footer
@@ -310,7 +315,7 @@ class _McapFile:
         chunk: bytearray,
         index: Mapping[int, list[int]],
         compression: Compression,
-        compress: Callable[[bytearray], bytes],
+        compress: Callable[[bytearray], Buffer],
     ) -> None:
         """Add a chunk of message records; index: channel id -> stamp, offset, stamp, offset, ..."""
         data = compress(chunk)
@@ -334,7 +339,7 @@ class _McapFile:
                 + packed
             )
             self.counts[channel_id] = self.counts.get(channel_id, 0) + len(entries) // 2
-        self._chunk_indexes.append(
+        self._chunk_indexes += _encode(
             ChunkIndex(
                 chunk_start_offset=offset,
                 chunk_length=chunk_end - offset,
@@ -347,9 +352,9 @@ class _McapFile:
                 uncompressed_size=len(chunk),
             )
         )
-        first = len(self._chunk_indexes) == 1
-        self.start = start if first else min(start, self.start)
+        self.start = min(start, self.start) if self._chunks else start
         self.end = max(end, self.end)
+        self._chunks += 1
 
     def flush(self, metadata: Mapping[str, str]) -> None:
         """Write what is pending and a new tail behind it."""
@@ -367,7 +372,8 @@ class _McapFile:
                 os.ftruncate(self._fd, self._data_end + len(self._tail))
             self.close()
             raise
-        os.ftruncate(self._fd, self.size + len(tail))
+        if self.size + len(tail) < self._data_end + len(self._tail):
+            os.ftruncate(self._fd, self.size + len(tail))
         self._data_end, self._tail = self.size, tail
         self._pending, self.pending_bytes = [], 0
 
@@ -377,7 +383,7 @@ class _McapFile:
             self.closed = True
             os.close(self._fd)
 
-    def _add(self, data: bytes) -> None:
+    def _add(self, data: Buffer) -> None:
         self._pending.append(data)
         self.pending_bytes += len(data)
 
@@ -391,25 +397,24 @@ class _McapFile:
             channel_count=len(self._channels),
             attachment_count=0,
             metadata_count=1,
-            chunk_count=len(self._chunk_indexes),
+            chunk_count=self._chunks,
             message_start_time=self.start,
             message_end_time=self.end,
             channel_message_counts=dict(self.counts),
         )
         metadata_index = MetadataIndex(offset=self.size, length=len(record), name=METADATA_RECORD)
-        groups: dict[Opcode, list[McapRecord]] = {
-            Opcode.SCHEMA: list(self._schemas.values()),
-            Opcode.CHANNEL: list(self._channels),
-            Opcode.STATISTICS: [statistics],
-            Opcode.CHUNK_INDEX: list(self._chunk_indexes),
-            Opcode.METADATA_INDEX: [metadata_index],
+        groups: dict[Opcode, Buffer] = {
+            Opcode.SCHEMA: _encode(*self._schemas.values()),
+            Opcode.CHANNEL: _encode(*self._channels),
+            Opcode.STATISTICS: _encode(statistics),
+            Opcode.CHUNK_INDEX: self._chunk_indexes,
+            Opcode.METADATA_INDEX: _encode(metadata_index),
         }
         summary_start = self.size + len(data_end)
-        summary = b""
-        offsets: list[McapRecord] = []
-        for opcode, records in groups.items():
-            if records:
-                group = _encode(*records)
+        summary = bytearray()
+        offsets = []
+        for opcode, group in groups.items():
+            if group:
                 offsets.append(
                     SummaryOffset(
                         group_opcode=opcode,
@@ -425,7 +430,7 @@ class _McapFile:
             summary_start=summary_start, summary_offset_start=offset_start, summary_crc=0
         )
         footer.summary_crc = zlib.crc32(summary + _encode(footer)[:-4])
-        return data_end + summary + _encode(footer) + MAGIC
+        return data_end + bytes(summary) + _encode(footer) + MAGIC
 
 
 def _encode(*records: McapRecord) -> bytes:
@@ -435,21 +440,24 @@ def _encode(*records: McapRecord) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-def _write_at(fd: int, offset: int, buffers: list[bytes]) -> None:
+def _write_at(fd: int, offset: int, buffers: Sequence[Buffer]) -> None:
     """Write all the buffers, however many calls it takes."""
-    data = b"".join(buffers)
-    view = memoryview(data)
-    while view:
-        written = os.pwrite(fd, view, offset)
-        view, offset = view[written:], offset + written
+    left = [memoryview(buffer) for buffer in buffers]
+    while left:
+        written = os.pwritev(fd, left[:_BUFFERS], offset)
+        offset += written
+        while left and written >= len(left[0]):
+            written -= len(left.pop(0))
+        if left:
+            left[0] = left[0][written:]
 
 
-def _compressor(compression: Compression) -> Callable[[bytearray], bytes]:
+def _compressor(compression: Compression) -> Callable[[bytearray], Buffer]:
     if compression is Compression.ZSTD:
         return zstandard.ZstdCompressor(level=1).compress
     if compression is Compression.LZ4:
         return lambda chunk: bytes(lz4.frame.compress(chunk))
-    return bytes
+    return lambda chunk: chunk
 
 
 def _to_yaml(value: object) -> str:
