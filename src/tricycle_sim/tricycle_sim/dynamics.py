@@ -371,10 +371,19 @@ def _watch(g: NDArray[np.float64], i: int, tick: float, steering_lag: float) -> 
 
 
 @inlined
-def _watch_group(g: NDArray[np.float64], lanes: int, tick: float, steering_lag: float) -> None:
-    """Note what happens to a group at a tick; bring those that rolled over to rest."""
+def _watch_group(g: NDArray[np.float64], lanes: int, tick: float, steering_lag: float) -> bool:
+    """Note what happens to a group at a tick; return whether a vehicle has rolled over by now."""
     for i in range(lanes):
         _watch(g, i, tick, steering_lag)
+    alive = 0.0
+    for i in range(lanes):
+        alive += g[ALIVE * LANES + i]
+    return alive < lanes
+
+
+@inlined
+def _halt(g: NDArray[np.float64], lanes: int) -> None:
+    """Bring the vehicles that have rolled over to rest."""
     for i in range(lanes):
         if g[ALIVE * LANES + i] == 0.0:
             for row in range(U, STATES):
@@ -421,6 +430,7 @@ def advance(
     h = TICK / substeps
     for b in range(groups.shape[0]):
         g = groups[b]
+        halted = False
         for k in range(ticks + 1):
             for s in range(substeps):
                 row = 2 * (k * substeps + s)
@@ -428,9 +438,11 @@ def advance(
                     _evaluate(g, lanes, table, row + (stage + 1) // 2, drive[k])
                     if stage == 0:
                         if s == 0:
-                            _watch_group(g, lanes, float(first_tick + k), steering_lag[k])
+                            halted = _watch_group(g, lanes, float(first_tick + k), steering_lag[k])
+                            if halted:
+                                _halt(g, lanes)
                             for m in range(rows.shape[0]):
-                                for i in range(lanes):
+                                for i in range(LANES):  # unrolled: scattered stores are slow
                                     out[m, b * LANES + i, k] = g[rows[m] * LANES + i]
                         if k == ticks:
                             break
@@ -445,10 +457,13 @@ def advance(
                         g[j] = g[START * LANES + j] + ahead * slope
                 if k == ticks:
                     break
-                for i in range(lanes):
-                    end = SUM if g[ALIVE * LANES + i] == 1.0 else START
-                    for j in range(STATES):
-                        g[j * LANES + i] = g[(end + j) * LANES + i]
+                for j in range(STATES * LANES):
+                    g[j] = g[SUM * LANES + j]
+                if halted:  # stay where the step began
+                    for i in range(lanes):
+                        if g[ALIVE * LANES + i] == 0.0:
+                            for j in range(STATES):
+                                g[j * LANES + i] = g[(START + j) * LANES + i]
 
 
 @compiled
