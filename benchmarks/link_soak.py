@@ -150,8 +150,7 @@ def soak(minutes: float, rng: random.Random) -> bool:
                 arms += 1
                 rig.bridge.arm(rig.now, lambda *_: None)
         unsafe += bool(rig.unsafe())
-    damages = [line for line in (*rig.down.values(), *rig.up.values())]
-    for line in damages:
+    for line in (*rig.down.values(), *rig.up.values()):
         line._damage = 0.0  # noqa: SLF001 - the last counters must come through
     for _ in range(150):
         rig.step(Setpoint(0.0, 0.0))
@@ -176,9 +175,10 @@ def soak(minutes: float, rng: random.Random) -> bool:
             sums = line.frames == counters.ok + counters.rejected
             sums &= counters.rejected == line.damaged
             adds_up &= sums
+            verdict = "" if sums else "does not add up"
             print(
                 f"{way + ' ' + board.name.lower():14} {line.frames:8} {counters.ok:8} "
-                f"{counters.rejected:8} {line.damaged:8} {gaps:8} {'' if sums else 'does not add up'}"
+                f"{counters.rejected:8} {line.damaged:8} {gaps:8} {verdict}"
             )
         adds_up &= plc.counters.stale == 0
     print(f"every counter adds up: {adds_up}")

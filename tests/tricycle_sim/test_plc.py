@@ -1,16 +1,21 @@
-"""The emulated PLCs against the state machine of the specification (section 5)."""
+"""Both PLCs against the state machine of the specification (section 5).
+
+Every test runs on two backends: the emulation in Python and the firmware's own C logic.
+"""
 
 import dataclasses
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tricycle_bridge import messages as m
 from tricycle_bridge.framing import FrameDecoder, encode
+from tricycle_sim.firmware_plc import FirmwareDrivePlc, FirmwareSteerPlc
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 ENABLE, ESTOP = m.CommandFlag.ENABLE, m.CommandFlag.ESTOP
+STEER, DRIVE = m.Board.STEER, m.Board.DRIVE
 State, Fault, Op, Result = m.PlcState, m.Fault, m.Op, m.Result
 
 
@@ -91,9 +96,19 @@ class Bench:
         return stats
 
 
-@pytest.fixture(params=[SteerPlc, DrivePlc])
-def bench(request):
-    bench = Bench(request.param())
+@pytest.fixture(params=["emulated", "firmware"])
+def make_plc(request):
+    """Makes the PLC of a board on one of the backends."""
+    if request.param == "emulated":
+        return lambda board, **kwargs: {STEER: SteerPlc, DRIVE: DrivePlc}[board](**kwargs)
+    build = request.getfixturevalue("firmware_libraries")
+    classes = {STEER: FirmwareSteerPlc, DRIVE: FirmwareDrivePlc}
+    return lambda board, **kwargs: classes[board](build / f"lib{board.name.lower()}.so", **kwargs)
+
+
+@pytest.fixture(params=[STEER, DRIVE], ids=["steer", "drive"])
+def bench(request, make_plc):
+    bench = Bench(make_plc(request.param))
     bench.tick()
     bench.hello()
     return bench
@@ -109,17 +124,17 @@ def armed(bench):
 
 
 @pytest.fixture
-def steer():
-    return _armed_bench(SteerPlc)
+def steer(make_plc):
+    return _armed_bench(make_plc(STEER))
 
 
 @pytest.fixture
-def drive():
-    return _armed_bench(DrivePlc)
+def drive(make_plc):
+    return _armed_bench(make_plc(DRIVE))
 
 
-def _armed_bench(cls, **kwargs):
-    bench = Bench(cls(), **kwargs)
+def _armed_bench(plc, **kwargs):
+    bench = Bench(plc, **kwargs)
     bench.tick()
     bench.hello()
     bench.drive(5)
@@ -130,8 +145,8 @@ def _armed_bench(cls, **kwargs):
 # ---- handshake ----
 
 
-def test_boot_is_announced_without_a_session_then_telemetry_flows():
-    bench = Bench(SteerPlc(boot_count=41))
+def test_boot_is_announced_without_a_session_then_telemetry_flows(make_plc):
+    bench = Bench(make_plc(STEER, boot_count=41))
     bench.tick(3)
     boot, *states = bench.received
     assert boot == m.Event(0, m.EventCode.BOOT, State.SAFE, 0)
@@ -186,16 +201,16 @@ def test_arming_needs_five_fresh_enabled_commands_in_a_row(bench):
     assert bench.control(Op.ARM) is Result.OK  # already satisfied
 
 
-def test_the_drive_arms_only_at_commanded_speed_zero():
-    bench = Bench(DrivePlc())
+def test_the_drive_arms_only_at_commanded_speed_zero(make_plc):
+    bench = Bench(make_plc(DRIVE))
     bench.tick()
     bench.hello()
     bench.drive(5, 0.5)
     assert bench.control(Op.ARM) is Result.PRECONDITIONS
 
 
-def test_the_steering_starts_at_the_measured_angle():
-    bench = Bench(SteerPlc())
+def test_the_steering_starts_at_the_measured_angle(make_plc):
+    bench = Bench(make_plc(STEER))
     bench.tick(angle=0.3)
     bench.hello()
     for _ in range(5):
@@ -339,12 +354,12 @@ def test_a_blocked_steering_is_a_tracking_fault_after_a_second(steer):
     assert ticks == pytest.approx(100 + 5, abs=2)  # 0.15 rad at 3 rad/s take 5 ticks
 
 
-def test_a_blocked_wheel_is_a_stall_and_a_fast_one_an_overspeed(drive):
+def test_a_blocked_wheel_is_a_stall_and_a_fast_one_an_overspeed(drive, make_plc):
     while drive.plc.state is State.ARMED:
         drive.command(1.0)
         drive.tick(speed=0.0)
     assert drive.state.faults == Fault.STALL
-    fast = _armed_bench(DrivePlc)
+    fast = _armed_bench(make_plc(DRIVE))
     fast.command(1.0)
     fast.tick(speed=5.5)
     assert (fast.state.state, fast.state.faults) == (State.FAULT, Fault.OVERSPEED)
@@ -373,13 +388,15 @@ def test_drive_commands_are_limited_never_wrapped(drive):
     assert drive.output.setpoint == 0.0
 
 
-@settings(max_examples=25, deadline=None)
+@settings(
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(
     st.lists(st.tuples(st.integers(-32768, 32767), st.integers(0, 65535)), min_size=1, max_size=30)
 )
-def test_the_steering_setpoint_is_never_faster_nor_further_than_its_limits(commands):
-    bench = _armed_bench(SteerPlc)
-    last = bench.plc._setpoint
+def test_the_steering_setpoint_is_never_faster_nor_further_than_its_limits(make_plc, commands):
+    bench = _armed_bench(make_plc(STEER))
+    last = bench.tick().setpoint * 1e-4
     for angle, rate in commands:
         bench.send(m.SteerCommand(ENABLE, 0, angle, rate, m.echo_of(bench.now)))
         bench.tick()
@@ -414,21 +431,21 @@ def test_duplicates_are_ignored_and_gaps_counted(armed):
     assert (stats.duplicate, stats.seq_gap) == (1, 3)
 
 
-def test_the_watchdog_and_the_echo_hold_across_the_wrap_of_the_clock():
-    bench = _armed_bench(SteerPlc, start_us=(1 << 32) - 500_000)
+def test_the_watchdog_and_the_echo_hold_across_the_wrap_of_the_clock(make_plc):
+    bench = _armed_bench(make_plc(STEER), start_us=(1 << 32) - 500_000)
     bench.drive(100, 0.1)
     assert bench.state.t < 1_000_000
     assert bench.state.state == State.ARMED
     assert bench.stats().stale == 0
 
 
-def test_limits_tell_what_the_plc_enforces():
-    (limits,) = _armed_bench(SteerPlc).send(m.LimitsRequest())
+def test_limits_tell_what_the_plc_enforces(make_plc):
+    (limits,) = _armed_bench(make_plc(STEER)).send(m.LimitsRequest())
     assert (limits.max_angle, limits.max_rate, limits.watchdog, limits.stale) == (
         7854,
         3000,
         200,
         150,
     )
-    (limits,) = _armed_bench(DrivePlc).send(m.LimitsRequest())
+    (limits,) = _armed_bench(make_plc(DRIVE)).send(m.LimitsRequest())
     assert (limits.max_speed, limits.max_acceleration) == (4800, 2000)

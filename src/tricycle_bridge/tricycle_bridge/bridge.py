@@ -65,7 +65,7 @@ class BridgeSettings:
         A value is outside what protocol and PLCs allow.
     """
 
-    command_rate: float = 50.0  # Hz, of unchanged set-points
+    command_rate: float = 50.0  # Hz, of repeats between the commander's messages
     tyre_radius: float = 0.335  # m
     max_steering_rate: float = 2.0  # rad/s of the steering motor
     max_acceleration: float = 1.0  # m/s^2
@@ -179,7 +179,7 @@ class Bridge:
         self._enabled = False  # operator wants the vehicle armed
         self._estopped = False  # operator's e-stop, until the next arm request
         self._input: _Input | None = None
-        self._sent: tuple[Setpoint, bool] | None = None
+        self._sent: tuple[_Input, bool] | None = None
         self._sent_at = -math.inf
         self._stop_sent_at = -math.inf
         self._gear = Gear.DRIVE
@@ -345,12 +345,15 @@ class Bridge:
         )
 
     def _send_commands(self, now: float) -> None:
-        """Forward the newest input: a change at once, the same again at `command_rate`."""
+        """Forward a new input at once (at most 100 Hz), the same again at `command_rate`."""
         command = self._fresh_input(now) if self.active else None
         if command is None:
             return
-        changed = self._sent != (command.setpoint, self._enabled)
-        period = FASTEST_PERIOD if changed else 1.0 / self.settings.command_rate
+        period = (
+            FASTEST_PERIOD
+            if self._sent != (command, self._enabled)
+            else 1.0 / self.settings.command_rate
+        )
         if now - self._sent_at < period - _JITTER:
             return
         flags = (CommandFlag.ENABLE if self._enabled else 0) | (
@@ -360,7 +363,7 @@ class Bridge:
             self.links[Board.STEER].send_command(self._steer_command(command.setpoint, flags)),
             self.links[Board.DRIVE].send_command(self._drive_command(command.setpoint, flags)),
         ]
-        self._sent, self._sent_at = (command.setpoint, self._enabled), now
+        self._sent, self._sent_at = (command, self._enabled), now
         if self._arming is not None and all(sent):
             self._arming.commands += 1
 

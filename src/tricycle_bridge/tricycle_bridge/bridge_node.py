@@ -101,7 +101,9 @@ class BridgeNode(LifecycleNode):
         declare("drive_port", "/dev/tricycle_drive", "serial device of the drive PLC")
         declare("baud", BAUD, "bits per second on both ports", 9600, 1_000_000)
         declare("boot_wait", 2.0, "s of silence after opening: a UNO's bootloader", 0.0, 10.0)
-        declare("command_rate", settings.command_rate, "Hz of unchanged set-points", 20.0, 100.0)
+        declare(
+            "command_rate", settings.command_rate, "Hz of repeats between messages", 20.0, 100.0
+        )
         declare("tyre_radius", settings.tyre_radius, "m, of the rear wheel", 0.05, 2.0)
         declare(
             "max_steering_rate",

@@ -1,0 +1,65 @@
+/* The board that this build is for: inputs, outputs and what lies between. */
+#ifndef BOARD_H
+#define BOARD_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "messages.h"
+
+#define ADC_CENTRE 512 /* counts at 0 rad */
+#define ADC_SCALE 435  /* counts per rad */
+#define HALL_PULSE 15253 /* um */
+
+#if defined(BOARD_IS_STEER)
+#define THIS_BOARD BOARD_STEER
+#define ID_COMMAND ID_STEER_COMMAND
+#define SIZE_COMMAND SIZE_STEER_COMMAND
+struct board {
+	/* inputs */
+	int16_t angle;   /* 1e-4 rad */
+	int16_t rate;    /* 1e-3 rad/s */
+	uint16_t adc;    /* counts */
+	uint16_t supply; /* mV */
+	bool estop_input;
+	/* outputs */
+	bool servo_on;
+	int32_t setpoint; /* 1e-5 rad: one tick at 1e-3 rad/s */
+	/* between */
+	int16_t target;      /* 1e-4 rad */
+	uint16_t rate_limit; /* 1e-3 rad/s */
+	bool command_limited;
+	bool off_track;
+	uint32_t off_track_since; /* us */
+};
+#elif defined(BOARD_IS_DRIVE)
+#define THIS_BOARD BOARD_DRIVE
+#define ID_COMMAND ID_DRIVE_COMMAND
+#define SIZE_COMMAND SIZE_DRIVE_COMMAND
+struct board {
+	/* inputs */
+	int16_t speed;      /* mm/s */
+	int32_t hall_count; /* pulses */
+	uint16_t current;   /* mA */
+	uint16_t supply;    /* mV */
+	int16_t pwm;        /* per mille, as put out in the last tick */
+	bool estop_input;
+	/* outputs */
+	bool motor_on;
+	int32_t setpoint; /* 0.01 mm/s: one tick at 1 mm/s^2 */
+	uint8_t brake;    /* 0..200 */
+	/* between */
+	int16_t target;              /* mm/s, not negative */
+	uint16_t acceleration_limit; /* mm/s^2 */
+	uint8_t commanded_gear;
+	uint8_t commanded_brake;
+	uint8_t gear;
+	bool command_limited;
+	bool stalled;
+	uint32_t stalled_since; /* us */
+};
+#else
+#error "define BOARD_IS_STEER or BOARD_IS_DRIVE"
+#endif
+
+#endif

@@ -1,0 +1,344 @@
+#include "plc.h"
+
+#include <string.h>
+
+#define WATCHDOG_US (WATCHDOG_MS * 1000UL)
+#define VERSION_NODE (TBP_MAJOR << 5 | 0x10 | THIS_BOARD)
+#define FIRMWARE_VERSION 1, 0, 0
+
+static uint16_t echo_of(uint32_t t)
+{
+	return (uint16_t)(t >> 10);
+}
+
+static bool is(const struct plc *plc, uint8_t state)
+{
+	return plc->state == state;
+}
+
+static bool moving(const struct plc *plc)
+{
+	return is(plc, PLC_STATE_ARMED) || is(plc, PLC_STATE_STOPPING);
+}
+
+void plc_send(struct plc *plc, uint8_t id, const void *payload, uint8_t length)
+{
+	uint8_t wire[FRAME_MAX_WIRE];
+	const uint8_t header[FRAME_HEADER] = { VERSION_NODE, id, plc->tx_seq++, plc->session };
+	uint8_t used = frame_encode(wire, header, payload, length);
+	if (!plc->transmit(plc->context, wire, used))
+		plc->stats.tx_drop++;
+}
+
+static void enter(struct plc *plc, uint8_t state, uint32_t now, uint8_t code)
+{
+	struct event event = { now, code, (uint8_t)(plc->state << 4 | state), plc->faults };
+	plc->state = state;
+	plc->state_since = now;
+	plc_send(plc, ID_EVENT, &event, sizeof event);
+}
+
+static void change(struct plc *plc, uint8_t state, uint32_t now)
+{
+	enter(plc, state, now, EVENT_CODE_STATE_CHANGE);
+}
+
+static void estop(struct plc *plc, uint16_t fault, uint32_t now)
+{
+	plc->faults |= fault;
+	if (!is(plc, PLC_STATE_ESTOP))
+		change(plc, PLC_STATE_ESTOP, now);
+}
+
+void plc_reset(struct plc *plc, uint8_t cause, uint16_t boot_count)
+{
+	void *context = plc->context;
+	bool (*transmit)(void *, const uint8_t *, uint8_t) = plc->transmit;
+	memset(plc, 0, sizeof *plc);
+	plc->context = context;
+	plc->transmit = transmit;
+	plc->reset_cause = cause;
+	plc->boot_count = boot_count;
+	plc->state = PLC_STATE_BOOT;
+	if (cause == RESET_CAUSE_WATCHDOG)
+		plc->faults = FAULT_WDT_RESET;
+	board_reset(plc);
+}
+
+uint8_t plc_state_flags(const struct plc *plc)
+{
+	return (plc->enabled ? STATE_FLAG_ENABLED : 0) |
+	       (plc->estop_pressed ? STATE_FLAG_ESTOP_PRESSED : 0) |
+	       (plc->limited ? STATE_FLAG_LIMITED : 0);
+}
+
+uint8_t plc_command_age(const struct plc *plc, uint32_t now)
+{
+	uint32_t age = (now - plc->command_at) / TICK_US;
+	return !plc->commanded || age > 255 ? 255 : (uint8_t)age;
+}
+
+/* ---- state machine ---- */
+
+static bool command_fresh(const struct plc *plc, uint32_t now, uint32_t limit)
+{
+	return plc->commanded && now - plc->command_at < limit;
+}
+
+static uint8_t clear(struct plc *plc, uint32_t now)
+{
+	if (moving(plc))
+		return RESULT_WRONG_STATE;
+	if (plc->estop_pressed)
+		return RESULT_PRECONDITIONS;
+	plc->faults = 0;
+	if (!is(plc, PLC_STATE_SAFE))
+		change(plc, PLC_STATE_SAFE, now);
+	return RESULT_OK;
+}
+
+static uint8_t arm(struct plc *plc, uint32_t now)
+{
+	if (is(plc, PLC_STATE_ARMED))
+		return RESULT_OK;
+	if (!is(plc, PLC_STATE_SAFE) || (plc->faults & ~FAULT_LIMIT))
+		return RESULT_WRONG_STATE;
+	if (plc->commands_in_row < ARMING_COMMANDS || !command_fresh(plc, now, WATCHDOG_US + 1) ||
+	    !board_ready(plc))
+		return RESULT_PRECONDITIONS;
+	board_armed(plc);
+	change(plc, PLC_STATE_ARMED, now);
+	return RESULT_OK;
+}
+
+static uint8_t operate(struct plc *plc, const struct control *control, uint32_t now)
+{
+	if (control->arg != 0 || (control->inverted_op ^ control->op) != 0xFF ||
+	    control->guard != CONTROL_GUARD)
+		return RESULT_BAD_GUARD;
+	switch (control->op) {
+	case OP_ESTOP:
+		estop(plc, FAULT_ESTOP_HOST, now);
+		return RESULT_OK;
+	case OP_DISARM:
+		if (moving(plc))
+			change(plc, PLC_STATE_SAFE, now);
+		return RESULT_OK;
+	case OP_CLEAR:
+		return clear(plc, now);
+	case OP_ARM:
+		return arm(plc, now);
+	default:
+		return RESULT_UNKNOWN_OP;
+	}
+}
+
+/* ---- frames ---- */
+
+/* Both commands begin with their flags and end with their echo. */
+static void accept_command(struct plc *plc, uint8_t seq, const uint8_t *payload, uint32_t now)
+{
+	uint16_t echo;
+	memcpy(&echo, payload + SIZE_COMMAND - sizeof echo, sizeof echo);
+	if ((uint16_t)(echo_of(now) - echo) > STALE_TICKS) {
+		plc->stats.stale++;
+		plc->commands_in_row = 0;
+		return;
+	}
+	board_take_command(plc, payload);
+	uint8_t flags = payload[0];
+	plc->command_seq = seq;
+	plc->command_at = now;
+	plc->commanded = true;
+	plc->enabled = flags & COMMAND_FLAG_ENABLE;
+	if (!plc->enabled)
+		plc->commands_in_row = 0;
+	else if (plc->commands_in_row < 255)
+		plc->commands_in_row++;
+	if (flags & COMMAND_FLAG_ESTOP)
+		estop(plc, FAULT_ESTOP_HOST, now);
+	else if (is(plc, PLC_STATE_ARMED) && !plc->enabled)
+		change(plc, PLC_STATE_STOPPING, now);
+}
+
+static void greet(struct plc *plc, const uint8_t *header, const struct hello *hello, uint32_t now)
+{
+	if (hello->board != THIS_BOARD && hello->board != BOARD_ANY)
+		return;
+	if (moving(plc))
+		change(plc, PLC_STATE_SAFE, now);
+	plc->rx_seq = header[2];
+	plc->rx_seq_known = true;
+	plc->session = header[3];
+	plc->commanded = false;
+	plc->commands_in_row = 0;
+	struct hello_ack ack = {
+		TBP_MINOR,	 THIS_BOARD,	  FIRMWARE_VERSION,
+		plc->reset_cause, plc->boot_count, plc->build_hash, hello->nonce,
+		CAPABILITY_HARDWARE_ESTOP | CAPABILITY_BOOT_COUNTER | CAPABILITY_SUPPLY_MEASURED,
+		WATCHDOG_MS,
+	};
+	plc_send(plc, ID_HELLO_ACK, &ack, sizeof ack);
+}
+
+static bool count_seq(struct plc *plc, uint8_t seq)
+{
+	uint8_t step = (uint8_t)(seq - plc->rx_seq);
+	if (plc->rx_seq_known) {
+		if (step == 0) {
+			plc->stats.duplicate++;
+			return false;
+		}
+		plc->stats.seq_gap += step - 1;
+	}
+	plc->rx_seq = seq;
+	plc->rx_seq_known = true;
+	return true;
+}
+
+/* Payload that the table wants of an id; 255 for an id that is none of ours. */
+static uint8_t payload_size(uint8_t id)
+{
+	switch (id) {
+	case ID_HELLO:
+		return SIZE_HELLO;
+	case ID_PING:
+		return SIZE_PING;
+	case ID_CONTROL:
+		return SIZE_CONTROL;
+	case ID_LIMITS_REQUEST:
+		return SIZE_LIMITS_REQUEST;
+	case ID_STATS_REQUEST:
+		return SIZE_STATS_REQUEST;
+	case ID_COMMAND:
+		return SIZE_COMMAND;
+	default:
+		return 255;
+	}
+}
+
+static void handle(struct plc *plc, uint32_t now)
+{
+	const uint8_t *header = plc->decoder.data;
+	const uint8_t *payload = header + FRAME_HEADER;
+	uint8_t length = plc->decoder.raw_length - FRAME_HEADER - 4;
+	uint8_t id = header[1];
+	uint8_t size = payload_size(id);
+	uint8_t board = header[0] & 0x0F;
+	bool hello = id == ID_HELLO;
+
+	if (header[0] >> 5 != TBP_MAJOR && !hello) {
+		plc->stats.version++;
+		return;
+	}
+	if (size == 255 || header[0] & 0x10 ||
+	    (board != THIS_BOARD && !(hello && board == BOARD_ANY))) {
+		plc->stats.unknown++;
+		return;
+	}
+	if (!hello && (plc->session == 0 || header[3] != plc->session)) {
+		plc->stats.session++;
+		return;
+	}
+	if (length < size) {
+		plc->stats.length++;
+		return;
+	}
+	plc->stats.ok++;
+	if (is(plc, PLC_STATE_BOOT))
+		return;
+	if (hello) {
+		struct hello message;
+		memcpy(&message, payload, sizeof message);
+		greet(plc, header, &message, now);
+		return;
+	}
+	if (!count_seq(plc, header[2]))
+		return;
+	switch (id) {
+	case ID_COMMAND:
+		accept_command(plc, header[2], payload, now);
+		break;
+	case ID_CONTROL: {
+		struct control control;
+		memcpy(&control, payload, sizeof control);
+		uint8_t result = operate(plc, &control, now);
+		struct ack ack = { control.op, header[2], result, plc->state };
+		plc_send(plc, ID_ACK, &ack, sizeof ack);
+		break;
+	}
+	case ID_PING: {
+		struct pong pong = { 0, now, now };
+		memcpy(&pong.token, payload, sizeof pong.token);
+		plc_send(plc, ID_PONG, &pong, sizeof pong);
+		break;
+	}
+	case ID_LIMITS_REQUEST:
+		board_send_limits(plc);
+		break;
+	case ID_STATS_REQUEST:
+		plc_send(plc, ID_STATS, &plc->stats, sizeof plc->stats);
+		break;
+	}
+}
+
+void plc_receive(struct plc *plc, uint8_t byte, uint32_t now)
+{
+	switch (frame_feed(&plc->decoder, byte)) {
+	case FRAME_NONE:
+		break;
+	case FRAME_OK:
+		handle(plc, now);
+		break;
+	case FRAME_LENGTH:
+		plc->stats.length++;
+		break;
+	case FRAME_COBS:
+		plc->stats.cobs++;
+		break;
+	case FRAME_CRC:
+		plc->stats.crc++;
+		break;
+	}
+}
+
+/* ---- tick ---- */
+
+static void check_watchdog(struct plc *plc, uint32_t now)
+{
+	if (command_fresh(plc, now, WATCHDOG_US))
+		return;
+	if (plc_command_age(plc, now) == 255)
+		plc->commanded = false; /* the clock's wrap must not make it young again */
+	plc->commands_in_row = 0;
+	if (is(plc, PLC_STATE_ARMED)) {
+		plc->faults |= FAULT_CMD_TIMEOUT;
+		plc->stats.watchdog_trips++;
+		change(plc, PLC_STATE_STOPPING, now);
+	}
+}
+
+void plc_tick(struct plc *plc, uint32_t now)
+{
+	plc->estop_pressed = plc->board.estop_input;
+	if (is(plc, PLC_STATE_BOOT))
+		enter(plc, PLC_STATE_SAFE, now, EVENT_CODE_BOOT);
+	if (plc->estop_pressed)
+		estop(plc, FAULT_ESTOP_HW, now);
+	check_watchdog(plc, now);
+	if (is(plc, PLC_STATE_ARMED)) {
+		uint16_t fault = board_find_fault(plc, now);
+		if (fault) {
+			plc->faults |= fault;
+			change(plc, PLC_STATE_FAULT, now);
+		}
+	}
+	if (is(plc, PLC_STATE_STOPPING) && board_stopped(plc, now))
+		change(plc, PLC_STATE_SAFE, now);
+	board_control(plc);
+	if (plc->limited)
+		plc->faults |= FAULT_LIMIT;
+	else
+		plc->faults &= (uint16_t)~FAULT_LIMIT;
+	board_send_state(plc, now);
+}

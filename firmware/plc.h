@@ -1,0 +1,69 @@
+/* What both PLCs share: session, state machine, watchdog, counters. No hardware inside: the same
+ * code runs on the AVR, in the simulated AVR and on the host. One struct plc is one board. */
+#ifndef PLC_H
+#define PLC_H
+
+#include <stdbool.h>
+
+#include "board.h"
+#include "frame.h"
+
+struct plc {
+	struct frame_decoder decoder;
+	struct stats stats;
+	struct board board;
+	uint32_t state_since; /* us */
+	uint32_t command_at;  /* us, of the last accepted command */
+	uint32_t build_hash;
+	uint16_t boot_count;
+	uint16_t faults;
+	uint8_t reset_cause;
+	uint8_t state;
+	uint8_t session;
+	uint8_t tx_seq;
+	uint8_t rx_seq;
+	uint8_t command_seq;
+	uint8_t commands_in_row; /* with enable = 1; saturates */
+	bool rx_seq_known;
+	bool commanded; /* command_at holds */
+	bool enabled;
+	bool limited;
+	bool estop_pressed;
+	/* Takes a frame to the line; false where the line is full. */
+	bool (*transmit)(void *context, const uint8_t *wire, uint8_t length);
+	void *context;
+};
+
+void plc_reset(struct plc *plc, uint8_t cause, uint16_t boot_count);
+void plc_receive(struct plc *plc, uint8_t byte, uint32_t now);
+/* One 10 ms control tick: inputs are in plc->board, outputs are left there. */
+void plc_tick(struct plc *plc, uint32_t now);
+
+/* for the boards */
+void plc_send(struct plc *plc, uint8_t id, const void *payload, uint8_t length);
+uint8_t plc_state_flags(const struct plc *plc);
+uint8_t plc_command_age(const struct plc *plc, uint32_t now); /* 10 ms */
+
+/* what the boards provide: steer.c, drive.c */
+void board_reset(struct plc *plc);
+uint16_t board_find_fault(struct plc *plc, uint32_t now);
+bool board_stopped(const struct plc *plc, uint32_t now);
+bool board_ready(const struct plc *plc);
+void board_armed(struct plc *plc);
+/* Keeps a command's set-point; payload is whole. */
+void board_take_command(struct plc *plc, const void *payload);
+void board_control(struct plc *plc);
+void board_send_state(struct plc *plc, uint32_t now);
+void board_send_limits(struct plc *plc);
+
+static inline int32_t clamp(int32_t value, int32_t low, int32_t high)
+{
+	return value < low ? low : value > high ? high : value;
+}
+
+static inline int32_t slew(int32_t setpoint, int32_t target, int32_t change)
+{
+	return setpoint + clamp(target - setpoint, -change, change);
+}
+
+#endif

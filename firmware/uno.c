@@ -1,0 +1,294 @@
+/* The Arduino UNO around the boards' logic: UART rings, clock, pins, EEPROM, watchdog.
+ *
+ * Pins of both boards: 0, 1 UART; 3 e-stop (normally closed to ground: open or broken = pressed);
+ * A1 supply through a divider by 11. Steer: 9 servo pulse, A0 potentiometer.
+ * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 hall pulses, 4 hall direction,
+ * A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs. */
+#include <avr/eeprom.h>
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <avr/sleep.h>
+#include <avr/wdt.h>
+#include <util/atomic.h>
+
+#include "plc.h"
+
+#define RX_SIZE 128 /* powers of two; 11 ms of line */
+#define TX_SIZE 256
+#define BOOT_COUNT ((uint16_t *)0)
+#define SUPPLY_MV(adc) ((uint16_t)((uint32_t)(adc) * 55000UL / 1023)) /* 5 V times 11 */
+
+static struct plc plc;
+
+/* ---- reset cause: read before anything else, then the watchdog off until the loop runs ---- */
+
+static uint8_t reset_flags __attribute__((section(".noinit")));
+
+void save_reset_flags(void) __attribute__((naked, used, section(".init3")));
+void save_reset_flags(void)
+{
+	reset_flags = MCUSR;
+	MCUSR = 0;
+	wdt_disable();
+}
+
+static uint8_t reset_cause(void)
+{
+	/* the flags are the protocol's values; several may be set, the rarest tells most */
+	static const uint8_t order[] = { RESET_CAUSE_WATCHDOG, RESET_CAUSE_BROWN_OUT,
+					 RESET_CAUSE_EXTERNAL };
+	for (uint8_t i = 0; i < sizeof order; i++)
+		if (reset_flags & order[i])
+			return order[i];
+	return RESET_CAUSE_POWER_ON;
+}
+
+/* ---- clock: timer 2 interrupts at 1 kHz, its counter steps in 4 us ---- */
+
+static volatile uint32_t milliseconds;
+static volatile bool tick_due;
+static volatile bool tick_late;
+
+ISR(TIMER2_COMPA_vect)
+{
+	static uint8_t countdown = TICK_US / 1000;
+	milliseconds++;
+	if (--countdown == 0) {
+		countdown = TICK_US / 1000;
+		tick_late |= tick_due;
+		tick_due = true;
+	}
+}
+
+static uint32_t micros(void)
+{
+	uint32_t ms;
+	uint8_t quarter;
+	bool pending;
+	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+	{
+		ms = milliseconds;
+		quarter = TCNT2;
+		pending = TIFR2 & _BV(OCF2A);
+	}
+	if (pending && quarter < 125)
+		ms++;
+	return ms * 1000 + quarter * 4U;
+}
+
+/* ---- UART ---- */
+
+static volatile uint8_t rx_ring[RX_SIZE];
+static volatile uint8_t rx_head, rx_tail;
+static volatile uint16_t rx_lost;
+static volatile uint8_t tx_ring[TX_SIZE];
+static volatile uint8_t tx_head, tx_tail; /* wrap by themselves at 256 */
+
+ISR(USART_RX_vect)
+{
+	bool overrun = UCSR0A & _BV(DOR0);
+	uint8_t byte = UDR0;
+	uint8_t next = (rx_head + 1) & (RX_SIZE - 1);
+	if (overrun || next == rx_tail)
+		rx_lost++;
+	if (next != rx_tail) {
+		rx_ring[rx_head] = byte;
+		rx_head = next;
+	}
+}
+
+ISR(USART_UDRE_vect)
+{
+	if (tx_head == tx_tail)
+		UCSR0B &= (uint8_t)~_BV(UDRIE0);
+	else
+		UDR0 = tx_ring[tx_tail++];
+}
+
+static bool transmit(void *context, const uint8_t *wire, uint8_t length)
+{
+	(void)context;
+	uint8_t used = (uint8_t)(tx_head - tx_tail);
+	if (length > TX_SIZE - 1 - used)
+		return false;
+	for (uint8_t i = 0; i < length; i++)
+		tx_ring[tx_head++] = wire[i];
+	UCSR0B |= _BV(UDRIE0);
+	return true;
+}
+
+static void receive(void)
+{
+	while (rx_tail != rx_head) {
+		uint8_t byte = rx_ring[rx_tail];
+		rx_tail = (rx_tail + 1) & (RX_SIZE - 1);
+		plc_receive(&plc, byte, micros());
+	}
+}
+
+/* ---- inputs ---- */
+
+static uint16_t adc(uint8_t channel)
+{
+	ADMUX = _BV(REFS0) | channel;
+	ADCSRA |= _BV(ADSC);
+	while (ADCSRA & _BV(ADSC))
+		;
+	return ADC;
+}
+
+#if defined(BOARD_IS_STEER)
+
+static void setup_outputs(void)
+{
+	ICR1 = 39999; /* 50 Hz in steps of 0.5 us; before the mode that uses it */
+	DDRB = _BV(PB1);
+	TCCR1A = _BV(WGM11);
+	TCCR1B = _BV(WGM13) | _BV(WGM12) | _BV(CS11);
+}
+
+static void read_inputs(uint32_t now)
+{
+	(void)now;
+	struct board *board = &plc.board;
+	int16_t last = board->angle;
+	board->adc = adc(0);
+	board->angle = (int16_t)(((int32_t)board->adc - ADC_CENTRE) * 10000 / ADC_SCALE);
+	/* 1e-4 rad per 10 ms are 1e-2 rad/s; a count is 0.23 rad/s, so smooth it */
+	board->rate = (int16_t)(board->rate + ((board->angle - last) * 10L - board->rate) / 4);
+}
+
+static void write_outputs(void)
+{
+	const struct board *board = &plc.board;
+	if (board->servo_on) {
+		OCR1A = (uint16_t)(3000 + board->setpoint * 100 / MAX_ANGLE);
+		TCCR1A |= _BV(COM1A1);
+	} else {
+		TCCR1A &= (uint8_t)~_BV(COM1A1); /* no pulse: the pin is low */
+	}
+}
+
+#else
+
+#include "motor.h"
+
+static volatile int32_t pulses;
+static volatile uint32_t pulse_at; /* us */
+static struct hall hall;
+static struct motor motor;
+
+ISR(INT0_vect)
+{
+	pulses += PIND & _BV(PD4) ? 1 : -1;
+	pulse_at = micros();
+}
+
+static void setup_outputs(void)
+{
+	ICR1 = 799; /* 20 kHz */
+	DDRB = _BV(PB1) | _BV(PB2);
+	DDRD |= _BV(PD7);
+	OCR1B = ICR1;
+	TCCR1A = _BV(COM1A1) | _BV(COM1B1) | _BV(WGM11);
+	TCCR1B = _BV(WGM13) | _BV(WGM12) | _BV(CS10);
+	EICRA = _BV(ISC01) | _BV(ISC00); /* rising edge */
+	EIMSK = _BV(INT0);
+}
+
+static void read_inputs(uint32_t now)
+{
+	struct board *board = &plc.board;
+	uint32_t edge_at;
+	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+	{
+		board->hall_count = pulses;
+		edge_at = pulse_at;
+	}
+	board->speed = hall_speed(&hall, board->hall_count, edge_at, now);
+	board->current = (uint16_t)(adc(0) * 50000UL / 1023);
+}
+
+static void write_outputs(void)
+{
+	struct board *board = &plc.board;
+	int32_t torque = 0;
+	bool reverse = board->gear == GEAR_REVERSE;
+	if (board->motor_on)
+		torque = motor_torque(&motor, reverse ? -board->setpoint : board->setpoint,
+				      reverse ? -board->speed : board->speed);
+	else
+		motor.integral = 0;
+	bool backward = reverse != (torque < 0);
+	if (torque < 0)
+		torque = -torque;
+	board->pwm = (int16_t)(torque * 1000 / MAX_TORQUE);
+	PORTD = backward ? PORTD | _BV(PD7) : PORTD & (uint8_t)~_BV(PD7);
+	/* in this mode a compare value of 0 still gives a spike: cut the pin off instead */
+	OCR1A = (uint16_t)(torque * 799 / MAX_TORQUE);
+	TCCR1A = board->pwm ? TCCR1A | _BV(COM1A1) : TCCR1A & (uint8_t)~_BV(COM1A1);
+	OCR1B = (uint16_t)(board->brake * 799UL / MAX_BRAKE);
+	TCCR1A = board->brake ? TCCR1A | _BV(COM1B1) : TCCR1A & (uint8_t)~_BV(COM1B1);
+	if (backward)
+		board->pwm = -board->pwm;
+}
+
+#endif
+
+static void tick(void)
+{
+	uint32_t start = micros();
+	wdt_reset(); /* here only: a loop that no longer ticks is dead */
+	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+	{
+		plc.stats.rx_overrun = rx_lost;
+		plc.stats.tick_overrun += tick_late;
+		tick_late = false;
+	}
+	plc.board.estop_input = PIND & _BV(PD3);
+	plc.board.supply = SUPPLY_MV(adc(1));
+	read_inputs(start);
+	plc_tick(&plc, start);
+	write_outputs();
+	uint32_t took = micros() - start;
+	if (took > plc.stats.max_tick)
+		plc.stats.max_tick = took < 0xFFFF ? (uint16_t)took : 0xFFFF;
+}
+
+int main(void)
+{
+	PORTD |= _BV(PD2) | _BV(PD3) | _BV(PD4); /* pull-ups */
+	setup_outputs();
+	ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
+	OCR2A = 249;
+	TCCR2A = _BV(WGM21);
+	TIMSK2 = _BV(OCIE2A);
+	TCCR2B = _BV(CS22); /* 16 MHz / 64 */
+	UBRR0 = 16;         /* 115200 at double speed, 2.1 % fast */
+	UCSR0A = _BV(U2X0);
+	UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
+
+	uint16_t boot_count = (uint16_t)(eeprom_read_word(BOOT_COUNT) + 1);
+	eeprom_update_word(BOOT_COUNT, boot_count);
+	plc.transmit = transmit;
+	plc_reset(&plc, reset_cause(), boot_count);
+	plc.build_hash = BUILD_HASH;
+	wdt_enable(WDTO_60MS);
+	set_sleep_mode(SLEEP_MODE_IDLE);
+	sei();
+	for (;;) {
+		receive();
+		cli();
+		bool due = tick_due;
+		tick_due = false;
+		if (!due && rx_tail == rx_head) {
+			sleep_enable();
+			sei(); /* the instruction after it still runs before any interrupt */
+			sleep_cpu();
+			sleep_disable();
+		}
+		sei();
+		if (due)
+			tick();
+	}
+}
