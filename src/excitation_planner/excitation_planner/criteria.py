@@ -10,7 +10,7 @@ import numpy as np
 
 from excitation_planner.box import FloatArray
 from excitation_planner.errors import DesignError
-from excitation_planner.sensitivity import Sensitivity
+from excitation_planner.sensitivity import Sensitivity, half_width
 
 
 class Criterion(StrEnum):
@@ -81,14 +81,16 @@ def excitation_cost(
 def cost_interval(
     result: Sensitivity, target: int, *, noise_share: float = 0.0
 ) -> tuple[float, float]:
-    """95 % interval of `excitation_cost` from those of the indices, taken as independent."""
+    """95 % interval of `excitation_cost`, from the folds of the indices."""
     cost = excitation_cost(result.main, result.total, target, noise_share=noise_share)
-    if not math.isfinite(cost):
+    folds = [
+        # the noise keeps its variance, so that its share follows that of the output
+        excitation_cost(
+            f.main, f.total, target, noise_share=noise_share * result.variance / f.variance
+        )
+        for f in result.folds
+    ]
+    if not np.all(np.isfinite([cost, *folds])):
         return (0.0, math.inf)
-    main_half = np.ptp(result.main_interval, axis=1) / 2
-    total_half = np.ptp(result.total_interval, axis=1) / 2
-    slope = np.ones(len(main_half))  # of H S_i with respect to each main index
-    slope[target] = -(1.0 + cost)
-    half = float(np.sqrt(np.sum((slope * main_half) ** 2) + total_half[target] ** 2))
-    half /= float(result.main[target])
+    half = float(half_width(np.array(folds) - cost))
     return (max(0.0, cost - half), cost + half)

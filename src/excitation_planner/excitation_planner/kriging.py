@@ -8,14 +8,18 @@ from __future__ import annotations
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 from scipy.optimize import minimize
+from sklearn.base import clone
 from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, WhiteKernel
+from sklearn.gaussian_process.kernels import RBF, Sum, WhiteKernel
 from sklearn.utils.validation import check_X_y
 
 from excitation_planner.box import FloatArray
+
+_STARTS = (0.15, 0.3, 0.6, 1.2, 2.4)  # length scales that the fit may start from
+_IMPOSSIBLE = 1e25  # negative log-likelihood of a matrix that cannot be factorised
 
 
 class Kriging(GaussianProcessRegressor):
@@ -23,7 +27,7 @@ class Kriging(GaussianProcessRegressor):
 
     Differs from its base class in the fit alone: mean and variance are profiled out of the
     likelihood in closed form, length scales and nugget follow from its analytic gradient by
-    L-BFGS-B from one start. Prediction, sampling and scoring are scikit-learn's.
+    L-BFGS-B. Prediction, sampling and scoring are scikit-learn's.
 
     Parameters
     ----------
@@ -68,42 +72,58 @@ class Kriging(GaussianProcessRegressor):
         """
         X, y = check_X_y(X, y, y_numeric=True, ensure_min_samples=2)
         X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
-        scale = y.std()
-        if scale <= 1e-14 * np.abs(y).max():
+        if y.std() <= 1e-14 * np.abs(y).max():
             raise ValueError(f"the output is constant ({y[0]:g}): nothing to model")
-        standardised = (y - y.mean()) / scale
+        standardised = (y - y.mean()) / y.std()
 
         k = X.shape[1]
         log_bounds = np.log([self.length_scale_bounds] * k + [self.nugget_bounds])
-        start = np.clip(np.log([1.0] * k + [1e-6]), log_bounds[:, 0], log_bounds[:, 1])
+        # started from the likeliest of a few length scales, the same on all axes: a single start
+        # takes a wavy function for noise
+        starts = [
+            np.clip(np.log([length_scale] * k + [1e-6]), log_bounds[:, 0], log_bounds[:, 1])
+            for length_scale in _STARTS
+        ]
         theta = minimize(
             _profiled_likelihood,
-            start,
+            min(starts, key=lambda theta: _profiled_likelihood(theta, X, standardised)[0]),
             args=(X, standardised),
             jac=True,
             method="L-BFGS-B",
             bounds=log_bounds,
             options={"ftol": 1e-8, "maxiter": 100},
         ).x
-        self.length_scale_: FloatArray = np.exp(theta[:k])
-        self.nugget_ = float(np.exp(theta[k]))
-        self.kernel_ = RBF(self.length_scale_) + WhiteKernel(self.nugget_)
+        kernel = RBF(np.exp(theta[:k])) + WhiteKernel(np.exp(theta[k]))
+        return self._fit_process(X, y, kernel)
 
-        # the attributes that GaussianProcessRegressor predicts from (R&W Alg. 2.1)
-        self.n_features_in_ = k
+    def _fit_process(self, X: FloatArray, y: FloatArray, kernel: Sum) -> Self:
+        """Mean, variance and weights for given hyperparameters (R&W Alg. 2.1)."""
+        self.kernel_ = kernel
+        self.length_scale_: FloatArray = np.atleast_1d(kernel.k1.length_scale)
+        self.nugget_ = float(kernel.k2.noise_level)
+        self.n_features_in_ = X.shape[1]
         self.X_train_ = X
-        self.L_, self.inverse_, mean, variance = _profile(self.kernel_(X), standardised)
-        self.mean_ = float(y.mean() + scale * mean)
+        shift, scale = y.mean(), y.std()
+        self.L_, mean, variance, weights = _profile(kernel(X), (y - shift) / scale)
+        self.inverse_ = _inverse(self.L_)
+        self.mean_ = float(shift + scale * mean)
         self.deviation_ = float(scale * np.sqrt(variance))
         self._y_train_mean, self._y_train_std = self.mean_, self.deviation_
         self.y_train_ = (y - self.mean_) / self.deviation_
-        self.alpha_: FloatArray = self.inverse_ @ self.y_train_
+        self.alpha_: FloatArray = weights / np.sqrt(variance)
         self.log_marginal_likelihood_value_ = float(
             -0.5 * self.y_train_ @ self.alpha_
             - np.log(np.diag(self.L_)).sum()
             - 0.5 * len(y) * np.log(2 * np.pi)
         )
         return self
+
+    def without(self, left_out: NDArray[np.bool_]) -> Self:
+        """Return this model without some of its samples (n,), hyperparameters kept."""
+        kept = ~left_out
+        y = self.mean_ + self.deviation_ * self.y_train_[kept]
+        reduced: Self = clone(self)
+        return reduced._fit_process(self.X_train_[kept], y, self.kernel_)  # noqa: SLF001
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Residuals (n,) and predicted deviations (n,) with each sample left out in turn.
@@ -121,17 +141,25 @@ class Kriging(GaussianProcessRegressor):
         return float(1 - np.sum(residual**2) / np.sum((y - y.mean()) ** 2))
 
 
-def _profile(K: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float, float]:
-    """Cholesky factor and inverse of K (n, n), and mean and variance profiled for y (n,)."""
+def _profile(K: FloatArray, y: FloatArray) -> tuple[FloatArray, float, float, FloatArray]:
+    """Cholesky factor of K (n, n); mean, variance and K^-1 (y - mean) (n,), profiled for y (n,).
+
+    By triangular solves: the explicit inverse of an ill-conditioned K would not reproduce y.
+    """
     factor, failed = lapack.dpotrf(K, lower=1, clean=1)
     if failed:
         raise np.linalg.LinAlgError("correlation matrix is not positive definite")
+    solved, _ = lapack.dpotrs(factor, np.stack([np.ones_like(y), y], axis=1), lower=1)
+    mean = float(solved[:, 1].sum() / solved[:, 0].sum())
+    weights = solved[:, 1] - mean * solved[:, 0]
+    return factor, mean, float((y - mean) @ weights) / len(y), weights
+
+
+def _inverse(factor: FloatArray) -> FloatArray:
+    """Inverse of the matrix with this lower Cholesky factor (n, n)."""
     triangle, _ = lapack.dpotri(factor, lower=1)
-    inverse = triangle + np.tril(triangle, -1).T
-    inverse_sum = inverse.sum(axis=1)
-    mean = float(inverse_sum @ y / inverse_sum.sum())
-    residual = y - mean
-    return factor, inverse, mean, float(residual @ inverse @ residual) / len(y)
+    inverse: FloatArray = triangle + np.tril(triangle, -1).T
+    return inverse
 
 
 def _profiled_likelihood(
@@ -142,13 +170,14 @@ def _profiled_likelihood(
     length_scale, nugget = np.exp(theta[:k]), np.exp(theta[k])
     R = RBF(length_scale)(X)
     try:
-        factor, inverse, mean, variance = _profile(R + nugget * np.eye(n), y)
+        factor, _, variance, b = _profile(R + nugget * np.eye(n), y)
     except np.linalg.LinAlgError:
-        return 1e25, np.zeros(k + 1)
+        return _IMPOSSIBLE, np.zeros(k + 1)
+    if not variance > 0:  # lost to round-off
+        return _IMPOSSIBLE, np.zeros(k + 1)
     value = 0.5 * n * np.log(variance) + np.log(np.diag(factor)).sum()
     # d(-log L) = 1/2 tr[(K^-1 - b b'/s²) dK] with b = K^-1 (y - mean)   (R&W Eq. 5.9)
-    b = inverse @ (y - mean)
-    W = inverse - np.outer(b, b / variance)
+    W = _inverse(factor) - np.outer(b, b / variance)
     gradient = np.empty(k + 1)
     gradient[k] = 0.5 * nugget * np.trace(W)
     # dR/d log l_j = R (x_i - x_i')²/l_j²; the sum over i, i' needs no (n, n, k) array

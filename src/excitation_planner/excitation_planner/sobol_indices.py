@@ -19,7 +19,6 @@ from excitation_planner.box import FloatArray, sobol_sequence
 from excitation_planner.kriging import Kriging
 
 _TERMS = 1000  # basis products kept per half of the axes: 10 degrees on each of 3 axes
-_INTERVAL_TERMS = 300  # the same, for the intervals
 _DEGREES = 32  # highest Legendre degree + 1 on any axis
 
 
@@ -51,17 +50,6 @@ class _Half:
 
     degrees: NDArray[np.int_]
     E: FloatArray
-    length_scale: FloatArray
-
-    def prior_covariance(self) -> FloatArray:
-        """Covariance (r, r) of the coefficients of a process with this kernel, unit variance."""
-        B = np.ones((len(self.degrees), len(self.degrees)))
-        for j, length_scale in enumerate(self.length_scale):
-            nodes, weights, polynomials = _legendre()
-            C = _axis_projection(nodes, length_scale)  # (degrees, nodes)
-            per_axis = (C * weights) @ polynomials
-            B *= per_axis[np.ix_(self.degrees[:, j], self.degrees[:, j])]
-        return B
 
 
 def sobol_indices(model: Kriging) -> Indices:
@@ -72,59 +60,21 @@ def sobol_indices(model: Kriging) -> Indices:
     for it; beyond, those products that the kernel can excite most.
     """
     k = model.X_train_.shape[1]
-    left, right = _halves(model, terms=_TERMS)
+    left, right = _halves(model)
     squares = ((left.E * (model.deviation_ * model.alpha_)) @ right.E.T) ** 2
     return _indices(squares, left.degrees, right.degrees, k)
 
 
-def index_deviations(model: Kriging) -> tuple[FloatArray, FloatArray]:
-    """Standard deviations (k,), (k,) of main and total index, from the posterior of the model.
-
-    To first order an index errs by a linear functional of the model's error: with
-    coefficients c and S = sum_{A} c²/V, dS = 2 sum (1_A - S) c dc / V. The variance of such a
-    functional is known in closed form.
-    """
-    k = model.X_train_.shape[1]
-    left, right = _halves(model, terms=_INTERVAL_TERMS)
-    c = (left.E * (model.deviation_ * model.alpha_)) @ right.E.T
-    c[0, 0] = 0.0
-    variance = float(np.sum(c**2))
-    B_left, B_right = left.prior_covariance(), right.prior_covariance()
-    deviations = np.empty((2, k))
-    only_left, only_right = np.zeros_like(c), np.zeros_like(c)
-    only_left[:, 0] = only_right[0] = 1.0
-    i = 0
-    for half, only in ((left, only_left), (right, only_right)):
-        for j in range(half.degrees.shape[1]):
-            has = half.degrees[:, j] > 0
-            alone = has & ~np.delete(half.degrees, j, axis=1).any(axis=1)
-            for row, members in enumerate(
-                (_rows(alone, half is left) * only, _rows(has, half is left))
-            ):
-                index = np.sum(members * c**2) / variance
-                W = 2.0 * (members - index) * c / variance
-                prior = np.sum(W * (B_left @ W @ B_right))
-                seen = np.sum(left.E * (W @ right.E), axis=0)
-                known = seen @ model.inverse_ @ seen
-                deviations[row, i] = model.deviation_ * np.sqrt(max(prior - known, 0.0))
-            i += 1
-    return deviations[0], deviations[1]
-
-
-def _rows(mask: NDArray[np.bool_], along_left: bool) -> FloatArray:
-    return (mask[:, None] if along_left else mask[None, :]).astype(float)
-
-
-def _halves(model: Kriging, *, terms: int) -> tuple[_Half, _Half]:
+def _halves(model: Kriging) -> tuple[_Half, _Half]:
     split = (model.X_train_.shape[1] + 1) // 2
     X, length_scale = model.X_train_, model.length_scale_
     return (
-        _half(X[:, :split], length_scale[:split], terms),
-        _half(X[:, split:], length_scale[split:], terms),
+        _half(X[:, :split], length_scale[:split]),
+        _half(X[:, split:], length_scale[split:]),
     )
 
 
-def _half(X: FloatArray, length_scale: FloatArray, terms: int) -> _Half:
+def _half(X: FloatArray, length_scale: FloatArray) -> _Half:
     """The largest Legendre products over the axes of X (n, a); the constant comes first."""
     n, a = X.shape
     degrees, size, E = np.zeros((1, a), dtype=int), np.ones(1), np.ones((1, n))
@@ -134,11 +84,11 @@ def _half(X: FloatArray, length_scale: FloatArray, terms: int) -> _Half:
         share = np.abs(C).max(axis=1) / np.abs(C[0]).max()
         products = np.outer(size, share).ravel()
         # dropping the smallest after each axis keeps the overall largest: shares are at most ~1
-        kept = np.sort(np.argsort(-products, kind="stable")[:terms])
+        kept = np.sort(np.argsort(-products, kind="stable")[:_TERMS])
         parent, degree = np.divmod(kept, len(share))
         degrees, size, E = degrees[parent], products[kept], E[parent] * C[degree]
         degrees[:, j] = degree
-    return _Half(degrees, E, length_scale)
+    return _Half(degrees, E)
 
 
 @lru_cache(maxsize=1)
