@@ -1,5 +1,7 @@
 """Judged bags against drives whose error is known."""
 
+import argparse
+import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,6 +18,7 @@ from parameter_identification.judge import Anchor, Datum, JudgeError, Topics, ju
 from parameter_identification.judge_export import ExportFormat, export, plot
 from trajectory_recorder.bag_writer import BagWriter
 from trajectory_recorder.topics import BagError, OfferedQos, Topic, jazzy
+from tricycle_bringup.commands.judge import add_parser
 
 Array = NDArray[np.float64]
 TYPES = jazzy().types
@@ -472,3 +475,31 @@ def test_east_north_of_one_degree_at_the_equator() -> None:
     assert north == pytest.approx(radius * math.radians(0.001), rel=1e-6)
     with pytest.raises(JudgeError, match="latitude is -90 to 90"):
         Datum(91.0, 0.0)
+
+
+def test_the_command_compares_bags_and_prints_json(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    parser = argparse.ArgumentParser()
+    add_parser(parser.add_subparsers())
+    bags = [
+        str(Scene(deviation=sideways(d), noise=0.01).write(tmp_path / name))
+        for name, d in (("good", 0.05), ("bad", 0.2))
+    ]
+    arguments = ["--plot", str(tmp_path / "f.png"), "--export", "csv", "--output", str(tmp_path)]
+    args = parser.parse_args(["judge", *bags, *arguments])
+    assert args.run(args) == 0
+    table = capsys.readouterr().out
+    assert "good" in table
+    assert "TE at anchor fit / m²" in table
+    assert {"f.png", "good.csv", "bad.csv"} <= {path.name for path in tmp_path.iterdir()}
+
+    args = parser.parse_args(["judge", bags[0], "--json"])
+    args.run(args)
+    one = json.loads(capsys.readouterr().out)
+    assert {"te", "rms", "max", "points", "duration", "matched_fraction"} <= one.keys()
+    args = parser.parse_args(["judge", *bags, "--json"])
+    args.run(args)
+    two = json.loads(capsys.readouterr().out)["bags"]
+    assert two[0] == one
+    assert two[1]["te"] > two[0]["te"]
