@@ -7,6 +7,8 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry, Path
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.time import Time
@@ -67,7 +69,18 @@ class ManeuverDriver(Node):
         self.create_subscription(Odometry, "odom", self._on_odom, qos_profile_sensor_data)
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/abort", self._on_abort)
-        self.create_timer(PERIOD, self._on_tick)
+        if self.get_parameter("use_sim_time").value:
+            # a timer may miss ticks of a clock that runs fast; the clock's own callback does not
+            every_tick = JumpThreshold(
+                min_forward=Duration(nanoseconds=1),
+                min_backward=Duration(nanoseconds=-1),
+                on_clock_change=False,
+            )
+            self._jumps = self.get_clock().create_jump_callback(
+                every_tick, post_callback=lambda _: self._on_tick()
+            )
+        else:
+            self.create_timer(PERIOD, self._on_tick)
 
     def _limit(self, name: str, default: float, low: float, high: float, description: str) -> float:
         span = FloatingPointRange(from_value=low, to_value=high)

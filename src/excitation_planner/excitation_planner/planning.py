@@ -82,7 +82,7 @@ class PlanRequest:
         te
             (n,) TE of the samples, m^2.
         """
-        return float(4.0 * self.noise_std**2 * (np.mean(te) + self.noise_std**2))
+        return float(4.0 * self.noise_std**2 * (np.nanmean(te) + self.noise_std**2))
 
 
 def plan_maneuver(
@@ -144,10 +144,15 @@ def plan_at(request: PlanRequest, x: Floats) -> Plan:
     """
     began = time.monotonic()
     simulate = request.simulator()
+    outputs: list[Floats] = []
+
+    def simulate_and_keep(parameters: Floats) -> Floats:
+        outputs.append(simulate(x, parameters))
+        return outputs[-1]
+
     try:
-        simulate.nominal(x)
         result = sensitivity(
-            lambda P: simulate(x, P),
+            simulate_and_keep,
             dict(request.vehicle.unknown),
             samples=request.samples,
             seed=request.seed,
@@ -158,7 +163,12 @@ def plan_at(request: PlanRequest, x: Floats) -> Plan:
         request,
         x,
         result,
-        cost=_cost(request, result),
+        cost=excitation_cost(
+            result.main,
+            result.total,
+            result.names.index(request.target),
+            noise_share=request.noise_variance(np.concatenate(outputs)) / result.variance,
+        ),
         predicted_cost=None,
         simulations=result.simulations,
         verdict="",
@@ -184,16 +194,6 @@ def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Flo
             continue
         return x
     raise PlanError(f"{request.family.name}: none of {RANDOM_TRIES} random maneuvers is drivable")
-
-
-def _cost(request: PlanRequest, result: Sensitivity) -> float:
-    te = result.model.y_train_
-    return excitation_cost(
-        result.main,
-        result.total,
-        result.names.index(request.target),
-        noise_share=request.noise_variance(te) / result.variance,
-    )
 
 
 def _plan(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.maneuver import ACCELERATION, PATH_SPACING, Drive
-from tricycle_bridge.messages import TICK
+from tricycle_bridge.messages import ANGLE_UNIT, SPEED_UNIT, TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 from tricycle_sim.dynamics import LANES, Q0, X, advance_tick, equilibrium, pack
@@ -107,10 +107,13 @@ def _track(
         reach = slew_rate * COMMAND_TICKS * TICK
         angle += min(max(motor_angle_for(wanted, steering) - angle, -reach), reach)
         target = min(speed, target + acceleration * COMMAND_TICKS * TICK)
-        commands[row, 0], commands[row, 1] = angle, target
+        # what the protocol can say is what is driven, here too: 0.5 mm/s are 1 cm after 20 s
+        angle = round(angle / ANGLE_UNIT) * ANGLE_UNIT
+        commands[row, 0] = angle
+        commands[row, 1] = round(target / SPEED_UNIT) * SPEED_UNIT
         for _ in range(COMMAND_TICKS):
             angle_setpoint = slew(angle_setpoint, angle, slew_rate)
-            speed_setpoint = slew(speed_setpoint, target, acceleration)
+            speed_setpoint = slew(speed_setpoint, commands[row, 1], acceleration)
             advance_tick(vehicle, servo, steering, angle_setpoint, (1.0, speed_setpoint, 0.0), 1)
     return commands.shape[0], saturated, commands.shape[0]
 

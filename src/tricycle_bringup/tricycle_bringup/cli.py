@@ -15,18 +15,7 @@ from tricycle_bringup.processes import NodeError
 from tricycle_sim.commands import CommandsError
 from tricycle_sim.vehicle import VehicleError
 
-COMMANDS = (
-    "plan",
-    "simulate",
-    "drive",
-    "record",
-    "replay",
-    "judge",
-    "demo",
-    "vehicle",
-    "plc",
-    "bag",
-)
+COMMANDS = ("demo", "judge")
 
 USER_ERRORS = (
     *(BagError, CommandsError, DesignError, JudgeError, LinkError, NodeError, PlanError),

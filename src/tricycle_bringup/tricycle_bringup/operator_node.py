@@ -23,8 +23,8 @@ from excitation_planner.playback import PlaybackState
 from tricycle_bringup.processes import NodeError
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
-SERVICE_TIMEOUT = 15.0  # s of wall time for a node to appear and answer
-LINK_TIMEOUT = 20.0  # s of wall time for both PLCs to be linked, refreshed and armed
+SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
+LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 

@@ -73,18 +73,19 @@ class NodeProcesses:
         self._log_dir = log_dir
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
-    def start(self, name: str, *, parameters: Mapping[str, object]) -> None:
-        """Start the node executable `name` with ROS parameters.
+    def start(self, name: str, *, config: str, parameters: Mapping[str, object]) -> None:
+        """Start the node executable `name` with a parameter file and parameters that override it.
 
         Raises
         ------
         NodeError
             If the executable is not installed.
         """
-        command = [executable(name), "--ros-args"]
+        command = [executable(name), "--ros-args", "--params-file", config]
         for key, value in parameters.items():
-            # JSON is YAML, which --ros-args reads; it quotes what could be read as something else
-            command += ["-p", f"{key}:={json.dumps(value)}"]
+            # Named, it wins over the file's. JSON is YAML, which --ros-args reads; it quotes what
+            # could be read as something else.
+            command += ["-p", f"{name}:{key}:={json.dumps(value)}"]
         self._log_dir.mkdir(parents=True, exist_ok=True)
         with (self._log_dir / f"{name}.log").open("wb") as log:
             self._running[name] = subprocess.Popen(  # noqa: S603 - our own executables

@@ -26,6 +26,7 @@ from tricycle_sim.vehicle import VehicleError, load_vehicle
 
 SENSOR_QOS = QoSProfile(depth=100)  # reliable: a recorder shall miss nothing
 CLOCK_QOS = QoSProfile(depth=1)
+HOST_SILENCE = 1.0  # s of wall time after which a host is not waited for any more
 
 
 class TricycleSim(Node):
@@ -41,7 +42,7 @@ class TricycleSim(Node):
             0.0,
             0.0,
             10.0,
-            "s of wall time that an armed simulation waits for the host's answer to its telemetry; "
+            "s of wall time for which an armed simulation waits at a tick for its host's answer; "
             "0: it never waits",
         )
         self._noise = PoseNoise(
@@ -71,6 +72,8 @@ class TricycleSim(Node):
         self._truth = self.create_publisher(Odometry, "ground_truth", SENSOR_QOS)
         self._imu = self.create_publisher(Imu, "imu", SENSOR_QOS)
         self.create_service(Trigger, "~/reset", self._on_reset)
+        self._heard = -math.inf  # wall time of the host's last accepted command
+        self._in_step = False  # the host answered the last tick
         self._lock = threading.Lock()  # of the simulator
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation")
@@ -105,35 +108,41 @@ class TricycleSim(Node):
         with selectors.DefaultSelector() as selector:
             for board, port in self._ports.items():
                 selector.register(port, selectors.EVENT_READ, board)
-            waits = True  # for the host: it answered when it was last waited for
             due = time.monotonic()
             while not self._stop.is_set():
                 with self._lock:
                     self._publish(self._simulator.state, self._simulator.time)
-                    began = time.monotonic()
-                    deadline = began + self._patience if waits and self._simulator.armed else began
-                    self._listen(selector, deadline, due)
-                    waits = self._simulator.answered
+                    self._listen(selector, due)
                     for board, data in self._simulator.step().items():
                         self._ports[board].write(data)
                     if self._simulator.state.rolled_over:
                         self.get_logger().error("the vehicle has rolled over", once=True)
                 period = TICK / self._factor if self._factor else 0.0
-                due = max(
-                    due + period, time.monotonic() - 10 * period
-                )  # catch up a little, not all
+                # what is late is caught up, but never more than ten ticks
+                due = max(due + period, time.monotonic() - 10 * period)
 
-    def _listen(self, selector: selectors.BaseSelector, deadline: float, due: float) -> None:
-        """Serve the ports until the host has answered, at most to `deadline`, at least to `due`."""
-        while True:
+    def _listen(self, selector: selectors.BaseSelector, due: float) -> None:
+        """Serve the ports until `due` and, armed, until the host has answered or fallen silent.
+
+        A tick that was not answered in time is followed by one that waits out all its patience:
+        then no answer is left on its way, to be taken for that of a later tick.
+        """
+        simulator = self._simulator
+        deadline = time.monotonic() + self._patience
+        while not self._stop.is_set():
             for board, port in self._ports.items():
                 if data := port.read():
-                    port.write(self._simulator.receive(board, data))
-            until = due if self._simulator.answered else max(deadline, due)
-            left = until - time.monotonic()
-            if left <= 0.0 or self._stop.is_set():
-                return
+                    port.write(simulator.receive(board, data))
+                    if simulator.heard(board):
+                        self._heard = time.monotonic()
+            now = time.monotonic()
+            answered = self._in_step and simulator.answered
+            waits = simulator.armed and not answered and now - self._heard < HOST_SILENCE
+            left = (max(due, deadline) if waits else due) - now
+            if left <= 0.0:
+                break
             selector.select(min(left, 0.1))
+        self._in_step = simulator.armed and simulator.answered
 
     def _publish(self, state: LiveState, now: float) -> None:
         stamp = _stamp(now)

@@ -20,7 +20,6 @@ from tricycle_sim.plc import (
 from tricycle_sim.vehicle import Vehicle
 
 TICK_US = round(TICK * 1e6)
-LOCKSTEP_LAG = 1.2 * TICK  # s; an answer to the telemetry of the tick before is at most this old
 
 
 def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
@@ -62,8 +61,12 @@ class Simulator:
 
     @property
     def answered(self) -> bool:
-        """Whether the host has answered the newest telemetry of both PLCs."""
-        return all(plc.host_lag(self._plc_time_us) <= LOCKSTEP_LAG for plc in self._plcs.values())
+        """Whether both PLCs have accepted a command since the last step."""
+        return all(self.heard(board) for board in self._plcs)
+
+    def heard(self, board: Board) -> bool:
+        """Whether a PLC has accepted a command since the last step."""
+        return self._plcs[board].command_age(self._plc_time_us) == 0
 
     def reset(self) -> None:
         """Put the vehicle at rest at the origin and reboot both boards; time goes on."""

@@ -1,0 +1,139 @@
+"""`tricycle demo`: the whole way, from a plan to the trajectory error of its bag."""
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from excitation_planner.maneuver import FAMILIES, family_by_name
+from excitation_planner.plan import Plan, save_plan
+from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver, random_feasible_point
+from excitation_planner.replay import nominal_run, replayed_errors
+from parameter_identification.judge import Judgement, judge
+from tricycle_bringup.figures import plot_drives
+from tricycle_bringup.progress import progress_bar
+from tricycle_bringup.session import make_room, simulated_session
+from tricycle_sim.simulator import draw_truth
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, load_vehicle
+
+EXAMPLE = """\
+example:
+  tricycle demo --maneuver double-lane-change --target cornering_stiffness --seed 3
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "demo",
+        help="plan a maneuver, drive it and a random one on emulated PLCs, judge both",
+        description="Plans an excitation maneuver and takes a random one of the same family beside "
+        "it, drives both in simulation with hidden true parameters, through real nodes and serial "
+        "devices, and computes the trajectory error of each from its bag alone.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--maneuver", default="circle", help=f"family: {', '.join(FAMILIES)}")
+    add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
+    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add("--seed", type=int, default=0, help="of plan, random maneuver and hidden truth")
+    add("--real-time-factor", type=float, default=10.0, help="largest; the nodes set the pace")
+    add("--output", type=Path, default=Path("out/demo"), metavar="DIR")
+    add("--overwrite", action="store_true", help="replace the bags of an earlier demo")
+    add("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plan, drive, record, judge; print the table and say where everything is."""
+    vehicle = load_vehicle(args.vehicle)
+    request = PlanRequest(vehicle, family_by_name(args.maneuver), args.target, seed=args.seed)
+    output: Path = args.output
+    make_room(output, overwrite=args.overwrite)
+
+    with progress_bar(f"planning {request.family.name} for {args.target}") as progress:
+        designed = plan_maneuver(request, progress=progress)
+        random_x = random_feasible_point(request, np.random.default_rng(args.seed))
+        plans = {"designed": designed, "random": plan_at(request, random_x)}
+    for name, plan in plans.items():
+        save_plan(plan, output / "plans" / f"{name}.json")
+
+    with simulated_session(
+        vehicle_file=str(args.vehicle.absolute()) if args.vehicle else "",
+        true_seed=args.seed,
+        real_time_factor=args.real_time_factor,
+        folder=output,
+    ) as drive:
+        for name, plan in plans.items():
+            with progress_bar(f"driving the {name} maneuver, ms") as progress:
+                drive(plan, output / "bags" / name, progress)
+
+    judgements = {name: judge(output / "bags" / name) for name in plans}
+    truth = draw_truth(vehicle, np.random.default_rng(args.seed))
+    expected = {name: _expected_error(request, plan, truth) for name, plan in plans.items()}
+    figure = output / "trajectories.png"
+    plot_drives({_title(name, plan): judgements[name] for name, plan in plans.items()}, figure)
+    result = {
+        name: {
+            "x": dict(plan.operation),
+            "main": plan.main[args.target].value,
+            "total": plan.total[args.target].value,
+            "cost": plan.cost,
+            "te_expected": expected[name],
+            "te_measured": judgements[name].te,
+            "rms": judgements[name].rms,
+        }
+        for name, plan in plans.items()
+    }
+    (output / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    if args.json:
+        print(json.dumps(result))
+    console = Console(stderr=args.json)
+    console.print(_table(args.target, plans, expected, judgements))
+    for name, plan in plans.items():
+        if plan.verdict:
+            console.print(f"{name}: {plan.verdict}", highlight=False)
+    console.print(f"bags: {output / 'bags'}   figure: {figure}   plans: {output / 'plans'}")
+    return 0
+
+
+def _expected_error(request: PlanRequest, plan: Plan, truth: dict[str, float]) -> float:
+    """TE of the model with the true parameters, m^2."""
+    vehicle: Vehicle = request.vehicle
+    x = np.array(list(plan.operation.values()))
+    run = nominal_run(vehicle, request.family, x)
+    return float(replayed_errors(vehicle, run, np.array([list(truth.values())]))[0])
+
+
+def _title(name: str, plan: Plan) -> str:
+    values = ", ".join(f"{key} {value:.3g}" for key, value in plan.operation.items())
+    return f"{name} {plan.maneuver.replace('_', ' ')}: {values}"
+
+
+def _table(
+    target: str,
+    plans: dict[str, Plan],
+    expected: dict[str, float],
+    judgements: dict[str, Judgement],
+) -> Table:
+    table = Table(title=f"exciting {target}")
+    for heading in ("maneuver", "x", "S", "ST", "H", "TE expected / m²", "TE measured / m²"):
+        table.add_column(heading, justify="right")
+    table.add_column("rms / mm", justify="right")
+    for name, plan in plans.items():
+        judgement = judgements[name]
+        table.add_row(
+            name,
+            ", ".join(f"{key} {value:.3f}" for key, value in plan.operation.items()),
+            f"{plan.main[target].value:.3f}",
+            f"{plan.total[target].value:.3f}",
+            f"{plan.cost:.3f}",
+            f"{expected[name]:.5f}",
+            f"{judgement.te:.5f}",
+            f"{1e3 * judgement.rms:.1f}",
+        )
+    return table

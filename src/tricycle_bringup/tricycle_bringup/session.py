@@ -1,0 +1,94 @@
+"""A simulated session: the nodes of a run as processes, and plans driven on them."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from excitation_planner.plan import Plan
+from trajectory_recorder.bag_reader import BagError
+from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
+from tricycle_bringup.processes import NodeProcesses, ros_environment
+
+Report = Callable[[int, int], None]
+
+
+@contextmanager
+def simulated_session(
+    *, vehicle_file: str, true_seed: int, real_time_factor: float, folder: Path
+) -> Iterator[Callable[[Plan, Path, Report], None]]:
+    """Start simulation, bridge, driver and recorder; end them all with the block.
+
+    Parameters
+    ----------
+    vehicle_file
+        Vehicle YAML; empty for the packaged tricycle.
+    true_seed
+        Of the hidden true parameters.
+    real_time_factor
+        Largest ratio of simulated to wall time; an armed simulation also waits for its host.
+    folder
+        For logs and the ptys' links.
+
+    Yields
+    ------
+    drive
+        `drive(plan, bag, progress)` resets the simulation, drives the plan, records the bag.
+
+    Raises
+    ------
+    NodeError
+        If a node cannot be started or ends by itself.
+    """
+    # imported here: without ROS the rest of the command line works
+    from tricycle_bringup.operator_node import Operator
+
+    domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 200))
+    env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
+    os.environ.update(env)
+    ports = {
+        "steer_port": str((folder / "steer").absolute()),
+        "drive_port": str((folder / "drive").absolute()),
+    }
+    with NodeProcesses(env, folder / "log") as nodes:
+        config = SIMULATION_CONFIG
+        nodes.start(
+            "tricycle_sim",
+            config=config,
+            parameters={
+                **ports,
+                "vehicle_file": vehicle_file,
+                "true_seed": true_seed,
+                "real_time_factor": real_time_factor,
+            },
+        )
+        nodes.start(
+            "tricycle_bridge",
+            config=config,
+            parameters={**ports, **bridge_parameters(vehicle_file), "arm_on_activate": False},
+        )
+        nodes.start("maneuver_driver", config=config, parameters={})
+        nodes.start("trajectory_recorder", config=config, parameters={})
+        with Operator(domain=domain, check=nodes.check) as operator:
+
+            def drive(plan: Plan, bag: Path, progress: Report) -> None:
+                operator.drive(plan, bag.absolute(), progress=progress)
+
+            yield drive
+
+
+def make_room(folder: Path, *, overwrite: bool) -> None:
+    """Make an output folder, empty of an earlier run's bags.
+
+    Raises
+    ------
+    BagError
+        If bags are there already and are not to be overwritten.
+    """
+    bags = folder / "bags"
+    if bags.exists() and any(bags.iterdir()):
+        if not overwrite:
+            raise BagError(f"{bags}: holds bags already; choose another --output or --overwrite")
+        shutil.rmtree(bags)
+    folder.mkdir(parents=True, exist_ok=True)
