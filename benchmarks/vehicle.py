@@ -1,0 +1,315 @@
+"""Speed and accuracy of the vehicle beside its yardsticks, all in one run.
+
+    python benchmarks/vehicle.py [--plot out/vehicle_cost.png] [--threads 2]
+
+Needs g++; CommonRoad's and MuJoCo's lines need the extra `bench` and are left out without it.
+Every time is the shortest of several, yardsticks taken in turn with ours.
+"""
+
+import argparse
+import ctypes
+import math
+import subprocess
+import sys
+import tempfile
+import time
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+from vehicle_checks import integration_errors
+
+from excitation_planner.maneuver import DoubleLaneChange
+from excitation_planner.replay import nominal_run
+from tricycle_bridge.messages import TICK
+from tricycle_sim import dynamics
+from tricycle_sim.commands import Commands
+from tricycle_sim.dynamics import GROUP_SIZE, LANES
+from tricycle_sim.setpoints import command_rows, slew_all
+from tricycle_sim.simulation import PlanarBlock, simulate_planar
+from tricycle_sim.simulator import Simulator
+from tricycle_sim.steering import run_servo, steering_constants
+from tricycle_sim.vehicle import Vehicle, load_vehicle
+
+Array = NDArray[np.float64]
+HERE = Path(__file__).parent
+REPEATS = 9
+
+
+def shortest(*runs: Callable[[], None], repeats: int = REPEATS) -> list[float]:
+    """Shortest wall-clock time [s] of each, taken in turn."""
+    best = [math.inf] * len(runs)
+    for _ in range(repeats):
+        for index, run in enumerate(runs):
+            start = time.perf_counter()
+            run()
+            best[index] = min(best[index], time.perf_counter() - start)
+    return best
+
+
+def slalom(duration: float) -> Commands:
+    """Sine steer at up to 2 m/s, commands at 50 Hz."""
+    when = np.arange(0.0, duration + 0.01, 0.02)
+    return Commands(when, 0.1 * np.sin(when), np.minimum(0.9 * when, 2.0))
+
+
+def draw(vehicle: Vehicle, n: int) -> Array:
+    """Return parameters (n, k), uniform in their ranges."""
+    low, high = np.array(list(vehicle.unknown.values())).T
+    return np.random.default_rng(0).uniform(low, high, (n, len(low)))
+
+
+def ignore(first: int, block: PlanarBlock) -> None:
+    """Reduce a block to nothing."""
+
+
+def line(what: str, figure: str) -> None:
+    print(f"{what:<66} {figure}", flush=True)
+
+
+class HandWritten:
+    """The C++ build: `vehicle.cpp`, called like the Python kernel, one core."""
+
+    def __init__(self, vehicle: Vehicle, commands: Commands, n: int) -> None:
+        library = Path(tempfile.mkdtemp()) / "vehicle.so"
+        flags = ["-O3", "-march=native", "-ffast-math", "-shared", "-fPIC"]
+        subprocess.run(["g++", *flags, "-o", library, HERE / "vehicle.cpp"], check=True)
+        self._advance = ctypes.CDLL(str(library)).advance
+        self.vehicle, self.parameters = vehicle, draw(vehicle, n)
+        rows = command_rows(commands)
+        ticks = len(rows)
+        steering, _ = slew_all(commands.steering_motor_angle[rows], vehicle.steering_slew)
+        speed, _ = slew_all(commands.speed[rows], vehicle.acceleration)
+        self.drive = np.column_stack([np.ones(ticks), speed, np.zeros(ticks)])
+        self.drive = np.vstack([self.drive, self.drive[-1:]])
+        self.table = np.empty((2 * ticks + 1, 8))
+        constants = steering_constants(vehicle, 0.5 * TICK)
+        run_servo(np.zeros(2), steering, constants, 2, self.table, np.empty((2, ticks + 1)))
+        self.pose = dynamics.equilibrium(vehicle)
+        self.out = np.empty((4, n, ticks + 1))
+        self.out_cpp = np.empty_like(self.out)
+        self.steps = n * ticks
+        self.rows = np.array([dynamics.X, dynamics.Y, dynamics.SLOPE, dynamics.SLOPE + 1])
+
+    def pack(self) -> Array:
+        """Return the vehicles at rest."""
+        return dynamics.pack(self.vehicle, self.parameters, self.pose)
+
+    def run_python(self) -> None:
+        """Run the Python kernel."""
+        lag = np.zeros(len(self.drive))
+        dynamics.advance(self.pack(), self.table, lag, self.drive, 1, 0, self.rows, self.out)
+
+    def run_cpp(self) -> None:
+        """Run the C++ one."""
+        groups = self.pack()
+        double, count = ctypes.c_double, ctypes.c_long
+        address = [a.ctypes.data_as(ctypes.c_void_p) for a in (groups, self.table, self.drive)]
+        self._advance(
+            address[0],
+            count(len(groups)),
+            count(GROUP_SIZE),
+            count(dynamics.CONSTANTS),
+            *address[1:],
+            count(len(self.drive) - 1),
+            double(TICK),
+            self.out_cpp.ctypes.data_as(ctypes.c_void_p),
+        )
+
+
+def common_road() -> Callable[[], None]:
+    """20 s of CommonRoad's single-track model through odeint, commands held for 20 ms as ours."""
+    from scipy.integrate import odeint
+    from vehiclemodels.init_st import init_st
+    from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
+    from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
+
+    parameters = parameters_vehicle2()
+
+    def rate(state: Array, _: float, inputs: list[float]) -> list[float]:
+        return vehicle_dynamics_st(list(state), inputs, parameters)  # type: ignore[no-any-return]
+
+    start = init_st([0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
+
+    def run() -> None:
+        state = start
+        for k in range(1000):
+            inputs = [0.1 * math.cos(0.02 * k), 0.0]
+            state = odeint(rate, state, [0.0, TICK, 2.0 * TICK], args=(inputs,))[-1]
+
+    return run
+
+
+def mujoco_tricycle(timestep: float, duration: float = 20.0) -> Callable[[], Array]:
+    """MuJoCo's tricycle at a step; the returned run gives its final position."""
+    import mujoco
+
+    model = mujoco.MjModel.from_xml_path(str(HERE / "vehicle.xml"))
+    model.opt.timestep = timestep
+    steps = round(duration / timestep)
+
+    def run() -> Array:
+        data = mujoco.MjData(model)
+        for k in range(steps):
+            angle = 0.1 * math.sin(k * timestep)
+            data.ctrl[:] = angle, angle, min(0.9 * k * timestep, 2.0) / 0.335
+            mujoco.mj_step(model, data)
+        return np.array(data.qpos[:2])
+
+    return run
+
+
+def peers(ours: float) -> None:
+    """Print CommonRoad and MuJoCo beside our time [s] per simulated second of a vehicle."""
+    try:
+        (seconds,) = shortest(common_road(), repeats=3)
+        line("CommonRoad single track, odeint: ns per 10 ms", f"{seconds / 2000 * 1e9:.0f}")
+        line("  times ours (all threads)", f"{seconds / 20.0 / ours:.0f}")
+    except ImportError:
+        line("CommonRoad single track", "not installed")
+    try:
+        run = mujoco_tricycle(0.005)
+        (seconds,) = shortest(run, repeats=3)
+        line("MuJoCo tricycle, 5 ms: ns per step", f"{seconds / 4000 * 1e9:.0f}")
+        line("  times ours (all threads), per simulated second", f"{seconds / 20.0 / ours:.0f}")
+        error = np.hypot(*(mujoco_tricycle(0.005, 4.0)() - mujoco_tricycle(0.0002, 4.0)()))
+        line("  planar error after 4 s against its own steps of 0.2 ms", f"{error:.1e} m")
+    except ImportError:
+        line("MuJoCo tricycle", "not installed")
+
+
+def lane_change(vehicle: Vehicle, threads: int) -> None:
+    """200 samples of a double lane change of about 20 s, TE over 10 000 points."""
+    run = nominal_run(vehicle, DoubleLaneChange(), np.array([4.0, 4.0]))
+    parameters, errors = draw(vehicle, 200), np.empty(200)
+
+    def reduce(first: int, block: PlanarBlock) -> None:
+        errors[first : first + len(block.x)] = run.nominal.error(
+            block.x, block.y, block.vx_world, block.vy_world
+        )
+
+    (seconds,) = shortest(
+        lambda: simulate_planar(vehicle, run.commands, parameters, reduce, threads=threads)
+    )
+    line(
+        f"200 samples of a {run.commands.duration:.1f} s double lane change with TE",
+        f"{seconds:.3f} s",
+    )
+
+
+def live(vehicle: Vehicle) -> None:
+    """Real-time factor of the live vehicle with both emulated PLCs, one core."""
+    simulator = Simulator(vehicle)
+
+    def run() -> None:
+        for _ in range(500):
+            simulator.step()
+
+    (seconds,) = shortest(run, repeats=5)
+    line("live vehicle with both emulated PLCs: times real time, one core", f"{5.0 / seconds:.0f}")
+
+
+def cost(vehicle: Vehicle, threads: int, plot: Path | None) -> None:
+    """Time over samples and over steps, four decades each, and memory."""
+    counts = np.unique(np.logspace(0.0, 4.0, 13).astype(int))
+    commands = slalom(2.0)
+    parameters = draw(vehicle, counts[-1])
+    by_samples = [
+        shortest(
+            lambda n=n: simulate_planar(  # type: ignore[misc]
+                vehicle, commands, parameters[:n], ignore, threads=threads
+            ),
+            repeats=3,
+        )[0]
+        for n in counts
+    ]
+    ticks = np.unique(np.logspace(1.0, 5.0, 13).astype(int))
+    by_ticks = []
+    for count in ticks:
+        commands = Commands([0.0, count * TICK], [0.1, 0.0], [1.0, 0.0])
+        by_ticks.append(
+            shortest(
+                lambda c=commands: simulate_planar(  # type: ignore[misc]
+                    vehicle, c, parameters[:LANES], ignore, threads=1
+                ),
+                repeats=3,
+            )[0]
+        )
+
+    nothing = Commands([0.0, TICK], [0.0, 0.0], [0.0, 0.0])
+    (fixed,) = shortest(
+        lambda: simulate_planar(vehicle, nothing, parameters[:LANES], ignore, threads=1)
+    )
+    line("fixed cost of a replay", f"{1e3 * fixed:.1f} ms")
+
+    def exponent(amount: Array, seconds: list[float]) -> float:
+        last = amount >= amount[-1] / 1000
+        rest = np.array(seconds)[last] - fixed
+        return float(np.polyfit(np.log(amount[last]), np.log(rest), 1)[0])
+
+    line("exponent of the rest over samples, 10 to 10 000", f"{exponent(counts, by_samples):.2f}")
+    line("exponent of the rest over steps, 100 to 100 000", f"{exponent(ticks, by_ticks):.2f}")
+    commands = slalom(20.0)
+    for n in (100, 1000, 10_000):
+        tracemalloc.start()
+        simulate_planar(vehicle, commands, parameters[:n], ignore, threads=threads)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        line(f"largest memory of {n} samples of 20 s", f"{peak / 2**20:.0f} MB")
+    if plot is None:
+        return
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(9, 4), sharey=True, layout="constrained")
+    axes[0].loglog(counts, by_samples, "o-", label=f"measured, {threads} threads")
+    axes[0].loglog(counts, by_samples[-1] / counts[-1] * counts, "k:", label="linear")
+    axes[0].set(xlabel="samples of 2 s (200 steps)", ylabel="seconds")
+    axes[1].loglog(ticks, by_ticks, "o-", label="measured, one thread")
+    axes[1].loglog(ticks, by_ticks[-1] / ticks[-1] * ticks, "k:", label="linear")
+    axes[1].set(xlabel="steps of 8 samples")
+    for axis in axes:
+        axis.legend()
+        axis.grid(visible=True, alpha=0.3)
+    plot.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(plot, dpi=120)
+    line("plot", str(plot))
+
+
+def main() -> int:
+    """Print every figure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--plot", type=Path, help="save the plot of the cost")
+    parser.add_argument("--threads", type=int, default=2)
+    args = parser.parse_args()
+    vehicle = load_vehicle()
+    commands = slalom(20.0)
+
+    hand = HandWritten(vehicle, commands, 64)
+    python, cpp = shortest(hand.run_python, hand.run_cpp, repeats=60)
+    line("one core: ns per vehicle step", f"{python / hand.steps * 1e9:.0f}")
+    line("C++, one core: ns per vehicle step", f"{cpp / hand.steps * 1e9:.0f}")
+    line("  ours over C++", f"{python / cpp:.2f}")
+    line("  largest difference of the paths", f"{np.abs(hand.out - hand.out_cpp)[:2].max():.0e} m")
+
+    parameters = draw(vehicle, 2048)
+    (batch,) = shortest(
+        lambda: simulate_planar(vehicle, commands, parameters, ignore, threads=args.threads)
+    )
+    per_step = batch / (2048 * 2000)
+    line(f"{args.threads} threads, 2048 samples: ns per vehicle step", f"{per_step * 1e9:.0f}")
+    line("  times real time", f"{TICK / per_step:.0f}")
+    peers(per_step / TICK)
+    error = integration_errors(vehicle)[1e3 * TICK]
+    line("planar error of ours after 4 s against the oracle", f"{error:.1e} m")
+    lane_change(vehicle, args.threads)
+    live(vehicle)
+    cost(vehicle, args.threads, args.plot)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
