@@ -1,6 +1,7 @@
 """The `tricycle` command: one subcommand per step, each a module of `commands`."""
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
@@ -15,7 +16,18 @@ from tricycle_bringup.processes import NodeError
 from tricycle_sim.commands import CommandsError
 from tricycle_sim.vehicle import VehicleError
 
-COMMANDS = ("demo", "judge")
+COMMANDS = (
+    "demo",
+    "plan",
+    "drive",
+    "simulate",
+    "record",
+    "replay",
+    "judge",
+    "bag",
+    "vehicle",
+    "plc",
+)
 
 USER_ERRORS = (
     *(BagError, CommandsError, DesignError, JudgeError, LinkError, NodeError, PlanError),
@@ -23,23 +35,28 @@ USER_ERRORS = (
 )
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole command line."""
+def parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
+    """The command line with these subcommands."""
     top = argparse.ArgumentParser(
         prog="tricycle",
         description="Plan, drive, record and judge excitation maneuvers of an X-by-wire tricycle.",
     )
     top.add_argument("--version", action="version", version=version("tricycle-excitation"))
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
-    for name in COMMANDS:
+    for name in names:
         import_module(f"tricycle_bringup.commands.{name}").add_parser(subparsers)
     return top
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; a user's mistake is one line on stderr and status 2."""
-    arguments = parser().parse_args(argv)
+    words = sys.argv[1:] if argv is None else list(argv)
+    # SIGTERM ends a run as Ctrl-C does: in order, with its child processes
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # importing them all takes seconds; only the help of the whole needs it
+    wanted = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
     try:
+        arguments = parser(wanted).parse_args(words)
         status: int = arguments.run(arguments)
     except BrokenPipeError:  # `tricycle … | head`
         return 0

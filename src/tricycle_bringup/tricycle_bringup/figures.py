@@ -9,10 +9,55 @@ mpl.use("Agg")  # files only: works without a display
 
 from matplotlib import pyplot as plt
 
+from excitation_planner.plan import Plan
 from parameter_identification.judge import Judgement
 
 REFERENCE, MEASURED = "#0072B2", "#D55E00"  # Okabe and Ito's blue and vermillion
 MARKS = 5.0  # s between the lines that join equal times
+
+
+def plot_plan(plan: Plan, path: Path) -> None:
+    """Path, commands and Sobol' indices of a plan.
+
+    Parameters
+    ----------
+    plan
+        What to show.
+    path
+        Image to be written; its suffix gives the format.
+    """
+    figure, ((track, indices), (angle, speed)) = plt.subplots(
+        2, 2, figsize=(10.4, 8.0), height_ratios=(1.6, 1), layout="constrained"
+    )
+    values = ", ".join(f"{name} {value:.3g}" for name, value in plan.operation.items())
+    figure.suptitle(f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}")
+    track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
+    track.plot(plan.reference.x, plan.reference.y, color=REFERENCE, label="nominal trajectory")
+    track.set(xlabel="x / m", ylabel="y / m")
+    track.set_aspect("equal", adjustable="datalim")
+    track.legend(fontsize="small")
+    names = list(plan.main)
+    for offset, color, label, by_name in (
+        (-0.2, REFERENCE, "main index S", plan.main),
+        (0.2, MEASURED, "total index ST", plan.total),
+    ):
+        drawn = [by_name[name] for name in names]
+        spread = [[i.value - i.low for i in drawn], [i.high - i.value for i in drawn]]
+        at = [k + offset for k in range(len(names))]
+        indices.barh(at, [i.value for i in drawn], 0.38, xerr=spread, color=color, label=label)
+    indices.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+    indices.invert_yaxis()
+    indices.set(xlabel="share of the variance of TE", title=f"H = {plan.cost:.3g}", xlim=(0, 1))
+    indices.legend(fontsize="small")
+    commands = plan.commands
+    angle.step(commands.time, commands.steering_motor_angle, where="post", color=REFERENCE)
+    angle.set(xlabel="time / s", ylabel="steering motor angle / rad")
+    speed.step(commands.time, commands.speed, where="post", color=REFERENCE)
+    speed.set(xlabel="time / s", ylabel="speed set-point / (m/s)")
+    for axes in (track, indices, angle, speed):
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
 
 
 def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:

@@ -37,12 +37,14 @@ class Operator:
         ROS domain id.
     check
         Called while waiting; raises when waiting has become pointless (a node has died).
-    sim_time
-        Whether times are those of `/clock`.
+    simulated
+        Whether times are those of `/clock`, and a drive begins with a reset and arming. On the
+        vehicle the person there has armed it.
     """
 
-    def __init__(self, *, domain: int, check: Callable[[], None], sim_time: bool = True) -> None:
+    def __init__(self, *, domain: int, check: Callable[[], None], simulated: bool = True) -> None:
         self._check = check
+        self._simulated = simulated
         self._context = rclpy.Context()
         rclpy.init(
             context=self._context,
@@ -52,7 +54,7 @@ class Operator:
         self._node = rclpy.create_node(
             "operator",
             context=self._context,
-            parameter_overrides=[Parameter("use_sim_time", value=sim_time)],
+            parameter_overrides=[Parameter("use_sim_time", value=simulated)],
         )
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -75,7 +77,7 @@ class Operator:
         rclpy.try_shutdown(context=self._context)
 
     def drive(self, plan: Plan, bag: Path, *, progress: Callable[[int, int], None]) -> None:
-        """Reset the simulation, record to `bag`, and drive the plan to its end.
+        """Drive the plan to its end and record it to `bag`.
 
         Parameters
         ----------
@@ -91,18 +93,21 @@ class Operator:
         NodeError
             If a node does not answer, refuses, or aborts the maneuver; with its reason.
         """
-        self._trigger("tricycle_sim/reset")
+        if self._simulated:
+            self._trigger("tricycle_sim/reset")
         self._plans.publish(plan)
         self._wait(
             lambda: self._state.get("plan_id") == plan.id, "maneuver_driver to take the plan"
         )
-        self._arm()
+        if self._simulated:
+            self._arm()
         with self._recording(bag):
             self._sleep(STANDSTILL)
             self._trigger("maneuver_driver/start")
             self._follow(progress)
             self._sleep(STANDSTILL)
-        self._call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
+        if self._simulated:
+            self._call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
 
     def _follow(self, progress: Callable[[int, int], None]) -> None:
         """Wait for the end of the running maneuver."""

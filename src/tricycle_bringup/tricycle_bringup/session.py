@@ -78,6 +78,26 @@ def simulated_session(
             yield drive
 
 
+@contextmanager
+def running_session() -> Iterator[Callable[[Plan, Path, Report], None]]:
+    """Drive plans on nodes that run already, of the real vehicle; arming stays the operator's.
+
+    Yields
+    ------
+    drive
+        `drive(plan, bag, progress)` drives the plan and records the bag.
+    """
+    from tricycle_bringup.operator_node import Operator
+
+    domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    with Operator(domain=domain, check=lambda: None, simulated=False) as operator:
+
+        def drive(plan: Plan, bag: Path, progress: Report) -> None:
+            operator.drive(plan, bag.absolute(), progress=progress)
+
+        yield drive
+
+
 def make_room(folder: Path, *, overwrite: bool) -> None:
     """Make an output folder, empty of an earlier run's bags.
 

@@ -85,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
             "cost": plan.cost,
             "te_expected": expected[name],
             "te_measured": judgements[name].te,
+            "te_corrected": judgements[name].te_corrected,
             "rms": judgements[name].rms,
         }
         for name, plan in plans.items()
@@ -97,7 +98,8 @@ def run(args: argparse.Namespace) -> int:
     for name, plan in plans.items():
         if plan.verdict:
             console.print(f"{name}: {plan.verdict}", highlight=False)
-    console.print(f"bags: {output / 'bags'}   figure: {figure}   plans: {output / 'plans'}")
+    for what, where in (("bags", output / "bags"), ("figure", figure), ("plans", output / "plans")):
+        console.print(f"{what}: {where}", highlight=False, soft_wrap=True)
     return 0
 
 
@@ -120,20 +122,20 @@ def _table(
     expected: dict[str, float],
     judgements: dict[str, Judgement],
 ) -> Table:
-    table = Table(title=f"exciting {target}")
-    for heading in ("maneuver", "x", "S", "ST", "H", "TE expected / m²", "TE measured / m²"):
-        table.add_column(heading, justify="right")
-    table.add_column("rms / mm", justify="right")
+    table = Table(title=f"exciting {target}, TE in m²")
+    for heading in ("maneuver", "S", "ST", "H", "TE expected", "measured", "less noise", "rms/mm"):
+        table.add_column(heading, justify="left" if heading == "maneuver" else "right")
     for name, plan in plans.items():
         judgement = judgements[name]
+        values = "\n".join(f"{key} {value:.3f}" for key, value in plan.operation.items())
         table.add_row(
-            name,
-            ", ".join(f"{key} {value:.3f}" for key, value in plan.operation.items()),
+            f"{name}\n{values}",
             f"{plan.main[target].value:.3f}",
             f"{plan.total[target].value:.3f}",
             f"{plan.cost:.3f}",
             f"{expected[name]:.5f}",
             f"{judgement.te:.5f}",
+            f"{judgement.te_corrected:.5f}",
             f"{1e3 * judgement.rms:.1f}",
         )
     return table
