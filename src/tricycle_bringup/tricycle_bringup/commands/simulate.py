@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from excitation_planner.errors import InfeasibleManeuver
 from excitation_planner.maneuver import PlanError, family_by_name, operation_point
 from excitation_planner.replay import nominal_run
 from tricycle_bringup.progress import progress_bar
@@ -48,7 +49,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--maneuver",
         nargs="+",
         metavar=("NAME", "PARAMETER=VALUE"),
-        help="make the commands: the nominal vehicle tracks this maneuver",
+        help="make the commands: the vehicle of the file, without --set, tracks this maneuver",
     )
     add = parser.add_argument
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
@@ -121,7 +122,10 @@ def _commands(args: argparse.Namespace, vehicle: Vehicle) -> Commands:
     name, *values = args.maneuver
     family = family_by_name(name)
     point = operation_point(family, _assignments("--maneuver", values, PlanError))
-    return nominal_run(vehicle, family, point).commands
+    try:
+        return nominal_run(vehicle, family, point).commands
+    except InfeasibleManeuver as error:
+        raise PlanError(f"{family.name}: cannot be driven: {error}") from error
 
 
 def _assignments(option: str, items: list[str], error: type[ValueError]) -> dict[str, float]:
