@@ -181,6 +181,7 @@ class Bridge:
         self._input: _Input | None = None
         self._sent: tuple[_Input, bool] | None = None
         self._sent_at = -math.inf
+        self._allowed_at = -math.inf
         self._stop_sent_at = -math.inf
         self._gear = Gear.DRIVE
         self._arming: _Arming | None = None
@@ -288,7 +289,7 @@ class Bridge:
         self._take_events(board, self.links[board].receive(data, now))
 
     def poll(self, now: float) -> None:
-        """Do what is due; call it after every `receive` and at least every 20 ms."""
+        """Do what is due; call it after every `receive` and at least every 50 ms."""
         for board, link in self.links.items():
             self._take_events(board, link.poll(now))
         self._check_boards_agree()
@@ -325,7 +326,7 @@ class Bridge:
     def restart_links(self, now: float, reason: str) -> None:
         """Shake hands anew on the open ports, after the host's clock jumped back."""
         self._input = None
-        self._sent_at = -math.inf
+        self._sent_at = self._allowed_at = -math.inf
         for board, link in self.links.items():
             if link.state is not LinkState.CLOSED:
                 self.closed(board, reason)
@@ -349,13 +350,15 @@ class Bridge:
         command = self._fresh_input(now) if self.active else None
         if command is None:
             return
-        period = (
-            FASTEST_PERIOD
-            if self._sent != (command, self._enabled)
-            else 1.0 / self.settings.command_rate
-        )
-        if now - self._sent_at < period - _JITTER:
+        if self._sent != (command, self._enabled):
+            due = self._allowed_at
+        else:
+            due = self._sent_at + 1.0 / self.settings.command_rate
+        if now < due - _JITTER:
             return
+        # On average no faster than FASTEST_PERIOD; one message that came late does not hold up
+        # the next one, which comes early then.
+        self._allowed_at = max(self._allowed_at, now - FASTEST_PERIOD) + FASTEST_PERIOD
         flags = (CommandFlag.ENABLE if self._enabled else 0) | (
             CommandFlag.ESTOP if self._estopped else 0
         )

@@ -243,7 +243,7 @@ class PlcLink:
         return self._take_events()
 
     def poll(self, now: float) -> list[LinkEvent]:
-        """Do what is due; call it at least every 20 ms, after `receive` of what has arrived."""
+        """Do what is due; call it at least every 50 ms, after `receive` of what has arrived."""
         if self.state is LinkState.BOOTING and now >= self._next_hello:
             self._frames.append(DELIMITER)  # resynchronises the PLC's decoder
             self.state = LinkState.GREETING

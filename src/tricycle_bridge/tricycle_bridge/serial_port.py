@@ -149,6 +149,7 @@ class SerialPorts:
             for board in self._paths:
                 if board not in self._ports and now >= self._retry_at[board]:
                     self._open(board)
+            self._hand_over()
             for key, _ in self._selector.select(self._until_retry()):
                 if key.data is None:
                     os.read(self._wake_read, _READ_SIZE)
@@ -158,8 +159,13 @@ class SerialPorts:
                 reopen, self._reopen = self._reopen, {}
             for board, reason in reopen.items():
                 self._close(board, reason)
+            self._hand_over()
         for board in list(self._ports):
             self._close(board, "closed")
+
+    def _hand_over(self) -> None:
+        if self._events:  # one call for all that came together
+            self._notify()
 
     def _until_retry(self) -> float | None:
         closed = [self._retry_at[board] for board in self._paths if board not in self._ports]
@@ -213,8 +219,6 @@ class SerialPorts:
                     return
                 self._waiting[event.board] += len(event.data)
             self._events.append(event)
-        if not self._stopping:
-            self._notify()
 
     def _ask_reopen(self, board: Board, reason: str) -> None:
         self._reopen[board] = reason
