@@ -1,5 +1,6 @@
 """The recorder as a process: what is published is in the bag, whatever happens to the process."""
 
+import resource
 import signal
 import subprocess
 import time
@@ -194,7 +195,34 @@ def test_a_topic_that_comes_late_and_goes_and_comes_back(  # type: ignore[no-unt
     ]  # fmt: skip
 
 
-def test_a_full_disk_stops_the_recording_with_a_diagnostic(  # type: ignore[no-untyped-def]
+def test_a_disk_that_fills_up_stops_the_recording_and_leaves_a_readable_bag(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, tmp_path: Path
+) -> None:
+    """A file size limit set on the running process stands for the full disk."""
+    publisher = ros_node.create_publisher(String, "odom", 10)
+    r = recorder(
+        record=True, output=tmp_path / "bag", topics="[odom]", compression="none", disk_reserve=0.0
+    )
+    r.wait(lambda: publisher.get_subscription_count() == 1)
+    resource.prlimit(r.process.pid, resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+
+    def publish_until_it_stops() -> bool:
+        publisher.publish(String(data="x" * 1000))
+        return bool(r.level == DiagnosticStatus.ERROR)
+
+    r.wait(publish_until_it_stops)
+    assert "File too large" in r.message
+    success, message = r.trigger("stop")
+    assert not success
+    assert "File too large" in message
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.complete
+    found = texts(tmp_path / "bag", "/odom")
+    assert found
+    assert set(found) == {"x" * 1000}
+
+
+def test_a_nearly_full_disk_stops_the_recording_with_a_diagnostic(  # type: ignore[no-untyped-def]
     recorder, ros_node: Node, tmp_path: Path
 ) -> None:
     r = recorder(record=True, output=tmp_path / "bag", disk_reserve=1e6)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -124,6 +124,30 @@ def test_loop_until_interrupted(replayer, ros_node: Node, bag: Path) -> None:  #
     r.process.send_signal(signal.SIGINT)
     assert r.process.wait(10) == 0
     assert ros_node.count_publishers("/plan") == 0
+
+
+def test_rate_0_waits_for_who_keeps_all(  # type: ignore[no-untyped-def]
+    replayer, ros_node: Node, tmp_path: Path
+) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        topic = writer.add_topic(Topic.of_type("/odom", TYPE))
+        for i in range(8000):
+            data = jazzy().serialize_cdr(jazzy().types[TYPE](data=str(i)), TYPE)
+            writer.write(topic, i * 10**9, bytes(data))
+    heard: list[str] = []
+
+    def hear_slowly(message: String) -> None:
+        time.sleep(0.0002)
+        heard.append(message.data)
+
+    keep_all = QoSProfile(history=HistoryPolicy.KEEP_ALL)  # up to 5000 in Fast DDS
+    ros_node.create_subscription(String, "odom", hear_slowly, keep_all)
+    r = replayer("-p", f"bag:={tmp_path / 'bag'}", "-p", "rate:=0.0", "-p", "paused:=true")
+    r.wait(lambda: ros_node.count_publishers("/odom") == 1)
+    assert r.call("resume").success
+    r.wait(lambda: len(heard) == 8000)
+    assert heard == [str(i) for i in range(8000)]
+    r.wait(lambda: r.process.poll() == 0)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """Foreign bags, torn bags, and what is no bag."""
 
+import resource
 import shutil
 from pathlib import Path
 
@@ -190,3 +191,14 @@ def test_a_foreign_directory_with_missing_files(tmp_path: Path) -> None:
     shutil.move(tmp_path / "bag" / "bag.db3", tmp_path / "elsewhere.db3")
     with pytest.raises(BagError, match="missing"):
         BagReader(tmp_path / "bag")
+
+
+def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", compression=Compression.NONE) as bag:
+        topic = bag.add_topic(Topic.of_type("/chatter", STRING))
+        for stamp in range(150):
+            bag.write(topic, stamp, bytes(10**6))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with BagReader(tmp_path / "bag") as reader:
+        assert sum(len(message.data) for message in reader.messages()) == 150 * 10**6
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 30_000  # KiB

@@ -87,6 +87,11 @@ class Player:
             self._stopped = True
             self._changed.notify()
 
+    @property
+    def stopped(self) -> bool:
+        """Whether `stop` was called."""
+        return self._stopped
+
     def _play_once(self, publish: Callable[[Message], None], tick: Callable[[int], None]) -> None:
         self._origin = None
         begin = next_tick = last = None
@@ -100,6 +105,8 @@ class Player:
                 continue
             if next_tick is None or last is None or stamp < last:
                 self._origin, next_tick = None, stamp
+            if self._rate == 0:
+                next_tick = max(next_tick, stamp - CLOCK_PERIOD + 1)  # no ticks between messages
             while next_tick <= stamp and self._wait(next_tick):
                 tick(next_tick)
                 next_tick += CLOCK_PERIOD

@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from threading import Thread
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -24,8 +25,7 @@ from trajectory_recorder.recorder_node import declare
 from trajectory_recorder.topics import BagError, OfferedQos, message_class
 from tricycle_bridge.run_node import run_node
 
-BURST = 50  # messages that may be unacknowledged when playing as fast as possible
-ACKNOWLEDGE = Duration(seconds=5)  # that a reliable subscriber may take
+ACKNOWLEDGE = Duration(seconds=0.05)  # to wait at a time for reliable subscribers
 DEPTH = 100  # messages, where the middleware did not tell the recorded publisher's
 
 
@@ -44,6 +44,7 @@ class BagReplayer(Node):
         if not path:
             raise BagError("the parameter bag is empty: set it to the bag to play")
         self._bag = BagReader(Path(path))
+        self._as_fast_as_taken = rate == 0
         self._to: dict[str, Publisher] = {}
         for name in self._bag.topics:
             if any(fnmatchcase(name, pattern) for pattern in topics):
@@ -55,7 +56,6 @@ class BagReplayer(Node):
             if clock and "/clock" not in self._to
             else None
         )
-        self._burst = rate == 0
         self._played = 0
         self._player = Player(self._bag, self._to, rate=rate, start=start, loop=loop, paused=paused)
         self.create_service(Trigger, "~/pause", partial(self._serve, self._player.pause))
@@ -80,7 +80,9 @@ class BagReplayer(Node):
         except BagError as error:
             self.get_logger().warning(f"{name} is not played: {error}")
             return
-        self._to[name] = self.create_publisher(kind, name, _profile(topic.qos))
+        self._to[name] = self.create_publisher(
+            kind, name, _profile(topic.qos, lossless=self._as_fast_as_taken)
+        )
 
     def _play(self) -> None:
         try:
@@ -89,11 +91,15 @@ class BagReplayer(Node):
             self._failure = error
 
     def _publish(self, message: Message) -> None:
-        publisher = self._to[message.topic]
-        publisher.publish(message.data)
-        self._played += 1
-        if self._burst and self._played % BURST == 0:
-            publisher.wait_for_all_acked(ACKNOWLEDGE)
+        while True:
+            try:
+                self._to[message.topic].publish(message.data)
+            except RCLError:  # the queue is full, and stayed so for the time publishing may block
+                if self._player.stopped:
+                    return
+            else:
+                self._played += 1
+                return
 
     def _tick(self, stamp: int) -> None:
         if self._clock is not None:
@@ -103,8 +109,8 @@ class BagReplayer(Node):
         """End the process when the bag has ended and reliable subscribers have it."""
         if self._thread.is_alive():
             return
-        for publisher in self._to.values():
-            publisher.wait_for_all_acked(ACKNOWLEDGE)
+        if not all(publisher.wait_for_all_acked(ACKNOWLEDGE) for publisher in self._to.values()):
+            return
         if self._failure is not None:
             self.get_logger().error(str(self._failure))
             raise SystemExit(2)
@@ -122,11 +128,14 @@ class BagReplayer(Node):
         return response
 
 
-def _profile(offered: tuple[OfferedQos, ...]) -> QoSProfile:
-    """Quality of service that serves whoever the recorded publishers served."""
-    reliable = all(qos.reliability != "best_effort" for qos in offered)
+def _profile(offered: tuple[OfferedQos, ...], *, lossless: bool) -> QoSProfile:
+    """Quality of service that serves whoever the recorded publishers served.
+
+    Lossless: reliable, and publishing waits for subscribers that keep all.
+    """
+    reliable = lossless or all(qos.reliability != "best_effort" for qos in offered)
     latched = bool(offered) and all(qos.latched for qos in offered)
-    keep_all = any(qos.history == "keep_all" for qos in offered)
+    keep_all = lossless or any(qos.history == "keep_all" for qos in offered)
     return QoSProfile(
         history=HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST,
         depth=max((qos.depth for qos in offered), default=0) or (1 if latched else DEPTH),
