@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from tricycle_sim import dynamics
 from tricycle_sim.steering import (
@@ -166,6 +167,17 @@ def test_servo_is_exact_whatever_the_step():
         run_servo(servo, setpoints, constants, half_steps, table, np.empty((2, 101)))
         ends.append(servo)
     assert ends[0] == pytest.approx(ends[1], abs=1e-13)
+
+
+@pytest.mark.parametrize("damping", [0.3, 0.9, 1.0, 1.5])
+def test_servo_follows_its_differential_equation(damping):
+    vehicle = VEHICLE.replace(servo_damping_ratio=damping)
+    servo, table, angles = np.array([0.1, -0.5]), np.empty((21, 8)), np.empty((2, 11))
+    constants = steering_constants(vehicle, 0.005)
+    run_servo(servo, np.full(10, 0.3), constants, 2, table, angles)
+    system = [[0.0, 1.0], [-(25.0**2), -50.0 * damping]]
+    exact = expm(0.1 * np.array(system)) @ [0.1 - 0.3, -0.5] + [0.3, 0.0]
+    assert servo == pytest.approx(exact, rel=1e-12)
 
 
 def test_servo_without_pulse_holds_its_angle():

@@ -4,11 +4,11 @@ The servo is stiff: the tyres do not move it. Its history follows from the set-p
 exact at every half step, whatever the vehicles of a batch do.
 """
 
+import cmath
 import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from tricycle_sim.compilation import compiled
 from tricycle_sim.vehicle import Vehicle
@@ -19,13 +19,18 @@ from tricycle_sim.vehicle import Vehicle
 
 def steering_constants(vehicle: Vehicle, half_step: float) -> NDArray[np.float64]:
     """Pack what the compiled functions of this module need, for servo steps of `half_step` [s]."""
-    frequency, damping = vehicle.servo_natural_frequency, vehicle.servo_damping_ratio
-    # theta'' = omega^2 (command - theta) - 2 zeta omega theta', exact over a step
-    servo = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
+    # Transition over a step of theta'' = omega^2 (command - theta) - 2 zeta omega theta'
+    frequency = vehicle.servo_natural_frequency
+    decay_rate = vehicle.servo_damping_ratio * frequency
+    root = cmath.sqrt(decay_rate**2 - frequency**2)
+    decay = math.exp(-decay_rate * half_step)
+    even = decay * cmath.cosh(root * half_step).real
+    odd = decay * ((cmath.sinh(root * half_step) / root).real if root else half_step)
     caster = vehicle.caster_angle
     return np.array(
         [
-            *expm(servo * half_step).ravel(),
+            *(even + decay_rate * odd, odd),
+            *(-(frequency**2) * odd, even - decay_rate * odd),
             vehicle.steering_limit,
             vehicle.steering_ratio_straight,
             vehicle.steering_ratio_full,
