@@ -59,6 +59,7 @@ class Rig:
         return subprocess.Popen(command, env=self._env, stderr=subprocess.DEVNULL)
 
     def publish(self) -> None:
+        """Send the target once."""
         angle, speed = self.target
         message = JointState(
             name=["steering_motor_joint", "rear_wheel_joint"],
@@ -69,6 +70,7 @@ class Rig:
         self.publisher.publish(message)
 
     def spin(self, seconds: float) -> None:
+        """Let callbacks run for so long."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=left)
@@ -90,11 +92,13 @@ class Rig:
             armed = answer.done() and answer.result().success
 
     def restart(self) -> None:
+        """Kill the bridge and start another."""
         self.bridge.kill()
         self.bridge.wait()
         self.bridge = self._start()
 
     def close(self) -> None:
+        """End everything."""
         self.bridge.terminate()
         self.bridge.wait()
         self.pair.close()
@@ -126,7 +130,8 @@ def latencies(rig: Rig, seconds: float) -> None:
             to_topic.append(time.monotonic() - at)
 
     rig.arm()
-    steer._take_command, steer.tick = take_stamped, tick_stamped  # type: ignore[method-assign]
+    steer._take_command = take_stamped  # type: ignore[method-assign]  # noqa: SLF001
+    steer.tick = tick_stamped  # type: ignore[method-assign]
     rig.node.create_subscription(JointState, "joint_states", on_joint_states, 10)
     rig.spin(0.5)
     ticks_per_s = os.sysconf("SC_CLK_TCK")
@@ -153,7 +158,7 @@ def latencies(rig: Rig, seconds: float) -> None:
     print(f"CPU of the bridge {used:.1%} of a core")
     load = os.getloadavg()[0]
     print(f"load average {load:.1f} on {os.cpu_count()} cores")
-    steer._take_command, steer.tick = take, tick  # type: ignore[method-assign]
+    steer._take_command, steer.tick = take, tick  # type: ignore[method-assign]  # noqa: SLF001
 
 
 def stopping(rig: Rig, kills: int) -> None:

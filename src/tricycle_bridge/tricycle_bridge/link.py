@@ -143,6 +143,7 @@ class PlcLink:
         self.problem = ""  # why the link is not up, for a person
         self.clock = PlcClock()
         self.identity: HelloAck | None = None
+        self.answered_by: Board | None = None  # of the last handshake, also where it was refused
         self.telemetry: State | None = None  # of this session
         self.limits: SteerLimits | DriveLimits | None = None
         self.stats: Stats | None = None
@@ -402,6 +403,7 @@ class PlcLink:
         return True
 
     def _greeted(self, frame: Frame, ack: HelloAck, now: float) -> None:
+        self.answered_by = frame.board
         if frame.major != MAJOR:
             self._refuse(
                 f"the PLC speaks protocol version {frame.major}, this bridge {MAJOR}: "

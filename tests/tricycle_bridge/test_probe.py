@@ -1,0 +1,34 @@
+"""Probing a port, whichever board is behind it."""
+
+import pytest
+
+from tricycle_bridge.messages import Board, DriveLimits, LinkError
+from tricycle_bridge.probe import PortProbe
+from tricycle_sim.pty_port import PtyPort
+
+
+@pytest.mark.parametrize("board", [Board.STEER, Board.DRIVE])
+def test_it_finds_out_which_board_answers(plc_pair, board):
+    path = plc_pair.steer_path if board is Board.STEER else plc_pair.drive_path
+    with PortProbe(path, boot_wait=0.0) as probe:
+        link = probe.handshake()
+        assert (link.board, link.identity.board) == (board, board)
+        for _ in probe.events(0.5):
+            pass
+        assert link.stats is not None
+        if board is Board.DRIVE:
+            assert isinstance(link.limits, DriveLimits)
+
+
+def test_a_missing_port_and_a_silent_one_are_one_clear_line(tmp_path):
+    with (
+        PortProbe(str(tmp_path / "none"), boot_wait=0.0) as probe,
+        pytest.raises(LinkError, match="none does not exist"),
+    ):
+        probe.handshake()
+    with (
+        PtyPort(tmp_path / "silent") as port,
+        PortProbe(str(port.path), boot_wait=0.0) as probe,
+        pytest.raises(LinkError, match=r"silent: no PLC answers within 0\.3 s \(0 good frames"),
+    ):
+        probe.handshake(timeout=0.3)
