@@ -43,6 +43,8 @@ _FOOTER_SIZE = _RECORD.size + 20 + len(MAGIC)
 
 _DAMAGED = (struct.error, ValueError, RuntimeError, zstandard.ZstdError, McapError)
 
+Buffer = bytes | memoryview
+
 _YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -241,7 +243,7 @@ class _McapFile:
                 raise BagError(f"{self.path}: {where}: {error}") from error
             for channel_id, stamp, start, end in found:
                 if channel_id in names:
-                    yield Message(names[channel_id], stamp, data[start:end])
+                    yield Message(names[channel_id], stamp, bytes(data[start:end]))
 
     def close(self) -> None:
         if self._fd >= 0:
@@ -263,7 +265,7 @@ class _McapFile:
             data += more
         return data
 
-    def _indexed(self, data: bytes, indexes: list[int]) -> list[tuple[int, int, int, int]]:
+    def _indexed(self, data: Buffer, indexes: list[int]) -> list[tuple[int, int, int, int]]:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
         entries: list[tuple[int, int]] = []  # offset, stamp
         for index in indexes:
@@ -349,7 +351,7 @@ class _McapFile:
                 return
             offset = end
 
-    def _take_records(self, data: bytes) -> None:
+    def _take_records(self, data: Buffer) -> None:
         for opcode, start, length in _records(data):
             if opcode == Opcode.MESSAGE:
                 self._counts[int.from_bytes(data[start : start + 2], "little")] += 1
@@ -410,7 +412,7 @@ class _RosbagsStorage:
         self._reader.close()
 
 
-def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
+def _records(data: Buffer) -> Iterator[tuple[int, int, int]]:
     """Opcode, start and length of the content of each record."""
     offset, size = 0, len(data)
     while offset < size:
@@ -422,7 +424,7 @@ def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
         offset += length
 
 
-def _messages(data: bytes) -> list[tuple[int, int, int, int]]:
+def _messages(data: Buffer) -> list[tuple[int, int, int, int]]:
     """Channel, stamp, start and end of the data of each message in a chunk."""
     found = []
     for opcode, start, length in _records(data):
@@ -432,16 +434,16 @@ def _messages(data: bytes) -> list[tuple[int, int, int, int]]:
     return found
 
 
-def _stream(data: bytes) -> ReadDataStream:
+def _stream(data: Buffer) -> ReadDataStream:
     return ReadDataStream(io.BytesIO(data))
 
 
-def _uncompress(record: bytes) -> bytes:
+def _uncompress(record: bytes) -> Buffer:
     """Content of a chunk record, checked."""
     _, _, size, crc, name_length = _CHUNK.unpack_from(record, _RECORD.size)
     start = _RECORD.size + _CHUNK.size + name_length
     compression = record[start - name_length : start]
-    data = record[start + 8 :]
+    data: Buffer = memoryview(record)[start + 8 :]
     if compression == b"zstd":
         data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     elif compression == b"lz4":
