@@ -1,6 +1,6 @@
 """Second stage: how often a design comes within 1 % of the best known H, and at what price.
 
-    python benchmarks/search.py [--seeds 10] [--only NAME ...]
+    python benchmarks/search.py [--seeds 10] [--only NAME ...] [--search adaptive ...]
 
 Six cases of the math model (Eq. 13), whose best H is known, and three problems with interior and
 face optima, whose best H is searched for by brute force on exact indices. Each design is judged by
@@ -27,6 +27,8 @@ from excitation_planner.test_functions import (
 
 @dataclass(frozen=True)
 class Case:
+    """A family of maneuvers and the best H that is known of it."""
+
     name: str
     f: Callable
     operation: Box
@@ -36,6 +38,7 @@ class Case:
     best_known: float | None = None  # None: searched for by brute force
 
     def exact_cost(self, x, nodes=12):
+        """H at x (l,) by quadrature."""
         indices = quadrature_indices(lambda P: self.f(x, P), self.unknown, nodes=nodes)
         return excitation_cost(
             indices.main,
@@ -45,6 +48,7 @@ class Case:
         )
 
     def best(self):
+        """Best known H."""
         if self.best_known is not None:
             return self.best_known
         bounds = list(zip(self.operation.low, self.operation.high, strict=True))
@@ -137,6 +141,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--only", nargs="*", default=[""])
+    parser.add_argument(
+        "--search", nargs="*", type=Search, default=[Search.ADAPTIVE, Search.ONE_SHOT_SOBOL]
+    )
     arguments = parser.parse_args()
     print(
         f"{'case':32s} {'search':16s} {'best H':>8s} {'<=1 %':>6s} {'median':>8s} {'worst':>8s}"
@@ -147,7 +154,7 @@ def main():
             if not any(part in case.name for part in arguments.only):
                 continue
             best = case.best()
-            for search in (Search.ADAPTIVE, Search.ONE_SHOT_SOBOL):
+            for search in arguments.search:
                 seeds = range(arguments.seeds)
                 found = list(pool.map(run, [case] * len(seeds), [search] * len(seeds), seeds))
                 costs, runs, held, seconds, points = (np.array(c) for c in zip(*found, strict=True))
