@@ -1,0 +1,98 @@
+"""Runs launch files with stand-ins for `launch` and `launch_ros` that record what is built."""
+
+import runpy
+import sys
+import tomllib
+import types
+from pathlib import Path
+from unittest.mock import patch
+
+import yaml
+
+import tricycle_bringup.configuration  # noqa: F401 - patch.dict would unload what it imports
+
+ROOT = Path(__file__).parents[1]
+LAUNCH_FOLDER = ROOT / "src" / "tricycle_bringup" / "launch"
+LAUNCH_FILES = sorted(path.name for path in LAUNCH_FOLDER.iterdir())
+
+
+def project_scripts():
+    """Executables and the functions they call."""
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+
+
+class _Argument:
+    def __init__(self, name, default_value=None, description=None):
+        self.name, self.default = name, default_value
+
+
+class _Configuration:
+    def __init__(self, name):
+        self.name = name
+
+    def perform(self, context):
+        return context[self.name]
+
+
+class _Action:
+    def __init__(self, **keywords):
+        self.keywords = keywords
+
+
+class _Description:
+    def __init__(self, entities):
+        self.entities = entities
+
+
+def _modules():
+    def module(name, **content):
+        made = types.ModuleType(name)
+        made.__dict__.update(content)
+        return name, made
+
+    return dict(
+        [
+            module("launch", LaunchContext=dict, LaunchDescription=_Description),
+            module("launch.actions", DeclareLaunchArgument=_Argument, OpaqueFunction=_Action),
+            module("launch.substitutions", LaunchConfiguration=_Configuration),
+            module("launch_ros", actions=None),
+            module("launch_ros.actions", Node=_Action),
+        ]
+    )
+
+
+def launched_nodes(file, **arguments):
+    """Nodes that a launch file starts: package, executable, remappings, parameters by name.
+
+    `twice` names the parameters that more than one of the node's sources sets.
+    """
+    arguments = {"bag": "bag", **arguments}
+    with patch.dict(sys.modules, _modules()):
+        description = runpy.run_path(str(LAUNCH_FOLDER / file))["generate_launch_description"]()
+        declared = [entity for entity in description.entities if isinstance(entity, _Argument)]
+        unknown = set(arguments) - {argument.name for argument in declared}
+        assert not unknown, unknown
+        context = {a.name: arguments.get(a.name, a.default) for a in declared}
+        (action,) = (e for e in description.entities if isinstance(e, _Action))
+        nodes = [node.keywords for node in action.keywords["function"](context)]
+    return [_resolved(node) for node in nodes]
+
+
+def _resolved(node):
+    parameters, twice = {}, []
+    for source in node["parameters"]:
+        if isinstance(source, str):
+            document = yaml.safe_load(Path(source).read_text())
+            found = {}
+            for key in ("/**", f"/**/{node['executable']}"):
+                found |= document.get(key, {}).get("ros__parameters", {})
+        else:
+            found = source
+        twice += [name for name in found if name in parameters]
+        parameters |= found
+    return {
+        **node,
+        "parameters": parameters,
+        "twice": twice,
+        "remappings": node.get("remappings", []),
+    }

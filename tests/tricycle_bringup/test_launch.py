@@ -1,0 +1,54 @@
+"""Launch files against the code: `launch` itself is not to be had here, so it is recorded.
+
+Stand-ins for `launch` and `launch_ros` note what the launch files construct; that is compared with
+the installed executables and, in tests/ros/test_parameters.py, with the parameters of the nodes.
+"""
+
+import pytest
+from launch_recorder import LAUNCH_FILES, launched_nodes, project_scripts
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES)
+def test_every_executable_exists_in_its_package(file):
+    scripts = project_scripts()
+    for node in launched_nodes(file):
+        assert scripts[node["executable"]].startswith(f"{node['package']}.")
+
+
+def test_a_simulation_starts_every_node_of_a_drive():
+    executables = {node["executable"] for node in launched_nodes("simulation.launch.py")}
+    assert executables == {
+        *("tricycle_sim", "tricycle_bridge", "excitation_planner"),
+        *("maneuver_driver", "trajectory_recorder"),
+    }
+
+
+def test_the_vehicle_never_starts_the_simulation_nor_arms_by_itself():
+    nodes = launched_nodes("vehicle.launch.py", odom_topic="/localization/odometry")
+    assert "tricycle_sim" not in {node["executable"] for node in nodes}
+    (bridge,) = (node for node in nodes if node["executable"] == "tricycle_bridge")
+    assert bridge["parameters"]["arm_on_activate"] is False
+    assert bridge["parameters"]["use_sim_time"] is False
+    assert all(("odom", "/localization/odometry") in node["remappings"] for node in nodes)
+
+
+def test_a_given_vehicle_file_reaches_bridge_and_simulation(tmp_path):
+    from importlib.resources import files
+
+    text = (files("tricycle_sim") / "tricycle.yaml").read_text()
+    assert "value: 0.335" in text
+    file = tmp_path / "other.yaml"
+    file.write_text(text.replace("value: 0.335", "value: 0.345", 1))
+    nodes = {
+        node["executable"]: node["parameters"]
+        for node in launched_nodes("simulation.launch.py", vehicle_file=str(file))
+    }
+    assert nodes["tricycle_bridge"]["tyre_radius"] == 0.345
+    assert nodes["tricycle_sim"]["vehicle_file"] == str(file)
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES)
+def test_no_parameter_is_set_twice(file):
+    # a file's entry for a node would win over the launch file's: see docs
+    for node in launched_nodes(file):
+        assert not node["twice"], node["executable"]

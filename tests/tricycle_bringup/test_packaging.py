@@ -1,0 +1,73 @@
+"""The two ways to install agree: the root pyproject.toml and each ament_python package."""
+
+import ast
+import tomllib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PACKAGES = sorted(path.name for path in (ROOT / "src").iterdir())
+
+
+def setup_arguments(package):
+    """Keyword arguments of setup() that are literals."""
+    tree = ast.parse((ROOT / "src" / package / "setup.py").read_text())
+    (call,) = (
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "setup"
+    )
+    arguments = {}
+    for keyword in call.keywords:
+        try:
+            arguments[keyword.arg] = ast.literal_eval(keyword.value)
+        except ValueError:
+            continue
+    return arguments
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_versions_agree(package):
+    xml = ElementTree.parse(ROOT / "src" / package / "package.xml")
+    assert xml.findtext("name") == package
+    versions = {xml.findtext("version"), setup_arguments(package)["version"]}
+    assert versions == {PROJECT["project"]["version"]}
+
+
+def test_entry_points_agree():
+    scripts, plugins = {}, {}
+    for package in PACKAGES:
+        points = setup_arguments(package).get("entry_points", {})
+        for group, found in (("console_scripts", scripts), ("pytest11", plugins)):
+            found |= dict(point.split(" = ") for point in points.get(group, []))
+    assert scripts == PROJECT["project"]["scripts"]
+    assert plugins == PROJECT["project"]["entry-points"]["pytest11"]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_dependencies_follow_the_import_order(package):
+    order = PROJECT["tool"]["importlinter"]["contracts"][0]["layers"][::-1]
+    xml = ElementTree.parse(ROOT / "src" / package / "package.xml")
+    own = [d.text for d in xml.findall("exec_depend") if d.text in PACKAGES]
+    assert all(order.index(dependency) < order.index(package) for dependency in own)
+    imported = {
+        name.split(".")[0]
+        for file in (ROOT / "src" / package / package).rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text()))
+        for name in (
+            [alias.name for alias in node.names]
+            if isinstance(node, ast.Import)
+            else [node.module or ""]
+            if isinstance(node, ast.ImportFrom)
+            else []
+        )
+    }
+    assert imported & set(PACKAGES) - {package} <= set(own)
+
+
+def test_the_workspace_links_every_package():
+    links = {link.name: link.resolve() for link in (ROOT / "ros_ws" / "src").iterdir()}
+    assert links == {package: ROOT / "src" / package for package in PACKAGES}
