@@ -206,9 +206,10 @@ class Scene:
                 )
                 for name in messages
             }
-            for s, name, message in rows:
+            for i, (s, name, message) in enumerate(rows):
                 bag.write(ids[name], s, bytes(jazzy().serialize_cdr(message, types[name])))
-                bag.flush() if options else None
+                if i % 100 == 0:
+                    bag.flush()
         return path
 
 
@@ -254,7 +255,7 @@ def test_a_lag_is_estimated_and_not_applied(tmp_path: Path) -> None:
 
 def test_the_lags_uncertainty_holds_over_seeds(tmp_path: Path) -> None:
     scores = []
-    for seed in range(15):
+    for seed in range(10):
         j = judge(Scene(lag=0.02, noise=0.01, seed=seed).write(tmp_path / f"{seed}"))
         scores.append((j.time_offset - 0.02) / j.time_offset_deviation)
     assert 0.6 < np.std(scores) < 1.5
@@ -269,14 +270,14 @@ def test_noise_is_found_and_taken_off(tmp_path: Path) -> None:
                 tmp_path / f"{seed}"
             )
         )
-        for seed in range(12)
+        for seed in range(8)
     ]
     assert np.mean([j.noise for j in found]) == pytest.approx(0.01, rel=0.05)
     raw = np.array([j.te for j in found])
     corrected = np.array([j.te_corrected for j in found])
     deviation = np.mean([j.te_deviation for j in found])
     assert np.mean(raw) > true + 1e-4  # 2 σ² · 2/3
-    assert np.mean(corrected) == pytest.approx(true, abs=3 * deviation / math.sqrt(12))
+    assert np.mean(corrected) == pytest.approx(true, abs=3 * deviation / math.sqrt(8))
     assert 0.4 < np.std(corrected) / deviation < 2.0
 
 

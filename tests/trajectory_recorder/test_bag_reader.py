@@ -133,11 +133,11 @@ def test_a_bag_without_metadata_yaml_is_read(tmp_path: Path) -> None:
 def test_parts_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", split_size=200, chunk_size=100) as bag:
         topic = bag.add_topic(Topic.of_type("/chatter", STRING))
-        for stamp in range(300):
+        for stamp in range(60):
             bag.write(topic, stamp, b"x" * 20)
     assert (tmp_path / "bag" / "bag_10.mcap").exists()
     with BagReader(tmp_path / "bag") as reader:
-        assert [m.stamp for m in reader.messages()] == list(range(300))
+        assert [m.stamp for m in reader.messages()] == list(range(60))
 
 
 @pytest.mark.parametrize(
