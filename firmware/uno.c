@@ -269,6 +269,8 @@ int main(void)
 	UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 
 	uint16_t boot_count = (uint16_t)(eeprom_read_word(BOOT_COUNT) + 1);
+	if (boot_count == 0) /* the memory was erased */
+		boot_count = 1;
 	eeprom_update_word(BOOT_COUNT, boot_count);
 	plc.transmit = transmit;
 	plc_reset(&plc, reset_cause(), boot_count);

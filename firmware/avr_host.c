@@ -1,0 +1,177 @@
+/* An Arduino UNO simulated by libsimavr, as a shared library: bytes, millivolts and pulses in,
+ * bytes and registers out. Time is the AVR's own and moves only in machine_run. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <simavr/avr_adc.h>
+#include <simavr/avr_extint.h>
+#include <simavr/avr_ioport.h>
+#include <simavr/avr_uart.h>
+#include <simavr/sim_avr.h>
+#include <simavr/sim_cycle_timers.h>
+#include <simavr/sim_elf.h>
+#include <simavr/sim_io.h>
+#include <simavr/sim_irq.h>
+
+#define FREQUENCY 16000000UL
+#define BYTE_CYCLES 1389 /* of 115200 8N1 */
+#define LINE 16384
+
+struct machine {
+	avr_t *avr;
+	avr_cycle_count_t end; /* of the last run */
+	avr_irq_t *uart_in;
+	uint8_t in[LINE], out[LINE];
+	uint32_t in_head, in_tail, out_length;
+	avr_cycle_count_t hall_half; /* cycles between edges; 0: the wheel stands */
+	avr_cycle_count_t hall_edge; /* of the newest edge */
+	uint8_t hall_level;
+	uint8_t driven, levels; /* pins of port D */
+};
+
+static void sleep_no_longer(avr_t *avr, avr_cycle_count_t cycles)
+{
+	(void)avr;
+	(void)cycles; /* the caller adds them to the clock */
+}
+
+static void on_uart_out(struct avr_irq_t *irq, uint32_t value, void *param)
+{
+	(void)irq;
+	struct machine *machine = param;
+	if (machine->out_length < LINE)
+		machine->out[machine->out_length++] = (uint8_t)value;
+}
+
+/* Drives an input pin of port D; it stays so whatever pull-up the firmware switches. */
+void machine_pin(struct machine *machine, uint8_t pin, uint8_t level)
+{
+	uint8_t bit = (uint8_t)(1 << pin);
+	machine->driven |= bit;
+	machine->levels = level ? machine->levels | bit : machine->levels & (uint8_t)~bit;
+	avr_ioport_external_t external = {
+		.name = 'D', .mask = machine->driven, .value = machine->levels,
+	};
+	avr_ioctl(machine->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &external);
+	avr_raise_irq(avr_io_getirq(machine->avr, AVR_IOCTL_IOPORT_GETIRQ('D'), pin), level);
+}
+
+void machine_adc(struct machine *machine, uint8_t channel, uint32_t millivolts)
+{
+	avr_raise_irq(avr_io_getirq(machine->avr, AVR_IOCTL_ADC_GETIRQ, channel), millivolts);
+}
+
+static avr_cycle_count_t feed_uart(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+	(void)avr;
+	struct machine *machine = param;
+	if (machine->in_tail != machine->in_head) {
+		avr_raise_irq(machine->uart_in, machine->in[machine->in_tail]);
+		machine->in_tail = (machine->in_tail + 1) % LINE;
+	}
+	return when + BYTE_CYCLES;
+}
+
+static avr_cycle_count_t hall_edge(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+	(void)avr;
+	struct machine *machine = param;
+	machine->hall_level ^= 1;
+	machine->hall_edge = when;
+	machine_pin(machine, 2, machine->hall_level);
+	return when + machine->hall_half;
+}
+
+struct machine *machine_new(const char *elf)
+{
+	elf_firmware_t firmware = { .frequency = FREQUENCY };
+	if (elf_read_firmware(elf, &firmware) != 0)
+		return NULL;
+	struct machine *machine = calloc(1, sizeof *machine);
+	avr_t *avr = avr_make_mcu_by_name("atmega328p");
+	avr_init(avr);
+	firmware.frequency = FREQUENCY;
+	avr_load_firmware(avr, &firmware);
+	avr->log = LOG_NONE;
+	avr->sleep = sleep_no_longer;
+	avr->run_cycle_limit = FREQUENCY / 1000;
+	avr->vcc = avr->avcc = avr->aref = 5000;
+	for (uint8_t i = 0; i < 2; i++)
+		avr_extint_set_strict_lvl_trig(avr, i, 0);
+	uint32_t flags = 0;
+	avr_ioctl(avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
+	flags &= ~(uint32_t)(AVR_UART_FLAG_STDIO | AVR_UART_FLAG_POLL_SLEEP);
+	avr_ioctl(avr, AVR_IOCTL_UART_SET_FLAGS('0'), &flags);
+	machine->avr = avr;
+	machine->uart_in = avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
+	avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT),
+				on_uart_out, machine);
+	avr_cycle_timer_register(avr, BYTE_CYCLES, feed_uart, machine);
+	return machine;
+}
+
+void machine_free(struct machine *machine)
+{
+	avr_terminate(machine->avr);
+	free(machine);
+}
+
+/* Runs to so many microseconds after its start; 0 where the AVR crashed. */
+int machine_run(struct machine *machine, uint64_t until)
+{
+	machine->end = until * (FREQUENCY / 1000000);
+	while (machine->avr->cycle < machine->end) {
+		int state = avr_run(machine->avr);
+		if (state == cpu_Done || state == cpu_Crashed)
+			return 0;
+	}
+	return 1;
+}
+
+void machine_write(struct machine *machine, const uint8_t *data, uint32_t length)
+{
+	for (uint32_t i = 0; i < length; i++) {
+		machine->in[machine->in_head] = data[i];
+		machine->in_head = (machine->in_head + 1) % LINE;
+	}
+}
+
+uint32_t machine_read(struct machine *machine, uint8_t *out)
+{
+	uint32_t length = machine->out_length;
+	memcpy(out, machine->out, length);
+	machine->out_length = 0;
+	return length;
+}
+
+/* Pulses per second of the hall sensor. A changed rate keeps the phase: the part of the period that
+ * has passed stays passed. */
+void machine_hall(struct machine *machine, double rate)
+{
+	avr_t *avr = machine->avr;
+	avr_cycle_count_t half = rate > 0.1 ? (avr_cycle_count_t)(FREQUENCY / rate / 2) : 0;
+	if (half == machine->hall_half)
+		return;
+	double phase = machine->hall_half ?
+		(double)(avr->cycle - machine->hall_edge) / (double)machine->hall_half : 0;
+	avr_cycle_timer_cancel(avr, hall_edge, machine);
+	machine->hall_half = half;
+	if (half) {
+		phase = phase < 1 ? phase : 1;
+		avr_cycle_count_t passed = (avr_cycle_count_t)(phase * (double)half);
+		machine->hall_edge = avr->cycle - passed;
+		avr_cycle_timer_register(avr, half - passed + 1, hall_edge, machine);
+	}
+}
+
+void machine_reset(struct machine *machine)
+{
+	avr_reset(machine->avr);
+	avr_cycle_timer_register(machine->avr, BYTE_CYCLES, feed_uart, machine);
+}
+
+/* A data memory address; two bytes, little endian. */
+uint16_t machine_word(const struct machine *machine, uint16_t address)
+{
+	return (uint16_t)(machine->avr->data[address] | machine->avr->data[address + 1] << 8);
+}
