@@ -41,7 +41,10 @@ _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, CRC, length o
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _FOOTER_SIZE = _RECORD.size + 20 + len(MAGIC)
 
-_DAMAGED = (struct.error, ValueError, RuntimeError, zstandard.ZstdError, McapError)
+_DAMAGED = (
+    *(struct.error, ValueError, RuntimeError, MemoryError, OverflowError),
+    *(zstandard.ZstdError, McapError),
+)
 
 Buffer = bytes | memoryview
 
@@ -204,7 +207,11 @@ class _McapFile:
             self._check_magic()
             footer = self._read_footer()
             self.complete = footer is not None
-            if footer is None or not self._read_summary(footer):
+            try:
+                indexed = footer is not None and self._read_summary(footer)
+            except _DAMAGED:
+                indexed = self.complete = False
+            if not indexed:
                 self._scan()
         except BaseException:
             self.close()
@@ -215,7 +222,10 @@ class _McapFile:
         topics = []
         for channel in self._channels.values():
             schema = self._schemas.get(channel.schema_id)
-            profiles = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
+            try:
+                profiles = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
+            except (ReaderError, KeyError, TypeError):  # of another vendor, or damaged
+                profiles = []
             topics.append(
                 Topic(
                     name=channel.topic,
@@ -256,7 +266,10 @@ class _McapFile:
             raise BagError(f"{self.path} {what}")
 
     def _read(self, offset: int, size: int) -> bytes:
-        """Bytes of the file, fewer at its end."""
+        """Bytes of the file, fewer at its end and none beyond it."""
+        size = min(size, self._size - offset)
+        if size <= 0:
+            return b""
         data = os.pread(self._fd, size, offset)
         while len(data) < size:
             more = os.pread(self._fd, size - len(data), offset + len(data))
@@ -291,7 +304,13 @@ class _McapFile:
         return footer
 
     def _read_summary(self, footer: Footer) -> bool:
-        """Take channels and chunks from the summary; False if there is no complete one."""
+        """Take channels and chunks from the summary; False if there is no complete one.
+
+        Raises
+        ------
+        One of _DAMAGED
+            If what is called the summary is none.
+        """
         end = self._size - _FOOTER_SIZE
         if not len(MAGIC) <= footer.summary_start < end:
             return False

@@ -365,7 +365,7 @@ def _topic(name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> To
     )
     try:
         return Topic.of_type(name, type_name, qos=qos)
-    except BagError:  # no type of Jazzy's own: recorded all the same, without its definition
+    except BagError:  # recorded all the same, without its definition
         return Topic(name, type_name, type_hash=str(publishers[0].topic_type_hash), qos=qos)
 
 

@@ -1,12 +1,16 @@
 """What a bag knows of a topic: type, message definition, type hash, offered quality of service."""
 
 import importlib
+import os
+import re
+import sys
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from rosbags.interfaces import Qos, QosTime
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 
@@ -110,16 +114,15 @@ class Topic:
 
     @classmethod
     def of_type(cls, name: str, type_name: str, *, qos: tuple[OfferedQos, ...] = ()) -> "Topic":
-        """Topic of a type of ROS 2 Jazzy, with its definition and hash.
+        """Topic of a type of ROS 2 Jazzy or of an installed package, with definition and hash.
 
         Raises
         ------
         BagError
-            If Jazzy's own packages have no such type.
+            If there is no such type.
         """
         store = jazzy()
-        if type_name not in store.types:
-            raise BagError(f"{name}: ROS 2 Jazzy has no message type {type_name!r}")
+        _register(type_name)
         definition, _ = store.generate_msgdef(type_name, ros_version=2)
         return cls(name, type_name, definition, store.hash_rihs01(type_name), qos)
 
@@ -128,6 +131,23 @@ class Topic:
 def jazzy() -> Typestore:
     """Message types of ROS 2 Jazzy: (de)serialisation, definitions and hashes without ROS."""
     return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _register(type_name: str) -> None:
+    """Make an installed message type, and those it is made of, known to `jazzy`."""
+    store = jazzy()
+    if type_name in store.types:
+        return
+    package, _, kind = type_name.partition("/msg/")
+    prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
+    files = (Path(prefix, "share", package, "msg", f"{kind}.msg") for prefix in prefixes if prefix)
+    file = next((file for file in files if file.exists()), None)
+    if file is None:
+        raise BagError(f"there is no definition of the message type {type_name!r}")
+    types = get_types_from_msg(file.read_text(encoding="utf-8"), type_name)
+    for part in sorted(set(re.findall(r"'(\w+/msg/\w+)'", repr(types))) - {type_name}):
+        _register(part)
+    store.register(types)
 
 
 def message_class(type_name: str) -> type:
