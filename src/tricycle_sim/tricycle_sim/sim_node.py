@@ -26,7 +26,7 @@ from tricycle_sim.vehicle import VehicleError, load_vehicle
 
 SENSOR_QOS = QoSProfile(depth=100)  # reliable: a recorder shall miss nothing
 CLOCK_QOS = QoSProfile(depth=1)
-HOST_SILENCE = 1.0  # s of wall time after which a host is not waited for any more
+HOST_SILENCE = 2.0  # s of wall time after which a host is not waited for any more
 
 
 class TricycleSim(Node):

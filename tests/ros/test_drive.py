@@ -1,0 +1,108 @@
+"""A plan driven on real nodes, processes and ptys; its bag judged; and what is left of a kill."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.highlevel import AnyReader
+
+from excitation_planner.maneuver import Circle
+from excitation_planner.plan import save_plan
+from excitation_planner.planning import PlanRequest, plan_at
+from excitation_planner.replay import nominal_run, replayed_errors
+from parameter_identification.judge import judge
+from tricycle_bringup.session import simulated_session
+from tricycle_sim.simulator import draw_truth
+from tricycle_sim.vehicle import load_vehicle
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+X = np.array([2.5, 1.0])
+TRUE_SEED = 3
+
+
+@pytest.fixture(scope="module")
+def request_():
+    return PlanRequest(load_vehicle(), Circle(duration=6.0), "cornering_stiffness", samples=50)
+
+
+@pytest.fixture(scope="module")
+def plan(request_):
+    return plan_at(request_, X)
+
+
+def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
+    ros_environment, request_, plan, tmp_path
+):
+    reports = []
+    with simulated_session(
+        vehicle_file="", true_seed=TRUE_SEED, real_time_factor=10.0, folder=tmp_path
+    ) as drive:
+        drive(plan, tmp_path / "bag", lambda *report: reports.append(report))
+    truth = draw_truth(request_.vehicle, np.random.default_rng(TRUE_SEED))
+    run = nominal_run(request_.vehicle, request_.family, X)
+    expected = replayed_errors(request_.vehicle, run, np.array([list(truth.values())]))[0]
+    judgement = judge(tmp_path / "bag")
+    assert judgement.plan_id == plan.id
+    assert judgement.matched_fraction == 1.0
+    # rms deviations in m: the noise of the anchor is a millimetre and a fraction of a mrad
+    assert np.sqrt(judgement.te_corrected) == pytest.approx(np.sqrt(expected), abs=3e-3)
+    assert reports[-1][1] == round(1e3 * plan.commands.duration)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        topics = {connection.topic for connection in reader.connections}
+        stamps = [
+            message.header.stamp.sec * 100 + message.header.stamp.nanosec // 10_000_000
+            for connection, _, raw in reader.messages()
+            if connection.topic == "/odom"
+            for message in [reader.deserialize(raw, connection.msgtype)]
+        ]
+    assert topics >= {
+        *("/maneuver/path", "/maneuver/commands", "/maneuver/reference", "/maneuver/state"),
+        *("/odom", "/imu", "/joint_states", "/joint_commands", "/diagnostics"),
+    }
+    assert np.all(np.diff(stamps) == 1)  # every tick of the simulated clock, none lost
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_drive_leaves_a_readable_bag_and_no_process(
+    ros_environment, plan, tmp_path, end
+):
+    save_plan(plan, tmp_path / "plan.json")
+    command = [str(Path(sys.executable).with_name("tricycle")), "drive", "plan.json"]
+    process = subprocess.Popen(
+        [*command, "--bag", "bag", "--real-time-factor", "2"],
+        cwd=tmp_path,
+        env=ros_environment,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 90
+    while not list(tmp_path.glob("bag/*.mcap")):
+        assert process.poll() is None, process.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    process.send_signal(end)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in errors
+    assert errors.rstrip().endswith("tricycle: interrupted")
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert sum(1 for _ in reader.messages()) > 0
+    folder = str(tmp_path)
+    left = [
+        process.name
+        for process in Path("/proc").iterdir()
+        if process.name.isdigit() and folder in _command_line(process)
+    ]
+    assert left == []
+
+
+def _command_line(process):
+    try:
+        return (process / "cmdline").read_text()
+    except OSError:
+        return ""

@@ -1,0 +1,57 @@
+"""Every parameter of the launch files and their YAML is one that its node declares."""
+
+import importlib
+
+import pytest
+import rclpy
+from launch_recorder import LAUNCH_FILES, launched_nodes, project_scripts
+from rclpy.parameter import Parameter
+
+pytestmark = pytest.mark.ros
+
+NODES = {
+    "tricycle_sim": "TricycleSim",
+    "tricycle_bridge": "BridgeNode",
+    "excitation_planner": "ExcitationPlanner",
+    "maneuver_driver": "ManeuverDriver",
+    "trajectory_recorder": "TrajectoryRecorder",
+    "bag_replayer": "BagReplayer",
+}
+BUILT_IN = {"use_sim_time"}
+
+
+@pytest.fixture
+def declared(ros_environment, tmp_path, monkeypatch):
+    """Parameters of each node by executable, from the node itself: name -> descriptor."""
+    monkeypatch.chdir(tmp_path)
+    rclpy.init()
+
+    def describe(executable):
+        module = project_scripts()[executable].partition(":")[0]
+        node_class = getattr(importlib.import_module(module), NODES[executable])
+        node = node_class()
+        try:
+            names = [name for name in node._parameters if not name.startswith("qos_overrides")]
+            return {d.name: d for d in node.describe_parameters(names)}
+        finally:
+            node.destroy_node()
+
+    yield describe
+    rclpy.shutdown()
+
+
+@pytest.mark.parametrize("executable", [name for name in NODES if name != "bag_replayer"])
+def test_every_parameter_is_described(declared, executable):
+    for name, descriptor in declared(executable).items():
+        assert descriptor.description or name in {*BUILT_IN, "start_type_description_service"}, name
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES)
+def test_launch_files_set_only_parameters_that_exist(declared, file):
+    for node in launched_nodes(file):
+        if node["executable"] == "bag_replayer":
+            continue  # it wants a bag to exist: test_replayer_node
+        descriptors = declared(node["executable"])
+        for name, value in node["parameters"].items():
+            assert name in descriptors, f"{node['executable']}: {name}"
+            assert descriptors[name].type == Parameter(name, value=value).type_.value, name

@@ -1,0 +1,197 @@
+"""Planner, driver and simulation as processes: what they answer, refuse and say at their end."""
+
+import signal
+import subprocess
+import sys
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PATIENCE = 90.0  # s; only a failing test waits that long
+BIN = Path(sys.executable).parent
+
+
+class Observer:
+    """Spins a node until something is so."""
+
+    def __init__(self, node):
+        self.node = node
+        self.executor = SingleThreadedExecutor(context=node.context)
+        self.executor.add_node(node)
+
+    def wait(self, condition, what):
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, f"waited in vain for {what}"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def newest(self, kind, topic, qos=10):
+        box = []
+        self.node.create_subscription(kind, topic, lambda m: box.__setitem__(slice(None), [m]), qos)
+        return box
+
+    def call(self, service):
+        client = self.node.create_client(Trigger, service)
+        self.wait(client.service_is_ready, service)
+        future = client.call_async(Trigger.Request())
+        self.wait(future.done, f"the answer of {service}")
+        return future.result()
+
+
+@pytest.fixture
+def observer(ros_node):
+    return Observer(ros_node)
+
+
+@pytest.fixture
+def start(ros_environment, tmp_path):
+    """Starts node executables with parameters; ends them after the test, exit status 0 each."""
+    running = []
+
+    def start_node(name, **parameters):
+        arguments = [a for key, value in parameters.items() for a in ("-p", f"{key}:={value}")]
+        process = subprocess.Popen(
+            [BIN / name, "--ros-args", *arguments],
+            env=ros_environment,
+            cwd=tmp_path,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        running.append(process)
+        return process
+
+    yield start_node
+    for process in running:
+        process.send_signal(signal.SIGINT)
+    for process in running:
+        _, errors = process.communicate(timeout=20)
+        assert "Traceback" not in errors
+        assert process.returncode in (0, 2), errors
+
+
+def test_planner_answers_at_once_plans_publishes_and_remembers(observer, start, tmp_path):
+    diagnostics = observer.newest(DiagnosticArray, "/diagnostics")
+    small = {"samples": 20, "budget": 1000, "plan_file": "plan.json"}
+    first = start("excitation_planner", **small)
+    asked = time.monotonic()
+    answer = observer.call("excitation_planner/plan")
+    assert answer.success, answer.message
+    assert not observer.call("excitation_planner/plan").success  # one at a time
+    observer.wait(lambda: (tmp_path / "plan.json").exists(), "the plan")
+    commands = observer.newest(JointTrajectory, "maneuver/commands", LATCHED)
+    reference = observer.newest(PathMessage, "maneuver/reference", LATCHED)
+    observer.wait(lambda: commands and reference, "the latched plan")
+    assert commands[0].joint_names == ["steering_motor_joint", "rear_wheel_joint"]
+    assert reference[0].poses[0].header.stamp.sec == 0
+    observer.wait(
+        lambda: diagnostics and "H" in {v.key for v in diagnostics[0].status[0].values},
+        "indices in the diagnostics",
+    )
+    first.send_signal(signal.SIGINT)
+    first.wait(20)
+    plan_id = commands[0].header.frame_id
+    commands.clear()
+    start("excitation_planner", **small)
+    observer.wait(lambda: commands, "the last plan after a restart")
+    assert commands[0].header.frame_id == plan_id
+    assert time.monotonic() - asked < PATIENCE
+
+
+def test_planner_refuses_an_unknown_target_and_can_be_cancelled(observer, start):
+    start("excitation_planner", target="mass", plan_file="a.json")
+    answer = observer.call("excitation_planner/plan")
+    assert not answer.success
+    assert "unknown target 'mass'" in answer.message
+    assert observer.call("excitation_planner/cancel").message == "nothing is being planned"
+
+
+def test_a_planning_under_way_is_cancelled(observer, start, tmp_path):
+    start("excitation_planner", plan_file="b.json")
+    assert observer.call("excitation_planner/plan").success
+    assert observer.call("excitation_planner/cancel").success
+    assert not (tmp_path / "b.json").exists()
+
+
+def test_driver_refuses_without_commands_and_aborts_when_the_pose_is_lost(observer, start):
+    start("maneuver_driver", odom_timeout=0.3)
+    state = observer.newest(DiagnosticStatus, "maneuver/state", LATCHED)
+    joints = observer.newest(JointState, "joint_commands")
+    answer = observer.call("maneuver_driver/start")
+    assert (answer.success, answer.message.split(";")[0]) == (False, "no commands yet")
+    observer.wait(lambda: joints, "the standstill stream")
+    assert (joints[0].position[0], joints[0].velocity[1]) == (0.0, 0.0)
+    publisher = observer.node.create_publisher(JointTrajectory, "maneuver/commands", LATCHED)
+    message = JointTrajectory(joint_names=["steering_motor_joint", "rear_wheel_joint"])
+    for second in range(60):
+        point = JointTrajectoryPoint(positions=[0.1, 0.0], velocities=[0.0, 1.0])
+        point.time_from_start.sec = second
+        message.points.append(point)
+    message.header.frame_id = "test-plan"
+    publisher.publish(message)
+    values = lambda: {v.key: v.value for v in state[0].values} if state else {}  # noqa: E731
+    observer.wait(lambda: values().get("plan_id") == "test-plan", "the plan to be taken")
+    assert "no pose on odom" in observer.call("maneuver_driver/start").message
+    odom = observer.node.create_publisher(Odometry, "odom", 10)
+    pose = Odometry()
+    pose.header.stamp = observer.node.get_clock().now().to_msg()
+    observer.wait(lambda: odom.get_subscription_count() > 0, "the driver to listen")
+
+    def started():
+        pose.header.stamp = observer.node.get_clock().now().to_msg()
+        odom.publish(pose)
+        return observer.call("maneuver_driver/start").success
+
+    observer.wait(started, "the start")
+    observer.wait(lambda: joints[0].velocity[1] == 1.0, "the first row")
+    observer.wait(lambda: values()["state"] == "aborted", "the abort")
+    assert values()["reason"].startswith("no pose on odom for")
+    observer.wait(lambda: joints[0].velocity[1] == 0.0, "standstill")
+
+
+def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):
+    ports = {"steer_port": tmp_path / "steer", "drive_port": tmp_path / "drive"}
+    start("tricycle_sim", **ports, true_seed=1, real_time_factor=5.0, position_noise=0.0)
+    ticks = []
+    observer.node.create_subscription(
+        Clock, "/clock", lambda m: ticks.append(m.clock.sec * 10**9 + m.clock.nanosec), 1000
+    )
+    truth = observer.newest(Odometry, "ground_truth")
+    observer.wait(lambda: len(ticks) > 200, "the clock")
+    assert all((b - a) % 10_000_000 == 0 and b > a for a, b in pairwise(ticks))
+    assert (tmp_path / "steer").is_char_device()
+    assert observer.call("tricycle_sim/reset").success
+    observer.wait(lambda: truth, "the truth")
+    assert abs(truth[0].pose.pose.position.x) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "message"),
+    [
+        ("tricycle_sim", {"vehicle_file": "nowhere.yaml"}, "nowhere.yaml"),
+        ("tricycle_sim", {"true_values": "[mass]"}, "'mass' must be name=number"),
+        ("tricycle_sim", {"true_values": "[weight=3]"}, "weight: is no constant of a vehicle"),
+        ("tricycle_sim", {"real_time_factor": "-1.0"}, "real_time_factor"),
+        ("maneuver_driver", {"max_deviation": "0.0"}, "max_deviation"),
+        ("excitation_planner", {"seed": "text"}, "seed"),
+    ],
+)
+def test_a_wrong_parameter_is_one_line_and_status_2(start, name, parameters, message):
+    process = start(name, **parameters)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 2
+    (line,) = errors.strip().splitlines()
+    assert message in line
