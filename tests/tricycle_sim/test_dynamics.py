@@ -107,7 +107,7 @@ def kernel_slopes(vehicle, s):
     return slopes, rows[dynamics.LOAD : dynamics.LOAD + 3, 0]
 
 
-@settings(deadline=None, max_examples=200)
+@settings(deadline=None, max_examples=100)
 @given(situations(), parameters(), st.sampled_from([0.0, 0.7]), st.sampled_from([0.0, 0.4]))
 def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, air_drag):
     vehicle = VEHICLE.replace(**values, load_sensitivity=load_sensitivity, air_drag=air_drag)

@@ -1,9 +1,6 @@
 """Replays: any legal command is survived, what it asked of the vehicle is reported."""
 
 import math
-import os
-import subprocess
-import sys
 import threading
 
 import numpy as np
@@ -247,37 +244,3 @@ def test_roll_over_is_detected_and_the_vehicle_left_where_it_is():
     assert not np.any(trajectory.vx[0, tick:])
     assert trajectory.feasibility.reasons(0)[-1].startswith("rolled over at")
     assert np.all(np.isfinite(trajectory.x))
-
-
-def run_python(code, **environment):
-    return subprocess.Popen(
-        [sys.executable, "-c", code],
-        env={**os.environ, **environment},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-
-
-FIRST_RUN = """
-import logging, time
-logging.basicConfig(level=logging.INFO, format="%(message)s")
-import numpy as np
-from tricycle_sim.setpoints import slew_all
-start = time.perf_counter()
-slew_all(np.zeros(3), 1.0)
-print(time.perf_counter() - start)
-"""
-
-
-def test_compiled_code_is_kept_in_the_folder_that_was_named(tmp_path):
-    cache = {"NUMBA_CACHE_DIR": str(tmp_path)}
-    # two at a time, as the processes of a demo start
-    for process in [run_python(FIRST_RUN, **cache) for _ in range(2)]:
-        output, _ = process.communicate(timeout=120)
-        assert process.returncode == 0, output
-        assert "compiling the vehicle model for this machine" in output
-    assert list(tmp_path.rglob("*.nbc"))
-    output, _ = run_python(FIRST_RUN, **cache).communicate(timeout=120)
-    assert "compiling" not in output
-    assert float(output) < 1.0
