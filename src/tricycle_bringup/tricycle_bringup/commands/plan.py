@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
             noise_std=args.noise_std,
         )
         for warning in request.vehicle.warnings():
-            print(f"{request.vehicle.name}: {warning}", file=sys.stderr)
+            print(f"warning: {warning}", file=sys.stderr)
         if args.at:
             x = operation_point(request.family, parse_assignments(args.at))
             plan = plan_at(request, x)
