@@ -84,10 +84,13 @@ def test_g_function_is_hard_but_ranked_rightly():
 
 
 @pytest.mark.parametrize("infill_by", Infill)
-def test_infill_helps(infill_by):
+@pytest.mark.parametrize("batch", [5, 8])
+def test_infill_helps(infill_by, batch):
     exact = ishigami_indices()
     before = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=100)
-    after = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=100, infill=20, infill_by=infill_by)
+    after = sensitivity(
+        ishigami, ISHIGAMI_UNKNOWN, samples=100, infill=20, infill_by=infill_by, batch=batch
+    )
     assert after.simulations == 120
     assert largest_error(after, exact) < largest_error(before, exact)
 
@@ -118,6 +121,7 @@ def test_one_parameter_has_all_the_variance():
         (lambda P: np.full(len(P), np.nan), {}, "200 of 200 simulations failed"),
         (lambda P: P, {}, r"shape \(200, 3\)"),
         (lambda P: 1.0, {}, r"shape \(\)"),
+        (ishigami, {"infill": 3, "batch": 0}, "batch = 0"),
     ],
 )
 def test_mistakes_are_named(f, arguments, message):

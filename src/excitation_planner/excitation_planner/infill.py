@@ -6,6 +6,7 @@ from enum import StrEnum
 
 import numpy as np
 from scipy.optimize import minimize
+from scipy.spatial.distance import cdist
 
 from excitation_planner.box import FloatArray, sobol_sequence
 from excitation_planner.kriging import Kriging
@@ -66,8 +67,8 @@ class _Posterior:
         self._inverse = np.linalg.inv(np.linalg.cholesky(K))
 
     def _kernel(self, A: FloatArray, B: FloatArray) -> FloatArray:
-        difference = (A[:, None] - B) / self._length_scale
-        kernel: FloatArray = np.exp(-0.5 * np.einsum("abj,abj->ab", difference, difference))
+        squared = cdist(A / self._length_scale, B / self._length_scale, "sqeuclidean")
+        kernel: FloatArray = np.exp(-0.5 * squared)
         return kernel
 
     def variance(self, U: FloatArray) -> FloatArray:

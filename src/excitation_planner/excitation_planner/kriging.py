@@ -123,7 +123,7 @@ class Kriging(GaussianProcessRegressor):
         kept = ~left_out
         y = self.mean_ + self.deviation_ * self.y_train_[kept]
         reduced: Self = clone(self)
-        return reduced._fit_process(self.X_train_[kept], y, self.kernel_)  # noqa: SLF001
+        return reduced._fit_process(self.X_train_[kept], y, self.kernel_)
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Residuals (n,) and predicted deviations (n,) with each sample left out in turn.

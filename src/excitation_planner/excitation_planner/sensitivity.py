@@ -69,6 +69,7 @@ def sensitivity(
     seed: int = 0,
     infill: int = 0,
     infill_by: Infill = Infill.INTEGRATED_VARIANCE,
+    batch: int = 1,
 ) -> Sensitivity:
     """Sobol' indices of f over the box of the unknown parameters.
 
@@ -83,7 +84,9 @@ def sensitivity(
     seed : int
         Scrambles the sample points.
     infill : int
-        Further simulations, one at a time where ``infill_by`` says.
+        Further simulations, where ``infill_by`` says.
+    batch : int
+        How many of them are run at once before the metamodel is fitted again.
 
     Raises
     ------
@@ -100,13 +103,19 @@ def sensitivity(
     (array([0.31, 0.44, 0.  ]), array([0.56, 0.44, 0.24]))
     """
     unknown = Box.of(unknown)
+    if batch < 1 or infill < 0:
+        raise DesignError(f"infill = {infill}, batch = {batch}: 0 or more, in batches of 1 or more")
     U = parameter_samples(unknown, samples, seed=seed)
     m = call_simulator(f, unknown.from_unit(U))
-    for step in range(infill):
-        valid = np.isfinite(m)
+    while len(U) < samples + infill:
         model = fit_metamodel(U, m)
-        # failed points stay failed: keep away from them too
-        new = infill_points(model, by=infill_by, seed=seed + step, avoid=U[~valid])
+        new = infill_points(
+            model,
+            by=infill_by,
+            batch=min(batch, samples + infill - len(U)),
+            seed=seed + len(U),
+            avoid=U[~np.isfinite(m)],  # failed points stay failed
+        )
         U = np.vstack([U, new])
         m = np.concatenate([m, call_simulator(f, unknown.from_unit(new))])
     model = fit_metamodel(U, m)

@@ -81,9 +81,10 @@ def _half(X: FloatArray, length_scale: FloatArray) -> _Half:
     for j in range(a):
         C = _axis_projection(X[:, j], length_scale[j])
         # how much of each degree the kernel holds bounds what the mean can hold of it
-        share = np.abs(C).max(axis=1) / np.abs(C[0]).max()
+        share = np.minimum(np.abs(C).max(axis=1) / np.abs(C[0]).max(), 1.0)
         products = np.outer(size, share).ravel()
-        # dropping the smallest after each axis keeps the overall largest: shares are at most ~1
+        # dropping the smallest after each axis keeps the overall largest: shares are at most 1;
+        # ties keep the lower degree, and so always the constant
         kept = np.sort(np.argsort(-products, kind="stable")[:_TERMS])
         parent, degree = np.divmod(kept, len(share))
         degrees, size, E = degrees[parent], products[kept], E[parent] * C[degree]
