@@ -257,6 +257,20 @@ def test_a_commander_at_1_khz_does_not_overload_the_line(vehicle):
     assert 90 <= frames <= 112
 
 
+def test_the_jitter_of_a_100_hz_commander_adds_up_to_no_lag(vehicle):
+    rng = random.Random(5)
+    held_up = 0
+    arrivals = sorted(k * 0.01 + rng.choice((0.0, 0.0, 0.0, 0.012)) for k in range(2000))
+    for k, arrival in enumerate(arrivals):
+        now = vehicle.now + 0.01 + arrival
+        vehicle.bridge.set_command(
+            Setpoint(k * 1e-4, 0.0), stamp=now, now=now, source=Source.JOINT_COMMANDS
+        )
+        held_up += not vehicle.bridge.take_frames()[STEER]
+        vehicle.bridge.links[STEER]._telemetry_at = now  # the board is fine
+    assert held_up < 0.02 * len(arrivals)
+
+
 @pytest.mark.parametrize("age", [0.15, -0.15, 1e9])
 def test_old_and_future_commands_are_refused(vehicle, age):
     refusal = vehicle.bridge.set_command(
