@@ -13,7 +13,7 @@ VENV_FLAGS :=
 EXTRAS := dev,ros
 endif
 
-.PHONY: help setup demo test check lint format bench clean
+.PHONY: help setup demo test check lint format firmware bench clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -42,6 +42,13 @@ lint: setup
 format: setup  ## format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+firmware: setup  ## the two PLCs for the Arduino UNO (gcc-avr, avr-libc); prints their size
+	$(MAKE) -C firmware avr
+
+bench: setup  ## every figure that the documents quote, printed side by side
+	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]'
+	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
 
 clean:  ## remove the environment and all output
 	rm -rf .venv out build ros_ws/build ros_ws/install ros_ws/log
