@@ -52,8 +52,6 @@ _PENDING_BYTES = 8 * 2**20  # chunks kept before the file, and with it its summa
 
 _BUFFERS = 64  # in one call to the operating system
 
-Buffer = bytes | bytearray
-
 _YamlDumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # tens of times faster, where built
 
 
@@ -115,7 +113,8 @@ class BagWriter:
         self._split_duration = round(split_duration * 1e9)
         self._topics: list[Topic] = []  # a topic's id is its place here + 1
         self._latched: dict[int, deque[bytes]] = {}  # last messages, as many as offered
-        self._chunk = bytearray()
+        self._chunk: list[bytes] = []  # pieces: a large message is not copied until written
+        self._chunk_bytes = 0
         self._index: dict[int, list[int]] = {}  # topic id -> stamp, offset, stamp, offset, ...
         self._files = [_McapFile(self._next_path(0))]
         self.flush()
@@ -143,7 +142,7 @@ class BagWriter:
         self.messages += 1
         if topic_id in self._latched:
             self._latched[topic_id].append(data)
-        if len(self._chunk) >= self._chunk_size:
+        if self._chunk_bytes >= self._chunk_size:
             self._finish_chunk()
             if self._files[-1].pending_bytes >= _PENDING_BYTES:
                 self._files[-1].flush(self.metadata)
@@ -175,20 +174,21 @@ class BagWriter:
         self.close()
 
     def _append(self, topic_id: int, stamp: int, data: bytes) -> None:
-        chunk = self._chunk
         entries = self._index.get(topic_id)
         if entries is None:
             entries = self._index[topic_id] = []
-        entries += (stamp, len(chunk))
-        chunk += _MESSAGE.pack(
-            Opcode.MESSAGE, _MESSAGE_FIELDS + len(data), topic_id, 0, stamp, stamp
+        entries += (stamp, self._chunk_bytes)
+        size = len(data)
+        self._chunk.append(
+            _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, topic_id, 0, stamp, stamp)
         )
-        chunk += data
+        self._chunk.append(data)
+        self._chunk_bytes += _MESSAGE.size + size
 
     def _finish_chunk(self) -> None:
         if self._chunk:
             chunk, index = self._chunk, self._index
-            self._chunk, self._index = bytearray(), {}
+            self._chunk, self._chunk_bytes, self._index = [], 0, {}
             self._files[-1].add_chunk(chunk, index, self._compression, self._compress)
 
     def _next_path(self, number: int) -> Path:
@@ -269,7 +269,7 @@ class _McapFile:
         self._chunks = 0
         self._chunk_indexes = bytearray()  # encoded: there may be many, and each tail has them all
         header = MAGIC + _encode(Header(profile="ros2", library="trajectory_recorder"))
-        self._pending: list[Buffer] = [header]
+        self._pending: list[bytes] = [header]
         self.pending_bytes = len(header)
         self._data_end = 0  # bytes on disk that are never touched again
         self._tail = b""  # what follows them: summary, footer
@@ -312,23 +312,30 @@ class _McapFile:
 
     def add_chunk(
         self,
-        chunk: bytearray,
+        chunk: list[bytes],
         index: Mapping[int, list[int]],
         compression: Compression,
-        compress: Callable[[bytearray], Buffer],
+        compress: Callable[[list[bytes]], list[bytes]],
     ) -> None:
         """Add a chunk of message records; index: channel id -> stamp, offset, stamp, offset, ..."""
+        if len(chunk) > _BUFFERS:
+            chunk = [b"".join(chunk)]
+        crc = 0
+        for piece in chunk:
+            crc = zlib.crc32(piece, crc)
         data = compress(chunk)
+        size, compressed_size = sum(map(len, chunk)), sum(map(len, data))
         start = min(min(entries[::2]) for entries in index.values())
         end = max(max(entries[::2]) for entries in index.values())
         name = compression.value.encode()
         offset = self.size
-        length = _CHUNK.size - 9 + 4 + len(name) + 8 + len(data)
+        length = _CHUNK.size - 9 + 4 + len(name) + 8 + compressed_size
         self._add(
-            _CHUNK.pack(Opcode.CHUNK, length, start, end, len(chunk), zlib.crc32(chunk))
-            + struct.pack("<I", len(name)) + name + struct.pack("<Q", len(data))
+            _CHUNK.pack(Opcode.CHUNK, length, start, end, size, crc)
+            + struct.pack("<I", len(name)) + name + struct.pack("<Q", compressed_size)
         )  # fmt: skip
-        self._add(data)
+        for piece in data:
+            self._add(piece)
         chunk_end = self.size
         index_offsets = {}
         for channel_id, entries in index.items():
@@ -348,8 +355,8 @@ class _McapFile:
                 message_index_offsets=index_offsets,
                 message_index_length=self.size - chunk_end,
                 compression=compression.value,
-                compressed_size=len(data),
-                uncompressed_size=len(chunk),
+                compressed_size=compressed_size,
+                uncompressed_size=size,
             )
         )
         self.start = min(start, self.start) if self._chunks else start
@@ -383,7 +390,7 @@ class _McapFile:
             self.closed = True
             os.close(self._fd)
 
-    def _add(self, data: Buffer) -> None:
+    def _add(self, data: bytes) -> None:
         self._pending.append(data)
         self.pending_bytes += len(data)
 
@@ -403,7 +410,7 @@ class _McapFile:
             channel_message_counts=dict(self.counts),
         )
         metadata_index = MetadataIndex(offset=self.size, length=len(record), name=METADATA_RECORD)
-        groups: dict[Opcode, Buffer] = {
+        groups: dict[Opcode, bytes | bytearray] = {
             Opcode.SCHEMA: _encode(*self._schemas.values()),
             Opcode.CHANNEL: _encode(*self._channels),
             Opcode.STATISTICS: _encode(statistics),
@@ -440,7 +447,7 @@ def _encode(*records: McapRecord) -> bytes:
     return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
-def _write_at(fd: int, offset: int, buffers: Sequence[Buffer]) -> None:
+def _write_at(fd: int, offset: int, buffers: Sequence[bytes]) -> None:
     """Write all the buffers, however many calls it takes."""
     left = [memoryview(buffer) for buffer in buffers]
     while left:
@@ -452,11 +459,12 @@ def _write_at(fd: int, offset: int, buffers: Sequence[Buffer]) -> None:
             left[0] = left[0][written:]
 
 
-def _compressor(compression: Compression) -> Callable[[bytearray], Buffer]:
+def _compressor(compression: Compression) -> Callable[[list[bytes]], list[bytes]]:
     if compression is Compression.ZSTD:
-        return zstandard.ZstdCompressor(level=1).compress
+        compressor = zstandard.ZstdCompressor(level=1)
+        return lambda chunk: [compressor.compress(b"".join(chunk))]
     if compression is Compression.LZ4:
-        return lambda chunk: bytes(lz4.frame.compress(chunk))
+        return lambda chunk: [bytes(lz4.frame.compress(b"".join(chunk)))]
     return lambda chunk: chunk
 
 
