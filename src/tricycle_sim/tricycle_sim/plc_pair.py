@@ -60,6 +60,7 @@ class PlcPair:
         self._stalled: set[Board] = set()
         self._lock = threading.Lock()
         self._stopping = False
+        self._tick()  # booted: whoever opens a port is answered at once
         self._thread = threading.Thread(target=self._run, name="plc pair", daemon=True)
         self._thread.start()
 
