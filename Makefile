@@ -24,8 +24,9 @@ setup: .venv/ready  ## build .venv with everything in it
 	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
 	touch $@
 
-demo: setup  ## plan, drive, record and judge two maneuvers on emulated PLCs; writes out/demo
-	$(BIN)/tricycle demo --output out/demo
+# PLC=firmware drives the real firmware on simulated UNOs instead of emulated PLCs
+demo: setup $(if $(filter firmware,$(PLC)),firmware)  ## plan, drive, record and judge two maneuvers; writes out/demo
+	$(BIN)/tricycle demo --output out/demo --overwrite $(if $(filter firmware,$(PLC)),--firmware build/firmware)
 
 test: check  ## everything: lint, types, import contract, all tests
 	$(BIN)/python -m pytest -m "slow or ros" -q
@@ -43,8 +44,8 @@ format: setup  ## format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-firmware: setup  ## the two PLCs for the Arduino UNO (gcc-avr, avr-libc); prints their size
-	$(MAKE) -C firmware avr
+firmware: setup  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
+	$(MAKE) -C firmware avr simulator
 
 bench: setup  ## every figure that the documents quote, printed side by side
 	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]'

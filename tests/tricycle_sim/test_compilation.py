@@ -15,9 +15,9 @@ import logging, time
 logging.basicConfig(level=logging.INFO, format="%(message)s")
 import numpy as np
 from tricycle_sim.setpoints import slew_all
-start = time.perf_counter()
+start = time.process_time()
 slew_all(np.zeros(3), 1.0)
-print(time.perf_counter() - start)
+print(time.process_time() - start)
 """
 
 

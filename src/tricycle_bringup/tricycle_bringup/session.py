@@ -16,7 +16,12 @@ Report = Callable[[int, int], None]
 
 @contextmanager
 def simulated_session(
-    *, vehicle_file: str, true_seed: int, real_time_factor: float, folder: Path
+    *,
+    vehicle_file: str,
+    true_seed: int,
+    real_time_factor: float,
+    folder: Path,
+    firmware: Path | None = None,
 ) -> Iterator[Callable[[Plan, Path, Report], None]]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
 
@@ -30,6 +35,8 @@ def simulated_session(
         Largest ratio of simulated to wall time; an armed simulation also waits for its host.
     folder
         For logs and the ptys' links.
+    firmware
+        Build of the real firmware to run on simulated UNOs; None: emulated PLCs.
 
     Yields
     ------
@@ -61,6 +68,7 @@ def simulated_session(
                 "vehicle_file": vehicle_file,
                 "true_seed": true_seed,
                 "real_time_factor": real_time_factor,
+                **({"plc": "firmware", "firmware": str(firmware.absolute())} if firmware else {}),
             },
         )
         nodes.start(

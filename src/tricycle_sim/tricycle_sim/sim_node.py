@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from tricycle_bridge.messages import TICK, Board
 from tricycle_bridge.run_node import run_node
+from tricycle_sim.firmware_simulator import FirmwareSimulator
 from tricycle_sim.live import LiveState
 from tricycle_sim.pty_port import PtyPort
 from tricycle_sim.simulator import PoseNoise, Simulator, draw_truth, measure_pose
@@ -57,6 +58,8 @@ class TricycleSim(Node):
         )
         noise_seed = self._integer("noise_seed", 0, 0, "of the measurement noise")
         truth_pairs = self._strings("true_values", "name=value of parameters that are known")
+        plc = text("plc", "emulated", "emulated, or firmware: the real one on simulated UNOs")
+        build = text("firmware", "build/firmware", "folder that `make firmware` builds into")
         ports = {
             Board.STEER: text("steer_port", "/tmp/tricycle/steer", "link to the steer PLC's pty"),  # noqa: S108
             Board.DRIVE: text("drive_port", "/tmp/tricycle/drive", "link to the drive PLC's pty"),  # noqa: S108
@@ -64,7 +67,13 @@ class TricycleSim(Node):
         vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
         truth = draw_truth(vehicle, np.random.default_rng(truth_seed)) if truth_seed >= 0 else {}
         vehicle = vehicle.replace(**(truth | _numbers_by_name(truth_pairs)))
-        self._simulator = Simulator(vehicle)
+        self._simulator: Simulator | FirmwareSimulator
+        if plc == "firmware":
+            self._simulator = FirmwareSimulator(vehicle, Path(build))
+        elif plc == "emulated":
+            self._simulator = Simulator(vehicle)
+        else:
+            raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
         self._rng = np.random.default_rng(noise_seed)
         self._ports = {board: PtyPort(path) for board, path in ports.items()}
         self._clock = self.create_publisher(Clock, "/clock", CLOCK_QOS)

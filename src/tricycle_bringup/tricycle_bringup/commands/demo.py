@@ -42,6 +42,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--seed", type=int, default=0, help="of plan, random maneuver and hidden truth")
     add("--real-time-factor", type=float, default=10.0, help="largest; the nodes set the pace")
+    add(
+        "--firmware",
+        type=Path,
+        metavar="DIR",
+        help="drive the real firmware of this build on simulated UNOs (`make firmware`)",
+    )
     add("--output", type=Path, default=Path("out/demo"), metavar="DIR")
     add("--overwrite", action="store_true", help="replace the bags of an earlier demo")
     add("--json", action="store_true", help="print one JSON object")
@@ -67,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
         true_seed=args.seed,
         real_time_factor=args.real_time_factor,
         folder=output,
+        firmware=args.firmware,
     ) as drive:
         for name, plan in plans.items():
             with progress_bar(f"driving the {name} maneuver, ms") as progress:
