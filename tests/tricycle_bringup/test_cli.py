@@ -1,6 +1,7 @@
 """The command line: a user's mistake is one line on stderr and status 2, never a traceback."""
 
 import json
+import re
 from importlib import resources
 
 import pytest
@@ -20,6 +21,9 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     assert "[500.0, 1500.0]" in text
     upside_down = text.replace("[500.0, 1500.0]", "[1500.0, 500.0]")
     (tmp_path / "upside_down.yaml").write_text(upside_down)
+    known = re.sub(r"(camber_stiffness: \{)nominal: (\S+), range: \[.*?\]", r"\1value: \2", text)
+    assert known != text
+    (tmp_path / "camber_known.yaml").write_text(known)
 
 
 @pytest.mark.parametrize(
@@ -33,6 +37,9 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
         ("plan --noise-std -1", "noise_std = -1 m must be from 0 to 10"),
         ("plan --samples 3", "samples = 3"),
         ("plan --vehicle nowhere.yaml", "nowhere.yaml"),
+        ("plan --target camber_stiffness --vehicle camber_known.yaml", "'camber_stiffness'"),
+        ("demo --target mass", "unknown target 'mass'"),
+        ("plc probe /dev/nowhere", "/dev/nowhere"),
         ("plan --vehicle upside_down.yaml", "[1500, 500] is upside down"),
         ("plan show not_a_plan.json", "not_a_plan.json: schema None"),
         ("plan show nowhere.json", "nowhere.json"),

@@ -82,6 +82,8 @@ class NodeProcesses:
             If the executable is not installed.
         """
         command = [executable(name), "--ros-args", "--params-file", config]
+        if guard := shutil.which("setpriv"):  # util-linux: ends the node if this process is killed
+            command = [guard, "--pdeathsig", "INT", *command]
         for key, value in parameters.items():
             # Named, it wins over the file's. JSON is YAML, which --ros-args reads; it quotes what
             # could be read as something else.

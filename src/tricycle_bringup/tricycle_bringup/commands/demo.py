@@ -63,7 +63,8 @@ def run(args: argparse.Namespace) -> int:
 
     with progress_bar(f"planning {request.family.name} for {args.target}") as progress:
         designed = plan_maneuver(request, progress=progress)
-        random_x = random_feasible_point(request, np.random.default_rng(args.seed))
+        # a stream of its own: the truth is drawn from the seed alone
+        random_x = random_feasible_point(request, np.random.default_rng([args.seed, 1]))
         plans = {"designed": designed, "random": plan_at(request, random_x)}
     for name, plan in plans.items():
         save_plan(plan, output / "plans" / f"{name}.json")
