@@ -1,0 +1,75 @@
+"""A report as one HTML file that needs nothing else: sections of text, tables and figures.
+
+Light or dark as the reader's system is, and fit to be printed. Everything but the pictures is
+escaped.
+"""
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Self
+
+from jinja2 import Environment, StrictUndefined
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class TableBlock:
+    """A table; every row has as many cells as there are headings."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    caption: str = ""
+
+    def __post_init__(self) -> None:
+        if any(len(row) != len(self.headings) for row in self.rows):
+            raise ValueError(f"{self.caption}: every row must have {len(self.headings)} cells")
+
+
+@dataclass(frozen=True)
+class FigureBlock:
+    """A picture inside the page.
+
+    Attributes
+    ----------
+    uri
+        The picture itself, as a `data:` address.
+    alt
+        What it shows, for those who cannot see it.
+    caption
+        Text below it.
+    """
+
+    uri: str
+    alt: str
+    caption: str
+
+    @classmethod
+    def of(cls, figure: Figure, *, alt: str, caption: str) -> Self:
+        """Draw a Matplotlib figure as SVG."""
+        file = io.StringIO()
+        # without salt and date the same figure would give another file each time
+        with rc_context({"svg.hashsalt": "figure"}):
+            figure.savefig(file, format="svg", metadata={"Date": None})
+        encoded = base64.b64encode(file.getvalue().encode()).decode()
+        return cls(f"data:image/svg+xml;base64,{encoded}", alt, caption)
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands below it; a string is a paragraph."""
+
+    title: str
+    blocks: tuple[str | TableBlock | FigureBlock, ...]
+
+
+def html_page(title: str, sections: Sequence[Section], *, subtitle: str = "") -> str:
+    """Return the page as the text of an HTML file."""
+    template = (resources.files("tricycle_bringup") / "page.html").read_text(encoding="utf-8")
+    environment = Environment(autoescape=True, undefined=StrictUndefined)
+    return environment.from_string(template).render(
+        title=title, sections=sections, subtitle=subtitle
+    )
