@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import qmc
 
 from excitation_planner.maneuver import Circle, PlanError
-from excitation_planner.plan import load_plan, save_plan
+from excitation_planner.plan import SearchHistory, load_plan, save_plan
 from excitation_planner.planning import (
     PlanRequest,
     plan_at,
@@ -71,6 +71,14 @@ def test_a_saved_plan_is_the_same_plan(plan, tmp_path):
     assert [entry.name for entry in file.parent.iterdir()] == ["plan.json"]  # nothing half-written
 
 
+def test_the_search_is_kept_with_what_cannot_be_driven(plan, tmp_path):
+    search = SearchHistory(np.array([[3.0, 0.8], [2.0, 1.0]]), np.array([1.5, np.inf]))
+    save_plan(dataclasses.replace(plan, search=search), tmp_path / "plan.json")
+    loaded = load_plan(tmp_path / "plan.json").search
+    assert np.array_equal(loaded.x, search.x)
+    assert np.array_equal(loaded.cost, search.cost)
+
+
 def _without(document, *path):
     inner = document
     for key in path[:-1]:
@@ -98,6 +106,7 @@ def _with(document, value, *path):
         (lambda d: _without(d, "reference", "yaw"), "reference: yaw must be a list"),
         (lambda d: _with(d, 0.5, "commands", "speed", 7), "changed after planning"),
         (lambda d: _with(d, {}, "main", "cornering_stiffness"), "value must be a number"),
+        (lambda d: _with(d, {"x": [[1, 2]], "cost": []}, "search"), "search: cost must be a list"),
     ],
 )
 def test_a_damaged_plan_is_refused_with_file_and_field(plan, tmp_path, change, message):
@@ -140,3 +149,4 @@ def test_the_search_beats_random_maneuvers(request_):
     others = [plan_at(small, random_feasible_point(small, rng)).cost for _ in range(5)]
     assert designed.cost < min(others)
     assert designed.predicted_cost == pytest.approx(designed.cost, rel=0.05)
+    assert designed.predicted_cost in designed.search.cost

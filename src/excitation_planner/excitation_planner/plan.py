@@ -50,6 +50,22 @@ class Reference:
 
 
 @dataclass(frozen=True)
+class SearchHistory:
+    """What the search evaluated, in order.
+
+    Attributes
+    ----------
+    x
+        (s, l) operation parameters.
+    cost
+        (s,) H there; infinite where the maneuver cannot be driven or judged.
+    """
+
+    x: Floats
+    cost: Floats
+
+
+@dataclass(frozen=True)
 class Plan:
     """One maneuver, its commands and nominal trajectory, and its sensitivity.
 
@@ -73,6 +89,8 @@ class Plan:
         Empty, or why the family cannot excite the target.
     path
         (m, 2) m, path of the rear axle's ground point from the start pose.
+    search
+        How the maneuver was found; None where it was not searched for.
     """
 
     maneuver: str
@@ -98,6 +116,7 @@ class Plan:
     commands: Commands
     path: Floats
     reference: Reference
+    search: SearchHistory | None = None
 
     @property
     def id(self) -> str:
@@ -128,6 +147,7 @@ def _encode(plan: Plan) -> dict[str, Any]:
         },
         "path": plan.path.tolist(),
         "reference": {key: value.tolist() for key, value in vars(reference).items()},
+        "search": plan.search and {"x": plan.search.x.tolist(), "cost": plan.search.cost.tolist()},
     }
 
 
@@ -175,7 +195,9 @@ class _Reader:
     def names(self) -> list[str]:
         return list(self._document)
 
-    def numbers(self, name: str, shape: tuple[int | None, ...] = (None,)) -> Floats:
+    def numbers(
+        self, name: str, shape: tuple[int | None, ...] = (None,), *, finite: bool = True
+    ) -> Floats:
         try:
             array = np.array(self._take(name, list, "a list"), dtype=float)
         except (TypeError, ValueError):
@@ -184,7 +206,7 @@ class _Reader:
             size == want or (want is None and size > 0)
             for size, want in zip(array.shape, shape, strict=True)
         )
-        if not fits or not np.isfinite(array).all():
+        if not fits or (finite and not np.isfinite(array).all()):
             raise PlanError(f"{self._where}: {name} must be a list of finite numbers {shape}")
         return array
 
@@ -211,6 +233,11 @@ def _decode(document: Mapping[str, Any], where: str) -> Plan:
     except CommandsError as error:
         raise PlanError(f"{where}: commands: {error}") from error
     predicted = document.get("predicted_cost")
+    search = None
+    if document.get("search") is not None:
+        searched = read.inner("search")
+        x = searched.numbers("x", (None, len(operation.names())))
+        search = SearchHistory(x, searched.numbers("cost", (len(x),), finite=False))
     return Plan(
         maneuver=read.text("maneuver"),
         operation={name: operation.number(name) for name in operation.names()},
@@ -239,6 +266,7 @@ def _decode(document: Mapping[str, Any], where: str) -> Plan:
         commands=decoded,
         path=read.numbers("path", (None, 2)),
         reference=Reference(time, *(reference.numbers(axis, same) for axis in ("x", "y", "yaw"))),
+        search=search,
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from excitation_planner.criteria import excitation_cost
 from excitation_planner.design import InfeasibleManeuver, Verdict, design_excitation
 from excitation_planner.maneuver import ManeuverFamily, PlanError
-from excitation_planner.plan import Index, Plan
+from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.replay import ReplayedTrajectoryError
 from excitation_planner.sensitivity import Sensitivity, sensitivity
 from tricycle_sim.vehicle import Vehicle
@@ -131,6 +131,10 @@ def plan_maneuver(
         simulations=design.simulations,
         verdict="" if design.verdict is Verdict.EXCITES else design.explanation,
         began=began,
+        search=SearchHistory(
+            np.array([tried.x for tried in design.history]),
+            np.array([tried.cost for tried in design.history]),
+        ),
     )
 
 
@@ -206,6 +210,7 @@ def _plan(
     simulations: int,
     verdict: str,
     began: float,
+    search: SearchHistory | None = None,
 ) -> Plan:
     run = request.simulator().nominal(x)
     vehicle, family = request.vehicle, request.family
@@ -240,4 +245,5 @@ def _plan(
         commands=run.commands,
         path=run.path,
         reference=run.reference,
+        search=search,
     )
