@@ -6,7 +6,7 @@ from excitation_planner.design import Design, Verdict, design_excitation
 from excitation_planner.errors import DesignError, InfeasibleManeuver
 from excitation_planner.evaluation import Evaluation
 from excitation_planner.infill import Infill
-from excitation_planner.information import ManeuverSet, TrajectoryNoise
+from excitation_planner.information import ManeuverSet, Prior, TrajectoryNoise
 from excitation_planner.kriging import Kriging
 from excitation_planner.search import Search
 from excitation_planner.sensitivity import Sensitivity, sensitivity
@@ -24,6 +24,7 @@ __all__ = [
     "Infill",
     "Kriging",
     "ManeuverSet",
+    "Prior",
     "Proposal",
     "Search",
     "Sensitivity",

@@ -27,7 +27,7 @@ from excitation_planner.evaluation import (
     Verified,
 )
 from excitation_planner.executors import Result, running
-from excitation_planner.information import PRIOR_INFORMATION, TrajectoryNoise
+from excitation_planner.information import PRIOR_INFORMATION, Prior, TrajectoryNoise
 from excitation_planner.search import Search, search_steps
 from excitation_planner.sensitivity import Sensitivity
 from excitation_planner.store import Store
@@ -118,6 +118,7 @@ def design_excitation(
     noise_variance: NoiseVariance = 0.0,
     trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
     samples: int = 100,
+    prior: Prior | None = None,
     draws: int = 16,
     budget: int = 25_000,
     seed: int = 0,
@@ -149,6 +150,8 @@ def design_excitation(
         For C, D and A.
     samples : int
         Runs of f per maneuver during the search for H; its verification takes three times as many.
+    prior : Prior, optional
+        For C, D and A: what earlier drives have taught; None: uniform.
     draws : int
         For C, D and A: parameter values over which the criterion is averaged, k + 1 runs each.
     budget : int
@@ -184,6 +187,7 @@ def design_excitation(
         budget=budget,
         seed=seed,
         search=search,
+        prior=prior,
     )
     kept = None if store is None else Store.of(store, problem)
     done = 0

@@ -16,6 +16,7 @@ from excitation_planner.box import Box, FloatArray
 from excitation_planner.criteria import Criterion, cost_interval, excitation_cost
 from excitation_planner.errors import DesignError, InfeasibleManeuver
 from excitation_planner.information import (
+    Prior,
     TrajectoryNoise,
     difference_points,
     information,
@@ -106,6 +107,7 @@ class Problem:
     budget: int
     seed: int
     search: Search
+    prior: Prior | None = None
 
     def __post_init__(self) -> None:
         if self.target is not None:
@@ -114,6 +116,8 @@ class Problem:
             raise DesignError(f"criterion {self.criterion} needs a target: {self._names}")
         if not callable(self.noise_variance) and not 0 <= self.noise_variance < math.inf:
             raise DesignError(f"noise variance {self.noise_variance:g} must be 0 or more, finite")
+        if self.prior is not None and len(self.prior.mean) != len(self.unknown):
+            raise DesignError(f"prior: must be about {self._names}")
         if self.draws < 1:
             raise DesignError(f"draws = {self.draws}: at least one is needed")
         self.parameters(verification=False)
@@ -156,7 +160,7 @@ class Problem:
         samples = parameter_samples(self.unknown, times * self.samples, seed=seed)
         if self.criterion is Criterion.H:
             return samples
-        differences = difference_points(k, times * self.draws, seed=seed)
+        differences = difference_points(k, times * self.draws, seed=seed, prior=self.prior)
         if not verification:
             return differences
         # the indices of the squared deviation from the middle of the box are reported as well
@@ -273,7 +277,7 @@ def _assess_trajectories(
     if len(F) == 0:
         reason = f"{failed} of {n} simulations failed"
         return _rejected(problem, x, reason, simulations=n, failed=failed)
-    covariance = posterior_covariance(F)
+    covariance = posterior_covariance(F, problem.prior)
     costs = information_costs(covariance, problem.criterion, problem.target_index)
     cost, nothing = float(costs.mean()), np.full(k, np.nan)
     half = 1.96 * float(costs.std()) / math.sqrt(len(costs))

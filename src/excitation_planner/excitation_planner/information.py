@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.special import ndtri
 
 from excitation_planner.box import Box, FloatArray, sobol_sequence
 from excitation_planner.criteria import Criterion
@@ -37,6 +38,8 @@ class TrajectoryNoise:
     start_position_std, start_heading_std : float
         How well the start pose is known, m per axis and rad; 0: exactly. Channels 0 and 1 are then
         x and y, m.
+    heading_channel : int, optional
+        Channel that is the heading, rad, and turns with the start pose.
     """
 
     std: float | tuple[float, ...] = 0.01
@@ -45,6 +48,7 @@ class TrajectoryNoise:
     period: float = 0.05
     start_position_std: float = 0.0
     start_heading_std: float = 0.0
+    heading_channel: int | None = None
 
     def __post_init__(self) -> None:
         if not (np.all(np.asarray(self.std) > 0) and np.all(np.isfinite(self.std))):
@@ -56,9 +60,42 @@ class TrajectoryNoise:
             raise DesignError("noise: drift_time and period must be positive")
 
 
-def difference_points(k: int, draws: int, *, seed: int) -> FloatArray:
-    """Points (draws (k + 1), k) of the unit box: each draw and one step from it along each axis."""
-    base = sobol_sequence(draws, k, seed=seed)
+@dataclass(frozen=True)
+class Prior:
+    """What is known about the parameters before a drive, e.g. from the drives before it.
+
+    Attributes
+    ----------
+    mean : ndarray (k,)
+        In the unit box.
+    covariance : ndarray (k, k)
+        In squared ranges.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.mean)
+        C = np.asarray(self.covariance)
+        if not (C.shape == (k, k) and np.isfinite(C).all() and np.isfinite(self.mean).all()):
+            raise DesignError(f"prior: the covariance must be ({k}, {k}) finite numbers")
+        if not (np.allclose(C, C.T) and np.linalg.eigvalsh(C)[0] > 0.0):
+            raise DesignError("prior: the covariance must be symmetric and positive definite")
+
+    def draws(self, n: int, *, seed: int) -> FloatArray:
+        """Points (n, k) of the unit box: normal, clipped to the box."""
+        normal = ndtri(sobol_sequence(n, len(self.mean), seed=seed))
+        drawn = self.mean + normal @ np.asarray(np.linalg.cholesky(self.covariance)).T
+        return np.asarray(np.clip(drawn, 0.0, 1.0), dtype=np.float64)
+
+
+def difference_points(k: int, draws: int, *, seed: int, prior: Prior | None = None) -> FloatArray:
+    """Points (draws (k + 1), k) of the unit box: each draw and one step from it along each axis.
+
+    Drawn from the prior; None: uniform.
+    """
+    base = sobol_sequence(draws, k, seed=seed) if prior is None else prior.draws(draws, seed=seed)
     step = _steps(base)
     points = np.repeat(base[:, None], k + 1, axis=1)
     for j in range(k):
@@ -96,6 +133,8 @@ def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatAr
         pose[:, :, 0, 0] = pose[:, :, 1, 1] = 1.0
         pose[:, :, 0, 2] = -(Y[:, 0, :, 1] - Y[:, 0, :1, 1])
         pose[:, :, 1, 2] = Y[:, 0, :, 0] - Y[:, 0, :1, 0]
+        if noise.heading_channel is not None:
+            pose[:, :, noise.heading_channel, 2] = 1.0
         J = np.concatenate([J, pose[..., nuisances]], axis=-1)
 
     F = np.zeros((draws, J.shape[-1], J.shape[-1]))
@@ -119,9 +158,11 @@ def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatAr
     return left
 
 
-def posterior_covariance(F: FloatArray) -> FloatArray:
+def posterior_covariance(F: FloatArray, prior: Prior | None = None) -> FloatArray:
     """Covariance (draws, k, k) of the parameters, in ranges, after a drive with information F."""
-    whole = F + PRIOR_INFORMATION * np.eye(F.shape[-1])
+    k = F.shape[-1]
+    known = PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
+    whole = F + known
     return np.asarray(np.linalg.inv(whole), dtype=np.float64)
 
 
