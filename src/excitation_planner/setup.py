@@ -22,6 +22,13 @@ setup(
         "console_scripts": [
             "excitation_planner = excitation_planner.planner_node:main",
             "maneuver_driver = excitation_planner.maneuver_driver_node:main",
-        ]
+        ],
+        "excitation_planner.maneuvers": [
+            "circle = excitation_planner.maneuver:Circle",
+            "double_lane_change = excitation_planner.maneuver:DoubleLaneChange",
+            "slalom = excitation_planner.maneuver:Slalom",
+            "step_steer = excitation_planner.steering_maneuver:StepSteer",
+            "sine_sweep = excitation_planner.steering_maneuver:SineSweep",
+        ],
     },
 )

@@ -22,7 +22,7 @@ MANEUVERS = [
 
 
 def tracked(family, x):
-    drive = family.drive(np.array(x), -VEHICLE.com_to_rear_axle)
+    drive = family.drive(np.array(x), VEHICLE)
     return drive, track(VEHICLE, drive)
 
 
@@ -74,6 +74,6 @@ def test_the_vehicle_starts_at_rest_and_reaches_its_speed():
 
 def test_another_vehicle_needs_other_commands():
     slow = dataclasses.replace(VEHICLE, steering_slew=0.3)
-    drive = Circle().drive(np.array([3.0, 0.8]), -VEHICLE.com_to_rear_axle)
+    drive = Circle().drive(np.array([3.0, 0.8]), slow)
     commands = track(slow, drive).commands
     assert np.abs(np.diff(commands.steering_motor_angle)).max() <= 0.3 * PERIOD + ANGLE_UNIT

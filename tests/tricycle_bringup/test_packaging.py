@@ -38,13 +38,12 @@ def test_versions_agree(package):
 
 
 def test_entry_points_agree():
-    scripts, plugins = {}, {}
+    found = {}
     for package in PACKAGES:
-        points = setup_arguments(package).get("entry_points", {})
-        for group, found in (("console_scripts", scripts), ("pytest11", plugins)):
-            found |= dict(point.split(" = ") for point in points.get(group, []))
-    assert scripts == PROJECT["project"]["scripts"]
-    assert plugins == PROJECT["project"]["entry-points"]["pytest11"]
+        for group, points in setup_arguments(package).get("entry_points", {}).items():
+            found.setdefault(group, {}).update(point.split(" = ") for point in points)
+    project = PROJECT["project"]
+    assert found == {"console_scripts": project["scripts"], **project["entry-points"]}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -1,29 +1,38 @@
-"""Maneuver families: from operation parameters to the path and the speed to drive.
+"""Maneuver families: from operation parameters to what is driven.
 
-A family maps its operation parameters x (the design variables) to a `Drive`: the path that the
-rear axle's ground point follows and the speed along it. Every drive begins at rest with a
-straight run-in, so that the vehicle has settled when the path proper begins.
+A family maps its operation parameters x (the design variables) either to a `Drive`, the path that
+the rear axle's ground point follows and the speed along it, or to the `Commands` themselves. The
+families here give paths, those of `steering_maneuver` commands. Each begins at rest with a straight
+run-in, so that the vehicle has settled when the maneuver proper begins.
+
+Families are found by their entry points, see docs/how-to-maneuver-family.md.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from importlib.metadata import entry_points
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.box import Box
+from tricycle_bridge.messages import MAX_SPEED
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
+
+ENTRY_POINTS = "excitation_planner.maneuvers"  # group: family name = module:class
 
 ACCELERATION = 1.0  # m/s^2, of the run-in's speed ramp
 SETTLING_TIME = 1.0  # s at cruise speed before the path proper begins
 PATH_SPACING = 0.02  # m between path points
 LEAD_OUT = 6.0  # m of path beyond its end, so that the look-ahead point always exists
 
-
 CIRCLE_OPERATION = Box.of({"radius": (2.0, 6.0), "speed": (0.6, 1.0)})  # m, m/s
 LANE_CHANGE_OPERATION = Box.of({"d1": (0.0, 8.0), "d2": (0.0, 8.0)})  # m
+SLALOM_OPERATION = Box.of({"spacing": (2.0, 6.0), "offset": (0.1, 1.0)})  # m
 
 
 class PlanError(ValueError):
@@ -43,6 +52,11 @@ class Drive:
         Cruise speed in m/s, reached from rest with `ACCELERATION`.
     length
         Arc length in m after which the maneuver ends; the points go on beyond it.
+
+    Raises
+    ------
+    PlanError
+        If that is not what they are.
     """
 
     x: Floats
@@ -50,7 +64,20 @@ class Drive:
     speed: float
     length: float
 
+    def __post_init__(self) -> None:
+        if self.x.ndim != 1 or self.x.shape != self.y.shape or self.x.size < 2:
+            raise PlanError("a path needs x and y of as many points, two or more")
+        spacing = np.hypot(np.diff(self.x), np.diff(self.y))
+        # a chord is shorter than its arc, the more so where the path bends sharply
+        if not (np.all(spacing > 0.0) and np.all(spacing < 1.01 * PATH_SPACING)):
+            raise PlanError(f"a path needs points {PATH_SPACING:g} m apart: see `evenly_spaced`")
+        if not 0.0 < self.speed <= MAX_SPEED:
+            raise PlanError(f"speed {self.speed:g} m/s must be above 0 and at most {MAX_SPEED:g}")
+        if not 0.0 < self.length <= self.x.size * PATH_SPACING:
+            raise PlanError(f"the path must go on beyond its length, {self.length:g} m")
 
+
+@runtime_checkable
 class ManeuverFamily(Protocol):
     """What the planner needs to know of a family."""
 
@@ -64,8 +91,11 @@ class ManeuverFamily(Protocol):
         """The box of the operation parameters, in their order."""
         ...
 
-    def drive(self, x: Floats, start: float) -> Drive:
-        """Path and speed for the operation parameters x (l,), from (start, 0) along +x."""
+    def drive(self, x: Floats, vehicle: Vehicle) -> Drive | Commands:
+        """What to drive for the operation parameters x (l,), from rest.
+
+        A path starts where the rear axle is, at (-vehicle.com_to_rear_axle, 0), along +x.
+        """
         ...
 
 
@@ -73,7 +103,7 @@ def _run_in_length(speed: float) -> float:
     return 0.5 * speed**2 / ACCELERATION + SETTLING_TIME * speed
 
 
-def _evenly_spaced(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def evenly_spaced(x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Resample a dense polyline (m,) at `PATH_SPACING` of its arc length."""
     arc = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     wanted = np.arange(0.0, arc[-1], PATH_SPACING)
@@ -100,14 +130,15 @@ class Circle:
     duration: float = 20.0  # s on the circle
     name: ClassVar[str] = "circle"
 
-    def drive(self, x: Floats, start: float) -> Drive:
-        """Run-in along +x, then the circle about (run-in, radius)."""
+    def drive(self, x: Floats, vehicle: Vehicle) -> Drive:
+        """Run-in along +x, then the circle to the left at its end."""
         radius, speed = (float(v) for v in x)
         run_in = _run_in_length(speed)
         arc = np.arange(0.0, speed * self.duration + LEAD_OUT, PATH_SPACING / 4)
+        start = -vehicle.com_to_rear_axle
         px = np.concatenate(([start], start + run_in + radius * np.sin(arc / radius)))
         py = np.concatenate(([0.0], radius * (1.0 - np.cos(arc / radius))))
-        return Drive(*_evenly_spaced(px, py), speed, run_in + speed * self.duration)
+        return Drive(*evenly_spaced(px, py), speed, run_in + speed * self.duration)
 
 
 @dataclass(frozen=True)
@@ -124,7 +155,7 @@ class DoubleLaneChange:
     lead_out: float = 2.0  # m, driven straight on after the second change
     name: ClassVar[str] = "double_lane_change"
 
-    def drive(self, x: Floats, start: float) -> Drive:
+    def drive(self, x: Floats, vehicle: Vehicle) -> Drive:
         """Run-in along +x, the two lane changes, and straight on."""
         d1, d2 = (float(v) for v in x)
         if self.length < d1 + d2 - np.sqrt(d1 * d2):
@@ -143,14 +174,41 @@ class DoubleLaneChange:
                 [(2 * L + self.lead_out + LEAD_OUT, 0.0)],
             )
         )
-        points[:, 0] += start + run_in
-        px, py = _evenly_spaced(points[:, 0], points[:, 1])
+        points[:, 0] += run_in - vehicle.com_to_rear_axle
+        px, py = evenly_spaced(points[:, 0], points[:, 1])
         return Drive(px, py, self.speed, (px.size - 1) * PATH_SPACING - LEAD_OUT)
 
 
-FAMILIES: dict[str, type[Circle] | type[DoubleLaneChange]] = {
-    family.name: family for family in (Circle, DoubleLaneChange)
-}
+@dataclass(frozen=True)
+class Slalom:
+    """Between gates on a straight line: x = (spacing of the gates, offset to either side) in m.
+
+    A sine that passes gate k at (k spacing, ±offset), faded in and out over one spacing.
+    """
+
+    operation: Box = SLALOM_OPERATION
+    gates: int = 6
+    speed: float = 2.0  # m/s
+    lead_out: float = 2.0  # m, driven straight on after the last gate
+    name: ClassVar[str] = "slalom"
+
+    def drive(self, x: Floats, vehicle: Vehicle) -> Drive:
+        """Run-in along +x, the gates, and straight on."""
+        spacing, offset = (float(v) for v in x)
+        gate = np.linspace(0.0, self.gates + 1.0, 400 * (self.gates + 1))
+        from_end = np.minimum(gate, self.gates + 1.0 - gate)
+        fade = 0.5 * (1.0 - np.cos(np.pi * np.minimum(from_end, 1.0)))
+        start, run_in = -vehicle.com_to_rear_axle, _run_in_length(self.speed)
+        end = start + run_in + spacing * (self.gates + 1.0) + self.lead_out
+        px = np.concatenate(([start], start + run_in + spacing * gate, [end + LEAD_OUT]))
+        py = np.concatenate(([0.0], -offset * fade * np.cos(np.pi * gate), [0.0]))
+        px, py = evenly_spaced(px, py)
+        return Drive(px, py, self.speed, (px.size - 1) * PATH_SPACING - LEAD_OUT)
+
+
+def family_names() -> tuple[str, ...]:
+    """Names of the families of all installed distributions, sorted."""
+    return tuple(sorted(entry_points(group=ENTRY_POINTS).names))
 
 
 def family_by_name(name: str) -> ManeuverFamily:
@@ -159,12 +217,23 @@ def family_by_name(name: str) -> ManeuverFamily:
     Raises
     ------
     PlanError
-        If there is none; the message lists those there are.
+        If there is none, with those there are; or if it cannot be used, with the reason.
     """
     key = name.replace("-", "_")
-    if key not in FAMILIES:
-        raise PlanError(f"unknown maneuver {name!r}; there are: {', '.join(FAMILIES)}")
-    return FAMILIES[key]()
+    # a colcon workspace over an installed wheel registers the same class twice
+    points = {point.value: point for point in entry_points(group=ENTRY_POINTS, name=key)}
+    if not points:
+        raise PlanError(f"unknown maneuver {name!r}; there are: {', '.join(family_names())}")
+    if len(points) > 1:
+        raise PlanError(f"maneuver {key!r} is registered for {' and for '.join(sorted(points))}")
+    ((value, point),) = points.items()
+    try:
+        family = point.load()()
+    except Exception as error:  # whatever an installed package may raise
+        raise PlanError(f"maneuver {key!r} cannot be loaded from {value}: {error!r}") from error
+    if not isinstance(family, ManeuverFamily) or family.name != key:
+        raise PlanError(f"{value} is no maneuver family with the name {key!r}")
+    return family
 
 
 def operation_point(family: ManeuverFamily, values: Mapping[str, float]) -> Floats:

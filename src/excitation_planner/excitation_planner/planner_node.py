@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from excitation_planner.errors import DesignError
-from excitation_planner.maneuver import FAMILIES, PlanError, family_by_name
+from excitation_planner.maneuver import PlanError, family_by_name, family_names
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher_node import PlanPublisher
 from excitation_planner.planning import PlanRequest, plan_maneuver
@@ -65,7 +65,7 @@ class ExcitationPlanner(Node):
         super().__init__("excitation_planner")
         declare = self._declare
         declare("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
-        declare("maneuver", "circle", f"family: {', '.join(FAMILIES)}")
+        declare("maneuver", "circle", f"family: {', '.join(family_names())}")
         declare("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
         declare("samples", 100, "simulations per maneuver")
         declare("budget", 12_000, "largest number of simulations")

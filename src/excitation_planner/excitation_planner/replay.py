@@ -11,6 +11,7 @@ from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Reference
 from excitation_planner.tracking import track
 from excitation_planner.trajectory_error import NominalTrajectory
+from tricycle_bridge.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_sim.commands import Commands
 from tricycle_sim.simulation import PlanarBlock, simulate, simulate_planar
 from tricycle_sim.vehicle import Vehicle
@@ -27,7 +28,7 @@ class NominalRun:
     Attributes
     ----------
     commands
-        Steer and drive commands of the tracked path.
+        Steer and drive commands of the family, or of the tracked path.
     path
         (m, 2) path of the rear axle's ground point, m.
     reference
@@ -60,26 +61,49 @@ def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: Floats) -> Fl
 
 
 def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: Floats) -> NominalRun:
-    """Track the maneuver with operation parameters x (l,) and replay its commands.
+    """Replay the commands of the maneuver with operation parameters x (l,); a path is tracked first.
 
     Raises
     ------
     InfeasibleManeuver
         If the nominal vehicle cannot drive it, with the reason.
     """
-    drive = family.drive(x, -vehicle.com_to_rear_axle)
-    tracking = track(vehicle, drive)
-    if tracking.infeasible:
-        raise InfeasibleManeuver(tracking.infeasible)
-    motion = simulate(vehicle, tracking.commands, threads=1)
+    drive = family.drive(x, vehicle)
+    if isinstance(drive, Commands):
+        commands = _as_sent(drive)
+    else:
+        tracking = track(vehicle, drive)
+        if tracking.infeasible:
+            raise InfeasibleManeuver(tracking.infeasible)
+        commands = tracking.commands
+    motion = simulate(vehicle, commands, threads=1)
     if not motion.feasibility.feasible[0]:
         raise InfeasibleManeuver("; ".join(motion.feasibility.reasons(0)))
+    reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
     return NominalRun(
-        commands=tracking.commands,
-        path=np.column_stack([drive.x, drive.y]),
-        reference=Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0]),
-        nominal=_nominal_trajectory(vehicle, tracking.commands),
+        commands=commands,
+        path=_rear_axle_path(vehicle, reference)
+        if isinstance(drive, Commands)
+        else np.column_stack([drive.x, drive.y]),
+        reference=reference,
+        nominal=_nominal_trajectory(vehicle, commands),
     )
+
+
+def _as_sent(commands: Commands) -> Commands:
+    """Commands in the units of the protocol, as tracking gives them."""
+    return Commands(
+        commands.time,
+        np.round(commands.steering_motor_angle / ANGLE_UNIT) * ANGLE_UNIT,
+        np.round(commands.speed / SPEED_UNIT) * SPEED_UNIT,
+    )
+
+
+def _rear_axle_path(vehicle: Vehicle, motion: Reference) -> Floats:
+    """Path (m, 2) of the rear axle's ground point, a point every 0.1 s."""
+    b = vehicle.com_to_rear_axle
+    path = np.column_stack([motion.x - b * np.cos(motion.yaw), motion.y - b * np.sin(motion.yaw)])
+    return path[::10]
 
 
 def _nominal_trajectory(vehicle: Vehicle, commands: Commands) -> NominalTrajectory:

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from excitation_planner.maneuver import FAMILIES, family_by_name
+from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.plan import Plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver, random_feasible_point
 from excitation_planner.replay import nominal_run, replayed_errors
@@ -37,7 +37,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("--maneuver", default="circle", help=f"family: {', '.join(FAMILIES)}")
+    add("--maneuver", default="circle", help=f"family: {', '.join(family_names())}")
     add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--seed", type=int, default=0, help="of plan, random maneuver and hidden truth")

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from excitation_planner.maneuver import FAMILIES, PlanError, family_by_name, operation_point
+from excitation_planner.maneuver import PlanError, family_by_name, family_names, operation_point
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver
 from tricycle_bringup.assignments import parse_assignments
@@ -36,7 +36,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add = parser.add_argument
     add("show", nargs="*", metavar="show FILE", help="print and plot a saved plan instead")
-    add("--maneuver", default="circle", help=f"family: {', '.join(FAMILIES)}")
+    add("--maneuver", default="circle", help=f"family: {', '.join(family_names())}")
     add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
