@@ -2,11 +2,14 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+from launch_recorder import project_scripts
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -35,16 +38,31 @@ def test_a_clean_copy_builds_and_a_node_starts_from_it(ros_environment, tmp_path
     assert {path.name for path in (share / "launch").iterdir()} == {
         *("simulation.launch.py", "vehicle.launch.py", "replay.launch.py"),
     }
-    node = install / "tricycle_sim" / "lib" / "tricycle_sim" / "tricycle_sim"
+    executables = {
+        script: install / package / "lib" / package / script
+        for script, entry in project_scripts().items()
+        for package in [entry.partition(".")[0]]
+    }
+    assert [path for path in executables.values() if not os.access(path, os.X_OK)] == []
     packages = [str(path) for path in install.glob("*/lib/python3*/site-packages") if path.is_dir()]
-    # a wrong parameter ends the node at once: its packages were found, and in the workspace
-    ran = subprocess.run(
-        [node, "--ros-args", "-p", "vehicle_file:=nowhere.yaml"],
+    assert len(packages) == 6
+    ports = {name: tmp_path / name for name in ("steer_port", "drive_port")}
+    node = subprocess.Popen(
+        [
+            executables["tricycle_sim"],
+            "--ros-args",
+            *(word for name, path in ports.items() for word in ("-p", f"{name}:={path}")),
+        ],
         env={**ros_environment, "PYTHONPATH": os.pathsep.join(packages)},
-        cwd=tmp_path,
-        capture_output=True,
+        stderr=subprocess.PIPE,
         text=True,
-        timeout=120,
     )
-    assert ran.returncode == 2, ran.stderr
-    assert "nowhere.yaml" in ran.stderr
+    deadline = time.monotonic() + 200  # a first start compiles the model
+    while not all(path.is_symlink() for path in ports.values()) and node.poll() is None:
+        if time.monotonic() > deadline:
+            node.kill()
+        time.sleep(0.05)
+    node.send_signal(signal.SIGINT)
+    _, errors = node.communicate(timeout=30)
+    assert node.returncode == 0, errors
+    assert not any(path.is_symlink() for path in ports.values())
