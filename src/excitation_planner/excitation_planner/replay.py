@@ -61,7 +61,7 @@ def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: Floats) -> Fl
 
 
 def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: Floats) -> NominalRun:
-    """Replay the commands of the maneuver with operation parameters x (l,); a path is tracked first.
+    """Replay the maneuver with operation parameters x (l,); a path is tracked first.
 
     Raises
     ------

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.errors import InfeasibleManeuver
-from excitation_planner.maneuver import PlanError, family_by_name, operation_point
+from excitation_planner.maneuver import PlanError, family_by_name, family_names, operation_point
 from excitation_planner.replay import nominal_run
 from tricycle_bringup.progress import progress_bar
 from tricycle_sim.commands import Commands, load_commands
@@ -49,7 +49,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--maneuver",
         nargs="+",
         metavar=("NAME", "PARAMETER=VALUE"),
-        help="make the commands: the vehicle of the file, without --set, tracks this maneuver",
+        help="make the commands: the vehicle of the file, without --set, drives this maneuver of "
+        f"{', '.join(family_names())}",
     )
     add = parser.add_argument
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
