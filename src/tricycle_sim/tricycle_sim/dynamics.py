@@ -504,9 +504,12 @@ def advance_tick(
 
 
 def pack(
-    vehicle: Vehicle, parameters: NDArray[np.float64], pose: tuple[float, float, float]
+    vehicle: Vehicle,
+    parameters: NDArray[np.float64],
+    pose: tuple[float, float, float],
+    speed: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Put vehicles at rest at the origin, heading +x, into groups.
+    """Put vehicles at the origin, heading +x, into groups.
 
     Parameters
     ----------
@@ -515,6 +518,8 @@ def pack(
         Values of `vehicle.unknown`, in its order.
     pose : tuple
         COM height [m], roll and pitch [rad], from `equilibrium(vehicle)`.
+    speed : shape (n,), optional
+        At which they roll straight on [m/s]; by default they are at rest.
 
     Returns
     -------
@@ -535,6 +540,9 @@ def pack(
     groups[:, Z] = z
     quaternion = attitude_quaternion(roll, pitch, 0.0)
     groups[:, Q0 : Q3 + 1] = np.reshape(quaternion, (4, 1))
+    if speed is not None:
+        groups[:, U] = speed[sample]
+        groups[:, SPIN_LEFT : SPIN_REAR + 1] = (groups[:, U] / vehicle.tyre_radius)[:, np.newaxis]
     return groups.reshape(len(groups), GROUP_SIZE)
 
 

@@ -140,12 +140,13 @@ def simulate(
     commands: Commands,
     parameters: ArrayLike | None = None,
     *,
+    speed: ArrayLike = 0.0,
     threads: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Trajectory:
     """Replay commands on vehicles that differ in their unknown parameters.
 
-    Every vehicle starts at rest in static equilibrium at the origin, heading +x. RK4 with steps of
+    Every vehicle starts in static equilibrium at the origin, heading +x. RK4 with steps of
     10 ms. Memory grows with n times t; `simulate_planar` avoids that.
 
     Parameters
@@ -154,18 +155,21 @@ def simulate(
     commands : Commands
     parameters : shape (n, k), optional
         Values of `vehicle.unknown` in its order; by default the one nominal vehicle.
+    speed : float or shape (n,)
+        At which the vehicles roll at the start [m/s]; by default they are at rest.
     threads : int, optional
         By default one for each processor this process may use.
     progress : callable, optional
         Called with the samples done and in all.
     """
     samples = _check_parameters(vehicle, parameters)
+    speeds = np.broadcast_to(np.asarray(speed, dtype=float), len(samples))
     replay = _Replay(vehicle, commands)
     out = np.empty((len(_ALL_ROWS), -(-len(samples) // LANES) * LANES, len(replay.time)))
     groups = np.empty((out.shape[1] // LANES, ROWS, LANES))
 
     def store(first: int, last: int) -> None:
-        packed = dynamics.pack(vehicle, samples[first:last], replay.pose)
+        packed = dynamics.pack(vehicle, samples[first:last], replay.pose, speeds[first:last])
         end = first + len(packed) * LANES
         block = np.empty((out.shape[0], end - first, out.shape[2]))
         replay.run(packed, _ALL_ROWS, block)
