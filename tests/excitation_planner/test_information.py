@@ -8,6 +8,7 @@ from excitation_planner import (
     Criterion,
     DesignError,
     ManeuverSet,
+    Prior,
     TrajectoryNoise,
     Verdict,
     design_excitation,
@@ -149,3 +150,34 @@ def test_mistakes_are_named(target, criterion, f, message):
 def test_impossible_noise_is_refused(arguments):
     with pytest.raises(DesignError, match="noise"):
         TrajectoryNoise(**arguments)
+
+
+def test_a_prior_adds_its_information_and_is_drawn_from():
+    prior = Prior(np.array([0.3, 0.6]), np.array([[1e-4, 5e-5], [5e-5, 4e-4]]))
+    F = information_of(TrajectoryNoise(std=0.1))[:1]
+    exact = np.linalg.inv(F[0] + np.linalg.inv(prior.covariance))
+    assert np.allclose(posterior_covariance(F, prior)[0], exact, rtol=1e-9)
+    drawn = prior.draws(4096, seed=0)
+    assert np.allclose(drawn.mean(axis=0), prior.mean, atol=1e-4)
+    assert np.allclose(np.cov(drawn.T), prior.covariance, rtol=0.02)
+    assert np.array_equal(difference_points(2, 8, seed=0, prior=prior)[::3], prior.draws(8, seed=0))
+
+
+@pytest.mark.parametrize(
+    "covariance", [np.zeros((2, 2)), np.eye(3), np.array([[1.0, 2.0], [2.0, 1.0]])]
+)
+def test_an_impossible_prior_is_refused(covariance):
+    with pytest.raises(DesignError, match="prior"):
+        Prior(np.array([0.5, 0.5]), covariance)
+
+
+def test_a_measured_heading_turns_with_the_start_pose():
+    """p turns path and heading as the start pose does: once that is said, little is left of p."""
+    U = difference_points(2, 4, seed=0)
+    Y = np.stack([0 * U[:, :1] + TIME, U[:, :1] * TIME, U[:, :1] + 0 * TIME], axis=-1)
+    known, turned = (
+        information(U, Y, TrajectoryNoise(0.1, start_heading_std=10.0, heading_channel=channel))
+        for channel in (None, 2)
+    )
+    # dy/dp = t and dheading/dp = 1 are those of a turn of the start pose, up to its small dx
+    assert turned[0, 0, 0] < 0.5 * known[0, 0, 0]

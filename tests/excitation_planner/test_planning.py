@@ -7,12 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from excitation_planner.maneuver import Circle, PlanError
+from excitation_planner.criteria import Criterion
+from excitation_planner.maneuver import Circle, DoubleLaneChange, PlanError
 from excitation_planner.plan import SearchHistory, load_plan, save_plan
 from excitation_planner.planning import (
     PlanRequest,
     plan_at,
     plan_maneuver,
+    plan_set,
     random_feasible_point,
 )
 from excitation_planner.replay import nominal_run, replayed_errors
@@ -97,7 +99,9 @@ def _with(document, value, *path):
     ("change", "message"),
     [
         (lambda d: _without(d, "target"), "target must be a text"),
-        (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 1"),
+        (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 2"),
+        (lambda d: _with(d, "b", "criterion"), "criterion must be one of h, c, d, a"),
+        (lambda d: _with(d, None, "predicted_std", "yaw_inertia"), "yaw_inertia must be a number"),
         (lambda d: _with(d, "x", "cost"), "cost must be a number"),
         (lambda d: _with(d, True, "seed"), "seed must be a whole number"),
         (lambda d: _with(d, [1, 2], "commands", "time"), r"commands: .*"),
@@ -120,7 +124,7 @@ def test_a_damaged_plan_is_refused_with_file_and_field(plan, tmp_path, change, m
     assert str(file) in str(error.value)
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1]", "null", '{"schema": 1, "cost": NaN}', "[" * 9999])
+@pytest.mark.parametrize("text", ["", "{", "[1]", "null", '{"schema": 2, "cost": NaN}', "[" * 9999])
 def test_what_is_no_plan_is_refused(tmp_path, text):
     file = tmp_path / "plan.json"
     file.write_text(text)
@@ -138,6 +142,45 @@ def test_a_random_point_can_be_driven_and_follows_its_seed(request_):
     assert np.array_equal(points[0], points[1])
     assert not np.array_equal(points[0], points[2])
     assert nominal_run(VEHICLE, request_.family, points[2]).commands.duration > 20
+
+
+def test_a_plan_says_what_the_drive_will_teach(request_, plan):
+    assert set(plan.predicted_std) == set(VEHICLE.unknown)
+    for name, (low, high) in VEHICLE.unknown.items():
+        assert 0.0 < plan.predicted_std[name] <= 1.0001 * (high - low) / np.sqrt(12.0)
+    better = plan_at(dataclasses.replace(request_, yaw_rate_std=0.002), np.array([3.0, 0.8]))
+    worse = plan_at(dataclasses.replace(request_, drift_std=0.02), np.array([3.0, 0.8]))
+    for name in ("cornering_stiffness", "camber_stiffness", "yaw_inertia"):
+        stds = [p.predicted_std[name] for p in (better, plan, worse)]
+        assert stds == sorted(stds)
+    quiet = plan_at(dataclasses.replace(request_, noise_std=0.0), np.array([3.0, 0.8]))
+    assert quiet.predicted_std == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"criterion": Criterion.C, "noise_std": 0.0}, "criterion c needs noise_std above 0"),
+        ({"others": (DoubleLaneChange(),)}, "criterion h judges one maneuver"),
+        ({"drift_std": -1.0}, "drift_std = -1 m must be from 0 to 10"),
+    ],
+)
+def test_a_request_that_cannot_be_judged_is_refused(request_, change, message):
+    with pytest.raises(PlanError, match=message):
+        dataclasses.replace(request_, **change)
+
+
+@pytest.mark.slow
+def test_two_different_maneuvers_teach_more_than_the_best_single_one(request_, tmp_path):
+    small = dataclasses.replace(request_, criterion=Criterion.C, samples=20, budget=4500)
+    single = plan_maneuver(small)
+    first, second = plan_set(dataclasses.replace(small, others=(DoubleLaneChange(),)))
+    assert (first.number, second.number, first.drives) == (1, 2, 2)
+    assert first.predicted_std == second.predicted_std
+    target = small.target
+    assert second.predicted_std[target] < 0.5 * single.predicted_std[target]
+    save_plan(second, tmp_path / "plan.json")
+    assert load_plan(tmp_path / "plan.json").predicted_std == second.predicted_std
 
 
 @pytest.mark.slow

@@ -211,5 +211,8 @@ class ManeuverSet:
 
     def __call__(self, x: FloatArray, P: FloatArray) -> tuple[FloatArray, ...]:
         """Trajectories of all maneuvers."""
-        parts = np.split(x, np.cumsum([len(box) for box in self.operations])[:-1])
-        return tuple(f(part, P) for f, part in zip(self.simulators, parts, strict=True))
+        return tuple(f(part, P) for f, part in zip(self.simulators, self.split(x), strict=True))
+
+    def split(self, x: FloatArray) -> list[FloatArray]:
+        """Operation parameters (l_i,) of each maneuver."""
+        return np.split(x, np.cumsum([len(box) for box in self.operations])[:-1])

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from excitation_planner.criteria import Criterion
 from excitation_planner.maneuver import PlanError
 from tricycle_sim.commands import Commands, CommandsError
 
 Floats = NDArray[np.float64]
 
-SCHEMA = 1
+SCHEMA = 2  # docs/plan-file.md
 MAX_BYTES = 64_000_000  # a plan of an hour has a tenth of this
 
 
@@ -75,20 +76,31 @@ class Plan:
         Family and the value of each operation parameter.
     target
         The unknown parameter that the maneuver is to excite.
+    criterion
+        By what the maneuver was chosen.
+    number, drives
+        Place of this maneuver in the set that was designed together, from 1, and the set's size.
     main, total
         Sobol' indices S and ST of TE by unknown parameter.
     variance
         Of TE over the box of the unknown parameters, m^4.
     cost
         H of the target (Eq. 11, with the noise term where `noise_std` > 0).
+    criterion_cost
+        Of the whole set: H, or for C, D and A what `information_costs` says, in ranges.
     predicted_cost
-        What the search expected there; None where the maneuver was not searched for.
+        What the search expected of `criterion_cost`; None where the maneuver was not searched for.
+    predicted_std
+        Expected standard deviation of each unknown parameter after all drives of the set, in its
+        own unit, measured with the noise below; empty where `noise_std` is 0.
     leave_one_out_q2
         Of the Kriging model of TE.
     verdict
         Empty, or why the family cannot excite the target.
     path
         (m, 2) m, path of the rear axle's ground point from the start pose.
+    noise_std, yaw_rate_std, drift_std, drift_time, start_position_std, start_heading_std
+        How the drive is assumed to be measured, see `PlanRequest`.
     search
         How the maneuver was found; None where it was not searched for.
     """
@@ -96,17 +108,27 @@ class Plan:
     maneuver: str
     operation: Mapping[str, float]
     target: str
+    criterion: Criterion
+    number: int
+    drives: int
     unknown: Mapping[str, tuple[float, float]]
     main: Mapping[str, Index]
     total: Mapping[str, Index]
     variance: float
     cost: float
+    criterion_cost: float
     predicted_cost: float | None
+    predicted_std: Mapping[str, float]
     leave_one_out_q2: float
     simulations: int
     seconds: float
     seed: int
     noise_std: float
+    yaw_rate_std: float
+    drift_std: float
+    drift_time: float
+    start_position_std: float
+    start_heading_std: float
     feasible: bool
     verdict: str
     vehicle: str
@@ -232,7 +254,9 @@ def _decode(document: Mapping[str, Any], where: str) -> Plan:
         )
     except CommandsError as error:
         raise PlanError(f"{where}: commands: {error}") from error
-    predicted = document.get("predicted_cost")
+    predicted, predicted_std = document.get("predicted_cost"), read.inner("predicted_std")
+    if (criterion := read.text("criterion")) not in set(Criterion):
+        raise PlanError(f"{where}: criterion must be one of {', '.join(Criterion)}")
     search = None
     if document.get("search") is not None:
         searched = read.inner("search")
@@ -242,6 +266,9 @@ def _decode(document: Mapping[str, Any], where: str) -> Plan:
         maneuver=read.text("maneuver"),
         operation={name: operation.number(name) for name in operation.names()},
         target=read.text("target"),
+        criterion=Criterion(criterion),
+        number=read.count("number"),
+        drives=read.count("drives"),
         unknown={
             name: (float(low), float(high))
             for name in unknown.names()
@@ -251,12 +278,19 @@ def _decode(document: Mapping[str, Any], where: str) -> Plan:
         total={name: total.index(name) for name in total.names()},
         variance=read.number("variance"),
         cost=read.number("cost"),
+        criterion_cost=read.number("criterion_cost"),
         predicted_cost=None if predicted is None else read.number("predicted_cost"),
+        predicted_std={name: predicted_std.number(name) for name in predicted_std.names()},
         leave_one_out_q2=read.number("leave_one_out_q2"),
         simulations=read.count("simulations"),
         seconds=read.number("seconds"),
         seed=read.count("seed"),
         noise_std=read.number("noise_std"),
+        yaw_rate_std=read.number("yaw_rate_std"),
+        drift_std=read.number("drift_std"),
+        drift_time=read.number("drift_time"),
+        start_position_std=read.number("start_position_std"),
+        start_heading_std=read.number("start_heading_std"),
         feasible=read.flag("feasible"),
         verdict=read.text("verdict"),
         vehicle=read.text("vehicle"),

@@ -1,5 +1,6 @@
 """Figures of a run, readable in print and by the colour-blind."""
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -17,7 +18,7 @@ MARKS = 5.0  # s between the lines that join equal times
 
 
 def plot_plan(plan: Plan, path: Path) -> None:
-    """Path, commands and Sobol' indices of a plan.
+    """Path, commands and Sobol' indices of a plan, and what the drives of its set will teach.
 
     Parameters
     ----------
@@ -26,11 +27,17 @@ def plot_plan(plan: Plan, path: Path) -> None:
     path
         Image to be written; its suffix gives the format.
     """
-    figure, ((track, indices), (angle, speed)) = plt.subplots(
-        2, 2, figsize=(10.4, 8.0), height_ratios=(1.6, 1), layout="constrained"
+    right = "expected" if plan.predicted_std else "."
+    figure, panels = plt.subplot_mosaic(
+        [["track", "indices"], ["angle", right], ["speed", right]],
+        figsize=(10.4, 9.0),
+        height_ratios=(1.7, 0.8, 0.8),
+        layout="constrained",
     )
+    track, indices, angle, speed = (panels[k] for k in ("track", "indices", "angle", "speed"))
     values = ", ".join(f"{name} {value:.3g}" for name, value in plan.operation.items())
-    figure.suptitle(f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}")
+    place = f", drive {plan.number} of {plan.drives}" if plan.drives > 1 else ""
+    figure.suptitle(f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}{place}")
     track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
     track.plot(plan.reference.x, plan.reference.y, color=REFERENCE, label="nominal trajectory")
     track.set(xlabel="x / m", ylabel="y / m")
@@ -54,7 +61,22 @@ def plot_plan(plan: Plan, path: Path) -> None:
     angle.set(xlabel="time / s", ylabel="steering motor angle / rad")
     speed.step(commands.time, commands.speed, where="post", color=REFERENCE)
     speed.set(xlabel="time / s", ylabel="speed set-point / (m/s)")
-    for axes in (track, indices, angle, speed):
+    if plan.predicted_std:
+        expected = panels["expected"]
+        left = [
+            math.sqrt(12.0) * std / (plan.unknown[name][1] - plan.unknown[name][0])
+            for name, std in plan.predicted_std.items()
+        ]
+        bars = expected.barh(range(len(left)), left, 0.6, color=REFERENCE)
+        expected.bar_label(bars, [f"{share:.0%}" for share in left], padding=3)
+        expected.set_yticks(range(len(left)), [n.replace("_", " ") for n in plan.predicted_std])
+        expected.invert_yaxis()
+        drives = "the drive" if plan.drives == 1 else f"{plan.drives} drives"
+        expected.set(
+            xlabel="expected standard deviation / that of the range", xlim=(0, 1.15),
+            title=f"not known after {drives} (criterion {plan.criterion})",
+        )  # fmt: skip
+    for axes in panels.values():
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
     plt.close(figure)
