@@ -1,0 +1,267 @@
+"""The least-squares problem of several drives, its minimisation and its noise.
+
+A variable vector (n,) holds the parameters in their ranges, then for each drive its nuisances in
+standard deviations of their priors.
+
+Everything that the minimisation needs of thousands of residuals r and their Jacobian J is the
+matrix [J r]ᵀ[J r] of size n + 1, which drives add to: its Cholesky factor is a Jacobian with n + 1
+residuals of the same cost, gradient and curvature. That small problem is what SciPy's trust region
+sees.
+"""
+
+import itertools
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from excitation_planner.box import sobol_sequence
+from parameter_identification.measured_drive import Sensor
+from parameter_identification.noise_model import (
+    NoiseLevel,
+    Residuals,
+    restricted_noise,
+    white_level,
+    whiten,
+)
+from parameter_identification.trajectory_model import DriveModel, Prediction
+from parameter_identification.whiteness import resolution
+
+Array = NDArray[np.float64]
+
+CANDIDATES = 64  # points of the Sobol' sequence that are looked at for starts
+HUBER = 2.5  # standard deviations from which samples lose weight under the robust loss
+MAX_EVALUATIONS = 40
+
+
+class Loss(Enum):
+    """What a residual costs."""
+
+    SQUARED = "squared"  # efficient for Gaussian noise
+    HUBER = "huber"  # linear beyond `HUBER` standard deviations: outliers pull no more than that
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A minimum.
+
+    Attributes
+    ----------
+    at : (n,) variables
+    cost : squared residuals over their variances, with the priors' part
+    """
+
+    at: Array
+    cost: float
+
+
+class Problem:
+    """Least squares over all drives.
+
+    Parameters
+    ----------
+    models : one per drive
+    mean, information : (k,) and (k, k) of the prior of the parameters in ranges
+    loss : of the residuals
+    """
+
+    def __init__(
+        self, models: Sequence[DriveModel], mean: Array, information: Array, loss: Loss
+    ) -> None:
+        self.models, self.mean, self.information = models, mean, information
+        self.k = len(mean)
+        self._robust = loss is Loss.HUBER
+        sizes = [len(model.nuisances) for model in models]
+        ends = self.k + np.cumsum([0, *sizes])
+        self.n = int(ends[-1])
+        self._at = [
+            np.concatenate([np.arange(self.k), np.arange(first, last)])
+            for first, last in itertools.pairwise(ends)
+        ]
+        self.floors = self._floors()
+        self.noise = {sensor: NoiseLevel(white) for sensor, white in self._white_levels().items()}
+        self._weights: list[dict[Sensor, Array]] = [
+            {sensor: np.ones(len(s.time)) for sensor, s in model.drive.signals.items()}
+            for model in models
+        ]
+        self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+
+    def _floors(self) -> dict[Sensor, float]:
+        """Noise that rounding makes, at least, by sensor."""
+        floors: dict[Sensor, float] = {}
+        for model in self.models:
+            for sensor, signal in model.drive.signals.items():
+                step = max(resolution(column) for column in signal.values.T)
+                tiny = 1e-9 * (1.0 + float(np.ptp(signal.values)))
+                floors[sensor] = max(floors.get(sensor, 0.0), step / math.sqrt(12.0), tiny)
+        return floors
+
+    def _white_levels(self) -> dict[Sensor, float]:
+        levels = dict(self.floors)
+        for model in self.models:
+            for sensor, signal in model.drive.signals.items():
+                levels[sensor] = max(levels[sensor], white_level(signal.time, signal.values))
+        return levels
+
+    def predictions(self, v: Array) -> list[list[Prediction]]:
+        """Predictions of each drive at variables (n,)."""
+
+        def predict(pair: tuple[DriveModel, NDArray[np.int64]]) -> list[Prediction]:
+            model, at = pair
+            return model.predict(v[: self.k], v[at[self.k :]])
+
+        return list(self._pool.map(predict, zip(self.models, self._at, strict=True)))
+
+    def gram(self, v: Array) -> Array:
+        """[J r]ᵀ[J r], whitened and with the priors, (n + 1, n + 1)."""
+        total = self._prior_gram(v)
+        for predictions, weights, at in zip(
+            self.predictions(v), self._weights, self._at, strict=True
+        ):
+            total += self._signals_gram(predictions, weights, at, self.noise)
+        return total
+
+    def _prior_gram(self, v: Array) -> Array:
+        k, gram = self.k, np.zeros((self.n + 1, self.n + 1))
+        deviation = v[:k] - self.mean
+        pull = self.information @ deviation
+        gram[:k, :k] = self.information
+        gram[:k, -1] = gram[-1, :k] = pull
+        nuisances = v[k:]
+        gram[range(k, self.n), range(k, self.n)] = 1.0
+        gram[k:-1, -1] = gram[-1, k:-1] = nuisances
+        gram[-1, -1] = deviation @ pull + nuisances @ nuisances
+        return gram
+
+    def _signals_gram(
+        self,
+        predictions: Sequence[Prediction],
+        weights: dict[Sensor, Array],
+        at: NDArray[np.int64],
+        noise: dict[Sensor, NoiseLevel],
+    ) -> Array:
+        gram = np.zeros((self.n + 1, self.n + 1))
+        place = np.append(at, self.n)
+        for p in predictions:
+            if p.sensor in noise:
+                for channel in range(p.residual.shape[1]):
+                    columns, _ = whiten(
+                        _columns(p, channel), p.time, noise[p.sensor], weights[p.sensor]
+                    )
+                    gram[np.ix_(place, place)] += columns.T @ columns
+        return gram
+
+    def candidates(self, count: int, seed: int) -> list[Array]:
+        """Variables (n,) to start from: the best of a Sobol' sequence and the prior's mean."""
+        Z = np.vstack([self.mean, sobol_sequence(CANDIDATES - 1, self.k, seed=seed)])
+        white = {sensor: level.white for sensor, level in self.noise.items()}
+        misfit = sum((model.misfits(Z, white) for model in self.models), np.zeros(len(Z)))
+        best = Z[np.argsort(misfit)[:count]]
+        return [np.concatenate([z, np.zeros(self.n - self.k)]) for z in best]
+
+    def minimise(self, start: Array, free: NDArray[np.bool_] | None = None) -> Fit:
+        """Minimum from a start, within the ranges.
+
+        Parameters
+        ----------
+        start : (n,) variables
+        free : (n,) which of them may change; default: all
+        """
+        free = np.ones(self.n, dtype=bool) if free is None else free
+        kept = np.append(np.flatnonzero(free), self.n)
+        last: tuple[bytes, Array] = (b"", np.empty(0))
+
+        def factor(x: Array) -> Array:
+            nonlocal last
+            if x.tobytes() != last[0]:
+                v = start.copy()
+                v[free] = x
+                gram = self.gram(v)[np.ix_(kept, kept)]
+                gram[-1, -1] *= 1.0 + 1e-12  # a perfect fit leaves no residual at all
+                last = (x.tobytes(), np.linalg.cholesky(gram + 1e-300).T)
+            return last[1]
+
+        low = np.where(np.arange(self.n) < self.k, 0.0, -np.inf)[free]
+        high = np.where(np.arange(self.n) < self.k, 1.0, np.inf)[free]
+        found = least_squares(
+            lambda x: factor(x)[:, -1],
+            np.clip(start[free], low, high),
+            jac=lambda x: factor(x)[:, :-1],
+            bounds=(low, high),
+            method="dogbox",
+            xtol=1e-6,
+            ftol=1e-7,
+            max_nfev=MAX_EVALUATIONS,
+        )
+        at = start.copy()
+        at[free] = found.x
+        return Fit(at, 2.0 * float(found.cost))
+
+    def estimate_noise(self, v: Array) -> None:
+        """Set the noise of each sensor, and the weights of the robust loss, from the residuals."""
+        predictions = self.predictions(v)
+        if self._robust:
+            self._weigh(predictions)
+        grams = {
+            sensor: sum(
+                (
+                    self._signals_gram(p, w, at, {sensor: level})
+                    for p, w, at in zip(predictions, self._weights, self._at, strict=True)
+                ),
+                np.zeros((self.n + 1, self.n + 1)),
+            )
+            for sensor, level in self.noise.items()
+        }
+        whole = sum(grams.values(), self._prior_gram(v))
+
+        def estimate(sensor: Sensor) -> NoiseLevel:
+            channels = [
+                Residuals(p.time, _columns(p, channel), np.append(at, self.n), w[sensor])
+                for found, w, at in zip(predictions, self._weights, self._at, strict=True)
+                for p in found
+                if p.sensor is sensor
+                for channel in range(p.residual.shape[1])
+            ]
+            rest = whole - grams[sensor]
+            return restricted_noise(channels, rest, self.noise[sensor], floor=self.floors[sensor])
+
+        self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
+
+    def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
+        """Weights of Huber's loss, from innovations with the present noise."""
+        for found, weights in zip(predictions, self._weights, strict=True):
+            for p in found:
+                innovations, _ = whiten(p.residual, p.time, self.noise[p.sensor])
+                size = np.abs(innovations).max(axis=1)
+                weights[p.sensor] = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
+
+    def outliers(self, predictions: Sequence[Sequence[Prediction]], limit: float) -> int:
+        """Number of samples with an innovation beyond so many standard deviations."""
+        return sum(
+            int(
+                np.count_nonzero(
+                    np.abs(whiten(p.residual, p.time, self.noise[p.sensor])[0]) > limit
+                )
+            )
+            for found in predictions
+            for p in found
+        )
+
+    def weights(self, drive: int) -> dict[Sensor, Array]:
+        """Weights (m,) of the samples of a drive, by sensor."""
+        return self._weights[drive]
+
+    def close(self) -> None:
+        """End the threads."""
+        self._pool.shutdown()
+
+
+def _columns(p: Prediction, channel: int) -> Array:
+    """Jacobian and residual of one channel, (m, k + q + 1)."""
+    return np.column_stack([p.jacobian[:, channel], p.residual[:, channel]])

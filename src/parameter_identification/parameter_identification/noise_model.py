@@ -1,0 +1,179 @@
+"""Noise of a sensor: a white part and an exponentially correlated one, estimated from residuals.
+
+The covariance of samples at times t is σ² I + δ² exp(-|Δt| / T). Its inverse square root is applied
+by a Kalman filter with the drift as its state (one pass over the samples, any spacing), so that
+generalised least squares costs no more than ordinary. The three numbers are those of the largest
+restricted likelihood (REML: Patterson and Thompson, Biometrika 58, 1971), which knows that fitted
+parameters have taken their part of the noise away.
+
+Letters of shapes: `m` samples, `c` columns.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+
+from tricycle_sim.compilation import compiled
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Noise of a sensor.
+
+    Attributes
+    ----------
+    white : σ, standard deviation of the white part, in the sensor's unit
+    drift : δ, of the correlated part; 0: none
+    drift_time : T, its correlation time, s
+    """
+
+    white: float
+    drift: float = 0.0
+    drift_time: float = 1.0
+
+
+@compiled
+def _whiten(
+    columns: Array,
+    time: Array,
+    weights: Array,
+    white: float,
+    drift: float,
+    drift_time: float,
+    out: Array,
+) -> float:
+    """Write whitened columns (m, c) to `out`; return the log-determinant of the covariance."""
+    m, c = columns.shape
+    state = np.zeros(c)
+    variance = drift * drift
+    log_determinant = 0.0
+    for k in range(m):
+        if k > 0 and drift > 0.0:
+            a = math.exp(-(time[k] - time[k - 1]) / drift_time)
+            variance = a * a * variance + (1.0 - a * a) * drift * drift
+            for j in range(c):
+                state[j] *= a
+        total = variance + white * white / weights[k]
+        gain = variance / total
+        scale = 1.0 / math.sqrt(total)
+        log_determinant += math.log(total)
+        for j in range(c):
+            innovation = columns[k, j] - state[j]
+            out[k, j] = innovation * scale
+            state[j] += gain * innovation
+        variance *= 1.0 - gain
+    return log_determinant
+
+
+def whiten(
+    columns: Array, time: Array, noise: NoiseLevel, weights: Array | None = None
+) -> tuple[Array, float]:
+    """Make the noise of columns white and of unit variance.
+
+    Parameters
+    ----------
+    columns : (m, c), each with noise of that covariance, or a derivative of such a column
+    time : (m,) s, increasing
+    weights : (m,) of the samples; the white variance is divided by them. Default 1
+
+    Returns
+    -------
+    columns : (m, c)
+    log_determinant : of the covariance
+    """
+    out = np.empty(columns.shape)
+    weights = np.ones(len(time)) if weights is None else weights
+    log_determinant = _whiten(
+        np.ascontiguousarray(columns),
+        time,
+        weights,
+        noise.white,
+        noise.drift,
+        noise.drift_time,
+        out,
+    )
+    return out, float(log_determinant)
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of one channel with their derivatives, as the noise estimate needs them.
+
+    Attributes
+    ----------
+    time : (m,) s
+    columns : (m, c + 1) Jacobian by the variables `at`, then the residual
+    at : (c,) place of the variables among all
+    weights : (m,) of the samples
+    """
+
+    time: Array
+    columns: Array
+    at: NDArray[np.int64]
+    weights: Array
+
+
+def white_level(time: Array, values: Array) -> float:
+    """Standard deviation of the white part of a smooth signal (m, c).
+
+    Third differences of white noise of variance σ² have variance 20 σ²; their median absolute value
+    leaves outliers aside.
+    """
+    differences = np.diff(values, 3, axis=0)
+    spacing = np.diff(time)
+    even = np.abs(spacing / np.median(spacing) - 1.0) < 0.5
+    usable = even[:-2] & even[1:-1] & even[2:]
+    if not usable.any():
+        return 0.0
+    return float(np.median(np.abs(differences[usable])) / 0.6745 / math.sqrt(20.0))
+
+
+def restricted_noise(
+    channels: Sequence[Residuals],
+    others: Array,
+    start: NoiseLevel,
+    *,
+    floor: float,
+) -> NoiseLevel:
+    """Noise of the largest restricted likelihood.
+
+    Parameters
+    ----------
+    channels : all residuals of the sensor, at the present estimate
+    others : (n + 1, n + 1) what the other sensors and the priors add to [J r]ᵀ[J r], whitened
+    start : where to begin
+    floor : least white level
+    """
+    span = max(float(np.ptp(channel.time)) for channel in channels)
+    step = min(float(np.median(np.diff(channel.time))) for channel in channels)
+
+    def criterion(theta: Array) -> float:
+        white, drift, drift_time = np.exp(theta)
+        noise = NoiseLevel(white, drift, drift_time)
+        gram, log_determinant = others.copy(), 0.0
+        for channel in channels:
+            whitened, part = whiten(channel.columns, channel.time, noise, channel.weights)
+            log_determinant += part
+            gram[np.ix_(channel.at, channel.at)] += whitened.T @ whitened
+        information, gradient = gram[:-1, :-1], gram[:-1, -1]
+        factor = np.linalg.cholesky(information)
+        reduced = np.linalg.solve(factor, gradient)
+        misfit = gram[-1, -1] - reduced @ reduced
+        return float(0.5 * (log_determinant + misfit) + np.log(np.diag(factor)).sum())
+
+    low = np.log([floor, 1e-3 * start.white, 2.0 * step])
+    high = np.log([1e3 * start.white + floor, 1e3 * start.white + floor, 2.0 * span])
+    drift = start.drift or 0.3 * start.white
+    begin = np.clip(np.log([start.white, drift, start.drift_time]), low, high)
+    found = minimize(
+        criterion, begin, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
+        options={"maxiter": 25, "ftol": 1e-9},
+    )  # fmt: skip
+    white, drift, drift_time = (float(v) for v in np.exp(found.x))
+    return NoiseLevel(white, drift, drift_time)

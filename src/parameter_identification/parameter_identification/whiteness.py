@@ -1,0 +1,87 @@
+"""Are residuals white? The test of Ljung and Box (Biometrika 65, 1978).
+
+Residuals that are correlated in time say that something is missing: an effect that the model lacks,
+or a sensor that drifts. One drive cannot tell which.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+Array = NDArray[np.float64]
+
+LONGEST_LAG = 1.0  # s
+SIGNIFICANCE = 0.01  # of all channels together: the smallest p value is multiplied by their number
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """Verdict on the residuals of one channel of one drive.
+
+    Attributes
+    ----------
+    drive, channel : which
+    rms : of the residuals, in the channel's unit
+    correlation : from one sample to the next
+    statistic, lags : Q of Ljung and Box, and the number of lags in it
+    p : probability of a Q this large if the residuals were white; NaN where the residuals are no
+        larger than the steps of the sensor's values, which are never white
+    """
+
+    drive: str
+    channel: str
+    rms: float
+    correlation: float
+    statistic: float
+    lags: int
+    p: float
+
+
+def ljung_box(residuals: Array, lags: int) -> tuple[float, float]:
+    """Statistic and p value of residuals (m,) for lags 1 to `lags`."""
+    m = len(residuals)
+    size = 1 << (2 * m - 1).bit_length()  # zero padding: no wrap-around
+    spectrum = np.fft.rfft(residuals - residuals.mean(), size)
+    covariance = np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
+    rho = covariance[1:] / covariance[0]
+    statistic = float(m * (m + 2) * np.sum(rho**2 / (m - np.arange(1, lags + 1))))
+    return statistic, float(chi2.sf(statistic, lags))
+
+
+def whiteness(
+    drive: str, channel: str, time: Array, measured: Array, residuals: Array
+) -> Whiteness:
+    """Test one channel.
+
+    Parameters
+    ----------
+    drive, channel : names
+    time : (m,) s
+    measured, residuals : (m,)
+    """
+    rms = float(np.sqrt(np.mean(residuals**2)))
+    m = len(time)
+    lags = max(1, min(round(LONGEST_LAG / float(np.median(np.diff(time)))), m // 5))
+    centred = residuals - residuals.mean()
+    power = float(centred @ centred)
+    if rms <= resolution(measured) or power == 0.0:
+        return Whiteness(drive, channel, rms, float("nan"), float("nan"), lags, float("nan"))
+    statistic, p = ljung_box(residuals, lags)
+    correlation = float(centred[1:] @ centred[:-1]) / power
+    return Whiteness(drive, channel, rms, correlation, statistic, lags, p)
+
+
+def resolution(values: Array) -> float:
+    """Smallest step between values (m,) that repeat; 0 if hardly any repeat."""
+    levels = np.unique(np.round(values, 12))
+    if len(levels) < 2 or len(levels) > 0.8 * len(values):
+        return 0.0
+    return float(np.min(np.diff(levels)))
+
+
+def all_white(tests: tuple[Whiteness, ...]) -> bool:
+    """Whether no channel contradicts, at `SIGNIFICANCE` for all of them together (Bonferroni)."""
+    p = [test.p for test in tests if np.isfinite(test.p)]
+    return not p or min(p) * len(p) >= SIGNIFICANCE
