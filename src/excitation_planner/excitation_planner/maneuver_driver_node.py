@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.playback import JOINTS, Playback, PlaybackState, Pose, Schedule
-from tricycle_bridge.run_node import run_node
+from tricycle_bridge.run_node import overridable, run_node
 
 PERIOD = 0.01  # s
 STATE_EVERY = 0.5  # s between repeated state messages while running
@@ -62,11 +62,16 @@ class ManeuverDriver(Node):
         self._playback = Playback(max_deviation=deviation, odom_timeout=timeout)
         self._plan_id = ""
         self._said: tuple[object, ...] = ()  # what the last maneuver/state said
-        self._joints = self.create_publisher(JointState, "joint_commands", 10)
-        self._state = self.create_publisher(DiagnosticStatus, "maneuver/state", LATCHED)
-        self.create_subscription(JointTrajectory, "maneuver/commands", self._on_commands, LATCHED)
-        self.create_subscription(Path, "maneuver/path", self._on_path, LATCHED)
-        self.create_subscription(Odometry, "odom", self._on_odom, qos_profile_sensor_data)
+        self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
+        self._state = self.create_publisher(
+            DiagnosticStatus, "maneuver/state", **overridable(LATCHED)
+        )
+        for kind, topic, callback, qos in (
+            (JointTrajectory, "maneuver/commands", self._on_commands, LATCHED),
+            (Path, "maneuver/path", self._on_path, LATCHED),
+            (Odometry, "odom", self._on_odom, qos_profile_sensor_data),
+        ):
+            self.create_subscription(kind, topic, callback, **overridable(qos))
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/abort", self._on_abort)
         if self.get_parameter("use_sim_time").value:

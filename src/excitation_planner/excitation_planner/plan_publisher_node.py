@@ -1,6 +1,7 @@
 """Publishes a plan on the latched `maneuver/*` topics; part of every node that hands out plans."""
 
 import math
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -11,6 +12,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from excitation_planner.plan import Plan
 from excitation_planner.playback import JOINTS
+from tricycle_bridge.run_node import overridable
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FRAME = "odom"
@@ -33,9 +35,12 @@ class PlanPublisher:
     """
 
     def __init__(self, node: Node) -> None:
-        self._path = node.create_publisher(Path, "maneuver/path", LATCHED)
-        self._reference = node.create_publisher(Path, "maneuver/reference", LATCHED)
-        self._commands = node.create_publisher(JointTrajectory, "maneuver/commands", LATCHED)
+        def publisher(kind: type, topic: str) -> Any:
+            return node.create_publisher(kind, topic, **overridable(LATCHED))
+
+        self._path = publisher(Path, "maneuver/path")
+        self._reference = publisher(Path, "maneuver/reference")
+        self._commands = publisher(JointTrajectory, "maneuver/commands")
 
     def publish(self, plan: Plan) -> None:
         """Publish path and reference, then the commands that make them current."""

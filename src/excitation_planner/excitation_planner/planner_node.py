@@ -14,31 +14,45 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from excitation_planner.criteria import Criterion
 from excitation_planner.errors import DesignError
 from excitation_planner.maneuver import PlanError, family_by_name, family_names
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher_node import PlanPublisher
 from excitation_planner.planning import PlanRequest, plan_maneuver
-from tricycle_bridge.run_node import run_node
+from tricycle_bridge.run_node import overridable, run_node
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, VehicleError, load_vehicle
 
 POLL = 0.2  # s between looks at the planning process
 DIAGNOSTICS_PERIOD = 1.0  # s
-PLAN_PARAMETERS = ("vehicle_file", "maneuver", "target", "samples", "budget", "seed", "noise_std")
+NOISES = {
+    "noise_std": "m, of the measured position per axis",
+    "yaw_rate_std": "rad/s, of a yaw-rate gyro; 0: there is none",
+    "drift_std": "m, of a slow drift of the position",
+    "start_position_std": "m, of the start position per axis",
+    "start_heading_std": "rad, of the start heading",
+}
+PLAN_PARAMETERS = (
+    *("vehicle_file", "maneuver", "target", "criterion", "samples", "budget", "seed"),
+    *NOISES,
+)
 Settings = dict[str, Any]  # parameter name -> value, as declared below
 
 
 def _request(settings: Settings) -> PlanRequest:
     """The request that the parameters describe; raises PlanError or VehicleError."""
     file = settings["vehicle_file"]
+    if settings["criterion"] not in set(Criterion):
+        raise PlanError(f"criterion {settings['criterion']!r}; one of: {', '.join(Criterion)}")
     return PlanRequest(
         vehicle=load_vehicle(Path(file) if file else None),
         family=family_by_name(settings["maneuver"]),
         target=settings["target"],
+        criterion=Criterion(settings["criterion"]),
         samples=settings["samples"],
         budget=settings["budget"],
         seed=settings["seed"],
-        noise_std=settings["noise_std"],
+        **{name: settings[name] for name in NOISES},
     )
 
 
@@ -67,10 +81,12 @@ class ExcitationPlanner(Node):
         declare("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
         declare("maneuver", "circle", f"family: {', '.join(family_names())}")
         declare("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
-        declare("samples", 100, "simulations per maneuver")
+        declare("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
+        declare("samples", 100, "for criterion h: simulations per maneuver")
         declare("budget", 12_000, "largest number of simulations")
         declare("seed", 0, "same seed, same plan")
-        declare("noise_std", 0.01, "m, of the measured position per axis")
+        for name, description in NOISES.items():
+            declare(name, getattr(PlanRequest, name), description)
         declare("plan_file", "plan.json", "the newest plan: published when it exists or is made")
         self._plans = PlanPublisher(self)
         self._plan: Plan | None = None
@@ -78,7 +94,9 @@ class ExcitationPlanner(Node):
         self._connection: Connection | None = None
         self._progress = (0, 0)
         self._problem = ""
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, "/diagnostics", **overridable(10)
+        )
         self.create_service(Trigger, "~/plan", self._on_plan)
         self.create_service(Trigger, "~/cancel", self._on_cancel)
         self.add_post_set_parameters_callback(self._on_parameters)
@@ -192,7 +210,8 @@ class ExcitationPlanner(Node):
             values |= {"plan_id": plan.id, "vehicle_hash": plan.vehicle_hash}
             values |= {f"S {name}": f"{index.value:.4f}" for name, index in plan.main.items()}
             values |= {f"ST {name}": f"{index.value:.4f}" for name, index in plan.total.items()}
-            values["H"] = f"{plan.cost:.4f}"
+            values |= {"H": f"{plan.cost:.4f}", "criterion": plan.criterion.value}
+            values |= {f"std {name}": f"{std:.4g}" for name, std in plan.predicted_std.items()}
         status.values = [KeyValue(key=key, value=value) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()

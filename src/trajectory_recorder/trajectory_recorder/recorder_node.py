@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter, Compression
 from trajectory_recorder.topics import BagError, OfferedQos, Topic, message_class
-from tricycle_bridge.run_node import run_node
+from tricycle_bridge.run_node import overridable, run_node
 
 DISCOVERY_PERIOD = 0.1  # s
 FLUSH_PERIOD = 0.5  # s; a killed recorder loses what came since the last flush
@@ -120,7 +120,9 @@ class TrajectoryRecorder(Node):
         self._bag: BagWriter | None = None
         self._failure = ""  # why the last recording ended by itself
         self._reported = (time.monotonic(), 0, 0)  # s, messages, bytes
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, "/diagnostics", **overridable(10)
+        )
         self.create_service(Trigger, "~/start", partial(self._serve, self.start))
         self.create_service(Trigger, "~/stop", partial(self._serve, self.stop))
         wall = Clock(clock_type=ClockType.STEADY_TIME)  # a stopped /clock stops no flush

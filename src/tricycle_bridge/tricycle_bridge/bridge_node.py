@@ -18,7 +18,6 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
@@ -42,7 +41,7 @@ from tricycle_bridge.messages import (
     DriveState,
     LinkError,
 )
-from tricycle_bridge.run_node import run_node
+from tricycle_bridge.run_node import overridable, run_node
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 
 POLL_PERIOD = 0.05  # s, wall time; what is due while neither PLC nor commander says anything
@@ -65,13 +64,18 @@ class BridgeNode(LifecycleNode):
         self._twist_angle = 0.0  # rad, of the last cmd_vel that moved
 
         # Default event handlers would double what the executor waits for, and so the CPU it takes.
-        silent = {"event_callbacks": PublisherEventCallbacks(use_default_callbacks=False)}
-        self._joint_states = self.create_publisher(JointState, "joint_states", 10, **silent)
-        self._battery_state = self.create_publisher(BatteryState, "battery_state", 10, **silent)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10, **silent)
-        newest = QoSProfile(depth=1)  # an older set-point is of no use
-        self.create_subscription(JointState, "joint_commands", self._on_joint_commands, newest)
-        self.create_subscription(TwistStamped, "cmd_vel", self._on_cmd_vel, newest)
+        def publisher(kind: type, topic: str) -> Any:
+            silent = PublisherEventCallbacks(use_default_callbacks=False)
+            return self.create_publisher(kind, topic, **overridable(10), event_callbacks=silent)
+
+        self._joint_states = publisher(JointState, "joint_states")
+        self._battery_state = publisher(BatteryState, "battery_state")
+        self._diagnostics = publisher(DiagnosticArray, "/diagnostics")
+        # the newest only: an older set-point is of no use
+        self.create_subscription(
+            JointState, "joint_commands", self._on_joint_commands, **overridable(1)
+        )
+        self.create_subscription(TwistStamped, "cmd_vel", self._on_cmd_vel, **overridable(1))
         # Its answer awaits the boards, so it must not hold up the node's other callbacks.
         waiting = ReentrantCallbackGroup()
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)

@@ -1,12 +1,17 @@
-"""Runs one rclpy node as a process: quick, silent shutdown and one line for a user's mistake."""
+"""What all nodes share: how one runs as a process, and how its topics' QoS is overridden.
+
+A node ends quickly and silently, with one line for a user's mistake.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import copy
 import signal
 import sys
 from collections.abc import Callable
 from types import FrameType
+from typing import Any
 
 import rclpy
 import rclpy.logging
@@ -17,15 +22,34 @@ from rclpy.exceptions import (
 )
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 
 _MISTAKES = (
     ValueError,
     OSError,
+    RuntimeError,  # a quality of service that does not exist
     ParameterException,
     InvalidParameterTypeException,
     InvalidParameterValueException,
 )
+
+
+def overridable(qos: QoSProfile | int) -> dict[str, Any]:
+    """Arguments of a publisher or subscription whose quality of service a user can override.
+
+    History, depth and reliability become read-only parameters, named for example
+    `qos_overrides./odom.subscription.depth`.
+
+    Parameters
+    ----------
+    qos
+        What it is unless overridden, or its depth; left as it is, where rclpy would change it.
+    """
+    profile = QoSProfile(depth=qos) if isinstance(qos, int) else copy.copy(qos)
+    options = QoSOverridingOptions.with_default_policies()
+    return {"qos_profile": profile, "qos_overriding_options": options}
 
 
 def run_node(factory: Callable[[], Node]) -> None:

@@ -18,7 +18,7 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from tricycle_bridge.messages import TICK, Board
-from tricycle_bridge.run_node import run_node
+from tricycle_bridge.run_node import overridable, run_node
 from tricycle_sim.firmware_simulator import FirmwareSimulator
 from tricycle_sim.live import LiveState
 from tricycle_sim.pty_port import PtyPort
@@ -76,10 +76,10 @@ class TricycleSim(Node):
             raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
         self._rng = np.random.default_rng(noise_seed)
         self._ports = {board: PtyPort(path) for board, path in ports.items()}
-        self._clock = self.create_publisher(Clock, "/clock", CLOCK_QOS)
-        self._odom = self.create_publisher(Odometry, "odom", SENSOR_QOS)
-        self._truth = self.create_publisher(Odometry, "ground_truth", SENSOR_QOS)
-        self._imu = self.create_publisher(Imu, "imu", SENSOR_QOS)
+        self._clock = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
+        self._odom = self.create_publisher(Odometry, "odom", **overridable(SENSOR_QOS))
+        self._truth = self.create_publisher(Odometry, "ground_truth", **overridable(SENSOR_QOS))
+        self._imu = self.create_publisher(Imu, "imu", **overridable(SENSOR_QOS))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._heard = -math.inf  # wall time of the host's last accepted command
         self._in_step = False  # the host answered the last tick
