@@ -85,7 +85,7 @@ def start(ros_environment, tmp_path):
 
 def test_planner_answers_at_once_plans_publishes_and_remembers(observer, start, tmp_path):
     diagnostics = observer.newest(DiagnosticArray, "/diagnostics")
-    small = {"samples": 20, "budget": 1000, "plan_file": "plan.json"}
+    small = {"criterion": "c", "samples": 20, "budget": 2500, "plan_file": "plan.json"}
     first = start("excitation_planner", **small)
     asked = time.monotonic()
     answer = observer.call("excitation_planner/plan")
@@ -101,6 +101,9 @@ def test_planner_answers_at_once_plans_publishes_and_remembers(observer, start, 
         lambda: diagnostics and "H" in {v.key for v in diagnostics[0].status[0].values},
         "indices in the diagnostics",
     )
+    values = {v.key: v.value for v in diagnostics[0].status[0].values}
+    assert values["criterion"] == "c"
+    assert 0.0 < float(values["std cornering_stiffness"]) < 1000.0 / 12.0**0.5
     first.send_signal(signal.SIGINT)
     first.wait(20)
     plan_id = commands[0].header.frame_id
@@ -117,6 +120,12 @@ def test_planner_refuses_an_unknown_target_and_can_be_cancelled(observer, start)
     assert not answer.success
     assert "unknown target 'mass'" in answer.message
     assert observer.call("excitation_planner/cancel").message == "nothing is being planned"
+
+
+def test_planner_refuses_an_unknown_criterion(observer, start):
+    start("excitation_planner", criterion="e", plan_file="a.json")
+    answer = observer.call("excitation_planner/plan")
+    assert (answer.success, answer.message) == (False, "criterion 'e'; one of: h, c, d, a")
 
 
 def test_a_planning_under_way_is_cancelled(observer, start, tmp_path):
