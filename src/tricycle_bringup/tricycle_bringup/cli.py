@@ -13,6 +13,7 @@ from parameter_identification.judge import JudgeError
 from trajectory_recorder.bag_reader import BagError
 from tricycle_bridge.messages import LinkError
 from tricycle_bringup.processes import NodeError
+from tricycle_bringup.report_data import ReportError
 from tricycle_sim.commands import CommandsError
 from tricycle_sim.vehicle import VehicleError
 
@@ -24,6 +25,7 @@ COMMANDS = (
     "record",
     "replay",
     "judge",
+    "report",
     "bag",
     "vehicle",
     "plc",
@@ -31,7 +33,7 @@ COMMANDS = (
 
 USER_ERRORS = (
     *(BagError, CommandsError, DesignError, JudgeError, LinkError, NodeError, PlanError),
-    *(VehicleError, OSError),
+    *(ReportError, VehicleError, OSError),
 )
 
 
