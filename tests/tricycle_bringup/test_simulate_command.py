@@ -92,6 +92,13 @@ def test_infeasible_drives_are_reported_not_hidden(tmp_path, capsys):
     result = json.loads(capsys.readouterr().out)
     assert result["feasible"] == 0
     assert result["reasons"][0]["reason"].startswith("steering saturated at 3.00 s")
+    least, used = result["least_load"]["left"], result["friction_used"]
+    table = read(tmp_path / "o.csv")
+    assert least["value"] == pytest.approx(table["load_left"].min())
+    assert least["x"] == pytest.approx(table["x"][round(least["time"] * 100)])
+    assert 0.0 < used["value"] <= 1.0
+    assert used["time"] >= 3.0
+    assert result["motor_saturated"] is None
 
 
 def test_vehicle_check_warns_about_the_papers_inertia(capsys):
@@ -105,8 +112,10 @@ def test_vehicle_check_warns_about_the_papers_inertia(capsys):
     ("arguments", "error", "message"),
     [
         (["--set", "wings=2"], VehicleError, "wings: is no constant"),
-        (["--set", "mass"], VehicleError, "--set mass: needs name=number"),
-        (["--set", "mass=heavy"], VehicleError, "--set mass=heavy: needs name=number"),
+        (["--set", "mass"], PlanError, "'mass': want name=number"),
+        (["--set", "mass=heavy"], PlanError, "'mass=heavy': want name=number"),
+        (["--set", "mass=40", "mass=50"], PlanError, "mass is given twice"),
+        (["--samples", "1000000"], CommandsError, "401000000 rows are more than"),
         (["--vehicle", "absent.yaml"], FileNotFoundError, "absent.yaml"),
         (["--vehicle", __file__], VehicleError, "is not valid YAML"),
     ],
@@ -125,7 +134,22 @@ def test_bad_commands_and_maneuvers_get_one_line(tmp_path):
         call("simulate", "--maneuver", "circle", "size=3", "--output", tmp_path / "o.csv")
 
 
-@pytest.mark.parametrize("option", [["--output", "o.xls"], ["--output", "o.csv", "--samples", "0"]])
+def test_the_commands_are_not_overwritten(commands):
+    before = commands.read_bytes()
+    with pytest.raises(CommandsError, match="would overwrite the commands"):
+        call("simulate", "--commands", commands, "--output", commands)
+    assert commands.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ["--output", "o.xls"],
+        ["--output", "o.csv", "--samples", "0"],
+        ["--output", "o.csv", "--seed", "-1"],
+        ["--output", "o.csv", "--plot", "o.xls"],
+    ],
+)
 def test_bad_options_exit_with_2(commands, option, capsys):
     with pytest.raises(SystemExit) as caught:
         call("simulate", "--commands", commands, *option)

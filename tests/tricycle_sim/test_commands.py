@@ -14,7 +14,7 @@ HEADER = "time,steering_motor_angle,speed\n"
 
 
 @given(
-    steps=st.lists(st.floats(1e-3, 10.0), min_size=1, max_size=20),
+    steps=st.lists(st.floats(0.01, 10.0), min_size=1, max_size=20),
     angle=st.floats(-MAX_STEERING_ANGLE, MAX_STEERING_ANGLE),
     speed=st.floats(-MAX_SPEED, MAX_SPEED),
 )
@@ -66,6 +66,8 @@ def test_commands_keep_no_door_to_their_arrays_open():
         (HEADER + "0,0,0\n0,0,0\n", "row 2: time: 0 s does not come after 0 s"),
         (HEADER + "0,0,0\n1,0.79,0\n", "row 2: steering_motor_angle: 0.79 rad is beyond"),
         (HEADER + "0,0,0\n1,0,-4.9\n", "row 2: speed: -4.9 m/s is beyond the PLC's limit of 4.8"),
+        (HEADER + "0,0,0\n0.005,0,0\n", "row 2: time: the drive ends after 0.005 s; needs 0.01 s"),
+        (HEADER + "0,0,0\n1e9,0,0\n", "row 2: time: the drive ends after 1e+09 s"),
     ],
 )
 def test_bad_files_get_one_line_naming_row_and_column(tmp_path, text, message):

@@ -85,6 +85,17 @@ def test_other_suffixes_are_refused(tmp_path):
         save_trajectory(simulate(VEHICLE, COMMANDS), tmp_path / "t.xls", vehicle=VEHICLE)
 
 
+def test_a_failure_leaves_nothing_behind(tmp_path, monkeypatch):
+    def fill_the_disk(*_arguments, **_options):
+        (tmp_path / ".new-t.csv").write_text("half", encoding="utf-8")
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr(np, "savetxt", fill_the_disk)
+    with pytest.raises(OSError, match="No space left"):
+        save_trajectory(simulate(VEHICLE, COMMANDS), tmp_path / "t.csv", vehicle=VEHICLE)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_the_picture_is_one(tmp_path):
     plot_trajectory(simulate(VEHICLE, COMMANDS, PARAMETERS), tmp_path / "t.png")
     assert (tmp_path / "t.png").read_bytes().startswith(b"\x89PNG")

@@ -8,9 +8,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tricycle_bridge.messages import MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_bridge.messages import MAX_SPEED, MAX_STEERING_ANGLE, TICK
 
 COLUMNS = ("time", "steering_motor_angle", "speed")
+LONGEST = 86_400.0  # s; times beyond a day are taken for another unit or clock
 
 
 class CommandsError(ValueError):
@@ -24,7 +25,8 @@ class Commands:
     Parameters
     ----------
     time : shape (c,)
-        Seconds from the start: starts at 0, strictly increasing.
+        Seconds from the start: starts at 0, strictly increasing, ends after a tick of 10 ms or more
+        and a day or less.
     steering_motor_angle : shape (c,)
         Target of the steering motor [rad], left positive.
     speed : shape (c,)
@@ -134,3 +136,8 @@ def _check(commands: Commands) -> None:
             raise CommandsError(
                 f"{where}: time: {time:g} s does not come after {commands.time[index - 1]:g} s"
             )
+    if not TICK <= commands.duration <= LONGEST:
+        raise CommandsError(
+            f"row {len(commands.time)}: time: the drive ends after {commands.duration:g} s; needs "
+            f"{TICK:g} s to {LONGEST:g} s"
+        )

@@ -5,6 +5,8 @@ samples, further columns say which one and with which parameters.
 """
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from tricycle_sim.simulation import Trajectory
 from tricycle_sim.vehicle import Vehicle
 
 SUFFIXES = (".csv", ".parquet", ".mcap")
+PICTURES = (".png", ".pdf", ".svg", ".jpg")
 
 
 def save_trajectory(
@@ -30,7 +33,7 @@ def save_trajectory(
     ----------
     trajectory : Trajectory
     path : Path
-        Ends in one of `SUFFIXES`; its folder is created.
+        Ends in one of `SUFFIXES`; its folder is created. It appears when it is complete.
     vehicle : Vehicle
         Names the parameters.
     parameters : shape (n, k), optional
@@ -41,18 +44,30 @@ def save_trajectory(
     ValueError
         If the suffix is another.
     """
+    if path.suffix not in SUFFIXES:
+        raise ValueError(f"{path}: needs to end in one of {', '.join(SUFFIXES)}")
     columns = _rows(trajectory, vehicle, parameters)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    match path.suffix:
-        case ".csv":
-            _save_csv(columns, path)
-        case ".parquet":
-            _save_parquet(columns, path)
-        case ".mcap":
-            _save_mcap(columns, path, samples=len(trajectory.x))
-        case _:
-            raise ValueError(f"{path}: needs to end in one of {', '.join(SUFFIXES)}")
+    with _appearing(path) as new:
+        match path.suffix:
+            case ".csv":
+                _save_csv(columns, new)
+            case ".parquet":
+                _save_parquet(columns, new)
+            case _:
+                _save_mcap(columns, new, samples=len(trajectory.x))
     return len(columns["time"])
+
+
+@contextmanager
+def _appearing(path: Path) -> Iterator[Path]:
+    """Give the path of a file that takes its place when the block ends well, else is removed."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    new = path.with_name(f".new-{path.name}")
+    try:
+        yield new
+        new.replace(path)
+    finally:
+        new.unlink(missing_ok=True)
 
 
 def _rows(
@@ -134,6 +149,8 @@ def plot_trajectory(trajectory: Trajectory, path: Path) -> None:
     loads.legend()
     for axis in axes.ravel():
         axis.grid(visible=True, alpha=0.3)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=130)
-    plt.close(figure)
+    try:
+        with _appearing(path) as new:
+            figure.savefig(new, dpi=130)
+    finally:
+        plt.close(figure)
