@@ -51,7 +51,7 @@ class BagReplayer(Node):
                 self._create(name)
         if not self._to:
             raise BagError(f"{path} holds nothing to play on {', '.join(topics)}")
-        self._clock = (
+        self._clock_publisher = (
             self.create_publisher(ClockMessage, "/clock", 10)
             if clock and "/clock" not in self._to
             else None
@@ -102,8 +102,8 @@ class BagReplayer(Node):
                 return
 
     def _tick(self, stamp: int) -> None:
-        if self._clock is not None:
-            self._clock.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(ClockMessage(clock=Time(nanoseconds=stamp).to_msg()))
 
     def _end(self) -> None:
         """End the process when the bag has ended and reliable subscribers have it."""

@@ -76,7 +76,7 @@ class TricycleSim(Node):
             raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
         self._rng = np.random.default_rng(noise_seed)
         self._ports = {board: PtyPort(path) for board, path in ports.items()}
-        self._clock = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
+        self._clock_publisher = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
         self._odom = self.create_publisher(Odometry, "odom", **overridable(SENSOR_QOS))
         self._truth = self.create_publisher(Odometry, "ground_truth", **overridable(SENSOR_QOS))
         self._imu = self.create_publisher(Imu, "imu", **overridable(SENSOR_QOS))
@@ -155,7 +155,7 @@ class TricycleSim(Node):
 
     def _publish(self, state: LiveState, now: float) -> None:
         stamp = _stamp(now)
-        self._clock.publish(Clock(clock=stamp))
+        self._clock_publisher.publish(Clock(clock=stamp))
         pose = measure_pose(state, self._noise, self._rng)
         odom = _odometry(stamp)
         odom.pose.pose.position.x, odom.pose.pose.position.y = pose.x, pose.y
