@@ -26,6 +26,7 @@ COMMANDS = (
     "replay",
     "judge",
     "report",
+    "monitor",
     "bag",
     "vehicle",
     "plc",
