@@ -40,6 +40,11 @@ class TrajectoryNoise:
         x and y, m.
     heading_channel : int, optional
         Channel that is the heading, rad, and turns with the start pose.
+    delay_std : float
+        How well the clock of the start pose's channels, and that of each further channel, agrees
+        with the maneuver's, s; 0: exactly.
+    bias_std : float
+        Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
     """
 
     std: float | tuple[float, ...] = 0.01
@@ -49,11 +54,16 @@ class TrajectoryNoise:
     start_position_std: float = 0.0
     start_heading_std: float = 0.0
     heading_channel: int | None = None
+    delay_std: float = 0.0
+    bias_std: float = 0.0
 
     def __post_init__(self) -> None:
         if not (np.all(np.asarray(self.std) > 0) and np.all(np.isfinite(self.std))):
             raise DesignError(f"noise: std = {self.std} must be positive")
-        for name in ("drift_std", "start_position_std", "start_heading_std"):
+        for name in (
+            *("drift_std", "start_position_std", "start_heading_std"),
+            *("delay_std", "bias_std"),
+        ):
             if not 0 <= getattr(self, name) < math.inf:
                 raise DesignError(f"noise: {name} = {getattr(self, name)} must not be negative")
         if not (self.drift_time > 0 and self.period > 0):
@@ -126,16 +136,8 @@ def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatAr
     steps = _steps(U.reshape(draws, k + 1, k)[:, 0])
     J = np.moveaxis((Y[:, 1:] - Y[:, :1]) / steps[:, :, None, None], 1, -1)  # (draws, t, c, k)
 
-    nuisance_std = np.array([noise.start_position_std] * 2 + [noise.start_heading_std])
-    nuisances = np.flatnonzero(nuisance_std)
-    if len(nuisances):
-        pose = np.zeros((draws, t, c, 3))  # derivative with respect to start x, y, heading
-        pose[:, :, 0, 0] = pose[:, :, 1, 1] = 1.0
-        pose[:, :, 0, 2] = -(Y[:, 0, :, 1] - Y[:, 0, :1, 1])
-        pose[:, :, 1, 2] = Y[:, 0, :, 0] - Y[:, 0, :1, 0]
-        if noise.heading_channel is not None:
-            pose[:, :, noise.heading_channel, 2] = 1.0
-        J = np.concatenate([J, pose[..., nuisances]], axis=-1)
+    nuisances, nuisance_std = _nuisances(Y[:, 0], noise)
+    J = np.concatenate([J, nuisances], axis=-1)
 
     F = np.zeros((draws, J.shape[-1], J.shape[-1]))
     for channel, std in enumerate(np.broadcast_to(np.asarray(noise.std, dtype=float), c)):
@@ -151,11 +153,41 @@ def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatAr
 
     # what is left about the parameters when the nuisances are unknown: the Schur complement
     F_pp, F_pn, F_nn = F[:, :k, :k], F[:, :k, k:], F[:, k:, k:]
-    if len(nuisances) == 0:
-        return F_pp
-    F_nn = F_nn + np.diag(nuisance_std[nuisances] ** -2)
+    F_nn = F_nn + np.diag(nuisance_std**-2)
     left: FloatArray = F_pp - F_pn @ np.linalg.solve(F_nn, np.swapaxes(F_pn, 1, 2))
     return left
+
+
+def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (draws, t, c, m) of Y (draws, t, c) by m nuisances, and their std (m,)."""
+    posed = [0, 1] if noise.heading_channel is None else [0, 1, noise.heading_channel]
+    others = [channel for channel in range(Y.shape[2]) if channel not in posed]
+    columns: list[FloatArray] = []
+    stds: list[float] = []
+
+    def add(std: float, derivative: dict[int, FloatArray | float]) -> None:
+        if std > 0.0:
+            column = np.zeros_like(Y)
+            for channel, values in derivative.items():
+                column[:, :, channel] = values
+            columns.append(column)
+            stds.append(std)
+
+    add(noise.start_position_std, {0: 1.0})
+    add(noise.start_position_std, {1: 1.0})
+    if noise.start_heading_std > 0.0:
+        turned = {0: Y[:, :1, 1] - Y[:, :, 1], 1: Y[:, :, 0] - Y[:, :1, 0]}
+        add(noise.start_heading_std, turned | dict.fromkeys(posed[2:], 1.0))
+    if noise.delay_std > 0.0:
+        rates = np.gradient(Y, noise.period, axis=1)
+        add(noise.delay_std, {channel: -rates[:, :, channel] for channel in posed})
+        for channel in others:
+            add(noise.delay_std, {channel: -rates[:, :, channel]})
+    for channel in others:
+        add(noise.bias_std, {channel: 1.0})
+    if not columns:
+        return np.zeros((*Y.shape, 0)), np.zeros(0)
+    return np.stack(columns, axis=-1), np.array(stds)
 
 
 def posterior_covariance(F: FloatArray, prior: Prior | None = None) -> FloatArray:

@@ -25,6 +25,8 @@ from tricycle_sim.vehicle import Vehicle
 Floats = NDArray[np.float64]
 Report = Callable[[int, int], None]
 
+DELAY_STD = 0.05  # s, of each sensor's clock, and
+GYRO_BIAS_STD = 0.02  # rad/s: what identification does not take for granted either
 RANDOM_TRIES = 1000  # draws after which a family has no drivable maneuver
 
 
@@ -123,6 +125,8 @@ class PlanRequest:
             drift_time=self.drift_time,
             start_position_std=self.start_position_std,
             start_heading_std=self.start_heading_std,
+            delay_std=DELAY_STD,
+            bias_std=GYRO_BIAS_STD,
         )
 
     def trajectories(self) -> tuple[ReplayedTrajectories, ...]:

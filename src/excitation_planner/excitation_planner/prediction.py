@@ -27,6 +27,7 @@ from tricycle_sim.vehicle import Vehicle
 Floats = NDArray[np.float64]
 
 PERIOD = 0.05  # s between the time points: 20 Hz, as localisations give poses
+STANDSTILL = 1.0  # s before the start that are measured too: they tell start and gyro bias
 BLOCK = 128  # vehicles simulated at a time, which bounds the memory
 DRAWS = 48  # parameter values over which a prediction is averaged
 
@@ -50,16 +51,17 @@ class ReplayedTrajectories:
     columns: tuple[str, ...] = ("x", "y")
 
     def __call__(self, x: Floats, parameters: Floats) -> Floats:
-        """Trajectories (n, t, c) of the samples."""
+        """Trajectories (n, t, c) of the samples, with the standstill before them."""
         commands = nominal_run(self.vehicle, self.family, x).commands
         every = round(PERIOD / TICK)
+        rest = round(STANDSTILL / PERIOD)
         blocks = []
         for first in range(0, len(parameters), BLOCK):
             # the search evaluates maneuvers side by side in processes: one thread each
             motion = simulate(self.vehicle, commands, parameters[first : first + BLOCK], threads=1)
             Y = np.stack([getattr(motion, name)[:, ::every] for name in self.columns], axis=-1)
             Y[motion.feasibility.rolled_over.happened] = np.nan
-            blocks.append(Y)
+            blocks.append(np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1))
         return np.concatenate(blocks)
 
 
