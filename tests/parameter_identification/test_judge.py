@@ -336,6 +336,8 @@ def test_csv_and_figure(tmp_path: Path) -> None:
     (path,) = export([j], tmp_path, ExportFormat.CSV)
     table = np.genfromtxt(path, delimiter=",", names=True)
     assert np.mean(table["along"] ** 2 + table["cross"] ** 2) == pytest.approx(j.te, rel=1e-12)
+    again = export([j, j], tmp_path / "again", ExportFormat.CSV)
+    assert [path.name for path in again] == ["bag.csv", "bag_2.csv"]
     plot([j, j], tmp_path / "figures" / "figure.png")
     assert (tmp_path / "figures" / "figure.png").read_bytes().startswith(b"\x89PNG")
 
@@ -360,6 +362,16 @@ def nan(messages: dict[str, list[Any]]) -> None:
     messages["/odom"][600][1].pose.pose.position.x = math.nan
 
 
+def no_orientation(messages: dict[str, list[Any]]) -> None:
+    """As some drivers leave it: all zero."""
+    for _, m in messages["/odom"]:
+        m.pose.pose.orientation.z = m.pose.pose.orientation.w = 0.0
+
+
+def one_without_orientation(messages: dict[str, list[Any]]) -> None:
+    messages["/odom"][600][1].pose.pose.orientation.w = math.nan
+
+
 def second_reference(messages: dict[str, list[Any]]) -> None:
     s, _ = messages["/maneuver/reference"][0]
     other = Scene(duration=8.5).messages()["/maneuver/reference"][0][1]
@@ -378,6 +390,11 @@ def aborted(messages: dict[str, list[Any]]) -> None:
     s, m = messages["/maneuver/state"][-1]
     start = next(v.value for v in m.values if v.key == "start_time")
     messages["/maneuver/state"][-1] = (s, status("aborted", start, reason="3.2 m off the path"))
+
+
+def no_time(messages: dict[str, list[Any]]) -> None:
+    s, _ = messages["/maneuver/state"][-1]
+    messages["/maneuver/state"] = [(s, status("running", "9" * 30, duration="8"))]
 
 
 def two_starts(messages: dict[str, list[Any]]) -> None:
@@ -404,6 +421,11 @@ def other_commands(messages: dict[str, list[Any]]) -> None:
     ]  # fmt: skip
 
 
+def commands_without_joints(messages: dict[str, list[Any]]) -> None:
+    other_commands(messages)
+    messages["/maneuver/commands"][0][1].joint_names = ["a", "b"]
+
+
 BAD: dict[str, tuple[Scene, str]] = {
     "no reference": (Scene(edit=lambda m: m.pop("/maneuver/reference")), "no topic maneuver/refer"),
     "empty reference": (Scene(edit=empty_reference), "no trajectory: want two poses or more"),
@@ -411,10 +433,14 @@ BAD: dict[str, tuple[Scene, str]] = {
     "no state": (Scene(edit=lambda m: m.pop("/maneuver/state")), "no topic maneuver/state"),
     "no start": (Scene(edit=remove("/maneuver/state", 0, 100)), "no start event"),
     "two starts": (Scene(edit=two_starts), "2 maneuvers were started"),
+    "no time": (Scene(edit=no_time), "want start_time and duration in seconds"),
     "aborted": (Scene(edit=aborted), "was aborted: 3.2 m off the path"),
     "no poses": (Scene(edit=lambda m: m.pop("/odom")), "no topic odom"),
     "clock jumps back": (Scene(edit=jump), "clock jumps back by 1.990 s at 3.491 s"),
-    "NaN": (Scene(edit=nan), r"pose at 4.501 s is not a number \(1 of 1100 poses\)"),
+    "NaN": (Scene(edit=nan), r"pose at 4.501 s is not a number, .* \(1 of 1100 poses\)"),
+    "no orientation": (Scene(edit=no_orientation), "no heading to anchor the reference by"),
+    "one orientation": (Scene(edit=one_without_orientation), "at 4.501 s .* no unit quaternion"),
+    "joints": (Scene(edit=commands_without_joints), "steering_motor_joint and rear_wheel_joint"),
     "another maneuver": (Scene(edit=other_reference), "8.00 s, its reference 5.00 s"),
     "other commands": (Scene(edit=other_commands), "the drive of another maneuver"),
     "a gap": (
@@ -504,3 +530,9 @@ def test_the_command_compares_bags_and_prints_json(
     two = json.loads(capsys.readouterr().out)["bags"]
     assert two[0] == one
     assert two[1]["te"] > two[0]["te"]
+
+    args = parser.parse_args(["judge", bags[0], str(tmp_path / "absent"), "--json"])
+    assert args.run(args) == 2
+    output, errors = capsys.readouterr()
+    assert json.loads(output)["bags"] == [one]
+    assert "absent: no such bag" in errors

@@ -5,7 +5,7 @@ the commands was played.
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,9 @@ from trajectory_recorder.topics import decode
 Array = NDArray[np.float64]
 
 DURATION_TOLERANCE = 0.05  # s between the reference's end and the driver's
+JOINTS = ("steering_motor_joint", "rear_wheel_joint")
 COMMANDS_TOLERANCE = 1e-6  # rad and rad/s between a set-point planned and played
+QUATERNION_TOLERANCE = 0.01  # of the squared length of an orientation from 1
 COMMANDS_FRACTION = 0.9  # of the set-points that must be those planned: some may be lost
 
 
@@ -169,8 +171,8 @@ class _Collector:
                 played.append((_stamp(message), message))
         reference = self._reference(latched[self.reference].values())
         start, plan_id = self._start_event(states, float(reference.time[-1]))
-        if self.commands and played:
-            self._check_commands(list(latched[self.commands].values())[-1:], played, start)
+        if planned := list(latched[self.commands].values()):
+            self._check_commands(planned[-1], played, start)
         return Drive(
             bag=self.bag,
             plan_id=plan_id,
@@ -208,7 +210,7 @@ class _Collector:
         if len(path) < 2 or np.any(np.diff(path[:, 0]) <= 0) or not np.isfinite(path).all():
             raise JudgeError(
                 f"{self.bag}: {self.reference} is no trajectory: want two poses or more, finite, "
-                "with increasing stamps"
+                "with unit quaternions and increasing stamps"
             )
         if path[0, 0] != 0:
             raise JudgeError(
@@ -238,49 +240,46 @@ class _Collector:
         for state in states[states.index(event) :]:
             if state.get("state") == "aborted":
                 raise JudgeError(f"{self.bag}: the maneuver was aborted: {state.get('reason', '')}")
-        if abs(planned - duration) > DURATION_TOLERANCE:
+        if not abs(planned - duration) <= DURATION_TOLERANCE:
             raise JudgeError(
                 f"{self.bag}: the driven maneuver lasts {planned:.2f} s, its reference "
                 f"{duration:.2f} s: the reference of another maneuver"
             )
         return start, event.get("plan_id", "")
 
-    def _check_commands(
-        self, commands: list[Any], played: list[tuple[int, Any]], start: int
-    ) -> None:
+    def _check_commands(self, planned: Any, played: list[tuple[int, Any]], start: int) -> None:
         """Raise if what was played is not what the bag says was planned."""
-        for message in commands:
-            time = np.array([_duration(p.time_from_start) for p in message.points])
-            order = {name: i for i, name in enumerate(message.joint_names)}
-            planned = np.array(
-                [
-                    (
-                        p.positions[order["steering_motor_joint"]],
-                        p.velocities[order["rear_wheel_joint"]],
-                    )
-                    for p in message.points
-                ]
+        try:
+            pairs = list(_planned_and_played(planned, played, start))
+        except (LookupError, ValueError) as error:
+            raise JudgeError(
+                f"{self.bag}: {self.commands} and {self.played}: want position and velocity of "
+                f"{' and '.join(JOINTS)} in every message"
+            ) from error
+        if not pairs:
+            return
+        a = np.array(pairs)
+        same = np.all(np.abs(a[:, :2] - a[:, 2:]) < COMMANDS_TOLERANCE, axis=1)
+        if np.mean(same) < COMMANDS_FRACTION:
+            raise JudgeError(
+                f"{self.bag}: {np.mean(~same):.0%} of the set-points on {self.played} are not "
+                f"those of {self.commands}: the drive of another maneuver"
             )
-            pairs = []
-            for stamp, setpoint in played:
-                elapsed = (stamp - start) * 1e-9
-                if not 0 <= elapsed < time[-1]:
-                    continue
-                steer, wheel = (
-                    setpoint.name.index(name)
-                    for name in ("steering_motor_joint", "rear_wheel_joint")
-                )
-                row = np.searchsorted(time, elapsed + 1e-6, side="right") - 1
-                pairs.append((*planned[row], setpoint.position[steer], setpoint.velocity[wheel]))
-            if not pairs:
-                return
-            a = np.array(pairs)
-            same = np.all(np.abs(a[:, :2] - a[:, 2:]) < COMMANDS_TOLERANCE, axis=1)
-            if np.mean(same) < COMMANDS_FRACTION:
-                raise JudgeError(
-                    f"{self.bag}: {np.mean(~same):.0%} of the set-points on {self.played} are not "
-                    f"those of {self.commands}: the drive of another maneuver"
-                )
+
+
+def _planned_and_played(
+    planned: Any, played: list[tuple[int, Any]], start: int
+) -> Iterator[tuple[float, float, float, float]]:
+    """Angle and wheel speed planned, then those played, of each set-point during the drive."""
+    time = np.array([_duration(point.time_from_start) for point in planned.points])
+    steer, wheel = (planned.joint_names.index(name) for name in JOINTS)
+    rows = [(point.positions[steer], point.velocities[wheel]) for point in planned.points]
+    for stamp, setpoint in played:
+        elapsed = (stamp - start) * 1e-9
+        if 0 <= elapsed < time[-1]:
+            row = np.searchsorted(time, elapsed + 1e-6, side="right") - 1
+            steer, wheel = (setpoint.name.index(name) for name in JOINTS)
+            yield *rows[row], setpoint.position[steer], setpoint.velocity[wheel]
 
 
 class _Poses:
@@ -331,9 +330,12 @@ class _Poses:
         values = np.array([row[1:] for row in self._rows])[new]
         time = (stamps[new] - start) * 1e-9
         wrong = ~np.isfinite(values[:, :2]).all(axis=1)
+        if not np.isnan(values[:, 2]).all():  # a sensor has headings, or it has none
+            wrong |= np.isnan(values[:, 2])
         if wrong.any():
             raise JudgeError(
-                f"{self.where}: the pose at {time[wrong][0]:.3f} s is not a number "
+                f"{self.where}: the pose at {time[wrong][0]:.3f} s is not a number, or its "
+                "orientation no unit quaternion "
                 f"({np.count_nonzero(wrong)} of {len(time)} poses)"
             )
         return Path2D(time, values[:, 0], values[:, 1], np.unwrap(values[:, 2]))
@@ -380,12 +382,14 @@ def _duration(duration: Any) -> float:
 
 
 def _planar(pose: Any) -> tuple[float, float, float]:
-    """Position and heading of a Pose or a Transform."""
+    """Position and heading of a Pose or a Transform; NaN where its quaternion is none."""
     position, q = (
         (pose.position, pose.orientation)
         if hasattr(pose, "position")
         else (pose.translation, pose.rotation)
     )
+    if not abs(q.w**2 + q.x**2 + q.y**2 + q.z**2 - 1) < QUATERNION_TOLERANCE:  # often: all 0
+        return position.x, position.y, math.nan
     heading = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
     return position.x, position.y, heading
 
@@ -393,4 +397,7 @@ def _planar(pose: Any) -> tuple[float, float, float]:
 def _nanoseconds(seconds: str) -> int:
     """``"12.000000001"`` -> 12000000001, exactly."""
     whole, _, fraction = seconds.partition(".")
-    return int(whole) * 10**9 + int(fraction.ljust(9, "0")[:9] or 0)
+    nanoseconds = int(whole) * 10**9 + int(fraction.ljust(9, "0")[:9] or 0)
+    if not 0 <= nanoseconds < 2**63:
+        raise ValueError(f"{seconds} s is no time")
+    return nanoseconds

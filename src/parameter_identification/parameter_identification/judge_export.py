@@ -8,6 +8,8 @@ import numpy as np
 
 from parameter_identification.judge import Array, Judgement, TimeSeries
 
+PICTURES = (".png", ".pdf", ".svg")
+
 
 class ExportFormat(Enum):
     """Format of exported trajectories."""
@@ -23,7 +25,7 @@ def export(
 
     Parameters
     ----------
-    judgements : the files are named after their bags
+    judgements : the files are named after their bags; after the first of a name, with a number
     directory : created if need be; files of the same name are replaced
     export_format : see `ExportFormat`; numbers are written with all their digits
 
@@ -32,9 +34,11 @@ def export(
     The files written.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    written = []
-    for judgement in judgements:
-        s, name = judgement.series, judgement.bag.stem
+    written: list[Path] = []
+    names = [judgement.bag.resolve().stem for judgement in judgements]
+    for i, judgement in enumerate(judgements):
+        before = names[:i].count(names[i])
+        s, name = judgement.series, f"{names[i]}_{before + 1}" if before else names[i]
         if export_format is ExportFormat.CSV:
             tables = {f"{name}.csv": (np.column_stack(list(vars(s).values())), ",".join(vars(s)))}
         else:

@@ -11,8 +11,16 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from parameter_identification.judge import Anchor, Datum, Judgement, Topics, judge
-from parameter_identification.judge_export import ExportFormat, export, plot
+from parameter_identification.judge import (
+    Anchor,
+    Datum,
+    JudgeError,
+    Judgement,
+    Topics,
+    judge,
+)
+from parameter_identification.judge_export import PICTURES, ExportFormat, export, plot
+from trajectory_recorder.bag_reader import BagError
 from tricycle_bringup.progress import progress_bar
 
 EXAMPLE = """\
@@ -29,14 +37,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "judge",
         help="trajectory error of recorded drives, from their bags alone",
         description="Trajectory error TE (Eq. 14) of each bag against the reference it holds, "
-        "anchored at the mean measured pose of the standstill before the start event.",
+        "anchored at the mean measured pose of the standstill before the start event. A bag that "
+        "cannot be judged is told in one line, and the exit status is 2.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
     add("--json", action="store_true", help="print one JSON object")
-    add("--plot", type=Path, metavar="FILE", help="save a figure (.png, .pdf, .svg)")
+    add("--plot", type=_picture, metavar="FILE", help=f"save a figure ({', '.join(PICTURES)})")
     add(
         "--export",
         choices=[one.value for one in ExportFormat],
@@ -78,14 +87,21 @@ def run(args: argparse.Namespace) -> int:
         child_frame=args.child_frame,
         datum=args.datum,
     )
-    judgements = []
+    judgements, mistakes = [], []
     with progress_bar("judging") as progress:
         for done, bag in enumerate(args.bags, start=1):
-            judgements.append(judge(bag, topics=topics, anchor=Anchor(args.anchor)))
+            try:
+                judgements.append(judge(bag, topics=topics, anchor=Anchor(args.anchor)))
+            except (BagError, JudgeError) as error:
+                mistakes.append(error)
             progress(done, len(args.bags))
+    for mistake in mistakes:
+        print(f"tricycle: {mistake}", file=sys.stderr)
+    if not judgements:
+        return 2
     if args.json:
         found = [_as_json(judgement) for judgement in judgements]
-        print(json.dumps(found[0] if len(found) == 1 else {"bags": found}))
+        print(json.dumps(found[0] if len(args.bags) == 1 else {"bags": found}))
     else:
         _print(judgements)
     if args.export:
@@ -94,7 +110,13 @@ def run(args: argparse.Namespace) -> int:
     if args.plot:
         plot(judgements, args.plot)
         print(f"saved {args.plot}", file=sys.stderr)
-    return 0
+    return 2 if mistakes else 0
+
+
+def _picture(text: str) -> Path:
+    if Path(text).suffix not in PICTURES:
+        raise argparse.ArgumentTypeError(f"{text}: needs to end in one of {', '.join(PICTURES)}")
+    return Path(text)
 
 
 def _datum(text: str) -> Datum:
