@@ -138,14 +138,13 @@ class ManeuverDriver(Node):
         message.position = [setpoint.steering_motor_angle, 0.0]
         message.velocity = [0.0, setpoint.wheel_rate]
         self._joints.publish(message)
-        self._publish_state(_seconds(now))
+        self._publish_state()
 
-    def _publish_state(self, now: float) -> None:
+    def _publish_state(self) -> None:
         """Say the state when it changes, and every `STATE_EVERY` while running."""
         playback = self._playback
-        running = playback.state is PlaybackState.RUNNING
-        elapsed = playback.elapsed(now) if running else 0.0
-        said = (playback.state, self._plan_id, playback.start_time, int(elapsed / STATE_EVERY))
+        beat = int(playback.elapsed / STATE_EVERY)
+        said = (playback.state, self._plan_id, playback.start_time, beat)
         if said == self._said:
             return
         self._said = said
@@ -154,7 +153,7 @@ class ManeuverDriver(Node):
             "state": playback.state.value,
             "plan_id": self._plan_id,
             "start_time": start,
-            "elapsed": f"{elapsed:.3f}",
+            "elapsed": f"{playback.elapsed:.3f}",
             "duration": f"{playback.duration:.3f}",
             "reason": playback.reason,
         }

@@ -96,6 +96,7 @@ class Playback:
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
     start_time: float | None = None  # s, when row 0 was played
+    elapsed: float = 0.0  # s since then, of the newest tick of the run
     _schedule: Schedule | None = None
     _path: Floats | None = None  # (m, 2) from the pose at the start
     _pose: Pose | None = None
@@ -116,7 +117,7 @@ class Playback:
         self._schedule = schedule
         self._hold = Setpoint(0.0, 0.0)
         self._set(PlaybackState.WAITING, "")
-        self.start_time = None
+        self.start_time, self.elapsed = None, 0.0
 
     def load_path(self, points: Floats) -> None:
         """Path (m, 2) in m, relative to the start pose, for the deviation limit."""
@@ -145,7 +146,7 @@ class Playback:
                 f"the vehicle moves at {self._pose.speed:.2f} m/s; it must stand still"
             )
         self._anchor = self._pose
-        self.start_time = None
+        self.start_time, self.elapsed = None, 0.0
         self._set(PlaybackState.RUNNING, "")
 
     def abort(self, reason: str) -> None:
@@ -171,13 +172,13 @@ class Playback:
         if reason:
             self.abort(reason)
             return self._hold
-        elapsed = now - self.start_time
-        if elapsed >= self._schedule.duration - 1e-6:
+        self.elapsed = now - self.start_time
+        if self.elapsed >= self._schedule.duration - 1e-6:
             self._hold = Setpoint(float(self._schedule.steering_motor_angle[-1]), 0.0)
             self._set(PlaybackState.DONE, "")
             return self._hold
         # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
-        row = int(np.searchsorted(self._schedule.time, elapsed + 1e-6, side="right")) - 1
+        row = int(np.searchsorted(self._schedule.time, self.elapsed + 1e-6, side="right")) - 1
         self._hold = Setpoint(
             float(self._schedule.steering_motor_angle[row]), float(self._schedule.wheel_rate[row])
         )
@@ -187,10 +188,6 @@ class Playback:
     def duration(self) -> float:
         """Length of the loaded maneuver in s; 0 without one."""
         return self._schedule.duration if self._schedule else 0.0
-
-    def elapsed(self, now: float) -> float:
-        """Time since row 0 in s; 0 before it."""
-        return now - self.start_time if self.start_time is not None else 0.0
 
     def _set(self, state: PlaybackState, reason: str) -> None:
         self.state, self.reason = state, reason

@@ -131,8 +131,9 @@ def _table(
     judgements: dict[str, Judgement],
 ) -> Table:
     table = Table(title=f"exciting {target}, TE in m²")
-    for heading in ("maneuver", "S", "ST", "H", "TE expected", "measured", "less noise", "rms/mm"):
-        table.add_column(heading, justify="left" if heading == "maneuver" else "right")
+    table.add_column("maneuver", no_wrap=True)
+    for heading in ("S", "ST", "H", "TE expected", "measured", "less noise", "rms mm"):
+        table.add_column(heading, justify="right")
     for name, plan in plans.items():
         judgement = judgements[name]
         values = "\n".join(f"{key} {value:.3f}" for key, value in plan.operation.items())
