@@ -35,8 +35,20 @@ class _Configuration:
 
 
 class _Action:
-    def __init__(self, **keywords):
-        self.keywords = keywords
+    def __init__(self, *arguments, **keywords):
+        self.arguments, self.keywords = arguments, keywords
+
+
+class _Opaque(_Action):
+    pass
+
+
+class _Node(_Action):
+    pass
+
+
+class _LifecycleNode(_Node):
+    pass
 
 
 class _Description:
@@ -44,38 +56,70 @@ class _Description:
         self.entities = entities
 
 
-def _modules():
+class PackageNotFoundError(KeyError):
+    """As that of ament_index_python."""
+
+
+def _modules(installed):
     def module(name, **content):
         made = types.ModuleType(name)
         made.__dict__.update(content)
         return name, made
 
+    def prefix(package):
+        if package not in installed:
+            raise PackageNotFoundError(package)
+
     return dict(
         [
-            module("launch", LaunchContext=dict, LaunchDescription=_Description),
-            module("launch.actions", DeclareLaunchArgument=_Argument, OpaqueFunction=_Action),
+            module("launch", Action=_Action, LaunchContext=dict, LaunchDescription=_Description),
+            module(
+                "launch.actions",
+                DeclareLaunchArgument=_Argument,
+                OpaqueFunction=_Opaque,
+                EmitEvent=_Action,
+                RegisterEventHandler=_Action,
+                Shutdown=_Action,
+            ),
+            module("launch.events", matches_action=lambda action: action),
             module("launch.substitutions", LaunchConfiguration=_Configuration),
             module("launch_ros", actions=None),
-            module("launch_ros.actions", Node=_Action),
+            module("launch_ros.actions", Node=_Node, LifecycleNode=_LifecycleNode),
+            module("launch_ros.event_handlers", OnStateTransition=_Action),
+            module("launch_ros.events", lifecycle=None),
+            module("launch_ros.events.lifecycle", ChangeState=_Action),
+            module(
+                "ament_index_python.packages",
+                PackageNotFoundError=PackageNotFoundError,
+                get_package_prefix=prefix,
+            ),
         ]
     )
 
 
-def launched_nodes(file, **arguments):
-    """Nodes that a launch file starts: package, executable, remappings, parameters by name.
+def launch_actions(file, *, installed=(), **arguments):
+    """Actions of a launch file, in their order; `installed` are packages found in the ament index.
 
-    `twice` names the parameters that more than one of the node's sources sets.
+    Each has its `arguments` and `keywords`.
     """
     arguments = {"bag": "bag", **arguments}
-    with patch.dict(sys.modules, _modules()):
+    with patch.dict(sys.modules, _modules(installed)):
         description = runpy.run_path(str(LAUNCH_FOLDER / file))["generate_launch_description"]()
         declared = [entity for entity in description.entities if isinstance(entity, _Argument)]
         unknown = set(arguments) - {argument.name for argument in declared}
         assert not unknown, unknown
         context = {a.name: arguments.get(a.name, a.default) for a in declared}
-        (action,) = (e for e in description.entities if isinstance(e, _Action))
-        nodes = [node.keywords for node in action.keywords["function"](context)]
-    return [_resolved(node) for node in nodes]
+        (action,) = (e for e in description.entities if isinstance(e, _Opaque))
+        return action.keywords["function"](context)
+
+
+def launched_nodes(file, *, installed=(), **arguments):
+    """Nodes that a launch file starts: package, executable, remappings, parameters by name.
+
+    `twice` names the parameters that more than one of the node's sources sets.
+    """
+    actions = launch_actions(file, installed=installed, **arguments)
+    return [_resolved(action.keywords) for action in actions if isinstance(action, _Node)]
 
 
 def _resolved(node):

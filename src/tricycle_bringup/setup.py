@@ -15,6 +15,8 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(map(str, Path("launch").glob("*.launch.py")))),
+        (f"share/{NAME}/urdf", ["urdf/tricycle.urdf"]),
+        (f"share/{NAME}/foxglove", ["foxglove/tricycle.json"]),
         (f"share/{NAME}/config", sorted(map(str, Path("tricycle_bringup/config").iterdir()))),
     ],
     zip_safe=False,

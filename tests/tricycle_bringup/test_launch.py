@@ -5,7 +5,7 @@ the installed executables and, in tests/ros/test_parameters.py, with the paramet
 """
 
 import pytest
-from launch_recorder import LAUNCH_FILES, launched_nodes, project_scripts
+from launch_recorder import LAUNCH_FILES, launch_actions, launched_nodes, project_scripts
 
 
 @pytest.mark.parametrize("file", LAUNCH_FILES)
@@ -13,6 +13,64 @@ def test_every_executable_exists_in_its_package(file):
     scripts = project_scripts()
     for node in launched_nodes(file):
         assert scripts[node["executable"]].startswith(f"{node['package']}.")
+
+
+@pytest.mark.parametrize("file", ["simulation.launch.py", "vehicle.launch.py"])
+def test_the_bridge_is_configured_once_it_is_up_and_activated_once_it_is_configured(file):
+    on_configured, bridge, configure = (
+        action
+        for action in launch_actions(file)
+        if action.keywords.get("executable", "tricycle_bridge") == "tricycle_bridge"
+    )
+    assert bridge.keywords["parameters"][-1] == {"autostart": False}
+    CONFIGURE, ACTIVATE = 1, 3  # lifecycle_msgs/msg/Transition
+    assert configure.keywords["event"].keywords == {
+        "lifecycle_node_matcher": bridge,
+        "transition_id": CONFIGURE,
+    }
+    (handler,) = on_configured.arguments
+    assert handler.keywords["target_lifecycle_node"] is bridge
+    assert (handler.keywords["start_state"], handler.keywords["goal_state"]) == (
+        *("configuring", "inactive"),
+    )
+    (activate,) = handler.keywords["entities"]
+    assert activate.keywords["event"].keywords["transition_id"] == ACTIVATE
+
+
+@pytest.mark.parametrize("file", ["simulation.launch.py", "vehicle.launch.py"])
+def test_without_autostart_the_bridge_is_left_to_another_manager(file):
+    actions = launch_actions(file, autostart="false")
+    assert all("executable" in action.keywords for action in actions)
+
+
+def test_a_namespace_has_its_own_clock_diagnostics_transforms_and_ports():
+    alone = launched_nodes("simulation.launch.py")
+    second = launched_nodes("simulation.launch.py", namespace="/second/")
+    assert all(node["namespace"] == "" and node["remappings"] == [] for node in alone)
+    for node in second:
+        assert node["namespace"] == "second"
+        assert node["remappings"] == [
+            *(("/clock", "clock"), ("/diagnostics", "diagnostics")),
+            *(("/tf", "tf"), ("/tf_static", "tf_static")),
+        ]
+
+    def ports(nodes):
+        return {
+            node["executable"]: (node["parameters"]["steer_port"], node["parameters"]["drive_port"])
+            for node in nodes
+            if "steer_port" in node["parameters"]
+        }
+
+    assert ports(alone)["tricycle_sim"] == ports(alone)["tricycle_bridge"]
+    assert ports(second)["tricycle_sim"] == ports(second)["tricycle_bridge"]
+    assert set(ports(alone).values()).isdisjoint(ports(second).values())
+
+
+@pytest.mark.parametrize("file", ["simulation.launch.py", "vehicle.launch.py"])
+def test_the_model_is_published_where_robot_state_publisher_is_installed(file):
+    nodes = launched_nodes(file, installed=["robot_state_publisher"])
+    (publisher,) = (n for n in nodes if n["executable"] == "robot_state_publisher")
+    assert publisher["parameters"]["robot_description"].startswith("<?xml")
 
 
 def test_a_simulation_starts_every_node_of_a_drive():

@@ -1,6 +1,7 @@
 """The two ways to install agree: the root pyproject.toml and each ament_python package."""
 
 import ast
+import sys
 import tomllib
 from pathlib import Path
 from xml.etree import ElementTree
@@ -44,6 +45,28 @@ def test_entry_points_agree():
             found.setdefault(group, {}).update(point.split(" = ") for point in points)
     project = PROJECT["project"]
     assert found == {"console_scripts": project["scripts"], **project["entry-points"]}
+
+
+def test_the_installed_distribution_is_an_ament_prefix(monkeypatch):
+    index = pytest.importorskip("ament_index_python")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    for package in PACKAGES:
+        share = Path(index.get_package_share_directory(package))
+        version = ElementTree.parse(share / "package.xml").findtext("version")
+        assert version == PROJECT["project"]["version"]
+    share = Path(index.get_package_share_directory("tricycle_bringup"))
+    source = ROOT / "src" / "tricycle_bringup"
+    for installed, folder in (
+        (share / "launch", source / "launch"),
+        (share / "config", source / "tricycle_bringup" / "config"),
+        (share / "urdf", source / "urdf"),
+        (share / "foxglove", source / "foxglove"),
+    ):
+        assert names(installed) == names(folder)
+
+
+def names(folder):
+    return {path.name for path in folder.iterdir() if path.is_file()}
 
 
 @pytest.mark.parametrize("package", PACKAGES)

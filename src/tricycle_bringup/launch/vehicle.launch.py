@@ -1,24 +1,29 @@
 """The vehicle: bridge to two real Arduinos, planner, maneuver driver and recorder.
 
 ros2 launch tricycle_bringup vehicle.launch.py odom_topic:=/localization/odometry
+
+The ports' default names come from udev: docs/how-to-vehicle-computer.md.
 """
 
-from launch import LaunchContext, LaunchDescription
+from launch import Action, LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from tricycle_bringup.configuration import VEHICLE_CONFIG, bridge_parameters
+from tricycle_bringup.configuration import VEHICLE_CONFIG
+from tricycle_bringup.launching import managed_bridge, own_names, state_publisher
 
 
-def nodes(context: LaunchContext) -> list[Node]:
+def nodes(context: LaunchContext) -> list[Action]:
     value = {
         name: LaunchConfiguration(name).perform(context)
         for name in (
-            *("vehicle_file", "steer_port", "drive_port", "odom_topic", "plan_file", "bag"),
+            *("namespace", "autostart", "vehicle_file", "steer_port", "drive_port"),
+            *("odom_topic", "plan_file", "bag"),
         )
     }
-    vehicle = {"vehicle_file": value["vehicle_file"]}
+    vehicle_file, namespace = value["vehicle_file"], value["namespace"].strip("/")
+    names = [*own_names(namespace), ("odom", value["odom_topic"])]
     ports = {"steer_port": value["steer_port"], "drive_port": value["drive_port"]}
     recorder = {"output": value["bag"], "record": bool(value["bag"])}
 
@@ -26,23 +31,39 @@ def nodes(context: LaunchContext) -> list[Node]:
         return Node(
             package=package,
             executable=executable,
+            namespace=namespace,
             parameters=[VEHICLE_CONFIG, *parameters],
-            remappings=[("odom", value["odom_topic"])],
+            remappings=names,
         )
 
     return [
-        node("tricycle_bridge", "tricycle_bridge", bridge_parameters(value["vehicle_file"]), ports),
+        *managed_bridge(
+            [VEHICLE_CONFIG, ports],
+            vehicle_file=vehicle_file,
+            namespace=namespace,
+            remappings=names,
+            autostart=value["autostart"].lower() == "true",
+        ),
         node(
-            "excitation_planner", "excitation_planner", vehicle, {"plan_file": value["plan_file"]}
+            "excitation_planner",
+            "excitation_planner",
+            {"vehicle_file": vehicle_file, "plan_file": value["plan_file"]},
         ),
         node("excitation_planner", "maneuver_driver"),
         node("trajectory_recorder", "trajectory_recorder", recorder),
+        *state_publisher(
+            VEHICLE_CONFIG, vehicle_file=vehicle_file, namespace=namespace, remappings=names
+        ),
     ]
 
 
 def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
+            DeclareLaunchArgument("namespace", default_value="", description="of all names"),
+            DeclareLaunchArgument(
+                "autostart", default_value="true", description="configure and activate the bridge"
+            ),
             DeclareLaunchArgument("vehicle_file", default_value="", description="vehicle YAML"),
             DeclareLaunchArgument("steer_port", default_value="/dev/tricycle_steer"),
             DeclareLaunchArgument("drive_port", default_value="/dev/tricycle_drive"),
