@@ -164,7 +164,7 @@ def simulate(
     """
     samples = _check_parameters(vehicle, parameters)
     speeds = np.broadcast_to(np.asarray(speed, dtype=float), len(samples))
-    replay = _Replay(vehicle, commands)
+    replay = Replay(vehicle, commands)
     out = np.empty((len(_ALL_ROWS), -(-len(samples) // LANES) * LANES, len(replay.time)))
     groups = np.empty((out.shape[1] // LANES, ROWS, LANES))
 
@@ -201,7 +201,7 @@ def simulate_planar(
         time and in any order; each sample comes once. The arrays are its to keep.
     """
     samples = _check_parameters(vehicle, parameters)
-    replay = _Replay(vehicle, commands)
+    replay = Replay(vehicle, commands)
 
     def reduce_block(first: int, last: int) -> None:
         groups = dynamics.pack(vehicle, samples[first:last], replay.pose)
@@ -214,8 +214,11 @@ def simulate_planar(
     _run_blocks(reduce_block, len(samples), threads, progress)
 
 
-class _Replay:
-    """Everything of a replay that is the same for all samples: set-points and steering."""
+class Replay:
+    """Everything of a replay that is the same for all samples: set-points and steering.
+
+    `time` (t,) and the `pose` at the start are for its callers, who `run` groups packed with it.
+    """
 
     def __init__(self, vehicle: Vehicle, commands: Commands) -> None:
         rows = command_rows(commands)
@@ -303,7 +306,7 @@ def _where_lifted(load: Event) -> Event:
 
 
 def _trajectory(
-    replay: _Replay, states: NDArray[np.float64], feasibility: Feasibility
+    replay: Replay, states: NDArray[np.float64], feasibility: Feasibility
 ) -> Trajectory:
     """Turn recorded rows, shape (rows, n, t), into the columns of a trajectory."""
     roll, pitch, yaw = euler_angles(states[dynamics.Q0 : dynamics.Q3 + 1])
