@@ -10,6 +10,7 @@ from importlib.metadata import version
 from excitation_planner import DesignError
 from excitation_planner.maneuver import PlanError
 from parameter_identification.judge import JudgeError
+from parameter_identification.measured_drive import IdentificationError
 from trajectory_recorder.bag_reader import BagError
 from tricycle_bridge.messages import LinkError
 from tricycle_bringup.processes import NodeError
@@ -33,8 +34,8 @@ COMMANDS = (
 )
 
 USER_ERRORS = (
-    *(BagError, CommandsError, DesignError, JudgeError, LinkError, NodeError, PlanError),
-    *(ReportError, VehicleError, OSError),
+    *(BagError, CommandsError, DesignError, IdentificationError, JudgeError, LinkError),
+    *(NodeError, PlanError, ReportError, VehicleError, OSError),
 )
 
 
