@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 CANDIDATES = 64  # points of the Sobol' sequence that are looked at for starts
 HUBER = 2.5  # standard deviations from which samples lose weight under the robust loss
 MAX_EVALUATIONS = 40
+SMALL_GAIN = 0.5  # of the cost: what one linear step may promise
 
 
 class Loss(Enum):
@@ -165,13 +166,16 @@ class Problem:
         best = Z[np.argsort(misfit)[:count]]
         return [np.concatenate([z, np.zeros(self.n - self.k)]) for z in best]
 
-    def minimise(self, start: Array, free: NDArray[np.bool_] | None = None) -> Fit:
+    def minimise(
+        self, start: Array, free: NDArray[np.bool_] | None = None, *, tolerance: float = 1e-6
+    ) -> Fit:
         """Minimum from a start, within the ranges.
 
         Parameters
         ----------
         start : (n,) variables
         free : (n,) which of them may change; default: all
+        tolerance : change of the cost, as a share of it, that ends the search
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
         kept = np.append(np.flatnonzero(free), self.n)
@@ -196,12 +200,27 @@ class Problem:
             bounds=(low, high),
             method="dogbox",
             xtol=1e-6,
-            ftol=1e-7,
+            ftol=tolerance,
             max_nfev=MAX_EVALUATIONS,
         )
         at = start.copy()
         at[free] = found.x
         return Fit(at, 2.0 * float(found.cost))
+
+    def expected_minimum(self, v: Array, free: NDArray[np.bool_]) -> Fit | None:
+        """Minimum by one linear step from variables (n,) close to it.
+
+        None where the step leads out of the ranges or promises more than the linearisation can
+        be trusted with.
+        """
+        kept = np.append(np.flatnonzero(free), self.n)
+        gram = self.gram(v)[np.ix_(kept, kept)]
+        step = -np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
+        at = v.copy()
+        at[free] += step
+        gain = float(-step @ gram[:-1, -1])
+        inside = np.all((at[: self.k] >= 0.0) & (at[: self.k] <= 1.0))
+        return Fit(at, float(gram[-1, -1]) - gain) if inside and gain < SMALL_GAIN else None
 
     def estimate_noise(self, v: Array) -> None:
         """Set the noise of each sensor, and the weights of the robust loss, from the residuals."""

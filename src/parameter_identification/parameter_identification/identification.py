@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2, norm
+from threadpoolctl import threadpool_limits
 
 from parameter_identification.estimation import Fit, Loss, Problem
 from parameter_identification.measured_drive import (
@@ -49,6 +50,7 @@ Progress = Callable[[int, int], None]
 PRIOR_VARIANCE = 1.0 / 12.0  # of a uniform parameter, in its range
 IDENTIFIABLE = 0.5  # of the prior's standard deviation: what the drives must at least reach
 MIN_MOTION = 0.5  # m that a vehicle must have come from its start
+ROUGH = 1e-4  # tolerance of fits of which most are discarded
 NOISE_ROUNDS = 3  # of noise and fit in turns
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
 SAME_BASIN = 0.02  # of the ranges between minima that are one
@@ -362,10 +364,33 @@ def identify(
     for drive in (*drives, *held_out):
         _check_motion(drive)
         _check_vehicle(drive, vehicle)
+    # matrices here are small: threads of BLAS would only get in the way of ours
+    with threadpool_limits(1, user_api="blas"):
+        return _identify(
+            drives, vehicle, known, prior, held_out, loss, starts, level, profiles, seed, progress,
+            begun,
+        )  # fmt: skip
+
+
+def _identify(
+    drives: Sequence[MeasuredDrive],
+    vehicle: Vehicle,
+    known: Vehicle,
+    prior: Prior | None,
+    held_out: Sequence[MeasuredDrive],
+    loss: Loss,
+    starts: int,
+    level: float,
+    profiles: bool,
+    seed: int,
+    progress: Progress | None,
+    begun: float,
+) -> Identification:
+    """See `identify`; `known` is the vehicle with only the wanted parameters unknown."""
     mean, information = _prior_in_ranges(known, prior)
     models = [DriveModel(known, drive) for drive in drives]
     problem = Problem(models, mean, information, loss)
-    fits = [problem.minimise(start) for start in problem.candidates(starts, seed)]
+    fits = [problem.minimise(start, tolerance=ROUGH) for start in problem.candidates(starts, seed)]
     best = min(fits, key=lambda fit: fit.cost)
     for _ in range(NOISE_ROUNDS):
         before = problem.noise
@@ -388,7 +413,7 @@ def identify(
         vehicle_hash=vehicle.file_hash,
         parameters=estimates,
         covariance=inverse[: problem.k, : problem.k] * np.outer(width, width),
-        fixed={n: v for n, v in vehicle.nominal.items() if n not in names},
+        fixed={n: v for n, v in vehicle.nominal.items() if n not in known.unknown},
         hidden=_hidden(problem, inverse, tuple(known.unknown)),
         noise=problem.noise,
         whiteness=tuple(
@@ -550,7 +575,7 @@ def _compare(
         if _near(fit, best, k):
             agreed += 1
             continue
-        again = problem.minimise(fit.at)
+        again = problem.minimise(fit.at, tolerance=ROUGH)
         if _near(again, best, k):
             agreed += 1
         elif again.cost < best.cost:

@@ -173,7 +173,7 @@ def restricted_noise(
     begin = np.clip(np.log([start.white, drift, start.drift_time]), low, high)
     found = minimize(
         criterion, begin, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
-        options={"maxiter": 25, "ftol": 1e-9},
+        options={"maxiter": 25, "ftol": 1e-7},
     )  # fmt: skip
     white, drift, drift_time = (float(v) for v in np.exp(found.x))
     return NoiseLevel(white, drift, drift_time)

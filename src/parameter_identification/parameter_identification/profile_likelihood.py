@@ -18,7 +18,7 @@ from parameter_identification.estimation import Fit, Problem
 
 Array = NDArray[np.float64]
 
-STEPS = (0.5, 1.0, 1.5, 2.0, 2.6, 3.4, 4.5, 6.0, 8.0, 11.0, 15.0)  # standard deviations
+STEPS = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,8 @@ def profile(problem: Problem, best: Fit, inverse: Array, i: int, level: float) -
             start[: problem.k] = np.clip(start[: problem.k], 0.0, 1.0)
             start[i] = at
             z.append(at)
-            # a cost below the minimum is its tolerance
-            rise.append(max(0.0, problem.minimise(start, free).cost - best.cost))
+            fit = problem.expected_minimum(start, free) or problem.minimise(start, free)
+            rise.append(max(0.0, fit.cost - best.cost))  # below the minimum: its tolerance
             if rise[-1] > allowed or at == bound:
                 break
         sides[sign] = (z, rise, _crossing(z, rise, allowed))

@@ -25,7 +25,8 @@ from parameter_identification.measured_drive import (
     StartPose,
 )
 from tricycle_bridge.messages import TICK
-from tricycle_sim.simulation import simulate
+from tricycle_sim.dynamics import LANES, Q0, Q1, Q2, Q3, SPIN_REAR, Q, R, X, Y, pack
+from tricycle_sim.simulation import Replay
 from tricycle_sim.vehicle import Vehicle
 
 Array = NDArray[np.float64]
@@ -44,6 +45,28 @@ CLOCKS = {  # position and heading come from one localisation
     Sensor.YAW_RATE: "gyro delay",
     Sensor.WHEEL_SPEED: "wheel delay",
 }
+
+
+_ROWS = np.array([X, Y, Q0, Q1, Q2, Q3, Q, R, SPIN_REAR])
+
+
+@dataclass(frozen=True, eq=False)
+class _Motions:
+    """Motions of n vehicles from the origin, each (n, t) on the ticks."""
+
+    x: Array
+    y: Array
+    heading: Array
+    yaw_rate: Array
+    wheel_speed: Array
+
+    def channels(self, sensor: Sensor) -> tuple[Array, ...]:
+        """What a sensor sees, one array per channel."""
+        if sensor is Sensor.POSITION:
+            return self.x, self.y
+        if sensor is Sensor.HEADING:
+            return (self.heading,)
+        return (self.yaw_rate if sensor is Sensor.YAW_RATE else self.wheel_speed,)
 
 
 @dataclass(frozen=True)
@@ -94,6 +117,7 @@ class DriveModel:
         self.vehicle, self.drive = vehicle, drive
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
+        self._replay = Replay(vehicle, drive.commands)
         self.nuisances = self._nuisances()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
 
@@ -115,19 +139,18 @@ class DriveModel:
     def _start_guess(self) -> tuple[float, float, float]:
         """Start pose as told, or else from the first second, or the rigid motion that fits best."""
         start: StartPose = self.drive.start
-        motion = simulate(self.vehicle, self.drive.commands, threads=1)
+        motion = self._motion(self.vehicle.nominal_point()[np.newaxis])
         position = self.drive.signals[Sensor.POSITION]
         early = position.time <= position.time[0] + max(5.0, 0.5 * float(np.ptp(position.time)))
         time = position.time[early]
-        model = np.interp(time, motion.time, motion.x[0]) + 1j * np.interp(
-            time, motion.time, motion.y[0]
-        )
+        ticks = self._replay.time
+        model = np.interp(time, ticks, motion.x[0]) + 1j * np.interp(time, ticks, motion.y[0])
         measured = position.values[early] @ np.array([1.0, 1j])
         heading_signal = self.drive.signals.get(Sensor.HEADING)
         if start.heading is not None:
             heading = start.heading
         elif heading_signal is not None:
-            predicted = np.interp(heading_signal.time, motion.time, motion.yaw[0])
+            predicted = np.interp(heading_signal.time, ticks, motion.heading[0])
             first = heading_signal.time <= max(0.5, float(heading_signal.time[0]) + 0.1)
             heading = float(np.mean((heading_signal.values[:, 0] - predicted)[first]))
         else:  # Umeyama, IEEE PAMI 13, 1991, in the plane
@@ -144,6 +167,15 @@ class DriveModel:
         values: Array = self.low + self.width * z
         return values
 
+    def _motion(self, parameters: Array, speeds: Array | None = None) -> "_Motions":
+        """Motions of vehicles with parameters (n, k) from start speeds (n,)."""
+        groups = pack(self.vehicle, parameters, self._replay.pose, speeds)
+        out = np.empty((len(_ROWS), len(groups) * LANES, len(self._replay.time)))
+        self._replay.run(groups, _ROWS, out)
+        x, y, w, qx, qy, qz, pitch_rate, yaw_rate, spin = out[:, : len(parameters)]
+        heading = np.unwrap(np.arctan2(2.0 * (w * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2)))
+        return _Motions(x, y, heading, yaw_rate, spin - pitch_rate)
+
     def predict(self, z: Array, nuisances: Array) -> list[Prediction]:
         """Predict all signals.
 
@@ -159,18 +191,11 @@ class DriveModel:
         points = np.repeat(z[np.newaxis], k + 2, axis=0)
         points[np.arange(1, k + 1), np.arange(k)] += steps
         speeds = np.append(np.full(k + 1, speed), speed + SPEED_STEP)
-        motion = simulate(
-            self.vehicle, self.drive.commands, self.parameters(points), speed=speeds, threads=1
-        )
+        motion = self._motion(self.parameters(points), speeds)
         differences = np.append(steps, SPEED_STEP / START_SPEED)[:, np.newaxis]
         predictions = []
         for sensor, signal in self.drive.signals.items():
-            rows = {
-                Sensor.POSITION: (motion.x, motion.y),
-                Sensor.HEADING: (motion.yaw,),
-                Sensor.YAW_RATE: (motion.yaw_rate,),
-                Sensor.WHEEL_SPEED: (motion.wheel_speed_rear,),
-            }[sensor]
+            rows = motion.channels(sensor)
             delay = b[self._at[CLOCKS[sensor]]]
             at_rest = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
             values, slopes = zip(
@@ -232,19 +257,16 @@ class DriveModel:
         Squared residuals over the white noise at the priors' means, after the best shift of each
         channel.
         """
-        motion = simulate(self.vehicle, self.drive.commands, self.parameters(Z))
+        motion = self._motion(self.parameters(Z))
         heading = self.nuisances[self._at["start heading"]].mean
         c, s = math.cos(heading), math.sin(heading)
+        turned = dataclasses.replace(
+            motion, x=c * motion.x - s * motion.y, y=s * motion.x + c * motion.y
+        )
         total = np.zeros(len(Z))
         for sensor, signal in self.drive.signals.items():
-            rows = {
-                Sensor.POSITION: (c * motion.x - s * motion.y, s * motion.x + c * motion.y),
-                Sensor.HEADING: (motion.yaw,),
-                Sensor.YAW_RATE: (motion.yaw_rate,),
-                Sensor.WHEEL_SPEED: (motion.wheel_speed_rear,),
-            }[sensor]
             thin = slice(None, None, max(1, len(signal.time) // 200))
-            for row, measured in zip(rows, signal.values[thin].T, strict=True):
+            for row, measured in zip(turned.channels(sensor), signal.values[thin].T, strict=True):
                 values, _ = _interpolate(row, signal.time[thin], held=False)
                 rest = measured - values
                 rest -= rest.mean(axis=1, keepdims=True)
