@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from launch import Action
-from launch.actions import EmitEvent, RegisterEventHandler, Shutdown
+from launch import Action, LaunchContext
+from launch.actions import EmitEvent, OpaqueFunction, RegisterEventHandler, Shutdown
 from launch.events import matches_action
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.event_handlers import OnStateTransition
@@ -53,7 +53,7 @@ def managed_bridge(
         namespace=namespace,
         parameters=[*parameters, bridge_parameters(vehicle_file), {"autostart": False}],
         remappings=remappings,
-        on_exit=Shutdown(reason="tricycle_bridge has ended"),
+        on_exit=[OpaqueFunction(function=_shut_down)],
     )
     if not autostart:
         return [bridge]
@@ -76,6 +76,10 @@ def managed_bridge(
         bridge,
         change(Transition.TRANSITION_CONFIGURE),
     ]
+
+
+def _shut_down(context: LaunchContext) -> list[Action]:
+    return [] if context.is_shutdown else [Shutdown(reason="tricycle_bridge has ended")]
 
 
 def state_publisher(

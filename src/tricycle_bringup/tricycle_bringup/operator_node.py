@@ -40,9 +40,18 @@ class Operator:
     simulated
         Whether times are those of `/clock`, and a drive begins with a reset and arming. On the
         vehicle the person there has armed it.
+    namespace
+        Of the vehicle's nodes; in one, their clock is there too.
     """
 
-    def __init__(self, *, domain: int, check: Callable[[], None], simulated: bool = True) -> None:
+    def __init__(
+        self,
+        *,
+        domain: int,
+        check: Callable[[], None],
+        simulated: bool = True,
+        namespace: str = "",
+    ) -> None:
         self._check = check
         self._simulated = simulated
         self._context = rclpy.Context()
@@ -54,6 +63,8 @@ class Operator:
         self._node = rclpy.create_node(
             "operator",
             context=self._context,
+            namespace=namespace,
+            cli_args=["--ros-args", "-r", "/clock:=clock"] if namespace else None,
             parameter_overrides=[Parameter("use_sim_time", value=simulated)],
         )
         self._executor = SingleThreadedExecutor(context=self._context)

@@ -87,8 +87,13 @@ def simulated_session(
 
 
 @contextmanager
-def running_session() -> Iterator[Callable[[Plan, Path, Report], None]]:
+def running_session(namespace: str = "") -> Iterator[Callable[[Plan, Path, Report], None]]:
     """Drive plans on nodes that run already, of the real vehicle; arming stays the operator's.
+
+    Parameters
+    ----------
+    namespace
+        Of those nodes.
 
     Yields
     ------
@@ -98,7 +103,9 @@ def running_session() -> Iterator[Callable[[Plan, Path, Report], None]]:
     from tricycle_bringup.operator_node import Operator
 
     domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
-    with Operator(domain=domain, check=lambda: None, simulated=False) as operator:
+    with Operator(
+        domain=domain, check=lambda: None, simulated=False, namespace=namespace
+    ) as operator:
 
         def drive(plan: Plan, bag: Path, progress: Report) -> None:
             operator.drive(plan, bag.absolute(), progress=progress)

@@ -1,6 +1,7 @@
 """`tricycle drive`: drive a plan, on a simulation of its own or on nodes that run already."""
 
 import argparse
+import re
 from pathlib import Path
 
 from excitation_planner.plan import load_plan
@@ -32,6 +33,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add("--true-seed", type=int, default=0, help="of the simulation's hidden true parameters")
     add("--real-time-factor", type=float, default=1.0, help="largest; the nodes set the pace")
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
+    add("--namespace", type=_namespace, default="", metavar="NAME", help="of those nodes")
     parser.set_defaults(run=run)
 
 
@@ -39,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
     """Drive the plan and say where its bag is."""
     plan = load_plan(args.plan)
     session = (
-        running_session()
+        running_session(args.namespace)
         if args.vehicle_nodes
         else simulated_session(
             vehicle_file=str(args.vehicle.absolute()) if args.vehicle else "",
@@ -52,3 +54,9 @@ def run(args: argparse.Namespace) -> int:
         drive(plan, args.bag, progress)
     print(f"bag: {args.bag}   judge it: tricycle judge {args.bag}")
     return 0
+
+
+def _namespace(text: str) -> str:
+    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a namespace, as in first or /yard/first")
+    return text
