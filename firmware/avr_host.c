@@ -1,5 +1,6 @@
 /* An Arduino UNO simulated by libsimavr, as a shared library: bytes, millivolts and pulses in,
  * bytes and registers out. Time is the AVR's own and moves only in machine_run. */
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -82,8 +83,17 @@ static avr_cycle_count_t hall_edge(avr_t *avr, avr_cycle_count_t when, void *par
 	return when + machine->hall_half;
 }
 
+static void no_log(avr_t *avr, const int level, const char *format, va_list values)
+{
+	(void)avr;
+	(void)level;
+	(void)format;
+	(void)values;
+}
+
 struct machine *machine_new(const char *elf)
 {
+	avr_global_logger_set(no_log); /* it would tell of every image that it loads */
 	elf_firmware_t firmware = { .frequency = FREQUENCY };
 	if (elf_read_firmware(elf, &firmware) != 0)
 		return NULL;

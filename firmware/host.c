@@ -111,12 +111,15 @@ void host_tick(struct host *host, uint32_t now, int16_t angle, int16_t rate, uin
 #else
 #include "motor.h"
 
-/* Speeds at ticks 10 ms apart, from counts and times of the newest edges. */
-void host_hall(const int32_t *counts, const uint32_t *edges, int32_t ticks, int16_t *speeds)
+/* Speeds at ticks 10 ms apart and travels between them, from counts and newest edges. */
+void host_hall(const int32_t *counts, const uint32_t *edges, int32_t ticks, int16_t *speeds,
+	       int32_t *travels)
 {
-	struct hall hall = { .count = 0 };
-	for (int32_t i = 0; i < ticks; i++)
-		speeds[i] = hall_speed(&hall, counts[i], edges[i], (uint32_t)(i + 1) * TICK_US);
+	struct hall hall = { .beyond = HALL_PULSE / 2 };
+	for (int32_t i = 0; i < ticks; i++) {
+		travels[i] = hall_travel(&hall, counts[i], edges[i], (uint32_t)(i + 1) * TICK_US);
+		speeds[i] = hall.speed;
+	}
 }
 
 struct motor *host_motor_new(void)
@@ -124,9 +127,9 @@ struct motor *host_motor_new(void)
 	return calloc(1, sizeof(struct motor));
 }
 
-int32_t host_motor(struct motor *motor, int32_t setpoint, int16_t speed)
+int32_t host_motor(struct motor *motor, int32_t setpoint, int16_t speed, int32_t travel)
 {
-	return motor_torque(motor, setpoint, speed);
+	return motor_torque(motor, setpoint, speed, travel);
 }
 
 void host_tick(struct host *host, uint32_t now, int16_t speed, int32_t hall_count, int16_t pwm,

@@ -56,6 +56,11 @@ void board_control(struct plc *plc);
 void board_send_state(struct plc *plc, uint32_t now);
 void board_send_limits(struct plc *plc);
 
+#if defined(BOARD_IS_STEER)
+/* Length of the servo's pulse in 1/16 us, from the set-point in 1e-5 rad. */
+uint16_t steer_pulse(int32_t setpoint);
+#endif
+
 static inline int32_t clamp(int32_t value, int32_t low, int32_t high)
 {
 	return value < low ? low : value > high ? high : value;

@@ -8,7 +8,15 @@
 #define TRACKING_US 1000000UL
 #define ADC_LOW 5               /* below, above: broken wire */
 #define ADC_HIGH 1018
-#define SERVO_CENTRE 1500       /* us pulse at 0 rad; 500 us more at the largest angle */
+#define SERVO_CENTRE 24000      /* 1500 us at 0 rad ... */
+#define SERVO_SPAN 8000L        /* ... and 500 us more at the largest angle */
+
+uint16_t steer_pulse(int32_t setpoint)
+{
+	const int32_t full = 10L * MAX_ANGLE;
+	int32_t more = setpoint * SERVO_SPAN + (setpoint < 0 ? -full : full) / 2;
+	return (uint16_t)(SERVO_CENTRE + more / full);
+}
 
 static bool servo_on(const struct plc *plc)
 {
@@ -81,7 +89,6 @@ void board_control(struct plc *plc)
 void board_send_state(struct plc *plc, uint32_t now)
 {
 	const struct board *board = &plc->board;
-	int32_t pulse = SERVO_CENTRE + board->setpoint * 50 / MAX_ANGLE;
 	struct steer_state state = {
 		now,
 		plc->state,
@@ -90,7 +97,7 @@ void board_send_state(struct plc *plc, uint32_t now)
 		board->angle,
 		(int16_t)((board->setpoint + (board->setpoint < 0 ? -5 : 5)) / 10),
 		board->rate,
-		board->servo_on ? (uint16_t)pulse : 0,
+		board->servo_on ? (steer_pulse(board->setpoint) + 8) / 16 : 0,
 		board->adc,
 		board->supply,
 		plc->command_seq,

@@ -1,7 +1,7 @@
 /* The Arduino UNO around the boards' logic: UART rings, clock, pins, EEPROM, watchdog.
  *
  * Pins of both boards: 0, 1 UART; 3 e-stop (normally closed to ground: open or broken = pressed);
- * A1 supply through a divider by 11. Steer: 9 servo pulse, A0 potentiometer.
+ * A1 supply through a divider by 11. Steer: 9 servo pulse (100 Hz), A0 potentiometer.
  * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 hall pulses, 4 hall direction,
  * A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs. */
 #include <avr/eeprom.h>
@@ -141,15 +141,12 @@ static uint16_t adc(uint8_t channel)
 
 static void setup_outputs(void)
 {
-	ICR1 = 39999; /* 50 Hz in steps of 0.5 us; before the mode that uses it */
 	DDRB = _BV(PB1);
-	TCCR1A = _BV(WGM11);
-	TCCR1B = _BV(WGM13) | _BV(WGM12) | _BV(CS11);
+	TCCR1B = _BV(CS10); /* 16 MHz: a step of the pulse is 62.5 ns, a tenth of a mrad */
 }
 
-static void read_inputs(uint32_t now)
+static void read_inputs(void)
 {
-	(void)now;
 	struct board *board = &plc.board;
 	int16_t last = board->angle;
 	board->adc = adc(0);
@@ -158,14 +155,21 @@ static void read_inputs(uint32_t now)
 	board->rate = (int16_t)(board->rate + ((board->angle - last) * 10L - board->rate) / 4);
 }
 
+/* One pulse per tick, begun here and ended by the timer: a loop that hangs makes none. */
 static void write_outputs(void)
 {
 	const struct board *board = &plc.board;
-	if (board->servo_on) {
-		OCR1A = (uint16_t)(3000 + board->setpoint * 100 / MAX_ANGLE);
-		TCCR1A |= _BV(COM1A1);
-	} else {
-		TCCR1A &= (uint8_t)~_BV(COM1A1); /* no pulse: the pin is low */
+	if (!board->servo_on) {
+		TCCR1A = 0; /* the pin is low */
+		return;
+	}
+	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
+	{
+		OCR1A = steer_pulse(board->setpoint);
+		TCCR1A = _BV(COM1A1) | _BV(COM1A0); /* set at a compare match ... */
+		TCNT1 = 0;
+		TCCR1C = _BV(FOC1A);   /* ... which is now, ... */
+		TCCR1A = _BV(COM1A1); /* ... and cleared at the next */
 	}
 }
 
@@ -175,7 +179,8 @@ static void write_outputs(void)
 
 static volatile int32_t pulses;
 static volatile uint32_t pulse_at; /* us */
-static struct hall hall;
+static struct hall hall = { .beyond = HALL_PULSE / 2 }; /* anywhere between two pulses */
+static int32_t travel; /* um in the last tick */
 static struct motor motor;
 
 ISR(INT0_vect)
@@ -196,7 +201,7 @@ static void setup_outputs(void)
 	EIMSK = _BV(INT0);
 }
 
-static void read_inputs(uint32_t now)
+static void read_inputs(void)
 {
 	struct board *board = &plc.board;
 	uint32_t edge_at;
@@ -205,7 +210,8 @@ static void read_inputs(uint32_t now)
 		board->hall_count = pulses;
 		edge_at = pulse_at;
 	}
-	board->speed = hall_speed(&hall, board->hall_count, edge_at, now);
+	travel = hall_travel(&hall, board->hall_count, edge_at, micros()); /* not before the edge */
+	board->speed = hall.speed;
 	board->current = (uint16_t)(adc(0) * 50000UL / 1023);
 }
 
@@ -214,11 +220,12 @@ static void write_outputs(void)
 	struct board *board = &plc.board;
 	int32_t torque = 0;
 	bool reverse = board->gear == GEAR_REVERSE;
-	if (board->motor_on)
-		torque = motor_torque(&motor, reverse ? -board->setpoint : board->setpoint,
-				      reverse ? -board->speed : board->speed);
-	else
+	if (!board->motor_on)
 		motor.integral = 0;
+	else if (reverse)
+		torque = motor_torque(&motor, -board->setpoint, -board->speed, -travel);
+	else
+		torque = motor_torque(&motor, board->setpoint, board->speed, travel);
 	bool backward = reverse != (torque < 0);
 	if (torque < 0)
 		torque = -torque;
@@ -247,7 +254,7 @@ static void tick(void)
 	}
 	plc.board.estop_input = PIND & _BV(PD3);
 	plc.board.supply = SUPPLY_MV(adc(1));
-	read_inputs(start);
+	read_inputs();
 	plc_tick(&plc, start);
 	write_outputs();
 	uint32_t took = micros() - start;

@@ -1,4 +1,4 @@
-"""The firmware's C logic, compiled once per run for every test that compares with it."""
+"""The firmware, compiled once per run for every test that compares with it or runs it."""
 
 import shutil
 import subprocess
@@ -11,8 +11,20 @@ FIRMWARE = Path(__file__).parents[2] / "firmware"
 
 @pytest.fixture(scope="session")
 def firmware_libraries(tmp_path_factory) -> Path:
+    """The C logic as libraries of this machine."""
     if shutil.which("cc") is None:
         pytest.skip("no C compiler: the firmware's logic is not tested here")
     build = tmp_path_factory.mktemp("firmware")
     subprocess.run(["make", "-s", "-C", FIRMWARE, "host", f"BUILD={build}"], check=True)
+    return build
+
+
+@pytest.fixture(scope="session")
+def firmware_images(tmp_path_factory) -> Path:
+    """What is flashed, and the simulated UNO that runs it."""
+    if shutil.which("avr-gcc") is None or not Path("/usr/include/simavr").exists():
+        pytest.skip("no gcc-avr, avr-libc or libsimavr-dev: the firmware is not run here")
+    build = tmp_path_factory.mktemp("avr")
+    command = ["make", "-s", "-C", FIRMWARE, "avr", "simulator", f"BUILD={build}"]
+    subprocess.run(command, check=True, capture_output=True)
     return build

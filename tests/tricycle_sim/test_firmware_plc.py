@@ -86,36 +86,67 @@ def test_the_motor_controller_is_the_models(drive_library):
     """vehicle-model: Kp 20, Ki 20, back-calculation 0.2, 35 and -15 N m, 250 W, no-load line."""
     motor = ctypes.c_void_p(drive_library.host_motor_new())
     integral, spin, inertia = 0.0, 0.0, 48.3 * 0.335**2  # the vehicle's mass at the tread
+    turned = travelled = 0.0
     for tick in range(1500):
-        speed = np.interp(tick, [0, 300, 800, 1000], [0.0, 3.0, 3.0, 0.0])  # m/s
-        rate = round(spin * 335) * 1e-3 / 0.335  # as measured, in mm/s
-        error = speed / 0.335 - rate
+        setpoint = np.interp(tick, [0, 300, 800, 1000], [0.0, 3.0, 3.0, 0.0])  # m/s
+        travel = round(turned * 335e3) - travelled  # um, as counted
+        travelled += travel
+        rate = round(spin * 335) / 335  # as measured, in mm/s
+        error = setpoint / 0.335 - rate
+        integral -= travel * 1e-6 / 0.335  # the way that is missing, the set-point's follows
         demand = 20 * error + 20 * integral
         available = min(35.0, 250.0 / max(rate, 0.5), 9 * (15.5 - rate))
         torque = max(-15.0, min(demand, available))
-        integral += 0.01 * (error + 0.2 * (torque - demand))
+        integral += 0.01 * (setpoint / 0.335 + 0.2 * (torque - demand))
         found = drive_library.host_motor(
-            motor, ctypes.c_int32(round(speed * 1e5)), ctypes.c_int16(round(rate * 335))
+            motor,
+            ctypes.c_int32(round(setpoint * 1e5)),
+            ctypes.c_int16(round(rate * 335)),
+            ctypes.c_int32(int(travel)),
         )
-        assert found * 1e-3 == pytest.approx(torque, abs=0.15)
+        assert found * 1e-3 == pytest.approx(torque, abs=0.1)
         spin += 0.01 * torque / inertia
+        turned += 0.01 * spin
     assert spin == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.parametrize("speed", [0.3, 1.0, 4.8, -1.0])
-def test_speed_from_hall_pulses(drive_library, speed):
-    ticks = 400
-    edges, counts = (ctypes.c_uint32 * ticks)(), (ctypes.c_int32 * ticks)()
-    speeds = (ctypes.c_int16 * ticks)()
-    pulse = 0.015253 / abs(speed)  # s
+def _hall(drive_library, position, ticks):
+    """Speeds (m/s) and travels (m) that the drive board finds of a wheel at position(time)."""
+    times = np.arange(0.0, ticks * 0.01, 2e-5)
+    pulses = np.floor(position(times) / 0.015253).astype(int)
+    # a pulse is seen where it is passed, forwards or backwards
+    passed = np.flatnonzero(np.diff(pulses)) + 1
+    counts, edges = (ctypes.c_int32 * ticks)(), (ctypes.c_uint32 * ticks)()
     for k in range(ticks):
-        n = int(min((k + 1) * 0.01, 3.0) / pulse)  # the wheel stands from 3 s on
-        counts[k] = n if speed > 0 else -n
-        edges[k] = round(n * pulse * 1e6)
-    drive_library.host_hall(counts, edges, ticks, speeds)
-    steady = np.array(speeds[50:299]) * 1e-3
-    assert steady == pytest.approx(speed, rel=0.01)
-    assert speeds[340] == 0
+        before = passed[times[passed] < (k + 1) * 0.01]
+        if len(before):
+            counts[k], edges[k] = pulses[before[-1]], round(times[before[-1]] * 1e6)
+    speeds, travels = (ctypes.c_int16 * ticks)(), (ctypes.c_int32 * ticks)()
+    drive_library.host_hall(counts, edges, ticks, speeds, travels)
+    return np.array(speeds) * 1e-3, np.array(travels) * 1e-6
+
+
+@pytest.mark.parametrize("speed", [0.1, 0.3, 1.0, 4.8, -1.0])
+def test_a_steady_speed_from_hall_pulses(drive_library, speed):
+    speeds, travels = _hall(drive_library, lambda t: speed * np.minimum(t, 3.0), 400)
+    assert speeds[200:299] == pytest.approx(speed, abs=0.01)
+    assert travels[200:299] == pytest.approx(0.01 * speed, abs=2e-4)
+    assert speeds[350] == 0.0  # it stands from 3 s on
+
+
+def test_the_speed_of_a_ramp_does_not_lag(drive_library):
+    acceleration, ticks = 1.0, 300
+    speeds, travels = _hall(drive_library, lambda t: 0.5 * acceleration * t**2, ticks)
+    times = 0.01 * np.arange(1, ticks + 1)
+    # the mean between two pulses alone would lag by the time from their middle: 50 mm/s at 1 s
+    assert speeds[100:] == pytest.approx(acceleration * times[100:], abs=0.015)
+    # a pulse is 15 mm; what was travelled is known to a fraction of one
+    assert np.cumsum(travels)[30:] == pytest.approx(0.5 * times[30:] ** 2, abs=0.01)
+
+
+def test_noise_on_the_hall_line_is_an_overspeed_not_an_overflow(drive_library):
+    speeds, _ = _hall(drive_library, lambda t: 100.0 * t, 100)
+    assert np.all(speeds[5:] > 5.28)
 
 
 def test_a_library_that_was_not_built_is_named(tmp_path):

@@ -1,9 +1,6 @@
 """The real firmware on two simulated UNOs, driven by the real bridge, in lockstep."""
 
 import random
-import shutil
-import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -12,18 +9,7 @@ from tricycle_bridge.messages import Board, Fault, LinkError, PlcState
 from tricycle_sim.simulated_avr import DrivePins, SimulatedUno
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
-FIRMWARE = Path(__file__).parents[2] / "firmware"
 MASS_AT_TREAD = 48.3 * 0.335  # N s^2: torque over this is acceleration
-
-
-@pytest.fixture(scope="module")
-def build(tmp_path_factory):
-    if shutil.which("avr-gcc") is None or not Path("/usr/include/simavr").exists():
-        pytest.skip("no avr-gcc or libsimavr")
-    build = tmp_path_factory.mktemp("avr")
-    command = ["make", "-s", "-C", FIRMWARE, "avr", "simulator", f"BUILD={build}"]
-    subprocess.run(command, check=True, capture_output=True)
-    return build
 
 
 class Loop:
@@ -84,8 +70,8 @@ class Loop:
 
 
 @pytest.fixture
-def loop(build):
-    loop = Loop(build)
+def loop(firmware_images):
+    loop = Loop(firmware_images)
     loop.run(0.3)
     yield loop
     for uno in loop.unos.values():

@@ -22,6 +22,10 @@ from tricycle_sim.simulated_avr import SimulatedUno
 from tricycle_sim.vehicle import Vehicle
 
 _TICK_US = round(TICK * 1e6)
+# The boards were switched on so long before the vehicle's first tick: they have booted, and tick in
+# the middle of its ticks. A command that is sent at a tick then acts in it, as the emulation's do,
+# though it takes 1.7 ms on the line, and the state frame is sent in it too.
+_LEAD_US = 3 * _TICK_US // 2
 
 
 class _FirmwareBoard:
@@ -29,20 +33,20 @@ class _FirmwareBoard:
 
     def __init__(self, board: Board, build: Path) -> None:
         self._board = board
-        self._build = build
-        self._boot()
+        self.uno = SimulatedUno(build, board.name.lower())
+        self.uno.run(_LEAD_US)
+        self._forget()
 
-    def _boot(self) -> None:
-        self.uno = SimulatedUno(self._build, self._board.name.lower())
+    def _forget(self) -> None:
         self.armed = False
         self.heard = False  # a command since the last step
         self._sent = FrameDecoder(self._board, host=False)
         self._received = FrameDecoder(self._board, host=True)
 
     def reboot(self) -> None:
-        """Take the power away and give it back."""
-        self.uno.close()
-        self._boot()
+        """Press the reset button; the EEPROM keeps what it holds."""
+        self.uno.reset()
+        self._forget()
 
     def write(self, data: bytes) -> None:
         """Send bytes of the host to the board."""
@@ -53,7 +57,7 @@ class _FirmwareBoard:
         self.uno.write(data)
 
     def run(self, until_us: int) -> bytes:
-        """Run to a time since the boot; return what the board has sent."""
+        """Run to a time on the board's clock; return what it has sent."""
         self.uno.run(until_us)
         self.heard = False
         data = self.uno.read()
@@ -83,7 +87,7 @@ class FirmwareSimulator:
         self._vehicle = vehicle
         self._boards = {b: _FirmwareBoard(b, build) for b in (Board.STEER, Board.DRIVE)}
         self._ticks = 0
-        self._boot_tick = 0
+        self._hall_travel = 0.0  # m that the hall sensor's wheel has turned
         self._live = LiveVehicle(vehicle)
 
     @property
@@ -111,9 +115,9 @@ class FirmwareSimulator:
         return self._boards[board].heard
 
     def reset(self) -> None:
-        """Put the vehicle at rest at the origin and power-cycle both boards; time goes on."""
+        """Put the vehicle at rest at the origin and reset both boards; time goes on."""
         self._live = LiveVehicle(self._vehicle)
-        self._boot_tick = self._ticks
+        self._hall_travel = 0.0
         for board in self._boards.values():
             board.reboot()
 
@@ -126,8 +130,8 @@ class FirmwareSimulator:
         """Run one tick: sensors, boards, vehicle. Return what the boards sent."""
         state, steer, drive = self._live.state, *self._boards.values()
         steer.uno.steering_angle(state.steering_motor_angle)
-        drive.uno.wheel_speed(state.wheel_speeds[2] * self._vehicle.tyre_radius)
-        until = (self._ticks + 1 - self._boot_tick) * _TICK_US
+        drive.uno.wheel_speed(self._hall_speed(state))
+        until = (self._ticks + 1) * _TICK_US + _LEAD_US
         sent = {board: one.run(until) for board, one in self._boards.items()}
         servo, motor = steer.uno.steer_pins(), drive.uno.drive_pins()
         self._live.step(
@@ -137,6 +141,18 @@ class FirmwareSimulator:
         )
         self._ticks += 1
         return sent
+
+    def _hall_speed(self, state: LiveState) -> float:
+        """Speed of the hall sensor's wheel in the coming tick, m/s.
+
+        The wheel's, and what brings the sensor to where the wheel is now by the boards' tick.
+        """
+        radius = self._vehicle.tyre_radius
+        speed = state.wheel_speeds[2] * radius
+        wanted = state.rear_wheel_angle * radius - speed * TICK / 2
+        speed += (wanted - self._hall_travel) / TICK
+        self._hall_travel += speed * TICK
+        return speed
 
     def close(self) -> None:
         """Free the simulated boards."""

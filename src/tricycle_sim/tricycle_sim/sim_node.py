@@ -194,6 +194,7 @@ class TricycleSim(Node):
         """Stop the simulation and remove the ptys."""
         self._stop.set()
         self._thread.join()
+        self._simulator.close()
         for port in self._ports.values():
             port.close()
         super().destroy_node()

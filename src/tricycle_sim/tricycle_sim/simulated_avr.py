@@ -64,6 +64,7 @@ class SimulatedUno:
         self._machine = ctypes.c_void_p(self._c.machine_new(str(build / f"{name}.elf").encode()))
         self.supply(48.0 if name == "drive" else 12.0)
         self.estop(pressed=False)
+        self._c.machine_pin(self._machine, 2, 0)  # the hall sensor, half a pulse before its edge
 
     def close(self) -> None:
         """Free the simulation."""
@@ -124,7 +125,7 @@ class SimulatedUno:
     def steer_pins(self) -> SteerPins:
         """Read the servo's pulse."""
         on = bool(self._word(_TCCR1A) & _COM1A1)
-        pulse = self._word(_OCR1A) / 2  # us
+        pulse = self._word(_OCR1A) / 16  # us
         return SteerPins(on, (pulse - 1500) * MAX_STEERING_ANGLE / 500 if on else 0.0)
 
     def drive_pins(self) -> DrivePins:

@@ -107,6 +107,9 @@ class Simulator:
         self._ticks += 1
         return {Board.STEER: steer_bytes, Board.DRIVE: drive_bytes}
 
+    def close(self) -> None:
+        """Nothing is held that needs freeing; the firmware's simulator has something."""
+
     @property
     def _plcs(self) -> dict[Board, Plc]:  # type: ignore[type-arg]
         return {Board.STEER: self._steer, Board.DRIVE: self._drive}
