@@ -231,6 +231,13 @@ def test_a_nearly_full_disk_stops_the_recording_with_a_diagnostic(  # type: igno
     assert "disk_reserve" in r.trigger("stop")[1]
 
 
+def test_a_recording_that_cannot_go_on_ends_the_node_where_that_is_wanted(  # type: ignore[no-untyped-def]
+    recorder, tmp_path: Path
+) -> None:
+    r = recorder(record=True, output=tmp_path / "bag", disk_reserve=1e6, exit_on_failure=True)
+    assert r.process.wait(10) == 1
+
+
 def test_a_mistake_ends_the_node_with_one_line(recorder, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
     (tmp_path / "bag").mkdir()
     r = recorder(record=True, output=tmp_path / "bag")

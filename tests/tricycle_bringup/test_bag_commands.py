@@ -90,7 +90,11 @@ def test_mistakes(
         ("judge", "bag", "--datum", "146,6"),
         ("judge", "bag", "--anchor", "elsewhere"),
         ("judge", "bag", "--export", "xml"),
+        ("judge", "bag", "--plot", "figure.xls"),
         ("judge",),
+        ("record", "--duration", "-3"),
+        ("record", "--split-size", "big"),
+        ("replay", "bag", "--rate", "nan"),
     ],
 )
 def test_mistyped_options_are_argparses(

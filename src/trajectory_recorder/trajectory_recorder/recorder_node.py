@@ -112,6 +112,9 @@ class TrajectoryRecorder(Node):
         pairs = declare(self, "metadata", [""], "key=value pairs for the bag's metadata record")
         self._metadata = dict(pair.split("=", 1) for pair in pairs if pair)
         record = declare(self, "record", False, "start recording to `output` at once")
+        self._exit_on_failure = declare(
+            self, "exit_on_failure", False, "end the process when the disk ends the recording"
+        )
 
         self._sim_time = bool(self.get_parameter("use_sim_time").value)
         self._sources: dict[str, _Source] = {}
@@ -307,6 +310,8 @@ class TrajectoryRecorder(Node):
             with suppress(OSError):
                 bag.close()
         self._report()
+        if self._exit_on_failure:
+            raise SystemExit(1)
 
     def _report(self) -> None:
         status = DiagnosticStatus(

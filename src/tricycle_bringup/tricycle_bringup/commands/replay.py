@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from trajectory_recorder.bag_reader import BagReader
-from tricycle_bringup.commands.record import run_in_foreground
+from tricycle_bringup.commands.record import not_negative, run_in_foreground
 
 EXAMPLE = """\
 examples:
@@ -26,8 +26,10 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add = parser.add_argument
     add("bag", metavar="BAG", type=Path, help="rosbag2 directory, .mcap or .db3 file")
-    add("--rate", type=float, default=1.0, help="recorded s per s; 0: as fast as it is taken")
-    add("--start", type=float, default=0.0, metavar="S", help="skip so many recorded seconds")
+    add("--rate", type=not_negative, default=1.0, help="recorded s per s; 0: as fast as taken")
+    add(
+        "--start", type=not_negative, default=0.0, metavar="S", help="skip so many recorded seconds"
+    )
     add("--topics", nargs="+", metavar="TOPIC", help="names to play; * and ? match anything")
     add("--loop", action="store_true", help="begin again at the end")
     add("--paused", action="store_true", help="wait for ~/resume or ~/step")
