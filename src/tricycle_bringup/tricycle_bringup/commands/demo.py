@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -130,10 +131,10 @@ def _table(
     expected: dict[str, float],
     judgements: dict[str, Judgement],
 ) -> Table:
-    table = Table(title=f"exciting {target}, TE in m²")
+    table = Table(title=f"exciting {target}, TE in m²", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("maneuver", no_wrap=True)
-    for heading in ("S", "ST", "H", "TE expected", "measured", "less noise", "rms mm"):
-        table.add_column(heading, justify="right")
+    for heading in ("S", "ST", "H", "TE expected", "TE measured", "less noise", "rms/mm"):
+        table.add_column(heading, justify="right", min_width=8 if heading[:2] == "TE" else None)
     for name, plan in plans.items():
         judgement = judgements[name]
         values = "\n".join(f"{key} {value:.3f}" for key, value in plan.operation.items())
