@@ -13,7 +13,7 @@ VENV_FLAGS :=
 EXTRAS := dev,ros
 endif
 
-.PHONY: help setup demo test check lint format firmware bench clean
+.PHONY: help setup demo test check lint format docs reference firmware bench clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -43,6 +43,12 @@ lint: setup
 format: setup  ## format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+docs: setup  ## the documentation, as a site in build/site; warnings are errors
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
+reference: setup  ## write the reference pages that come from the code anew
+	$(BIN)/python docs/generate_reference.py
 
 firmware: setup  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
 	$(MAKE) -C firmware avr simulator

@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import reprlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -80,6 +81,8 @@ class Plan:
         By what the maneuver was chosen.
     number, drives
         Place of this maneuver in the set that was designed together, from 1, and the set's size.
+    unknown
+        Range of each unknown parameter.
     main, total
         Sobol' indices S and ST of TE by unknown parameter.
     variance
@@ -95,10 +98,22 @@ class Plan:
         own unit, measured with the noise below; empty where `noise_std` is 0.
     leave_one_out_q2
         Of the Kriging model of TE.
+    simulations, seconds, seed
+        What the planning took; the same seed gives the same plan.
+    feasible
+        Whether the nominal vehicle can drive it.
     verdict
         Empty, or why the family cannot excite the target.
+    vehicle, vehicle_hash, tyre_radius
+        Name and hash of the vehicle file, and the rear wheel's radius, m.
+    software
+        Version that planned.
+    commands
+        What the maneuver driver plays.
     path
         (m, 2) m, path of the rear axle's ground point from the start pose.
+    reference
+        Nominal trajectory of `base_link`.
     noise_std, yaw_rate_std, drift_std, drift_time, start_position_std, start_heading_std
         How the drive is assumed to be measured, see `PlanRequest`.
     search
@@ -200,13 +215,19 @@ class _Reader:
         return value
 
     def text(self, name: str) -> str:
-        return str(self._take(name, str, "a text"))
+        text: str = self._take(name, str, "a text")
+        if not text.isprintable():  # half a surrogate pair, terminal escapes
+            raise PlanError(f"{self._where}: {name} must be a printable text")
+        return text
 
     def flag(self, name: str) -> bool:
         return bool(self._take(name, bool, "true or false"))
 
     def number(self, name: str) -> float:
-        return float(self._take(name, (int, float), "a number"))
+        try:
+            return float(self._take(name, (int, float), "a number"))
+        except OverflowError:
+            raise PlanError(f"{self._where}: {name} is too large") from None
 
     def count(self, name: str) -> int:
         return int(self._take(name, int, "a whole number"))
@@ -215,6 +236,8 @@ class _Reader:
         return _Reader(self._take(name, dict, "an object"), f"{self._where}: {name}")
 
     def names(self) -> list[str]:
+        if not all(name.isprintable() for name in self._document):
+            raise PlanError(f"{self._where}: its names must be printable texts")
         return list(self._document)
 
     def numbers(
@@ -222,7 +245,7 @@ class _Reader:
     ) -> Floats:
         try:
             array = np.array(self._take(name, list, "a list"), dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             array = np.empty(0)
         fits = array.ndim == len(shape) and all(
             size == want or (want is None and size > 0)
@@ -314,16 +337,22 @@ def load_plan(path: Path) -> Plan:
     OSError
         If the file cannot be read.
     """
-    if path.stat().st_size > MAX_BYTES:
+    with path.open("rb") as file:
+        content = file.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
         raise PlanError(f"{path}: larger than {MAX_BYTES} bytes; not a plan")
     try:
-        document = json.loads(path.read_text(encoding="utf-8"), parse_constant=_not_a_number)
+        document = json.loads(content.decode(), parse_constant=_not_a_number)
     except (ValueError, RecursionError) as error:
         raise PlanError(f"{path}: not a plan: {error}") from error
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         found = document.get("schema") if isinstance(document, dict) else None
-        raise PlanError(f"{path}: schema {found!r}; this version reads {SCHEMA}: plan again")
+        raise PlanError(
+            f"{path}: schema {reprlib.repr(found)}; this version reads {SCHEMA}: plan again"
+        )
     plan = _decode(document, str(path))
+    if not 0.0 < plan.tyre_radius < math.inf:
+        raise PlanError(f"{path}: tyre_radius must be above 0")
     if document.get("id") != plan.id:
         raise PlanError(f"{path}: commands or reference were changed after planning (id differs)")
     return plan

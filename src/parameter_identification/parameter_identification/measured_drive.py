@@ -6,6 +6,7 @@ played; samples before it, at standstill, are welcome: they tell the start pose 
 Letters of shapes: `m` samples of a signal, `t` points of a motion.
 """
 
+import contextlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from trajectory_recorder.bag_reader import BagReader
 from trajectory_recorder.topics import decode
 from tricycle_sim.commands import Commands, CommandsError
 from tricycle_sim.simulation import Trajectory
-from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle
 
 Array = NDArray[np.float64]
 
@@ -306,8 +307,18 @@ def read_measured_drive(
         commands=commands,
         signals={sensor: signal.between(-STANDSTILL, end) for sensor, signal in signals.items()},
         reference=drive.reference,
+        truth=_truth(drive.metadata),
         complete=drive.complete,
     )
+
+
+def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
+    """True values that a simulation left in the bag's record as ``true_<parameter>``."""
+    truth = {}
+    for name in UNKNOWN_PARAMETERS:
+        with contextlib.suppress(KeyError, ValueError):
+            truth[name] = float(metadata[f"true_{name}"])
+    return truth
 
 
 def _signal(samples: Array, bag: Path, sensor: Sensor) -> Signal:

@@ -28,7 +28,7 @@ class Monitor:
     domain
         ROS domain id.
     namespace
-        Of the tricycle; empty for the root.
+        Of the tricycle; empty for the root. Its diagnostics are in it too, as launched.
     """
 
     def __init__(self, *, domain: int, namespace: str = "") -> None:
@@ -44,7 +44,7 @@ class Monitor:
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         listen = self._node.create_subscription
-        listen(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        listen(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
         listen(DiagnosticStatus, "maneuver/state", self._on_maneuver, LATCHED)
         listen(JointState, "joint_commands", self._on_commands, qos_profile_sensor_data)
         listen(JointState, "joint_states", self._on_joints, qos_profile_sensor_data)

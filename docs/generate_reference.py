@@ -1,0 +1,316 @@
+"""Writes the reference pages that come from the code.
+
+    python docs/generate_reference.py      # or: make reference
+
+A test fails where a page is stale.
+"""
+
+import argparse
+import dataclasses
+import enum
+import importlib
+import inspect
+import json
+import os
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).parent
+GENERATED = (
+    "<!-- Written by docs/generate_reference.py: change the code, then `make reference`. -->\n"
+)
+
+
+def table(headings: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
+    """Return a table in Markdown."""
+    lines = [list(headings), *([str(cell) for cell in row] for row in rows)]
+    lines.insert(1, ["---"] * len(lines[0]))
+    return "".join(f"| {' | '.join(c.replace('|', '&#124;') for c in line)} |\n" for line in lines)
+
+
+# --- commands -------------------------------------------------------------------------------------
+
+
+def commands_page() -> str:
+    """Help of every command."""
+    os.environ["COLUMNS"] = "100"
+    from tricycle_bringup.cli import COMMANDS, parser
+
+    top = parser()
+    page = [GENERATED, "# Commands\n\n", _help(top)]
+    subparsers = _subparsers(top)
+    for name in COMMANDS:
+        page += [f"## tricycle {name}\n\n", _help(subparsers[name])]
+        for verb, inner in _subparsers(subparsers[name]).items():
+            page += [f"### tricycle {name} {verb}\n\n", _help(inner)]
+    return "".join(page)
+
+
+def _subparsers(parser: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            return dict(action.choices)
+    return {}
+
+
+def _help(parser: argparse.ArgumentParser) -> str:
+    return f"```text\n{parser.format_help().rstrip()}\n```\n\n"
+
+
+# --- protocol -------------------------------------------------------------------------------------
+
+
+def protocol_page() -> str:
+    """Every message with its fields, from the message table."""
+    from tricycle_bridge import messages
+    from tricycle_bridge.messages import MESSAGES, Board, from_plc, layout
+
+    page = [
+        GENERATED,
+        "# Protocol of the two PLCs\n\n",
+        f"TBP {messages.MAJOR}.{messages.MINOR}, {messages.BAUD} baud, 8N1; at most "
+        f"{messages.MAX_PAYLOAD} bytes of payload, little endian. How frames are made and links "
+        "kept: [the by-wire link](link.md).\n\n",
+        "## Limits\n\n",
+        table(("limit", "value", ""), _constants(messages)),
+        "\n## Messages\n\n",
+        table(
+            ("id", "message", "from", "board", "bytes", ""),
+            (
+                (
+                    f"`0x{m.ID:02X}`",
+                    f"[{m.__name__}](#{m.__name__.lower()})",
+                    "PLC" if from_plc(m.ID) else "host",
+                    "both" if m.BOARD is Board.ANY else m.BOARD.name.lower(),
+                    sum(wire.size for wire in layout(m).values()),
+                    _summary(m),
+                )
+                for m in MESSAGES
+            ),
+        ),
+    ]
+    for message in MESSAGES:
+        fields = layout(message)
+        page += [f"\n### {message.__name__}\n\n{_summary(message)}\n"]
+        if fields:
+            comments = _comments(message)
+            rows = [
+                (f"`{name}`", wire.name, comments.get(name, "")) for name, wire in fields.items()
+            ]
+            page += ["\n", table(("field", "type", "unit, meaning"), rows)]
+    page += ["\n## Values\n"]
+    for kind in _enumerations(messages):
+        rows = [(member.value, f"`{name}`") for name, member in kind.__members__.items()]
+        page += [f"\n### {kind.__name__}\n\n{_summary(kind)}\n\n", table(("value", "name"), rows)]
+    return "".join(page)
+
+
+def _constants(module: Any) -> Iterator[tuple[str, object, str]]:
+    names = ("MAX_STEERING_ANGLE", "MAX_STEERING_RATE", "MAX_SPEED", "MAX_ACCELERATION")
+    for name in (*names, "WATCHDOG", "STALE_TICKS", "ECHO_TICK", "TICK", "ARMING_COMMANDS"):
+        comment = re.search(rf"^{name} = .*?# (.*)$", inspect.getsource(module), re.MULTILINE)
+        yield f"`{name}`", getattr(module, name), comment[1] if comment else ""
+
+
+def _enumerations(module: Any) -> list[type[enum.Enum]]:
+    kinds = [k for _, k in inspect.getmembers(module, inspect.isclass) if issubclass(k, enum.Enum)]
+    return sorted((k for k in kinds if k.__module__ == module.__name__), key=lambda k: k.__name__)
+
+
+def _summary(described: type) -> str:
+    return (inspect.getdoc(described) or "").partition("\n\n")[0].replace("\n", " ")
+
+
+def _comments(described: type) -> dict[str, str]:
+    return dict(re.findall(r"^    (\w+): .*?# (.*)$", inspect.getsource(described), re.MULTILINE))
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def files_page() -> str:
+    """Plan and study."""
+    from excitation_planner import plan, store
+    from excitation_planner.study import Study
+
+    inner = [
+        f"\n`{kind.__name__}`: {_summary(kind)}\n\n" + _fields(kind)
+        for kind in (plan.Reference, plan.SearchHistory)
+    ]
+    with tempfile.TemporaryDirectory() as folder:
+        box = {"p1": (0.0, 1.0), "p2": (0.0, 1.0)}
+        Study.create(Path(folder), {"x1": (0.0, 1.0)}, box, "p1", samples=20, budget=1000)
+        example = json.dumps(json.loads((Path(folder) / "study.json").read_text()), indent=2)
+    return "".join(
+        [
+            GENERATED,
+            "# Files\n\nAll of them are read as untrusted input: checked field by field, nothing "
+            "in them is run. SI units.\n\n## Plan\n\n",
+            f"`plan.json`, schema {plan.SCHEMA}, at most {plan.MAX_BYTES // 1_000_000} MB. Beside "
+            "these it holds `schema` and `id`: twelve digits of a hash of commands and reference, "
+            "by which a change is noticed.\n\n",
+            _fields(plan.Plan),
+            "\nAn index is an object with `value`, `low` and `high`: its 95 % interval.\n",
+            *inner,
+            "\n## Study\n\nA directory.\n\n```text\n",
+            (inspect.getdoc(store) or "").partition("\n\n")[2],
+            "\n```\n\n`study.json`, for example:\n\n```json\n",
+            example,
+            "\n```\n\n`pending.csv` is what to simulate next: `point`, `sample`, the operation and "
+            "the unknown parameters.\n\n## Others\n\n"
+            "- Vehicle: [your own vehicle](how-to-vehicle.md).\n"
+            "- Commands of `tricycle simulate`: CSV with the columns `time`, "
+            "`steering_motor_angle`, `speed` in s, rad, m/s.\n"
+            "- Bags: rosbag2 directories, [bags](bags.md).\n",
+        ]
+    )
+
+
+def _fields(described: type) -> str:
+    """Table of the attributes in a NumPy docstring, which must name every field."""
+    section = (inspect.getdoc(described) or "").partition("Attributes\n----------\n")[2]
+    entries = re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", section, re.MULTILINE)
+    named = {name for names, _ in entries for name in names.split(", ")}
+    missing = {field.name for field in dataclasses.fields(described)} - named
+    if missing:
+        raise SystemExit(f"{described.__name__}: its docstring misses {', '.join(sorted(missing))}")
+    rows = [(f"`{names.replace(', ', '`, `')}`", " ".join(text.split())) for names, text in entries]
+    return table(("field", "meaning"), rows)
+
+
+# --- nodes ----------------------------------------------------------------------------------------
+
+NODES = {
+    "excitation_planner": "ExcitationPlanner",
+    "maneuver_driver": "ManeuverDriver",
+    "tricycle_bridge": "BridgeNode",
+    "tricycle_sim": "TricycleSim",
+    "trajectory_recorder": "TrajectoryRecorder",
+    "bag_replayer": "BagReplayer",
+}
+OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+
+
+def nodes_page() -> str:
+    """Topics, services and parameters of every node, from the nodes themselves."""
+    page = [
+        GENERATED,
+        "# Topics, services and parameters\n\nAs the nodes declare them; what they are "
+        "for: [nodes](nodes.md), [the by-wire link](link.md), [bags](bags.md). `~` is "
+        "the node's name.\n",
+    ]
+    for name in NODES:
+        with _node(name) as node:
+            page += [f"\n## {name}\n\n", *_interfaces(node, name), *_parameters(node)]
+    return "".join(page)
+
+
+@contextmanager
+def _node(name: str) -> Iterator[Any]:
+    """A node with its defaults, alone on this machine, in a folder of its own."""
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    script = next(entry for entry in entry_points(group="console_scripts") if entry.name == name)
+    before = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ |= {"ROS_LOG_DIR": folder, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
+        os.chdir(folder)
+        arguments = []
+        if name == "bag_replayer":
+            arguments = ["--ros-args", "-p", f"bag:={_small_bag(Path(folder) / 'bag')}"]
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        node = getattr(importlib.import_module(script.module), NODES[name])()
+        try:
+            yield node
+        finally:
+            node.destroy_node()
+            rclpy.shutdown()
+            os.chdir(before)
+
+
+def _small_bag(path: Path) -> Path:
+    """A bag with one message, for the replayer to open."""
+    from trajectory_recorder.bag_writer import BagWriter
+    from trajectory_recorder.topics import Topic, jazzy
+
+    kind = "std_msgs/msg/String"
+    message = jazzy().types[kind](data="")
+    with BagWriter(path) as bag:
+        topic = bag.add_topic(Topic.of_type("/recorded", kind))
+        bag.write(topic, 1, bytes(jazzy().serialize_cdr(message, kind)))
+    return path
+
+
+def _interfaces(node: Any, name: str) -> Iterator[str]:
+    from rclpy.qos import DurabilityPolicy
+
+    def shown(topic: str) -> str:
+        return topic.replace(f"/{name}/", "~/") if topic.startswith(f"/{name}/") else topic
+
+    def kind(of: type) -> str:
+        package, folder = of.__module__.split(".")[:2]
+        return f"{package}/{folder}/{of.__name__}"
+
+    def qos(profile: Any) -> str:
+        latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        return ", ".join([profile.reliability.name.lower(), *(["latched"] if latched else [])])
+
+    def topics(entities: Iterable[Any]) -> list[tuple[str, str, str]]:
+        rows = {(shown(e.topic_name), kind(e.msg_type), qos(e.qos_profile)) for e in entities}
+        common = ("/rosout", "/parameter_events", "~/transition_event")
+        return sorted(row for row in rows if row[0] not in common)
+
+    for title, rows in (
+        ("publishes", topics(node.publishers)),
+        ("subscribes", topics(node.subscriptions)),
+    ):
+        if rows:
+            rows = [(f"`{topic}`", message, offered) for topic, message, offered in rows]
+            yield table((title, "type", "quality of service"), rows) + "\n"
+    services = sorted(
+        (shown(service.srv_name), kind(service.srv_type))
+        for service in node.services
+        if not service.srv_type.__module__.startswith(
+            ("rcl_interfaces", "lifecycle_msgs", "type_description_interfaces")
+        )
+    )
+    if services:
+        yield table(("service", "type"), ((f"`{s}`", k) for s, k in services)) + "\n"
+
+
+def _parameters(node: Any) -> Iterator[str]:
+    names = sorted(name for name in node._parameters if not name.startswith(OF_EVERY_NODE))
+    rows = []
+    for name, of in zip(names, node.describe_parameters(names), strict=True):
+        ranges = [*of.floating_point_range, *of.integer_range]
+        span = f"{ranges[0].from_value:g} … {ranges[0].to_value:g}" if ranges else ""
+        default = node.get_parameter(name).value if name != "bag" else ""
+        shown = "" if default in ("", [""]) else f"`{default}`"
+        fixed = "at start" if of.read_only else "any time"
+        rows.append((f"`{name}`", shown, span, fixed, of.description))
+    yield table(("parameter", "default", "range", "set", "meaning"), rows)
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "reference-commands.md": commands_page,
+    "reference-protocol.md": protocol_page,
+    "reference-files.md": files_page,
+    "reference-nodes.md": nodes_page,
+}
+
+
+def main() -> None:
+    """Write the pages, or those named on the command line."""
+    for name in sys.argv[1:] or PAGES:
+        (DOCS / name).write_text(PAGES[name](), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""The vehicle file with what an identification found, and where it comes from."""
+
+from collections.abc import Sequence
+from importlib import resources
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from parameter_identification.identification import Estimate, Identification
+
+RANGE = 3.0  # standard deviations either side that the file leaves possible
+
+
+def identified_vehicle(
+    found: Identification, source: Path | None, *, bags: Sequence[str] = ()
+) -> str:
+    """Text of a vehicle file with the estimates.
+
+    Parameters that the drives show get their estimate as nominal value and as range three standard
+    deviations either side, so that the next plan looks for what is still unknown; the others stay
+    as they were. Each entry says what it rests on.
+
+    Parameters
+    ----------
+    found : what was identified with that vehicle
+    source : its file; None: the packaged tricycle
+    bags : what the estimates come from; default: the names of the drives
+    """
+    text = (
+        (resources.files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")
+        if source is None
+        else source.read_text(encoding="utf-8")
+    )
+    document: dict[str, Any] = yaml.safe_load(text)
+    where = ", ".join(bags or [drive.name for drive in found.drives])
+    for name, estimate in found.parameters.items():
+        entry = document["constants"][name]
+        about = entry["about"]
+        if estimate.identifiable:
+            low, high = _range(estimate)
+            entry.update(nominal=estimate.estimate, range=[low, high], basis="data")
+            about = (
+                f"identified from {where}: {100 * found.level:g} % interval "
+                f"{estimate.low:.5g} to {estimate.high:.5g}"
+                f"{'' if found.white else ', but the residuals are not white: the model lacks '}"
+                f"{'' if found.white else 'something or a sensor drifts'}; range: {RANGE:g} "
+                f"standard deviations; before: {about}"
+            )
+        else:
+            about = f"not shown by {where}; {about}"
+        entry["about"] = about
+    header = (
+        f"# {document['name']} with parameters identified from {where}\n"
+        f"# by tricycle identify {version('tricycle-excitation')}, vehicle file before: "
+        f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
+    )
+    body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
+    return header + body
+
+
+def _range(estimate: Estimate) -> tuple[float, float]:
+    reach = RANGE * estimate.standard_deviation
+    return (
+        max(estimate.range[0], estimate.estimate - reach),
+        min(estimate.range[1], estimate.estimate + reach),
+    )

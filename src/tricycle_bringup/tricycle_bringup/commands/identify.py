@@ -1,0 +1,97 @@
+"""`tricycle identify`: the unknown parameters, with honest confidence, from recorded drives."""
+
+import argparse
+import json
+from pathlib import Path
+
+from rich.console import Console
+
+from parameter_identification.estimation import Loss
+from parameter_identification.identification import identify
+from parameter_identification.identified_vehicle import identified_vehicle
+from parameter_identification.measured_drive import read_measured_drive
+from tricycle_bringup.identification_report import (
+    identification_page,
+    parameter_table,
+    remarks,
+    save_figures,
+)
+from tricycle_bringup.progress import progress_bar
+from tricycle_sim.vehicle import load_vehicle
+
+EXAMPLE = """\
+examples:
+  tricycle identify out/demo/bags/*
+  tricycle identify bags/circle bags/lane --held-out bags/check --output out/identified
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "identify",
+        help="estimate the unknown parameters from recorded drives",
+        description="Fits the model to all bags together and prints each parameter with its "
+        "interval by profile likelihood. What the drives do not show is said and keeps its range.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add(
+        "--parameters",
+        type=lambda text: tuple(text.replace("-", "_").split(",")),
+        metavar="NAME,NAME",
+        help="identify only these; the others keep their nominal values (default: all unknown)",
+    )
+    add("--held-out", type=Path, metavar="BAG", nargs="+", default=[], help="drives to predict")
+    add("--robust", action="store_true", help="hold outliers back (Huber's loss)")
+    add("--seed", type=int, default=0, help="of the starts")
+    add("--json", action="store_true", help="print one JSON object")
+    add(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write vehicle.yaml with the estimates, identification.json, figures and report.html",
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read the bags, identify, print, write."""
+    vehicle = load_vehicle(args.vehicle)
+    with progress_bar("reading bags") as progress:
+        drives = []
+        for done, bag in enumerate([*args.bags, *args.held_out], start=1):
+            drives.append(read_measured_drive(bag, vehicle))
+            progress(done, len(args.bags) + len(args.held_out))
+    with progress_bar("identifying") as progress:
+        found = identify(
+            drives[: len(args.bags)],
+            vehicle,
+            parameters=args.parameters,
+            held_out=drives[len(args.bags) :],
+            loss=Loss.HUBER if args.robust else Loss.SQUARED,
+            profiles=True,
+            seed=args.seed,
+            progress=progress,
+        )
+    document = json.dumps(found.to_json(), allow_nan=False)
+    console = Console(stderr=args.json, highlight=False)
+    console.print(parameter_table(found))
+    for remark in remarks(found):
+        console.print(remark, soft_wrap=True)
+    if args.output is not None:
+        output: Path = args.output
+        text = identified_vehicle(found, args.vehicle, bags=[bag.name for bag in args.bags])
+        page = identification_page(found)
+        output.mkdir(parents=True, exist_ok=True)
+        (output / "identification.json").write_text(document + "\n", encoding="utf-8")
+        (output / "vehicle.yaml").write_text(text, encoding="utf-8")
+        (output / "report.html").write_text(page, encoding="utf-8")
+        save_figures(found, output)
+        console.print(f"vehicle file, figures and report: {output}", soft_wrap=True)
+    if args.json:
+        print(document)
+    return 0
