@@ -3,10 +3,8 @@
 A variable vector (n,) holds the parameters in their ranges, then for each drive its nuisances in
 standard deviations of their priors.
 
-Everything that the minimisation needs of thousands of residuals r and their Jacobian J is the
-matrix [J r]ᵀ[J r] of size n + 1, which drives add to: its Cholesky factor is a Jacobian with n + 1
-residuals of the same cost, gradient and curvature. That small problem is what SciPy's trust region
-sees.
+All that the minimisation needs of thousands of residuals r and their Jacobian J is the matrix
+[J r]ᵀ[J r] of size n + 1, to which every signal of every drive adds its part.
 """
 
 import itertools
@@ -19,7 +17,7 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import lsq_linear
 
 from excitation_planner.box import sobol_sequence
 from parameter_identification.measured_drive import Sensor
@@ -37,8 +35,7 @@ Array = NDArray[np.float64]
 
 CANDIDATES = 64  # points of the Sobol' sequence that are looked at for starts
 HUBER = 2.5  # standard deviations from which samples lose weight under the robust loss
-MAX_EVALUATIONS = 40
-SMALL_GAIN = 0.5  # of the cost: what one linear step may promise
+MAX_STEPS = 50
 
 
 class Loss(Enum):
@@ -167,66 +164,50 @@ class Problem:
         return [np.concatenate([z, np.zeros(self.n - self.k)]) for z in best]
 
     def minimise(
-        self, start: Array, free: NDArray[np.bool_] | None = None, *, tolerance: float = 1e-6
+        self, start: Array, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01
     ) -> Fit:
         """Minimum from a start, within the ranges.
+
+        Levenberg's and Marquardt's method; every step is a linear problem with bounds, so that a
+        parameter at the end of its range holds nobody up.
 
         Parameters
         ----------
         start : (n,) variables
         free : (n,) which of them may change; default: all
-        tolerance : change of the cost, as a share of it, that ends the search
+        tolerance : what another step may still promise of the cost (an interval is where the cost
+            rises by some 4); that step is taken, its cost is the promised one
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
         kept = np.append(np.flatnonzero(free), self.n)
-        last: tuple[bytes, Array] = (b"", np.empty(0))
-
-        def factor(x: Array) -> Array:
-            nonlocal last
-            if x.tobytes() != last[0]:
-                v = start.copy()
-                v[free] = x
-                gram = self.gram(v)[np.ix_(kept, kept)]
-                gram[-1, -1] *= 1.0 + 1e-12  # a perfect fit leaves no residual at all
-                last = (x.tobytes(), np.linalg.cholesky(gram + 1e-300).T)
-            return last[1]
-
-        low = np.where(np.arange(self.n) < self.k, 0.0, -np.inf)[free]
-        high = np.where(np.arange(self.n) < self.k, 1.0, np.inf)[free]
-        found = least_squares(
-            lambda x: factor(x)[:, -1],
-            np.clip(start[free], low, high),
-            jac=lambda x: factor(x)[:, :-1],
-            bounds=(low, high),
-            method="dogbox",
-            xtol=1e-6,
-            ftol=tolerance,
-            max_nfev=MAX_EVALUATIONS,
-        )
-        at = start.copy()
-        at[free] = found.x
-        return Fit(at, 2.0 * float(found.cost))
-
-    def expected_minimum(self, v: Array, free: NDArray[np.bool_]) -> Fit | None:
-        """Minimum by one linear step from variables (n,) close to it.
-
-        None where the step leads out of the ranges or promises more than the linearisation can
-        be trusted with.
-        """
-        kept = np.append(np.flatnonzero(free), self.n)
-        gram = self.gram(v)[np.ix_(kept, kept)]
-        step = -np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
-        at = v.copy()
-        at[free] += step
-        gain = float(-step @ gram[:-1, -1])
-        inside = np.all((at[: self.k] >= 0.0) & (at[: self.k] <= 1.0))
-        return Fit(at, float(gram[-1, -1]) - gain) if inside and gain < SMALL_GAIN else None
+        bounded = np.arange(self.n) < self.k
+        low, high = np.where(bounded, 0.0, -np.inf), np.where(bounded, 1.0, np.inf)
+        at = np.where(free, np.clip(start, low, high), start)
+        gram = self.gram(at)[np.ix_(kept, kept)]
+        damping = 0.0
+        for _ in range(MAX_STEPS):
+            factor = np.linalg.cholesky(gram[:-1, :-1] + damping * np.eye(len(kept) - 1))
+            wanted = np.linalg.solve(factor, -gram[:-1, -1])
+            bounds = (low[free] - at[free], high[free] - at[free])
+            step = lsq_linear(factor.T, wanted, bounds, method="bvls").x
+            promise = -float(step @ (2.0 * gram[:-1, -1] + gram[:-1, :-1] @ step))
+            following = at.copy()
+            following[free] += step
+            following = np.where(free, np.clip(following, low, high), following)
+            if promise < tolerance:
+                return Fit(following, float(gram[-1, -1]) - promise)
+            trial = self.gram(following)[np.ix_(kept, kept)]
+            if trial[-1, -1] < gram[-1, -1] - 0.1 * promise:
+                at, gram = following, trial
+                damping = damping / 10.0 if damping > 1.0 else 0.0
+            else:
+                damping = max(10.0 * damping, 1.0)
+        return Fit(at, float(gram[-1, -1]))
 
     def estimate_noise(self, v: Array) -> None:
         """Set the noise of each sensor, and the weights of the robust loss, from the residuals."""
         predictions = self.predictions(v)
-        if self._robust:
-            self._weigh(predictions)
+        self._weigh(predictions)
         grams = {
             sensor: sum(
                 (
@@ -253,22 +234,35 @@ class Problem:
         self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
 
     def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
-        """Weights of Huber's loss, from innovations with the present noise."""
-        for found, weights in zip(predictions, self._weights, strict=True):
+        """Set the samples' weights: less where stamps matter, and those of Huber's loss."""
+        for drive, (found, weights) in enumerate(zip(predictions, self._weights, strict=True)):
             for p in found:
-                innovations, _ = whiten(p.residual, p.time, self.noise[p.sensor])
-                size = np.abs(innovations).max(axis=1)
-                weights[p.sensor] = np.minimum(1.0, HUBER / np.maximum(size, 1e-12))
+                weights[p.sensor] = self._stamp_weights(drive, p)
+                if self._robust:
+                    size = np.maximum(self._innovations(drive, p), 1e-12)
+                    weights[p.sensor] = weights[p.sensor] * np.minimum(1.0, HUBER / size)
+
+    def _stamp_weights(self, drive: int, p: Prediction) -> Array:
+        """Weights (m,) of samples whose stamps jitter."""
+        jitter = self.models[drive].drive.signals[p.sensor].jitter
+        if jitter == 0.0:
+            return np.ones(len(p.time))
+        slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
+        weights: Array = 1.0 / (1.0 + (slope * jitter / self.noise[p.sensor].white) ** 2)
+        return weights
+
+    def _innovations(self, drive: int, p: Prediction) -> Array:
+        """Largest innovation (m,) of each sample, in standard deviations."""
+        weights = self._stamp_weights(drive, p)
+        innovations, _ = whiten(p.residual, p.time, self.noise[p.sensor], weights)
+        size: Array = np.abs(innovations).max(axis=1)
+        return size
 
     def outliers(self, predictions: Sequence[Sequence[Prediction]], limit: float) -> int:
         """Number of samples with an innovation beyond so many standard deviations."""
         return sum(
-            int(
-                np.count_nonzero(
-                    np.abs(whiten(p.residual, p.time, self.noise[p.sensor])[0]) > limit
-                )
-            )
-            for found in predictions
+            int(np.count_nonzero(self._innovations(drive, p) > limit))
+            for drive, found in enumerate(predictions)
             for p in found
         )
 

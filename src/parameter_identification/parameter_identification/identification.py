@@ -50,7 +50,7 @@ Progress = Callable[[int, int], None]
 PRIOR_VARIANCE = 1.0 / 12.0  # of a uniform parameter, in its range
 IDENTIFIABLE = 0.5  # of the prior's standard deviation: what the drives must at least reach
 MIN_MOTION = 0.5  # m that a vehicle must have come from its start
-ROUGH = 1e-4  # tolerance of fits of which most are discarded
+ROUGH = 0.3  # of the cost: tolerance of fits of which most are discarded
 NOISE_ROUNDS = 3  # of noise and fit in turns
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
 SAME_BASIN = 0.02  # of the ranges between minima that are one
@@ -150,7 +150,7 @@ class DriveFit:
     nuisances : name to estimate, standard deviation and unit
     before : predictions of the nominal vehicle from the same start
     after : predictions with the estimates
-    weights : (m,) by sensor, of the samples; below 1 where the robust loss holds them back
+    weights : (m,) by sensor, of the samples; below 1 where their stamps or the robust loss say so
     """
 
     name: str
@@ -417,8 +417,14 @@ def _identify(
         hidden=_hidden(problem, inverse, tuple(known.unknown)),
         noise=problem.noise,
         whiteness=tuple(
-            whiteness(model.drive.name, name, p.time, p.residual[:, c] + p.values[:, c], r)
-            for model, found in zip(models, predictions, strict=True)
+            whiteness(
+                model.drive.name,
+                name,
+                p.time,
+                p.residual[:, c] + p.values[:, c],
+                r * np.sqrt(problem.weights(drive)[p.sensor]),
+            )
+            for drive, (model, found) in enumerate(zip(models, predictions, strict=True))
             for p in found
             for c, (name, r) in enumerate(zip(p.sensor.channels, p.residual.T, strict=True))
         ),

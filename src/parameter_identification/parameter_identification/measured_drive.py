@@ -52,6 +52,10 @@ class Sensor(Enum):
         return ("x", "y") if self is Sensor.POSITION else (self.value,)
 
 
+# of stamps; the PLCs measure anywhere between two ticks of 10 ms, of which the bridge knows one
+STAMP_JITTER = {Sensor.YAW_RATE: 0.0, Sensor.WHEEL_SPEED: 0.005}
+
+
 @dataclass(frozen=True, eq=False)
 class Signal:
     """Samples of a sensor.
@@ -60,10 +64,12 @@ class Signal:
     ----------
     time : (m,) s since the start event, strictly increasing
     values : (m, c) one column per channel; headings are continuous
+    jitter : standard deviation of the stamps, s: noise where the values change quickly
     """
 
     time: Array
     values: Array
+    jitter: float = 0.0
 
     def __post_init__(self) -> None:
         if self.values.shape[:1] != self.time.shape or self.values.ndim != 2:
@@ -78,7 +84,7 @@ class Signal:
     def between(self, start: float, end: float) -> "Signal":
         """Samples from `start` to `end`, s, both included."""
         inside = (self.time >= start) & (self.time <= end)
-        return Signal(self.time[inside], self.values[inside])
+        return Signal(self.time[inside], self.values[inside], self.jitter)
 
 
 @dataclass(frozen=True)
@@ -328,7 +334,7 @@ def _signal(samples: Array, bag: Path, sensor: Sensor) -> Signal:
     wrong = ~np.isfinite(values)
     if wrong.any():
         raise JudgeError(f"{bag}: {sensor.value} at {time[wrong][0]:.3f} s is not a number")
-    return Signal(time, values[:, None])
+    return Signal(time, values[:, None], STAMP_JITTER[sensor])
 
 
 def _commands(message: object, vehicle: Vehicle, bag: Path) -> Commands:

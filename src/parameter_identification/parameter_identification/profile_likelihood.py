@@ -19,6 +19,7 @@ from parameter_identification.estimation import Fit, Problem
 Array = NDArray[np.float64]
 
 STEPS = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
+TOLERANCE = 0.1  # of the cost; the interval's level is some 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +62,8 @@ def profile(problem: Problem, best: Fit, inverse: Array, i: int, level: float) -
             start[: problem.k] = np.clip(start[: problem.k], 0.0, 1.0)
             start[i] = at
             z.append(at)
-            fit = problem.expected_minimum(start, free) or problem.minimise(start, free)
-            rise.append(max(0.0, fit.cost - best.cost))  # below the minimum: its tolerance
+            cost = problem.minimise(start, free, tolerance=TOLERANCE).cost
+            rise.append(max(0.0, cost - best.cost))  # below the minimum by its tolerance at most
             if rise[-1] > allowed or at == bound:
                 break
         sides[sign] = (z, rise, _crossing(z, rise, allowed))
