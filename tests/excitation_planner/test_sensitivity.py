@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from excitation_planner import DesignError, Infill, monte_carlo_indices, sensitivity
+from excitation_planner.box import sobol_sequence
+from excitation_planner.sobol_indices import effects
 from excitation_planner.test_functions import (
     ISHIGAMI_UNKNOWN,
     MATH_MODEL_UNKNOWN,
@@ -96,15 +98,49 @@ def test_infill_helps(infill_by, batch):
 
 
 def test_failed_simulations_are_counted_and_left_out():
+    counted = 0
+
     def f(P):
+        nonlocal counted
         m = ishigami(P)
         m[3::50] = np.nan
         m[7] = np.inf
+        counted += int(np.sum(~np.isfinite(m)))
         return m
 
     result = sensitivity(f, ISHIGAMI_UNKNOWN, samples=400)
-    assert (result.simulations, result.failed) == (400, 9)
+    assert (result.simulations, result.failed) == (400, counted)
+    assert counted > 8
     assert largest_error(result, ishigami_indices()) < 5e-3
+
+
+def test_the_last_third_of_the_samples_goes_where_the_indices_gain():
+    """The box is filled first, then f is called once more."""
+    errors = []
+    rng = np.random.default_rng(0)
+    for seed in range(6):
+        x = rng.uniform(-5.0, 0.0, size=4)
+        exact = quadrature_indices(lambda P, x=x: math_model(x, P), MATH_MODEL_UNKNOWN, nodes=14)
+        calls = []
+
+        def f(P, x=x, calls=calls):
+            calls.append(len(P))
+            return math_model(x, P)
+
+        errors.append(largest_error(sensitivity(f, MATH_MODEL_UNKNOWN, seed=seed), exact))
+        assert calls == [133, 67]
+    assert np.median(errors) < 5e-4
+    assert max(errors) < 2e-3
+
+
+def test_effects_are_those_that_the_indices_measure():
+    """Integrated squares of main and total effects, by quasi-random points."""
+    result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=200)
+    parts = effects(result.model, sobol_sequence(2**13, 3))
+    squares = np.mean(parts**2, axis=1)
+    assert squares[0] == pytest.approx(result.variance, rel=0.02)
+    assert squares[1::2] / squares[0] == pytest.approx(result.main, abs=0.02)
+    assert squares[2::2] / squares[0] == pytest.approx(result.total, abs=0.02)
 
 
 def test_one_parameter_has_all_the_variance():
@@ -118,8 +154,8 @@ def test_one_parameter_has_all_the_variance():
     [
         (lambda P: np.ones(len(P)), {}, "the output is constant"),
         (lambda P: P[:, 0], {"samples": 4}, "samples = 4: 3 unknown parameters need 5"),
-        (lambda P: np.full(len(P), np.nan), {}, "200 of 200 simulations failed"),
-        (lambda P: P, {}, r"shape \(200, 3\)"),
+        (lambda P: np.full(len(P), np.nan), {}, "133 of 133 simulations failed"),
+        (lambda P: P, {}, r"shape \(133, 3\)"),
         (lambda P: 1.0, {}, r"shape \(\)"),
         (ishigami, {"infill": 3, "batch": 0}, "batch = 0"),
     ],

@@ -18,7 +18,6 @@ from excitation_planner.box import Bounds, Box, FloatArray
 from excitation_planner.criteria import Criterion
 from excitation_planner.errors import DesignError, InfeasibleManeuver
 from excitation_planner.evaluation import (
-    THREADPOOLS,
     VERIFIED,
     Evaluation,
     NoiseVariance,
@@ -31,6 +30,7 @@ from excitation_planner.information import PRIOR_INFORMATION, Prior, TrajectoryN
 from excitation_planner.search import Search, search_steps
 from excitation_planner.sensitivity import Sensitivity
 from excitation_planner.store import Store
+from excitation_planner.threads import THREADPOOLS
 
 __all__ = [
     "Design",

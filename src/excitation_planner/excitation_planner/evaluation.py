@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from excitation_planner.box import Box, FloatArray
 from excitation_planner.criteria import Criterion, cost_interval, excitation_cost
@@ -31,6 +30,7 @@ from excitation_planner.sensitivity import (
     sensitivity_of_model,
 )
 from excitation_planner.sobol_indices import sobol_indices
+from excitation_planner.threads import THREADPOOLS
 
 Trajectories = FloatArray | tuple[FloatArray, ...]  # (n, t, c), of each maneuver of a set
 Simulator = Callable[[FloatArray, FloatArray], Trajectories]  # x (l,), P (n, k) -> (n,) or those
@@ -40,8 +40,6 @@ NoiseVariance = float | Callable[[FloatArray], float]  # V_n, or V_n of the outp
 
 VERIFIED = 3  # distinct candidates that are evaluated afresh before one is handed out
 VERIFICATION = 3  # times the samples of an evaluation during the search
-
-THREADPOOLS = ThreadpoolController()
 
 
 @dataclass(frozen=True)

@@ -50,16 +50,23 @@ def running(
                 "f or noise_variance cannot be sent to another process: define it at the top of a "
                 f"module, or give workers=1 ({error})"
             ) from error
-        pool = ProcessPoolExecutor(
-            workers or os.cpu_count(),
-            # a forked child can hang on the locks of its parent's threads
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_prepare_worker,
-        )
-        try:
+        with process_pool(workers) as pool:
             yield _submitting(f, problem, pool)
-        finally:
-            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
+    """Processes of this machine, by default one per core, ended without finishing what waits."""
+    pool = ProcessPoolExecutor(
+        workers or os.cpu_count(),
+        # a forked child can hang on the locks of its parent's threads
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_prepare_worker,
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def _submitting(f: Simulator, problem: Problem, executor: Executor) -> Run:

@@ -5,13 +5,16 @@ from __future__ import annotations
 from enum import StrEnum
 
 import numpy as np
+from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
-from excitation_planner.box import FloatArray, sobol_sequence
+from excitation_planner.box import FloatArray, sobol_sequence, training_points
 from excitation_planner.kriging import Kriging
+from excitation_planner.sobol_indices import effects
 
 _CANDIDATES = 1024
+_REFERENCE = 2048  # points of the integrals of the criterion by index variance
 
 
 class Infill(StrEnum):
@@ -19,10 +22,17 @@ class Infill(StrEnum):
 
     LARGEST_VARIANCE = "largest-variance"  # the paper's Algorithm 1
     INTEGRATED_VARIANCE = "integrated-variance"  # IMSE
+    INDEX_VARIANCE = "index-variance"  # of the parts of the output that Sobol' indices are made of
 
 
 def infill_points(
-    model: Kriging, *, by: Infill, batch: int = 1, seed: int = 0, avoid: FloatArray | None = None
+    model: Kriging,
+    *,
+    by: Infill,
+    batch: int = 1,
+    seed: int = 0,
+    avoid: FloatArray | None = None,
+    polish: bool = True,
 ) -> FloatArray:
     """Return the next points (batch, k) of the unit box to simulate at.
 
@@ -30,23 +40,70 @@ def infill_points(
     ----------
     avoid : ndarray (q, k), optional
         Points not in the model that count as known, e.g. those of failed simulations.
+    polish : bool
+        Whether the largest variance is looked for beyond the candidates, which takes O(n³) per
+        point: too long with thousands of samples.
 
     The variance does not depend on outputs, so a batch is chosen one point after the other, each
     counted as known when the next one is looked for.
     """
     k = model.X_train_.shape[1]
     known = model.X_train_ if avoid is None else np.vstack([model.X_train_, avoid])
-    candidates = np.vstack([sobol_sequence(_CANDIDATES, k, seed=seed), _corners(k)])
-    chosen: list[FloatArray] = []
-    for _ in range(batch):
-        posterior = _Posterior(model, known)
-        if by is Infill.LARGEST_VARIANCE:
-            new = _largest_variance(posterior, candidates)
-        else:
-            new = _integrated_variance(posterior, candidates)
-        chosen.append(new)
-        known = np.vstack([known, new])
-    return np.array(chosen)
+    sobol = sobol_sequence(_CANDIDATES, k, seed=seed)
+    candidates = np.vstack([sobol, _corners(k)])
+    if by is Infill.LARGEST_VARIANCE and polish:
+        for _ in range(batch):
+            new = _largest_variance(_Posterior(model, known), candidates)
+            known = np.vstack([known, new])
+        return known[-batch:]
+    if by is Infill.INTEGRATED_VARIANCE:
+        reference, weights = sobol, np.eye(_CANDIDATES)
+    elif by is Infill.INDEX_VARIANCE:
+        candidates = np.vstack([training_points(_CANDIDATES, k, seed=seed), _corners(k)])
+        reference = sobol_sequence(_REFERENCE, k, seed=seed + 1)
+        # the error of a variance, of a main or of a total effect is to first order the integral of
+        # the model's error, weighted with that effect
+        weights = effects(model, reference)
+    else:
+        reference, weights = sobol[:1], np.zeros((1, 1))
+    return candidates[
+        _greedy(_Posterior(model, known), candidates, reference, weights, by=by, batch=batch)
+    ]
+
+
+def _greedy(
+    posterior: _Posterior,
+    candidates: FloatArray,
+    reference: FloatArray,
+    weights: FloatArray,
+    *,
+    by: Infill,
+    batch: int,
+) -> list[int]:
+    """Candidates taken one after the other, by pivoted Cholesky factorisation of their covariance.
+
+    ``weights`` (q, r) at the reference points (r, k) make linear functionals of the output; each
+    candidate lowers the sum of their variances by the squares of its covariances with them.
+    """
+    v = posterior.whitened(candidates)
+    variance = 1.0 - np.einsum("nc,nc->c", v, v)
+    cross = posterior.kernel(candidates, reference) - v.T @ posterior.whitened(reference)
+    covariance = cross @ weights.T  # (c, q)
+    columns = np.empty((len(candidates), batch))
+    chosen: list[int] = []
+    for i in range(batch):
+        left = np.maximum(variance, 1e-12)
+        gain = left if by is Infill.LARGEST_VARIANCE else np.sum(covariance**2, axis=1) / left
+        gain[chosen] = -1.0
+        c = int(np.argmax(gain))
+        deviation = np.sqrt(left[c] + posterior.nugget)
+        column = posterior.kernel(candidates, candidates[c : c + 1])[:, 0] - v.T @ v[:, c]
+        column = (column - columns[:, :i] @ columns[c, :i]) / deviation
+        covariance -= np.outer(column, covariance[c] / deviation)
+        variance -= column**2
+        columns[:, i] = column
+        chosen.append(c)
+    return chosen
 
 
 def _corners(k: int) -> FloatArray:
@@ -63,30 +120,30 @@ class _Posterior:
     def __init__(self, model: Kriging, known: FloatArray) -> None:
         self._length_scale = model.length_scale_
         self._known = known
-        K = self._kernel(known, known) + model.nugget_ * np.eye(len(known))
-        self._inverse = np.linalg.inv(np.linalg.cholesky(K))
+        self.nugget = model.nugget_
+        K = self.kernel(known, known) + model.nugget_ * np.eye(len(known))
+        self._factor = np.linalg.cholesky(K)
 
-    def _kernel(self, A: FloatArray, B: FloatArray) -> FloatArray:
+    def kernel(self, A: FloatArray, B: FloatArray) -> FloatArray:
         squared = cdist(A / self._length_scale, B / self._length_scale, "sqeuclidean")
         kernel: FloatArray = np.exp(-0.5 * squared)
         return kernel
 
+    def whitened(self, U: FloatArray) -> FloatArray:
+        """Covariances (n, u) with the known points, divided by their Cholesky factor."""
+        v: FloatArray = solve_triangular(self._factor, self.kernel(self._known, U), lower=True)
+        return v
+
     def variance(self, U: FloatArray) -> FloatArray:
-        v = self._inverse @ self._kernel(self._known, U)
+        v = self.whitened(U)
         share: FloatArray = 1.0 - np.einsum("na,na->a", v, v)
         return share
 
-    def covariance(self, A: FloatArray, B: FloatArray) -> FloatArray:
-        v_a = self._inverse @ self._kernel(self._known, A)
-        v_b = self._inverse @ self._kernel(self._known, B)
-        covariance: FloatArray = self._kernel(A, B) - v_a.T @ v_b
-        return covariance
-
     def negative_variance(self, u: FloatArray) -> tuple[float, FloatArray]:
         """Minus the variance at u (k,) and its gradient."""
-        kernel = self._kernel(self._known, u[None])[:, 0]
-        v = self._inverse @ kernel
-        weights = (self._inverse.T @ v) * kernel
+        kernel = self.kernel(self._known, u[None])[:, 0]
+        v = solve_triangular(self._factor, kernel, lower=True)
+        weights = solve_triangular(self._factor, v, lower=True, trans="T") * kernel
         gradient = -2.0 * weights @ ((u - self._known) / self._length_scale**2)
         return float(v @ v - 1.0), gradient
 
@@ -102,14 +159,4 @@ def _largest_variance(posterior: _Posterior, candidates: FloatArray) -> FloatArr
         for i in best
     ]
     point: FloatArray = min(polished, key=lambda result: float(result.fun)).x
-    return point
-
-
-def _integrated_variance(posterior: _Posterior, candidates: FloatArray) -> FloatArray:
-    """Candidate (k,) that lowers the variance integrated over the box most."""
-    reference = candidates[:_CANDIDATES]  # the Sobol' part: uniform over the box
-    covariance = posterior.covariance(candidates, reference)
-    variance = np.maximum(posterior.variance(candidates), 1e-15)
-    reduction = np.einsum("cr,cr->c", covariance, covariance) / variance
-    point: FloatArray = candidates[np.argmax(reduction)]
     return point

@@ -118,12 +118,17 @@ class Kriging(GaussianProcessRegressor):
         )
         return self
 
+    def conditioned_on(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Return a model of inputs X (n, k) and outputs y (n,) with these hyperparameters."""
+        model: Self = clone(self)
+        return model._fit_process(
+            np.asarray(X, dtype=float), np.asarray(y, dtype=float), self.kernel_
+        )
+
     def without(self, left_out: NDArray[np.bool_]) -> Self:
         """Return this model without some of its samples (n,), hyperparameters kept."""
-        kept = ~left_out
-        y = self.mean_ + self.deviation_ * self.y_train_[kept]
-        reduced: Self = clone(self)
-        return reduced._fit_process(self.X_train_[kept], y, self.kernel_)
+        y = self.mean_ + self.deviation_ * self.y_train_
+        return self.conditioned_on(self.X_train_[~left_out], y[~left_out])
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Residuals (n,) and predicted deviations (n,) with each sample left out in turn.

@@ -129,27 +129,44 @@ def one_shot_search(X: FloatArray, *, target: int, noise: bool) -> SearchSteps:
     if len(usable) < 2:
         return
     found = [evaluations[i] for i in usable]
+    cost = modelled_cost(
+        X[usable],
+        np.array([e.main for e in found]),
+        np.array([e.total for e in found]),
+        noise_share=np.array([e.noise_share for e in found]) if noise else None,
+        target=target,
+    )
+    yield _direct(cost, X.shape[1], points=2000)[None]
 
-    def modelled(values: list[float]) -> Callable[[FloatArray], float]:
-        y = np.array(values)
+
+def modelled_cost(
+    X: FloatArray,
+    main: FloatArray,
+    total: FloatArray,
+    *,
+    target: int,
+    noise_share: FloatArray | None = None,
+) -> Objective:
+    """Cost H of x (l,) by 2k Kriging models of S and ST (n, k) at points X (n, l) (Eq. 12)."""
+
+    def modelled(y: FloatArray) -> Callable[[FloatArray], float]:
         if np.ptp(y) <= 1e-12 * np.abs(y).max():
             return lambda _: float(y[0])
-        model = Kriging().fit(X[usable], y)
+        model = Kriging().fit(X, y)
         return lambda x: float(model.predict(x[None])[0])
 
-    k = len(found[0].main)
-    main = [modelled([float(e.main[i]) for e in found]) for i in range(k)]
-    total = [modelled([float(e.total[i]) for e in found]) for i in range(k)]
-    share = modelled([float(np.log(e.noise_share)) for e in found]) if noise else None
+    main_models = [modelled(y) for y in main.T]
+    total_models = [modelled(y) for y in total.T]
+    share = None if noise_share is None else modelled(np.log(noise_share))
 
     def cost(x: FloatArray) -> float:
-        S, ST = np.array([g(x) for g in main]), np.array([g(x) for g in total])
-        noise_share = 0.0 if share is None else float(np.exp(share(x)))
+        S, ST = np.array([g(x) for g in main_models]), np.array([g(x) for g in total_models])
         # the models do not know that 0 < S <= ST
         S = np.maximum(S, 1e-6)
-        return excitation_cost(S, np.maximum(ST, S), target, noise_share=noise_share)
+        noise = 0.0 if share is None else float(np.exp(share(x)))
+        return excitation_cost(S, np.maximum(ST, S), target, noise_share=noise)
 
-    yield _direct(cost, X.shape[1], points=2000)[None]
+    return cost
 
 
 def _scaled(evaluations: list[Evaluation], criterion: Criterion) -> FloatArray:

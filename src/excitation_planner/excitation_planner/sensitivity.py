@@ -15,6 +15,7 @@ from excitation_planner.errors import DesignError
 from excitation_planner.infill import Infill, infill_points
 from excitation_planner.kriging import Kriging
 from excitation_planner.sobol_indices import Indices, sobol_indices
+from excitation_planner.threads import THREADPOOLS
 
 _FOLDS = 5
 # Half width of a 95 % interval, in root mean squares of what changes when a fifth of the samples is
@@ -80,11 +81,14 @@ def sensitivity(
     unknown : Box or dict
         Unknown parameters ``{name: (low, high)}``, uniform and independent.
     samples : int
-        Simulations to train the metamodel on, at least k + 2.
+        Simulations to train the metamodel on, at least k + 2. Two thirds fill the box; the others
+        go, in a second call of f, where a first metamodel says that the indices gain most.
     seed : int
         Scrambles the sample points.
     infill : int
         Further simulations, where ``infill_by`` says.
+    infill_by : Infill
+        What they are to reduce.
     batch : int
         How many of them are run at once before the metamodel is fitted again.
 
@@ -105,23 +109,25 @@ def sensitivity(
     unknown = Box.of(unknown)
     if batch < 1 or infill < 0:
         raise DesignError(f"infill = {infill}, batch = {batch}: 0 or more, in batches of 1 or more")
-    U = parameter_samples(unknown, samples, seed=seed)
-    m = call_simulator(f, unknown.from_unit(U))
-    while len(U) < samples + infill:
+    with THREADPOOLS.limit(limits=1):
+        filling = max(len(unknown) + 2, samples * 2 // 3)
+        U = parameter_samples(unknown, samples, seed=seed)[:filling]
+        m = call_simulator(f, unknown.from_unit(U))
+        while len(U) < samples + infill:
+            first = len(U) < samples
+            new = infill_points(
+                fit_metamodel(U, m),
+                by=Infill.INDEX_VARIANCE if first else infill_by,
+                batch=samples - len(U) if first else min(batch, samples + infill - len(U)),
+                seed=seed + len(U),
+                avoid=U[~np.isfinite(m)],  # failed points stay failed
+            )
+            U = np.vstack([U, new])
+            m = np.concatenate([m, call_simulator(f, unknown.from_unit(new))])
         model = fit_metamodel(U, m)
-        new = infill_points(
-            model,
-            by=infill_by,
-            batch=min(batch, samples + infill - len(U)),
-            seed=seed + len(U),
-            avoid=U[~np.isfinite(m)],  # failed points stay failed
+        return sensitivity_of_model(
+            unknown, model, sobol_indices(model), failed=int(np.sum(~np.isfinite(m)))
         )
-        U = np.vstack([U, new])
-        m = np.concatenate([m, call_simulator(f, unknown.from_unit(new))])
-    model = fit_metamodel(U, m)
-    return sensitivity_of_model(
-        unknown, model, sobol_indices(model), failed=int(np.sum(~np.isfinite(m)))
-    )
 
 
 def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:

@@ -65,6 +65,29 @@ def sobol_indices(model: Kriging) -> Indices:
     return _indices(squares, left.degrees, right.degrees, k)
 
 
+def effects(model: Kriging, U: FloatArray) -> FloatArray:
+    """Parts of the Kriging mean that the indices are made of, at points U (u, k): (1 + 2k, u).
+
+    The deviation from its average; for each parameter its main effect, and all it takes part in.
+    """
+    k = model.X_train_.shape[1]
+    weights = model.deviation_ * model.alpha_
+    along = [  # kernel, and its average over the box, on each axis
+        np.exp(-0.5 * ((U[:, j, None] - model.X_train_[:, j]) / model.length_scale_[j]) ** 2)
+        for j in range(k)
+    ]
+    average = [_axis_projection(model.X_train_[:, j], model.length_scale_[j])[0] for j in range(k)]
+    mean = np.prod(average, axis=0) @ weights
+    deviation = np.prod(along, axis=0) @ weights - mean
+    found = [deviation]
+    for j in range(k):
+        rest = [axis for axis in range(k) if axis != j]
+        main = (along[j] * np.prod([average[i] for i in rest], axis=0)) @ weights - mean
+        without = (np.prod([along[i] for i in rest], axis=0) * average[j]) @ weights - mean
+        found += [main, deviation - without]
+    return np.array(found)
+
+
 def _halves(model: Kriging) -> tuple[_Half, _Half]:
     split = (model.X_train_.shape[1] + 1) // 2
     X, length_scale = model.X_train_, model.length_scale_

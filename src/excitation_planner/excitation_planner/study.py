@@ -14,6 +14,7 @@ study resumes after a kill, and ends in the design that `design_excitation` find
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +26,7 @@ from excitation_planner.box import Bounds, Box, FloatArray
 from excitation_planner.criteria import TrajectoryErrorNoise
 from excitation_planner.design import Design, search_design
 from excitation_planner.errors import DesignError
-from excitation_planner.evaluation import THREADPOOLS, Verified, judge_outcome
+from excitation_planner.evaluation import Verified, judge_outcome
 from excitation_planner.search import Search
 from excitation_planner.store import (
     FAILED,
@@ -33,8 +34,10 @@ from excitation_planner.store import (
     Store,
     csv_text,
     problem_of_outputs,
+    read_limited,
     replace_file,
 )
+from excitation_planner.threads import THREADPOOLS
 
 
 @dataclass(frozen=True)
@@ -138,8 +141,9 @@ class Study:
         """
         results: list[tuple[int, int, float]] = []
         reasons: dict[int, str] = {}
-        with path.open(newline="") as file:
-            reader = csv.DictReader(file)
+        try:
+            text = read_limited(path).decode("utf-8-sig")
+            reader = csv.DictReader(io.StringIO(text, newline=""))
             missing = {"point", "sample", "output"} - set(reader.fieldnames or ())
             if missing:
                 raise DesignError(f"{path}: column {', '.join(sorted(missing))} is missing")
@@ -151,12 +155,14 @@ class Study:
                     elif output:
                         value = float("nan" if output == FAILED else output)
                         results.append((int(row["point"]), int(row["sample"]), value))
-                except ValueError:
+                except (ValueError, TypeError):
                     raise DesignError(
                         f"{path}, line {reader.line_num}: point {row['point']!r}, sample "
                         f"{row['sample']!r} and output {output!r} must be numbers, or the output "
                         f"{FAILED!r} or '{INFEASIBLE}reason'"
                     ) from None
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise DesignError(f"{path}: is not a CSV file: {error}") from error
         self._store.add_outputs(results)
         for point, reason in reasons.items():
             self.tell_infeasible(point, reason)
