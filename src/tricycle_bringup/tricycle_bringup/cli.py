@@ -26,6 +26,7 @@ COMMANDS = (
     "record",
     "replay",
     "judge",
+    "identify",
     "report",
     "monitor",
     "bag",
