@@ -86,15 +86,17 @@ static volatile uint8_t tx_head, tx_tail; /* wrap by themselves at 256 */
 
 ISR(USART_RX_vect)
 {
-	bool overrun = UCSR0A & _BV(DOR0);
-	uint8_t byte = UDR0;
-	uint8_t next = (rx_head + 1) & (RX_SIZE - 1);
-	if (overrun || next == rx_tail)
-		rx_lost++;
-	if (next != rx_tail) {
-		rx_ring[rx_head] = byte;
-		rx_head = next;
-	}
+	do {
+		bool overrun = UCSR0A & _BV(DOR0);
+		uint8_t byte = UDR0;
+		uint8_t next = (rx_head + 1) & (RX_SIZE - 1);
+		if (overrun || next == rx_tail)
+			rx_lost++;
+		if (next != rx_tail) {
+			rx_ring[rx_head] = byte;
+			rx_head = next;
+		}
+	} while (UCSR0A & _BV(RXC0));
 }
 
 ISR(USART_UDRE_vect)
