@@ -34,6 +34,8 @@ from excitation_planner.information import TrajectoryNoise
 from excitation_planner.search import Search
 
 VERSION = 1
+MAX_BYTES = 256_000_000  # of a file; a result takes about 30
+MAX_RUNS = 10_000_000  # of a study that is read: its samples are drawn on opening
 
 FAILED = "failed"
 INFEASIBLE = "infeasible: "
@@ -55,9 +57,18 @@ class Store:
         self._points: dict[tuple[float, ...], int] = {}  # (verification, *x) -> point
         self._outputs: dict[int, dict[int, float]] = {}  # point -> sample -> output
         self._reasons: dict[int, str] = {}  # point -> why it is infeasible
-        for row in _rows(path / "points.csv"):
-            self._points[(float(row[1]), *map(float, row[2:]))] = int(row[0])
-        for point, sample, output in _rows(path / "results.csv"):
+        try:
+            self._read()
+        except (ValueError, IndexError, csv.Error) as error:
+            raise DesignError(f"{path}: points.csv and results.csv are damaged: {error}") from error
+
+    def _read(self) -> None:
+        for row in _rows(self.path / "points.csv"):
+            verification, *x = map(float, row[1:])
+            if verification not in (0, 1) or len(x) != len(self.problem.operation):
+                raise ValueError(f"point {row[0]} has {len(x)} operation parameters")
+            self._points[(verification, *x)] = int(row[0])
+        for point, sample, output in _rows(self.path / "results.csv"):
             if sample == "*":
                 self._reasons[int(point)] = output.removeprefix(INFEASIBLE)
             else:
@@ -67,7 +78,12 @@ class Store:
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open the store in a directory."""
-        return cls(path, _problem(_load(path)))
+        try:
+            return cls(path, _problem(_load(path)))
+        except DesignError:
+            raise
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
+            raise DesignError(f"{path}: study.json is damaged: {error!r}") from error
 
     @classmethod
     def of(cls, path: Path, problem: Problem) -> Self:
@@ -185,6 +201,21 @@ def replace_file(path: Path, text: str) -> None:
     part.replace(path)
 
 
+def read_limited(path: Path) -> bytes:
+    """Content of a file.
+
+    Raises
+    ------
+    DesignError
+        If it is larger than any study's.
+    """
+    with path.open("rb") as file:
+        content = file.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
+        raise DesignError(f"{path}: larger than {MAX_BYTES} bytes; not a file of a study")
+    return content
+
+
 def _append(path: Path, header: list[str], rows: list[list[object]]) -> None:
     """Add rows to a CSV file and wait until they are on disk."""
     if not rows:
@@ -200,7 +231,7 @@ def _rows(path: Path) -> list[list[str]]:
     """Rows of a CSV file without its header; a last line cut off by a crash is removed from it."""
     if not path.exists():
         return []
-    whole = path.read_bytes()
+    whole = read_limited(path)
     kept = whole[: whole.rfind(b"\n") + 1]
     if len(kept) < len(whole):
         with path.open("r+b") as file:
@@ -213,9 +244,9 @@ def _load(path: Path) -> dict[str, Any]:
     if not file.exists():
         raise DesignError(f"{path}: holds no study (study.json is missing)")
     try:
-        kept: dict[str, Any] = json.loads(file.read_text())
+        kept: dict[str, Any] = json.loads(read_limited(file))
         version = kept["version"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         raise DesignError(f"{file}: is not the description of a study ({error!r})") from error
     if version != VERSION:
         raise DesignError(f"{path}: study of version {version}; this program reads {VERSION}")
@@ -245,6 +276,9 @@ def _description(problem: Problem) -> dict[str, Any]:
 
 
 def _problem(kept: dict[str, Any]) -> Problem:
+    for name, high in (("samples", MAX_RUNS), ("budget", MAX_RUNS), ("seed", 2**63)):
+        if not isinstance(kept[name], int) or not 0 <= kept[name] <= high:
+            raise ValueError(f"{name} must be a whole number from 0 to {high}")
     noise: NoiseVariance = kept["noise_variance"]
     if isinstance(noise, dict):
         noise = TrajectoryErrorNoise(**noise)

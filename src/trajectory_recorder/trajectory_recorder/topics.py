@@ -3,6 +3,7 @@
 import importlib
 import os
 import re
+import reprlib
 import sys
 from dataclasses import dataclass
 from functools import cache
@@ -133,12 +134,20 @@ def jazzy() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
+def _parts(type_name: str) -> tuple[str, str]:
+    """Package and name of a message type; nothing else becomes a path or is imported."""
+    found = re.fullmatch(r"([A-Za-z]\w*)/msg/([A-Za-z]\w*)", type_name, re.ASCII)
+    if found is None:
+        raise BagError(f"{reprlib.repr(type_name)} is no message type, as in std_msgs/msg/String")
+    return found[1], found[2]
+
+
 def _register(type_name: str) -> None:
     """Make an installed message type, and those it is made of, known to `jazzy`."""
     store = jazzy()
     if type_name in store.types:
         return
-    package, _, kind = type_name.partition("/msg/")
+    package, kind = _parts(type_name)
     prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
     files = (Path(prefix, "share", package, "msg", f"{kind}.msg") for prefix in prefixes if prefix)
     file = next((file for file in files if file.exists()), None)
@@ -158,7 +167,7 @@ def message_class(type_name: str) -> type:
     BagError
         If its package is not installed.
     """
-    package, _, kind = type_name.split("/")
+    package, kind = _parts(type_name)
     try:
         found: type = getattr(importlib.import_module(f"{package}.msg"), kind)
     except (ImportError, AttributeError) as error:

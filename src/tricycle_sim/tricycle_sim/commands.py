@@ -1,7 +1,9 @@
 """Commands of a drive: steering motor angle and speed over time, each held until the next."""
 
 import csv
+import io
 import math
+import reprlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tricycle_bridge.messages import MAX_SPEED, MAX_STEERING_ANGLE, TICK
 
 COLUMNS = ("time", "steering_motor_angle", "speed")
+MAX_BYTES = 64_000_000  # of a file; an hour at 100 Hz has a fifth of this
 LONGEST = 86_400.0  # s; times beyond a day are taken for another unit or clock
 
 
@@ -74,9 +77,13 @@ def load_commands(path: Path) -> Commands:
     OSError
         If the file cannot be read.
     """
+    with Path(path).open("rb") as file:
+        content = file.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
+        raise CommandsError(f"{path}: larger than {MAX_BYTES} bytes; not a file of commands")
     try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as file:
-            lines = [line for line in csv.reader(file) if any(cell.strip() for cell in line)]
+        text = io.StringIO(content.decode("utf-8-sig"), newline="")
+        lines = [line for line in csv.reader(text) if any(cell.strip() for cell in line)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise CommandsError(f"{path}: is not a CSV file") from error
     if not lines:
@@ -84,7 +91,7 @@ def load_commands(path: Path) -> Commands:
     header = [cell.strip() for cell in lines[0]]
     if sorted(header) != sorted(COLUMNS):
         raise CommandsError(
-            f"{path}: header: needs the columns {', '.join(COLUMNS)}, not {', '.join(header)}"
+            f"{path}: header: needs the columns {', '.join(COLUMNS)}, not {reprlib.repr(header)}"
         )
     rows: list[list[float]] = []
     for number, line in enumerate(lines[1:], start=1):
@@ -107,7 +114,7 @@ def _parse(cell: str, where: str) -> float:
     try:
         return float(cell)
     except ValueError:
-        raise CommandsError(f"{where}: needs a number, not '{cell.strip()}'") from None
+        raise CommandsError(f"{where}: needs a number, not {reprlib.repr(cell.strip())}") from None
 
 
 def _check(commands: Commands) -> None:

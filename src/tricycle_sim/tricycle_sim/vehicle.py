@@ -11,6 +11,7 @@ import enum
 import hashlib
 import json
 import math
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import resources
@@ -30,6 +31,9 @@ UNKNOWN_PARAMETERS: tuple[str, ...] = (
     "rolling_coefficient_2",
 )
 """The parameters that a vehicle file may leave unknown, in their order everywhere."""
+
+
+MAX_BYTES = 1_000_000  # of a vehicle file
 
 
 class VehicleError(ValueError):
@@ -231,16 +235,35 @@ def load_vehicle(path: Path | None = None) -> Vehicle:
     if path is None:
         source = resources.files("tricycle_sim") / "tricycle.yaml"
         return _parse(source.read_text(encoding="utf-8"), "tricycle.yaml")
-    return _parse(Path(path).read_text(encoding="utf-8"), str(path))
+    with Path(path).open("rb") as file:
+        content = file.read(MAX_BYTES + 1)
+    if len(content) > MAX_BYTES:
+        raise VehicleError(f"{path}: larger than {MAX_BYTES} bytes; not a vehicle file")
+    try:
+        return _parse(content.decode(), str(path))
+    except VehicleError:
+        raise
+    # numbers beyond all bounds, dates that do not exist, lists a thousand deep
+    except (ValueError, OverflowError, RecursionError) as error:
+        raise VehicleError(f"{path}: is not a vehicle file: {error}") from error
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML without aliases, by which a small file describes an enormous document."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases are not read")
+        return super().compose_node(parent, index)
 
 
 def _parse(text: str, where: str) -> Vehicle:
     try:
-        document = yaml.safe_load(text)
+        document = yaml.load(text, Loader=_Loader)  # noqa: S506 - a safe loader
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
-        raise VehicleError(f"{where}{line}: is not valid YAML") from error
+        raise VehicleError(f"{where}{line}: is not valid YAML without aliases") from error
     if not isinstance(document, dict) or not isinstance(document.get("constants"), dict):
         raise VehicleError(f"{where}: needs the keys 'name' and 'constants'")
     if unexpected := set(document) - {"name", "about", "constants"}:
@@ -285,7 +308,7 @@ def _parse_entry(
     if unit == "rad" and entry.get("unit") == "deg":
         scale = math.pi / 180.0
     elif entry.get("unit") != unit:
-        raise VehicleError(f"{name}.unit: needs '{unit}', not '{entry.get('unit')}'")
+        raise VehicleError(f"{name}.unit: needs '{unit}', not {reprlib.repr(entry.get('unit'))}")
     bases = [basis.value for basis in Basis]
     if entry.get("basis") not in bases:
         raise VehicleError(f"{name}.basis: needs one of {', '.join(bases)}")
@@ -302,7 +325,8 @@ def _parse_entry(
 
 def _number(where: str, value: object) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise VehicleError(f"{where}: needs a number, not '{value}' (YAML wants 5.0e-4 for 5e-4)")
+        found = reprlib.repr(value)
+        raise VehicleError(f"{where}: needs a number, not {found} (YAML wants 5.0e-4 for 5e-4)")
     return float(value)
 
 
