@@ -8,7 +8,6 @@ compressed files of rosbag2 are read through `rosbags`.
 import io
 import os
 import re
-import sqlite3
 import struct
 import zlib
 from collections import Counter
@@ -48,7 +47,15 @@ _DAMAGED = (
 
 Buffer = bytes | memoryview
 
-_YamlLoader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+MAX_METADATA = 16_000_000  # bytes of metadata.yaml; a bag of thousands of files has a fifth
+MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
+
+
+class _YamlLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """YAML without merge keys, by which a small file describes an enormous document."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Leave `<<` as it stands; it is then refused."""
 
 
 class Message(NamedTuple):
@@ -154,9 +161,10 @@ def _open_storages(path: Path) -> Iterator[_Storage]:
         return
     information = _metadata_yaml(path / "metadata.yaml")
     files = sorted(path.glob("*.mcap"), key=_part_number)
-    if information.get("storage_identifier", "mcap") != "mcap" or information.get(
-        "compression_mode", ""
-    ).lower() not in ("", "none"):
+    compression = information.get("compression_mode", "")
+    if information.get("storage_identifier", "mcap") != "mcap" or (
+        not isinstance(compression, str) or compression.lower() not in ("", "none")
+    ):
         yield _RosbagsStorage(path)
     elif files:
         for file in files:
@@ -169,11 +177,23 @@ def _metadata_yaml(path: Path) -> dict[str, str]:
     """Content of metadata.yaml; empty if there is none, as after a crash of rosbag2."""
     if not path.exists():
         return {}
+    with path.open("rb") as file:
+        text = file.read(MAX_METADATA + 1)
+    if len(text) > MAX_METADATA:
+        raise BagError(f"{path}: larger than {MAX_METADATA} bytes; not a rosbag2 metadata file")
     try:
-        content = yaml.load(path.read_text(encoding="utf-8"), Loader=_YamlLoader)  # noqa: S506
-        return dict(content["rosbag2_bagfile_information"])
-    except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
-        raise BagError(f"{path} is not a rosbag2 metadata file") from error
+        content = yaml.load(text, Loader=_YamlLoader)  # noqa: S506 - a safe loader
+        information = dict(content["rosbag2_bagfile_information"])
+        files = [Path(name) for name in information.get("relative_file_paths") or []]
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BagError(f"{path} is not a rosbag2 metadata file: {_one_line(error)}") from error
+    if any(file.name != str(file) or file.name == ".." for file in files):
+        raise BagError(f"{path} names files outside of the bag")
+    return information
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
 
 
 def _part_number(path: Path) -> tuple[int, str]:
@@ -397,8 +417,10 @@ class _RosbagsStorage:
         try:
             self._reader = RosbagsReader(path)
             self._reader.open()
-        except (ReaderError, sqlite3.Error) as error:
-            raise BagError(f"{path}: {error}") from error
+            if not all(isinstance(c.msgcount, int) for c in self._reader.connections):
+                raise BagError("its topics have no message counts")  # noqa: TRY301
+        except Exception as error:  # what is damaged comes up as an error of any kind
+            raise BagError(f"{path}: {_one_line(error)}") from error
 
     @property
     def topics(self) -> list[Topic]:
@@ -423,9 +445,9 @@ class _RosbagsStorage:
             return
         try:
             for connection, stamp, data in self._reader.messages(connections):
-                yield Message(connection.topic, stamp, bytes(data))
-        except (ReaderError, sqlite3.Error) as error:
-            raise BagError(f"{self.path}: {error}") from error
+                yield Message(connection.topic, stamp, bytes(memoryview(data)))
+        except Exception as error:
+            raise BagError(f"{self.path}: {_one_line(error)}") from error
 
     def close(self) -> None:
         self._reader.close()
@@ -463,10 +485,12 @@ def _uncompress(record: bytes) -> Buffer:
     start = _RECORD.size + _CHUNK.size + name_length
     compression = record[start - name_length : start]
     data: Buffer = memoryview(record)[start + 8 :]
+    if size > MAX_CHUNK:
+        raise ValueError(f"a chunk of {size} bytes is beyond the limit of {MAX_CHUNK}")
     if compression == b"zstd":
         data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     elif compression == b"lz4":
-        data = lz4.frame.decompress(data)
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
     elif compression:
         raise ValueError(f"unknown compression {compression!r}")
     if len(data) != size or (crc and zlib.crc32(data) != crc):
