@@ -146,8 +146,8 @@ def test_the_table_says_what_was_measured(folder):
 def test_the_command_writes_one_file_and_says_where(folder, capsys):
     assert main(["report", str(folder), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert said == {"report": str(folder / "report.html"), "maneuvers": ["designed"]}
-    assert {p.name for p in folder.iterdir()} == {"plans", "bags", "result.json", "report.html"}
+    assert said == {"report": str(folder / "run.html"), "maneuvers": ["designed"]}
+    assert {p.name for p in folder.iterdir()} == {"plans", "bags", "result.json", "run.html"}
 
 
 @pytest.mark.parametrize("where", ["", "bags", "bags/recorded", "plans/.."])
@@ -206,6 +206,49 @@ def test_figures_show_the_numbers_of_the_plan(plan):
     assert list(traces["cannot be driven"].x) == [4.0]
 
 
+IDENTIFIED = {
+    "level": 0.95,
+    "parameters": {
+        "cornering_stiffness": {
+            "estimate": 610.0, "low": 590.0, "high": 640.0, "unit": "N/rad", "range": [500, 1500],
+            "identifiable": True, "truth": 600.0,
+            "profile": {"values": [590.0, 610.0, 640.0], "rise": [3.8, 0.0, 3.8]},
+        },
+        "yaw_inertia": {
+            "estimate": 50.0, "low": 25.0, "high": 75.0, "unit": "kg m^2", "range": [25, 75],
+            "identifiable": False, "profile": None,
+        },
+    },
+}  # fmt: skip
+
+
+def test_an_identification_is_shown_with_its_profiles(tmp_path):
+    (tmp_path / "identification.json").write_text(json.dumps(IDENTIFIED))
+    run = read_run(tmp_path)
+    page = report_page(run, vehicle=VEHICLE)
+    for text in ("610", "590 … 640", "600", "not shown"):
+        assert f"<td>{text}</td>" in page
+    (curve,) = report_figures.profiles(run.identifications[0]).data
+    assert list(curve.y) == [3.8, 0.0, 3.8]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("estimate", "x", "estimate must be a number"),
+        ("range", [1, 2, 3], "range must be a list"),
+        ("profile", {"values": [1, 2], "rise": [0]}, "profile must be a list"),
+        ("low", None, "low must be a number"),
+    ],
+)
+def test_a_damaged_identification_is_told(name, value, message, tmp_path):
+    document = json.loads(json.dumps(IDENTIFIED))
+    document["parameters"]["cornering_stiffness"][name] = value
+    (tmp_path / "identification.json").write_text(json.dumps(document))
+    with pytest.raises(ReportError, match=f"cornering_stiffness: {message}"):
+        read_run(tmp_path)
+
+
 def test_a_search_over_three_parameters_is_drawn_over_each(plan):
     search = SearchHistory(np.random.default_rng(0).random((5, 3)), np.arange(1.0, 6.0))
     wide = dataclasses.replace(plan, operation={"a": 0.1, "b": 0.2, "c": 0.3}, search=search)
@@ -237,7 +280,7 @@ def test_a_browser_shows_it_offline_without_a_complaint(folder, plan, tmp_path):
             page.on("pageerror", lambda error: complaints.append(str(error)))
             page.on("request", lambda request: requests.append(request.url))
             page.context.set_offline(True)
-            page.goto((folder / "report.html").as_uri())
+            page.goto((folder / "run.html").as_uri())
             page.wait_for_function(
                 "[...document.querySelectorAll('.plot')].every(p => p.querySelector('.main-svg'))"
             )

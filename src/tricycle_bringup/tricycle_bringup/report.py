@@ -6,7 +6,7 @@ from excitation_planner.maneuver import PlanError
 from excitation_planner.plan import Plan
 from tricycle_bringup import report_figures as figures
 from tricycle_bringup.html_page import PlotBlock, Section, TableBlock, html_page
-from tricycle_bringup.report_data import Maneuver, Run, wheel_loads
+from tricycle_bringup.report_data import IdentificationResult, Maneuver, Run, wheel_loads
 from tricycle_sim.vehicle import Vehicle
 
 Block = str | TableBlock | PlotBlock
@@ -26,11 +26,15 @@ def report_page(
     progress
         Called with (maneuvers shown, all of them).
     """
-    sections = [Section("Results", tuple(_results(run)))]
+    sections = [Section("Results", tuple(_results(run)))] if run.maneuvers else []
     for done, maneuver in enumerate(run.maneuvers):
         if progress is not None:
             progress(done, len(run.maneuvers))
         sections.append(Section(_title(maneuver), tuple(_blocks(maneuver, vehicle))))
+    sections += [
+        Section(f"Identified: {found.name}", tuple(_identified(found)))
+        for found in run.identifications
+    ]
     return html_page(f"Run {run.folder.resolve().name}", sections, subtitle=_subtitle(run))
 
 
@@ -126,9 +130,29 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
             blocks.append(
                 PlotBlock(
                     figures.search_path(plan, plan.search),
-                    "Cost H of the maneuvers that the search tried, and the best so far.",
+                    "Cost of the maneuvers that the search tried, and the best so far.",
                 )
             )
+    return blocks
+
+
+def _identified(found: IdentificationResult) -> list[Block]:
+    rows = tuple(
+        (
+            p.name,
+            p.unit,
+            f"{p.range[0]:.4g} … {p.range[1]:.4g}",
+            f"{p.estimate:.4g}" if p.identifiable else "not shown",
+            f"{p.low:.4g} … {p.high:.4g}",
+            "" if p.truth is None else f"{p.truth:.4g}",
+        )
+        for p in found.parameters
+    )
+    headings = ("parameter", "unit", "range", "estimate", f"{found.level:.0%}", "truth")
+    blocks: list[Block] = [TableBlock(headings, rows)]
+    if any(p.profile is not None for p in found.parameters):
+        caption = "Profile likelihood; shaded: the interval; grey: its level; dashed: the truth."
+        blocks.append(PlotBlock(figures.profiles(found), caption))
     return blocks
 
 

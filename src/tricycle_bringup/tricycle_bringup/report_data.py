@@ -27,6 +27,7 @@ from tricycle_sim.vehicle import Vehicle
 Floats = NDArray[np.float64]
 
 MAX_BYTES = 64_000_000  # of a JSON file
+IDENTIFIED = "identification.json"
 
 
 class ReportError(ValueError):
@@ -87,6 +88,48 @@ class Maneuver:
 
 
 @dataclass(frozen=True)
+class IdentifiedParameter:
+    """Estimate of an unknown parameter, in its unit.
+
+    Attributes
+    ----------
+    range, low, high
+        What was known before, and the interval.
+    truth
+        None where it is not known.
+    profile
+        Values (j,) and by how much the cost rises there (j,); None where it was not computed.
+    """
+
+    name: str
+    unit: str
+    range: tuple[float, float]
+    estimate: float
+    low: float
+    high: float
+    identifiable: bool
+    truth: float | None
+    profile: tuple[Floats, Floats] | None
+
+
+@dataclass(frozen=True)
+class IdentificationResult:
+    """What `tricycle identify` found.
+
+    Attributes
+    ----------
+    name
+        Of its directory.
+    level
+        Of the intervals.
+    """
+
+    name: str
+    level: float
+    parameters: tuple[IdentifiedParameter, ...]
+
+
+@dataclass(frozen=True)
 class Run:
     """Everything found in a directory.
 
@@ -96,10 +139,13 @@ class Run:
         Where.
     maneuvers
         Each plan with its drive, and drives whose plan is elsewhere.
+    identifications
+        Of these or other drives.
     """
 
     folder: Path
     maneuvers: tuple[Maneuver, ...]
+    identifications: tuple[IdentificationResult, ...] = ()
 
 
 def read_run(folder: Path) -> Run:
@@ -129,12 +175,60 @@ def read_run(folder: Path) -> Run:
         driven[maneuver.name] = maneuver
     planned = {name: Maneuver(name, plan) for name, plan in plans.items()}
     maneuvers = planned | driven
-    if not maneuvers:
+    files = [found for depth in ("", "*/", "*/*/") for found in folder.glob(f"{depth}{IDENTIFIED}")]
+    identifications = tuple(_identification(file, result) for file in sorted(files))
+    if not maneuvers and not identifications:
         raise ReportError(
-            f"{folder}: holds no plan (plan.json, plans/*.json) and no bag (metadata.yaml or "
-            "*.mcap), here or up to two directories below"
+            f"{folder}: holds no plan (plan.json, plans/*.json), no bag (metadata.yaml or *.mcap) "
+            f"and no {IDENTIFIED}, here or up to two directories below"
         )
-    return Run(folder, tuple(maneuvers.values()))
+    return Run(folder, tuple(maneuvers.values()), identifications)
+
+
+def _identification(file: Path, result: Mapping[str, Any]) -> IdentificationResult:
+    document = read_json(file)
+    level, parameters = number(document, "level"), document.get("parameters")
+    if level is None or not isinstance(parameters, dict):
+        raise ReportError(f"{file}: has no level and parameters; identify again")
+    return IdentificationResult(
+        file.resolve().parent.name,
+        level,
+        tuple(_parameter(file, name, entry, result) for name, entry in parameters.items()),
+    )
+
+
+def _parameter(
+    file: Path, name: str, entry: object, result: Mapping[str, Any]
+) -> IdentifiedParameter:
+    def need(value: float | None, what: str) -> float:
+        if value is None:
+            raise ReportError(f"{file}: {name}: {what} must be a number")
+        return value
+
+    def numbers(of: object, what: str, size: int | None = None) -> Floats:
+        values = [number(v) for v in of] if isinstance(of, list) else []
+        if not values or None in values or size not in (None, len(values)):
+            raise ReportError(f"{file}: {name}: {what} must be a list of numbers")
+        return np.array(values, dtype=float)
+
+    fields = entry if isinstance(entry, dict) else {}
+    low, high = numbers(fields.get("range"), "range", 2)
+    profile = fields.get("profile")
+    if isinstance(profile, dict):
+        values = numbers(profile.get("values"), "profile")
+        profile = values, numbers(profile.get("rise"), "profile", len(values))
+    truth = number(fields, "truth")
+    return IdentifiedParameter(
+        name=name,
+        unit=str(fields.get("unit", "")),
+        range=(float(low), float(high)),
+        estimate=need(number(fields, "estimate"), "estimate"),
+        low=need(number(fields, "low"), "low"),
+        high=need(number(fields, "high"), "high"),
+        identifiable=fields.get("identifiable") is True,
+        truth=number(result, "parameters", name, "truth") if truth is None else truth,
+        profile=profile if isinstance(profile, tuple) else None,
+    )
 
 
 def _plan_files(folder: Path) -> list[Path]:

@@ -10,10 +10,11 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 from scipy.interpolate import griddata
+from scipy.stats import chi2
 
 from excitation_planner.plan import Plan, SearchHistory
 from parameter_identification.judge import Judgement
-from tricycle_bringup.report_data import Loads, Motion
+from tricycle_bringup.report_data import IdentificationResult, Loads, Motion
 
 Floats = NDArray[np.float64]
 
@@ -131,25 +132,30 @@ def indices(plan: Plan) -> go.Figure:
 
 
 def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
-    """H over x: every maneuver that the search tried, and the best so far in its turn."""
+    """Cost over x: every maneuver that the search tried, and the best so far in its turn."""
     names = [escape(name) for name in plan.operation]
     chosen = list(plan.operation.values())
     drivable = np.isfinite(search.cost)
     order = np.arange(1, len(search.cost) + 1)
+    cost_name = plan.criterion.upper()
     texts = np.array(
-        [f"no. {i}, H = {cost:.4g}" for i, cost in zip(order, search.cost, strict=True)]
+        [f"no. {i}, {cost_name} = {cost:.4g}" for i, cost in zip(order, search.cost, strict=True)]
     )
     if len(names) != 2:
-        return _cost_by_axis(search, names, chosen, texts)
+        return _cost_by_axis(search, names, chosen, texts, cost_name)
     figure = _figure(height=520)
     x, y = search.x.T
-    found = search.x[drivable], np.log10(np.maximum(search.cost[drivable], 1e-12))
+    cost = search.cost[drivable]
+    by_decades = bool(np.all(cost > 0.0))  # D is a logarithm already
+    found = search.x[drivable], np.log10(cost) if by_decades else cost
+    scale = f"log₁₀ {cost_name}" if by_decades else cost_name
     if drivable.sum() > 3 and np.all(np.ptp(found[0], axis=0) > 0.0):
         grid = [np.linspace(v.min(), v.max(), 80) for v in (x, y)]
         surface = griddata(*found, tuple(np.meshgrid(*grid)), rescale=True)
         figure.add_contour(
             x=grid[0], y=grid[1], z=surface, colorscale="Cividis", reversescale=True, opacity=0.8,
-            line_width=0.5, hoverinfo="skip", colorbar={"title": "log₁₀ H", "thickness": 14},
+            line_width=0.5, hoverinfo="skip",
+            colorbar={"title": scale, "thickness": 14},
         )  # fmt: skip
     figure.add_scatter(
         x=x[drivable], y=y[drivable], name="tried", mode="markers", text=texts[drivable],
@@ -167,8 +173,8 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
             marker={"size": 8, "symbol": "x-thin", "line": {"width": 2, "color": GREY}},
         )  # fmt: skip
     figure.add_scatter(
-        x=chosen[:1], y=chosen[1:], name="the plan", mode="markers", text=[f"H = {plan.cost:.4g}"],
-        hoverinfo="text+x+y",
+        x=chosen[:1], y=chosen[1:], name="the plan", mode="markers",
+        text=[f"{cost_name} = {plan.criterion_cost:.4g}"], hoverinfo="text+x+y",
         marker={"size": 16, "symbol": "star", "color": PURPLE, "line": _EDGE},
     )  # fmt: skip
     figure.update_xaxes(title=names[0])
@@ -176,8 +182,31 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
     return figure
 
 
+def profiles(identification: IdentificationResult) -> go.Figure:
+    """Profile likelihood of each parameter over its range, its interval, and the truth if known."""
+    profiled = [p for p in identification.parameters if p.profile is not None]
+    columns = min(3, len(profiled))
+    rows = -(-len(profiled) // columns)
+    figure = make_subplots(rows=rows, cols=columns, vertical_spacing=0.22 / rows)
+    figure.update_layout(_layout(60 + 220 * rows), showlegend=False)
+    allowed = float(chi2.ppf(identification.level, 1))
+    for k, parameter in enumerate(profiled):
+        where = {"row": k // columns + 1, "col": k % columns + 1}
+        values, rise = parameter.profile or (np.empty(0), np.empty(0))
+        figure.add_scatter(x=values, y=rise, mode="lines+markers", line=_line(BLUE), **where)
+        figure.add_vrect(parameter.low, parameter.high, fillcolor=BLUE, opacity=0.15, **where)
+        figure.add_hline(allowed, line={"color": GREY, "width": 1}, **where)
+        if parameter.truth is not None:
+            figure.add_vline(parameter.truth, line={"color": VERMILLION, "dash": "dash"}, **where)
+        unit = "" if parameter.unit in ("", "1") else f" / ({parameter.unit})"
+        label = escape(f"{parameter.name.replace('_', ' ')}{unit}")
+        figure.update_xaxes(title=label, range=parameter.range, **where)
+        figure.update_yaxes(range=(0.0, 3.0 * allowed), **where)
+    return figure
+
+
 def _cost_by_axis(
-    search: SearchHistory, names: list[str], chosen: list[float], texts: NDArray[np.str_]
+    search: SearchHistory, names: list[str], chosen: list[float], texts: NDArray[np.str_], cost: str
 ) -> go.Figure:
     figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
     figure.update_layout(_layout(HEIGHT))
@@ -189,8 +218,9 @@ def _cost_by_axis(
         )  # fmt: skip
         figure.add_vline(chosen[column], line={"color": PURPLE, "dash": "dash"}, **where)
         figure.update_xaxes(title=name, **where)
-    figure.update_yaxes(type="log")
-    figure.update_yaxes(title="H", row=1, col=1)
+    if np.all(search.cost > 0.0):
+        figure.update_yaxes(type="log")
+    figure.update_yaxes(title=cost, row=1, col=1)
     return figure
 
 
