@@ -31,7 +31,7 @@ PUBLISHER = textwrap.dedent(
     import itertools, time, rclpy
     from std_msgs.msg import String
     rclpy.init()
-    publisher = rclpy.create_node("load").create_publisher(String, "odom", 1000)
+    publisher = rclpy.create_node("load").create_publisher(String, "odom", 10_000)
     begin = time.monotonic()
     for number in itertools.count():
         publisher.publish(String(data=f"{number} {time.time_ns()} {'x' * 700}"))

@@ -64,6 +64,21 @@ def test_bag_recover(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert (found["complete"], found["messages"]) == (True, messages)
 
 
+def test_damaged_chunks_are_left_out(
+    bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = bag / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    content[content.index(bytes(50))] ^= 1  # within a message
+    file.write_bytes(bytes(content))
+    (bag / "metadata.yaml").write_bytes(b"")  # as a power cut may leave it
+    assert tricycle("bag", "recover", bag, tmp_path / "new", "--json") == 0
+    output, errors = capsys.readouterr()
+    assert json.loads(output)["messages"] == 99
+    assert json.loads(output)["damaged_chunks"] == 1
+    assert "left out: " in errors
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "reason"),
     [

@@ -388,7 +388,7 @@ def _planar(pose: Any) -> tuple[float, float, float]:
         if hasattr(pose, "position")
         else (pose.translation, pose.rotation)
     )
-    if not abs(q.w**2 + q.x**2 + q.y**2 + q.z**2 - 1) < QUATERNION_TOLERANCE:  # often: all 0
+    if not abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < QUATERNION_TOLERANCE:
         return position.x, position.y, math.nan
     heading = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
     return position.x, position.y, heading

@@ -11,7 +11,7 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -46,6 +46,7 @@ _DAMAGED = (
 )
 
 Buffer = bytes | memoryview
+Damaged = Callable[[BagError], None]
 
 MAX_METADATA = 16_000_000  # bytes of metadata.yaml; a bag of thousands of files has a fifth
 MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
@@ -83,6 +84,11 @@ class _Storage(Protocol):
 class BagReader:
     """An open bag: a rosbag2 directory, or a single ``.mcap`` or ``.db3`` file.
 
+    Parameters
+    ----------
+    path : the bag
+    damaged : called for each damaged chunk, which is then passed over; None: they raise
+
     Attributes
     ----------
     path : the bag
@@ -96,14 +102,14 @@ class BagReader:
         If there is no bag, or it holds nothing that can be read.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, damaged: Damaged | None = None) -> None:
         self.path = path
         self.topics: dict[str, Topic] = {}
         self.metadata: dict[str, str] = {}
         self.complete = True
         self._storages: list[_Storage] = []
         with ExitStack() as stack:
-            for storage in _open_storages(path):
+            for storage in _open_storages(path, damaged):
                 stack.callback(storage.close)
                 self._storages.append(storage)
                 self.complete &= storage.complete
@@ -147,20 +153,25 @@ class BagReader:
         self.close()
 
 
-def _open_storages(path: Path) -> Iterator[_Storage]:
+def _open_storages(path: Path, damaged: Damaged | None) -> Iterator[_Storage]:
     """Files of a bag in the order of recording."""
     if not path.exists():
         raise BagError(f"{path}: no such bag")
     if path.is_file():
         if path.suffix == ".mcap":
-            yield _McapFile(path)
+            yield _McapFile(path, damaged)
         elif path.suffix == ".db3":
             yield _RosbagsStorage(path)
         else:
             raise BagError(f"{path} is not a bag: want a rosbag2 directory, .mcap or .db3 file")
         return
-    information = _metadata_yaml(path / "metadata.yaml")
     files = sorted(path.glob("*.mcap"), key=_part_number)
+    try:
+        information = _metadata_yaml(path / "metadata.yaml")
+    except BagError:
+        if not files:
+            raise
+        information = {}  # all that is needed is in the files
     compression = information.get("compression_mode", "")
     if information.get("storage_identifier", "mcap") != "mcap" or (
         not isinstance(compression, str) or compression.lower() not in ("", "none")
@@ -168,7 +179,7 @@ def _open_storages(path: Path) -> Iterator[_Storage]:
         yield _RosbagsStorage(path)
     elif files:
         for file in files:
-            yield _McapFile(file)
+            yield _McapFile(file, damaged)
     else:
         raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file")
 
@@ -214,9 +225,10 @@ class _Chunk:
 class _McapFile:
     """An MCAP file, with or without its end."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, damaged: Damaged | None) -> None:
         self.path = path
         self.metadata: dict[str, str] = {}
+        self._damaged = damaged
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()
@@ -267,10 +279,15 @@ class _McapFile:
             try:
                 record = self._read(chunk.offset, chunk.length)
                 data = record if chunk.plain else _uncompress(record)
-                found = self._indexed(data, indexes) if indexes else _messages(data)
+                # what recovers does without the indexes, which may be damaged too
+                indexed = indexes and self._damaged is None
+                found = self._indexed(data, indexes) if indexed else _messages(data)
             except _DAMAGED as error:
-                where = f"damaged chunk at byte {chunk.offset}"
-                raise BagError(f"{self.path}: {where}: {error}") from error
+                told = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
+                if self._damaged is None:
+                    raise told from error
+                self._damaged(told)
+                continue
             for channel_id, stamp, start, end in found:
                 if channel_id in names:
                     yield Message(names[channel_id], stamp, bytes(data[start:end]))

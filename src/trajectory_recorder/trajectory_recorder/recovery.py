@@ -1,17 +1,27 @@
-"""Recovery of torn bags."""
+"""Recovery of torn and damaged bags."""
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import NamedTuple
 
-from trajectory_recorder.bag_reader import BagReader
+from trajectory_recorder.bag_reader import BagError, BagReader
 from trajectory_recorder.bag_writer import BagWriter
 
 
-def recover(bag: Path, output: Path, *, progress: Callable[[int, int], None] | None = None) -> int:
-    """Copy what is readable of a bag to a new, complete one.
+class Recovery(NamedTuple):
+    """What was recovered of a bag."""
+
+    messages: int
+    damage: tuple[BagError, ...]  # chunks that were left out
+
+
+def recover(
+    bag: Path, output: Path, *, progress: Callable[[int, int], None] | None = None
+) -> Recovery:
+    """Copy what is readable of a bag to a new, complete one; leave damaged chunks out.
 
     `BagReader` reads torn bags as they are; this is for other readers, which want the summary that
-    a process killed within a write did not finish.
+    a process killed within a write did not finish, and for bags damaged later.
 
     Parameters
     ----------
@@ -19,20 +29,20 @@ def recover(bag: Path, output: Path, *, progress: Callable[[int, int], None] | N
     output : rosbag2 directory to create
     progress : called with the messages copied and their number
 
-    Returns
-    -------
-    Messages copied.
-
     Raises
     ------
     BagError
         If nothing can be read, or the output exists.
     """
-    with BagReader(bag) as reader, BagWriter(output, metadata=reader.metadata) as writer:
+    damage: list[BagError] = []
+    with (
+        BagReader(bag, damaged=damage.append) as reader,
+        BagWriter(output, metadata=reader.metadata) as writer,
+    ):
         ids = {name: writer.add_topic(topic) for name, topic in reader.topics.items()}
         total = sum(topic.count for topic in reader.topics.values())
         for done, message in enumerate(reader.messages(), start=1):
             writer.write(ids[message.topic], message.stamp, message.data)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)
-        return writer.messages
+        return Recovery(writer.messages, tuple(damage))

@@ -1,7 +1,8 @@
-"""``tricycle bag``: what a bag holds, and recovery of torn ones."""
+"""``tricycle bag``: what a bag holds, and recovery of torn and damaged ones."""
 
 import argparse
 import json
+import sys
 from pathlib import Path
 
 from rich.console import Console
@@ -22,7 +23,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     """Add the subcommand."""
     parser = subparsers.add_parser(
         "bag",
-        help="what a bag holds; recovery of a torn one",
+        help="what a bag holds; recovery of a damaged one",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -31,7 +32,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     info.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 directory or file")
     info.add_argument("--json", action="store_true", help="print one JSON object")
     info.set_defaults(run=run_info)
-    again = verbs.add_parser("recover", help="copy what is readable of a torn bag to a new one")
+    again = verbs.add_parser("recover", help="copy what is readable of a damaged bag to a new one")
     again.add_argument("bag", metavar="BAG", type=Path)
     again.add_argument("output", metavar="OUTPUT", type=Path, help="directory to create")
     again.add_argument("--json", action="store_true", help="print one JSON object")
@@ -69,9 +70,12 @@ def run_info(args: argparse.Namespace) -> int:
 def run_recover(args: argparse.Namespace) -> int:
     """Copy what is readable."""
     with progress_bar("recovering") as progress:
-        messages = recover(args.bag, args.output, progress=progress)
+        messages, damage = recover(args.bag, args.output, progress=progress)
+    for chunk in damage:
+        print(f"left out: {chunk}", file=sys.stderr)
     if args.json:
-        print(json.dumps({"bag": str(args.output), "messages": messages}))
+        found = {"bag": str(args.output), "messages": messages, "damaged_chunks": len(damage)}
+        print(json.dumps(found))
     else:
         print(f"{messages} messages recovered to {args.output}")
     return 0

@@ -93,6 +93,8 @@ def run(args: argparse.Namespace) -> int:
             try:
                 judgements.append(judge(bag, topics=topics, anchor=Anchor(args.anchor)))
             except (BagError, JudgeError) as error:
+                if len(args.bags) == 1:
+                    raise
                 mistakes.append(error)
             progress(done, len(args.bags))
     for mistake in mistakes:
