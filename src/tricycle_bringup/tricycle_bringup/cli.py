@@ -1,6 +1,7 @@
 """The `tricycle` command: one subcommand per step, each a module of `commands`."""
 
 import argparse
+import logging
 import signal
 import sys
 from collections.abc import Sequence
@@ -21,6 +22,8 @@ from tricycle_sim.vehicle import VehicleError
 COMMANDS = (
     "demo",
     "plan",
+    "campaign",
+    "reproduce",
     "drive",
     "simulate",
     "record",
@@ -56,6 +59,8 @@ def parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; a user's mistake is one line on stderr and status 2."""
     words = sys.argv[1:] if argv is None else list(argv)
+    logging.basicConfig(format="%(message)s")
+    logging.getLogger("tricycle_sim").setLevel(logging.INFO)  # says when it compiles the vehicle
     # SIGTERM ends a run as Ctrl-C does: in order, with its child processes
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     # importing them all takes seconds; only the help of the whole needs it
