@@ -187,8 +187,8 @@ def profiles(identification: IdentificationResult) -> go.Figure:
     profiled = [p for p in identification.parameters if p.profile is not None]
     columns = min(3, len(profiled))
     rows = -(-len(profiled) // columns)
-    figure = make_subplots(rows=rows, cols=columns, vertical_spacing=0.22 / rows)
-    figure.update_layout(_layout(60 + 220 * rows), showlegend=False)
+    figure = make_subplots(rows=rows, cols=columns, vertical_spacing=0.32 / rows)
+    figure.update_layout(_layout(60 + 260 * rows), showlegend=False)
     allowed = float(chi2.ppf(identification.level, 1))
     for k, parameter in enumerate(profiled):
         where = {"row": k // columns + 1, "col": k % columns + 1}
@@ -200,7 +200,7 @@ def profiles(identification: IdentificationResult) -> go.Figure:
             figure.add_vline(parameter.truth, line={"color": VERMILLION, "dash": "dash"}, **where)
         unit = "" if parameter.unit in ("", "1") else f" / ({parameter.unit})"
         label = escape(f"{parameter.name.replace('_', ' ')}{unit}")
-        figure.update_xaxes(title=label, range=parameter.range, **where)
+        figure.update_xaxes(title=label, range=parameter.range, exponentformat="power", **where)
         figure.update_yaxes(range=(0.0, 3.0 * allowed), **where)
     return figure
 
