@@ -71,7 +71,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # `tricycle … | head`
         return 0
     except USER_ERRORS as error:
-        print(f"tricycle: {error}", file=sys.stderr)
+        # what files say of themselves may hold line breaks or terminal escapes
+        line = "".join(c if c.isprintable() else " " for c in str(error))
+        print(f"tricycle: {line}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("tricycle: interrupted", file=sys.stderr)
