@@ -13,7 +13,7 @@ VENV_FLAGS :=
 EXTRAS := dev,ros
 endif
 
-.PHONY: help setup demo test check lint format docs reference firmware bench clean
+.PHONY: help setup demo test check lint format docs reference firmware bench soak clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -56,6 +56,10 @@ firmware: setup  ## the two PLCs for the Arduino UNO and their simulator (gcc-av
 bench: setup  ## every figure that the documents quote, printed side by side
 	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]'
 	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
+
+soak: setup  ## an hour of driving on a bad line, fifty recorders killed
+	$(BIN)/python benchmarks/link_soak.py
+	$(BIN)/python benchmarks/recorder_kills.py
 
 clean:  ## remove the environment and all output
 	rm -rf .venv out build ros_ws/build ros_ws/install ros_ws/log
