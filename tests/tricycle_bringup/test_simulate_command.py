@@ -111,6 +111,7 @@ def test_vehicle_check_warns_about_the_papers_inertia(capsys):
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
+        (["--set", "motor_lag=0.001"], VehicleError, "rad/s, steps of 10 ms allow 250"),
         (["--set", "wings=2"], VehicleError, "wings: is no constant"),
         (["--set", "mass"], PlanError, "'mass': want name=number"),
         (["--set", "mass=heavy"], PlanError, "'mass=heavy': want name=number"),

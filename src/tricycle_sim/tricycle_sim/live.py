@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from tricycle_bridge.messages import TICK
 from tricycle_sim import dynamics
 from tricycle_sim.dynamics import LANES
+from tricycle_sim.modes import check_step
 from tricycle_sim.simulation import Feasibility, euler_angles, read_feasibility
 from tricycle_sim.steering import run_servo, steering_constants
 from tricycle_sim.vehicle import Vehicle
@@ -57,6 +58,11 @@ class LiveVehicle:
         Values of `vehicle.unknown` in its order; by default the nominal ones.
     substeps : int
         Runge-Kutta steps per tick; 1 is what batches do.
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle is too stiff for the steps.
     """
 
     def __init__(
@@ -67,6 +73,7 @@ class LiveVehicle:
             raise ValueError(
                 f"parameters: shape {point.shape} instead of ({len(vehicle.unknown)},)"
             )
+        check_step(vehicle, TICK / substeps)
         self.vehicle = vehicle
         self._substeps = substeps
         pose = dynamics.equilibrium(vehicle)

@@ -5,7 +5,6 @@ The letters of shapes: `n` samples (vehicles), `k` unknown parameters, `t` time 
 """
 
 import dataclasses
-import logging
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -18,11 +17,11 @@ from tricycle_bridge.messages import TICK
 from tricycle_sim import dynamics
 from tricycle_sim.commands import Commands
 from tricycle_sim.dynamics import LANES, ROWS
+from tricycle_sim.modes import check_step
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.steering import run_servo, steering_constants
 from tricycle_sim.vehicle import Vehicle
 
-_LOGGER = logging.getLogger(__name__)
 _PLANAR_ROWS = np.array([dynamics.X, dynamics.Y, dynamics.SLOPE, dynamics.SLOPE + 1])
 _ALL_ROWS = np.array([*range(dynamics.STATES), *range(dynamics.LOAD, dynamics.LOAD + 3)])
 
@@ -161,6 +160,13 @@ def simulate(
         By default one for each processor this process may use.
     progress : callable, optional
         Called with the samples done and in all.
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle is too stiff for the steps.
+    ValueError
+        If the parameters have another shape or are not finite.
     """
     samples = _check_parameters(vehicle, parameters)
     speeds = np.broadcast_to(np.asarray(speed, dtype=float), len(samples))
@@ -221,6 +227,7 @@ class Replay:
     """
 
     def __init__(self, vehicle: Vehicle, commands: Commands) -> None:
+        check_step(vehicle, TICK)
         rows = command_rows(commands)
         ticks = len(rows)
         self.time = np.arange(ticks + 1, dtype=np.float64) * TICK

@@ -7,6 +7,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from tricycle_bridge.messages import TICK
+from tricycle_sim.modes import LIMIT, check_step, fastest_mode
 from tricycle_sim.vehicle import constants, load_vehicle
 
 EXAMPLE = """\
@@ -40,6 +42,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def run(args: argparse.Namespace) -> int:
     """Validate, and print what is doubtful; a wrong file raises `VehicleError`."""
     vehicle = load_vehicle(args.file)
+    check_step(vehicle, TICK)
+    fastest, _ = fastest_mode(vehicle)
     warnings = vehicle.warnings()
     loads = dict(zip(("left", "right", "rear"), vehicle.static_loads(), strict=True))
     if args.json:
@@ -49,6 +53,7 @@ def run(args: argparse.Namespace) -> int:
             "unknown": {name: list(limits) for name, limits in vehicle.unknown.items()},
             "nominal": vehicle.nominal,
             "static_loads": loads,
+            "fastest_mode": fastest,
             "warnings": list(warnings),
         }
         print(json.dumps(result))
@@ -61,6 +66,9 @@ def run(args: argparse.Namespace) -> int:
         table.add_row(name, f"{low:g}", f"{vehicle.nominal[name]:g}", f"{high:g}", units[name])
     console.print(table)
     console.print("wheel loads at rest: " + ", ".join(f"{w} {n:.1f} N" for w, n in loads.items()))
+    console.print(
+        f"fastest motion: {fastest:.0f} rad/s; steps of {1e3 * TICK:g} ms allow {LIMIT / TICK:.0f}"
+    )
     for warning in warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
     return 0
