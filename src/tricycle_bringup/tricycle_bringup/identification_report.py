@@ -1,5 +1,6 @@
 """What an identification found, as a table, as figures and as one HTML page."""
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from rich.table import Table
 from scipy.stats import chi2
 
 from parameter_identification.identification import DriveFit, Estimate, Identification
+from parameter_identification.identified_vehicle import identified_vehicle
 from parameter_identification.measured_drive import Sensor
 from tricycle_bringup.html_page import FigureBlock, Section, TableBlock, html_page
 
@@ -227,13 +229,32 @@ def _block(figure: Figure, caption: str) -> FigureBlock:
     return FigureBlock.of(figure, alt=caption, caption=caption)
 
 
-def save_figures(found: Identification, folder: Path) -> list[Path]:
-    """Write the figures as PNG; return the files."""
+def save_identification(found: Identification, vehicle_file: Path | None, folder: Path) -> None:
+    """Write `identification.json`, `vehicle.yaml` with the estimates, figures and `report.html`.
+
+    Parameters
+    ----------
+    found : what was identified
+    vehicle_file : that was identified with; None for the packaged one
+    folder : made if it is not there
+
+    Raises
+    ------
+    OSError
+        If something cannot be written.
+    """
+    texts = {
+        "identification.json": json.dumps(found.to_json(), allow_nan=False) + "\n",
+        "vehicle.yaml": identified_vehicle(
+            found, vehicle_file, bags=[drive.name for drive in found.drives]
+        ),
+        "report.html": identification_page(found),
+    }
     figures = {"trajectories": trajectories_figure(found), "residuals": residuals_figure(found)}
     if any(e.profile is not None for e in found.parameters.values()):
         figures["profiles"] = profiles_figure(found)
-    written = []
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
     for name, figure in figures.items():
-        written.append(folder / f"{name}.png")
-        figure.savefig(written[-1], dpi=150)
-    return written
+        figure.savefig(folder / f"{name}.png", dpi=150)

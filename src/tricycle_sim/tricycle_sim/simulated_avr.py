@@ -38,6 +38,19 @@ class DrivePins:
     brake: float  # 0..1
 
 
+def check_build(build: Path) -> None:
+    """Tell whether the images and the simulator are in a directory.
+
+    Raises
+    ------
+    LinkError
+        Names the first file that is not there.
+    """
+    for name in ("steer.elf", "drive.elf", "libmachine.so"):
+        if not (build / name).exists():
+            raise LinkError(f"{build / name} does not exist: `make firmware` builds it")
+
+
 class SimulatedUno:
     """One UNO running a firmware image.
 
@@ -55,9 +68,7 @@ class SimulatedUno:
     """
 
     def __init__(self, build: Path, name: str) -> None:
-        for file in (build / f"{name}.elf", build / "libmachine.so"):
-            if not file.exists():
-                raise LinkError(f"{file} does not exist: `make -C firmware avr simulator`")
+        check_build(build)
         self._c = ctypes.CDLL(str(build / "libmachine.so"))
         self._c.machine_new.restype = ctypes.c_void_p
         self._c.machine_word.restype = ctypes.c_uint16

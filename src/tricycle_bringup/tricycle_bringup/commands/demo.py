@@ -1,4 +1,4 @@
-"""`tricycle demo`: the whole way, from a plan to the trajectory error of its bag."""
+"""`tricycle demo`: the whole way, from a plan to the parameters that its bag tells."""
 
 import argparse
 import json
@@ -13,10 +13,17 @@ from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.plan import Plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver, random_feasible_point
 from excitation_planner.replay import nominal_run, replayed_errors
+from parameter_identification.identification import identify
 from parameter_identification.judge import Judgement, judge
+from parameter_identification.measured_drive import read_measured_drive
+from tricycle_bringup.argument_types import real_time_factor, seed
 from tricycle_bringup.figures import plot_drives
+from tricycle_bringup.identification_report import parameter_table, remarks, save_identification
 from tricycle_bringup.progress import progress_bar
+from tricycle_bringup.report import report_page
+from tricycle_bringup.report_data import read_run
 from tricycle_bringup.session import make_room, simulated_session
+from tricycle_sim.simulated_avr import check_build
 from tricycle_sim.simulator import draw_truth
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, load_vehicle
 
@@ -30,10 +37,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     """Add the subcommand."""
     parser = subparsers.add_parser(
         "demo",
-        help="plan a maneuver, drive it and a random one on emulated PLCs, judge both",
+        help="plan a maneuver, drive it and a random one on emulated PLCs, judge, identify",
         description="Plans an excitation maneuver and takes a random one of the same family beside "
         "it, drives both in simulation with hidden true parameters, through real nodes and serial "
-        "devices, and computes the trajectory error of each from its bag alone.",
+        "devices, computes the trajectory error of each from its bag alone, and identifies the "
+        "parameters from both.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -41,8 +49,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add("--maneuver", default="circle", help=f"family: {', '.join(family_names())}")
     add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
-    add("--seed", type=int, default=0, help="of plan, random maneuver and hidden truth")
-    add("--real-time-factor", type=float, default=10.0, help="largest; the nodes set the pace")
+    add("--seed", type=seed, default=0, help="of plan, random maneuver and hidden truth")
+    add(
+        "--real-time-factor",
+        type=real_time_factor,
+        default=10.0,
+        help="largest; the nodes set the pace",
+    )
     add(
         "--firmware",
         type=Path,
@@ -59,6 +72,8 @@ def run(args: argparse.Namespace) -> int:
     """Plan, drive, record, judge; print the table and say where everything is."""
     vehicle = load_vehicle(args.vehicle)
     request = PlanRequest(vehicle, family_by_name(args.maneuver), args.target, seed=args.seed)
+    if args.firmware:
+        check_build(args.firmware)
     output: Path = args.output
     make_room(output, overwrite=args.overwrite)
 
@@ -70,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
     for name, plan in plans.items():
         save_plan(plan, output / "plans" / f"{name}.json")
 
+    bags = {name: output / "bags" / name for name in plans}
     with simulated_session(
         vehicle_file=str(args.vehicle.absolute()) if args.vehicle else "",
         true_seed=args.seed,
@@ -79,14 +95,21 @@ def run(args: argparse.Namespace) -> int:
     ) as drive:
         for name, plan in plans.items():
             with progress_bar(f"driving the {name} maneuver, ms") as progress:
-                drive(plan, output / "bags" / name, progress)
+                drive(plan, bags[name], progress)
 
-    judgements = {name: judge(output / "bags" / name) for name in plans}
+    judgements = {name: judge(bag) for name, bag in bags.items()}
+    plot_drives(
+        {_title(name, plan): judgements[name] for name, plan in plans.items()},
+        output / "trajectories.png",
+    )
+    with progress_bar("identifying the parameters") as progress:
+        drives = [read_measured_drive(bag, vehicle) for bag in bags.values()]
+        found = identify(drives, vehicle, profiles=True, seed=args.seed, progress=progress)
+    save_identification(found, args.vehicle, output / "identification")
+
     truth = draw_truth(vehicle, np.random.default_rng(args.seed))
     expected = {name: _expected_error(request, plan, truth) for name, plan in plans.items()}
-    figure = output / "trajectories.png"
-    plot_drives({_title(name, plan): judgements[name] for name, plan in plans.items()}, figure)
-    result = {
+    result: dict[str, object] = {
         name: {
             "x": dict(plan.operation),
             "main": plan.main[args.target].value,
@@ -99,16 +122,31 @@ def run(args: argparse.Namespace) -> int:
         }
         for name, plan in plans.items()
     }
+    result["parameters"] = {
+        name: {"estimate": e.estimate, "low": e.low, "high": e.high, "truth": truth[name]}
+        for name, e in found.parameters.items()
+    }
     (output / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+    report = output / "report.html"
+    report.write_text(report_page(read_run(output), vehicle=vehicle), encoding="utf-8")
     if args.json:
         print(json.dumps(result))
-    console = Console(stderr=args.json)
+    console = Console(stderr=args.json, highlight=False)
     console.print(_table(args.target, plans, expected, judgements))
     for name, plan in plans.items():
         if plan.verdict:
-            console.print(f"{name}: {plan.verdict}", highlight=False)
-    for what, where in (("bags", output / "bags"), ("figure", figure), ("plans", output / "plans")):
-        console.print(f"{what}: {where}", highlight=False, soft_wrap=True)
+            console.print(f"{name}: {plan.verdict}")
+    console.print(parameter_table(found, truth))
+    for remark in remarks(found):
+        console.print(remark, soft_wrap=True)
+    for what, where in (
+        *(("bags", "bags"), ("plans", "plans"), ("figure", "trajectories.png")),
+        *(
+            ("vehicle file with the estimates", "identification/vehicle.yaml"),
+            ("report", report.name),
+        ),
+    ):
+        console.print(f"{what}: {output / where}", soft_wrap=True)
     return 0
 
 

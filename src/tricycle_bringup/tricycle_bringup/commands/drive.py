@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 from excitation_planner.plan import load_plan
+from tricycle_bringup.argument_types import real_time_factor, seed
 from tricycle_bringup.progress import progress_bar
 from tricycle_bringup.session import running_session, simulated_session
 
@@ -30,8 +31,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add("plan", type=Path, metavar="PLAN", help="plan.json of `tricycle plan`")
     add("--bag", type=Path, default=Path("out/bag"), metavar="DIR", help="bag to be recorded")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
-    add("--true-seed", type=int, default=0, help="of the simulation's hidden true parameters")
-    add("--real-time-factor", type=float, default=1.0, help="largest; the nodes set the pace")
+    add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
+    add(
+        "--real-time-factor",
+        type=real_time_factor,
+        default=1.0,
+        help="largest; the nodes set the pace",
+    )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
     add("--namespace", type=_namespace, default="", metavar="NAME", help="of those nodes")
     parser.set_defaults(run=run)
@@ -57,6 +63,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _namespace(text: str) -> str:
-    if not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", text, re.ASCII):
+    if not re.fullmatch(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?", text, re.ASCII):
         raise argparse.ArgumentTypeError(f"'{text}' is not a namespace, as in first or /yard/first")
     return text

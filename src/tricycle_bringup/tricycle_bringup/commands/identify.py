@@ -8,13 +8,12 @@ from rich.console import Console
 
 from parameter_identification.estimation import Loss
 from parameter_identification.identification import identify
-from parameter_identification.identified_vehicle import identified_vehicle
 from parameter_identification.measured_drive import read_measured_drive
+from tricycle_bringup.argument_types import seed
 from tricycle_bringup.identification_report import (
-    identification_page,
     parameter_table,
     remarks,
-    save_figures,
+    save_identification,
 )
 from tricycle_bringup.progress import progress_bar
 from tricycle_sim.vehicle import load_vehicle
@@ -46,8 +45,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="identify only these; the others keep their nominal values (default: all unknown)",
     )
     add("--held-out", type=Path, metavar="BAG", nargs="+", default=[], help="drives to predict")
-    add("--robust", action="store_true", help="hold outliers back (Huber's loss)")
-    add("--seed", type=int, default=0, help="of the starts")
+    add("--robust", action="store_true", help="hold outliers back")
+    add("--seed", type=seed, default=0, help="of the starts")
     add("--json", action="store_true", help="print one JSON object")
     add(
         "--output",
@@ -72,26 +71,18 @@ def run(args: argparse.Namespace) -> int:
             vehicle,
             parameters=args.parameters,
             held_out=drives[len(args.bags) :],
-            loss=Loss.HUBER if args.robust else Loss.SQUARED,
+            loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,
             seed=args.seed,
             progress=progress,
         )
-    document = json.dumps(found.to_json(), allow_nan=False)
     console = Console(stderr=args.json, highlight=False)
     console.print(parameter_table(found))
     for remark in remarks(found):
         console.print(remark, soft_wrap=True)
     if args.output is not None:
-        output: Path = args.output
-        text = identified_vehicle(found, args.vehicle, bags=[bag.name for bag in args.bags])
-        page = identification_page(found)
-        output.mkdir(parents=True, exist_ok=True)
-        (output / "identification.json").write_text(document + "\n", encoding="utf-8")
-        (output / "vehicle.yaml").write_text(text, encoding="utf-8")
-        (output / "report.html").write_text(page, encoding="utf-8")
-        save_figures(found, output)
-        console.print(f"vehicle file, figures and report: {output}", soft_wrap=True)
+        save_identification(found, args.vehicle, args.output)
+        console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:
-        print(document)
+        print(json.dumps(found.to_json(), allow_nan=False))
     return 0

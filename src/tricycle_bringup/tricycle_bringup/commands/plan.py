@@ -13,6 +13,7 @@ from excitation_planner.criteria import Criterion
 from excitation_planner.maneuver import PlanError, family_by_name, family_names, operation_point
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_set
+from tricycle_bringup.argument_types import seed
 from tricycle_bringup.assignments import parse_assignments
 from tricycle_bringup.figures import plot_plan
 from tricycle_bringup.progress import progress_bar
@@ -60,7 +61,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
-    add("--seed", type=int, default=0, help="same seed, same plan")
+    add("--seed", type=seed, default=0, help="same seed, same plan")
     add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
     add("--budget", type=int, default=PlanRequest.budget, help="largest number of simulations")
     add(

@@ -16,6 +16,7 @@ from excitation_planner.errors import InfeasibleManeuver
 from excitation_planner.maneuver import PlanError, family_by_name, family_names, operation_point
 from excitation_planner.replay import nominal_run
 from tricycle_bridge.messages import TICK
+from tricycle_bringup.argument_types import seed
 from tricycle_bringup.assignments import parse_assignments
 from tricycle_bringup.progress import progress_bar
 from tricycle_sim.commands import Commands, CommandsError, load_commands
@@ -67,7 +68,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="N",
         help="draw N vehicles from the unknown's ranges",
     )
-    add("--seed", type=_at_least(0), default=0, help="of the draw (default: %(default)s)")
+    add("--seed", type=seed, default=0, help="of the draw (default: %(default)s)")
     add("--output", type=_output, required=True, metavar="FILE", help=", ".join(SUFFIXES))
     add(
         "--plot",
