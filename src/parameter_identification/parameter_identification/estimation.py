@@ -34,7 +34,7 @@ from parameter_identification.whiteness import resolution
 Array = NDArray[np.float64]
 
 CANDIDATES = 64  # points of the Sobol' sequence that are looked at for starts
-HUBER = 2.5  # standard deviations from which samples lose weight under the robust loss
+OUTLYING = 3.0  # standard deviations from which samples lose weight under the robust loss
 MAX_STEPS = 50
 
 
@@ -42,7 +42,7 @@ class Loss(Enum):
     """What a residual costs."""
 
     SQUARED = "squared"  # efficient for Gaussian noise
-    HUBER = "huber"  # linear beyond `HUBER` standard deviations: outliers pull no more than that
+    ROBUST = "robust"  # logarithmic beyond `OUTLYING` standard deviations: outliers hardly pull
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,7 @@ class Problem:
     ) -> None:
         self.models, self.mean, self.information = models, mean, information
         self.k = len(mean)
-        self._robust = loss is Loss.HUBER
+        self._robust = loss is Loss.ROBUST
         sizes = [len(model.nuisances) for model in models]
         ends = self.k + np.cumsum([0, *sizes])
         self.n = int(ends[-1])
@@ -234,13 +234,13 @@ class Problem:
         self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
 
     def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
-        """Set the samples' weights: less where stamps matter, and those of Huber's loss."""
+        """Set the samples' weights: less where stamps matter, and those of the robust loss."""
         for drive, (found, weights) in enumerate(zip(predictions, self._weights, strict=True)):
             for p in found:
                 weights[p.sensor] = self._stamp_weights(drive, p)
                 if self._robust:
                     size = np.maximum(self._innovations(drive, p), 1e-12)
-                    weights[p.sensor] = weights[p.sensor] * np.minimum(1.0, HUBER / size)
+                    weights[p.sensor] = weights[p.sensor] * np.minimum(1.0, OUTLYING / size) ** 2
 
     def _stamp_weights(self, drive: int, p: Prediction) -> Array:
         """Weights (m,) of samples whose stamps jitter."""

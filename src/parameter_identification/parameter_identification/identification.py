@@ -18,6 +18,7 @@ the correlation is part of the noise and widens the intervals.
 Letters of shapes: `k` parameters, `n` variables with the nuisances of all drives, `m` samples.
 """
 
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -51,7 +52,7 @@ PRIOR_VARIANCE = 1.0 / 12.0  # of a uniform parameter, in its range
 IDENTIFIABLE = 0.5  # of the prior's standard deviation: what the drives must at least reach
 MIN_MOTION = 0.5  # m that a vehicle must have come from its start
 ROUGH = 0.3  # of the cost: tolerance of fits of which most are discarded
-NOISE_ROUNDS = 3  # of noise and fit in turns
+NOISE_ROUNDS = 6  # of noise and fit in turns
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
 SAME_BASIN = 0.02  # of the ranges between minima that are one
 SMALL_WEIGHT = 0.25  # of a parameter in a combination that is not worth its name
@@ -353,14 +354,17 @@ def identify(
     Raises
     ------
     IdentificationError
-        If there is no drive, no such parameter, too little motion, or a drive was planned for
-        another vehicle.
+        If there is no drive, one comes twice, there is no such parameter, too little motion, or a
+        drive was planned for another vehicle.
     """
     begun = time.perf_counter()
     if not drives:
         raise IdentificationError("no drive: nothing to identify from")
     names = tuple(vehicle.unknown) if parameters is None else tuple(parameters)
     known = restrict(vehicle, names)
+    for a, b in itertools.combinations((*drives, *held_out), 2):
+        if _same_positions(a, b):
+            raise IdentificationError(f"{a.name} and {b.name} are the same drive")
     for drive in (*drives, *held_out):
         _check_motion(drive)
         _check_vehicle(drive, vehicle)
@@ -438,6 +442,11 @@ def _identify(
         seed=seed,
         seconds=time.perf_counter() - begun,
     )
+
+
+def _same_positions(a: MeasuredDrive, b: MeasuredDrive) -> bool:
+    """Whether two drives are one: counted twice it would look better than it is."""
+    return np.array_equal(a.signals[Sensor.POSITION].values, b.signals[Sensor.POSITION].values)
 
 
 def _check_motion(drive: MeasuredDrive) -> None:
