@@ -57,6 +57,7 @@ VEHICLE = load_vehicle()
 UNKNOWN = Box.of(dict(VEHICLE.unknown))
 CIRCLE, CHANGE = "circle", "double_lane_change"
 ISO = {CIRCLE: [4.0, 0.8], CHANGE: [4.0, 4.0]}  # fixed: radius, speed; handles of the lane change
+BEGIN, END = "<!-- printed by benchmarks/worth.py -->", "<!-- end -->"  # in docs/criteria.md
 RANDOM_PREDICTED = 8  # random maneuvers over which a prediction is averaged
 
 
@@ -109,7 +110,6 @@ STRATEGIES = {
     "circle: H for cornering": ((Criterion.H, CORNERING), (CIRCLE,)),
     "circle: H for camber": ((Criterion.H, CAMBER), (CIRCLE,)),
     "circle: c for cornering": ((Criterion.C, CORNERING), (CIRCLE,)),
-    "circle: c for camber": ((Criterion.C, CAMBER), (CIRCLE,)),
     "circle: D": ((Criterion.D, CORNERING), (CIRCLE,)),
     "circle: A": ((Criterion.A, CORNERING), (CIRCLE,)),
     "lane change: random": ("random", (CHANGE,)),
@@ -244,21 +244,26 @@ def predicted(name, points, scenario):
 
 
 def cell(output, name, points, scenario, draws, pool):
-    """Errors (draws, k) and predicted deviations (k,) in ranges, kept on disk."""
+    """Errors (draws, k) and predicted deviations (k,) in ranges; what is on disk is not redone."""
     slug = f"{name}--{scenario.name}".replace(" ", "_").replace(":", "").replace(",", "")
     file = output / f"{slug}.npz"
+    done, prediction = np.empty((0, len(UNKNOWN))), None
     if file.exists():
         kept = np.load(file)
-        if len(kept["errors"]) >= draws:
-            return kept["errors"][:draws], kept["predicted"]
-    prediction = pool.submit(predicted, name, points, scenario)
-    errors = np.array(
-        list(pool.map(error_of, [name] * draws, [points] * draws, [scenario] * draws, range(draws)))
-    )
+        done, prediction = kept["errors"], kept["predicted"]
+    if len(done) >= draws:
+        return done[:draws], prediction
+    if prediction is None:
+        prediction = pool.submit(predicted, name, points, scenario)
+    missing = range(len(done), draws)
+    new = pool.map(error_of, *zip(*((name, points, scenario, d) for d in missing), strict=True))
+    errors = np.vstack([done, *new])
+    if not isinstance(prediction, np.ndarray):
+        prediction = prediction.result()
     partial = file.with_suffix(".partial.npz")
-    np.savez(partial, errors=errors, predicted=prediction.result())
+    np.savez(partial, errors=errors, predicted=prediction)
     partial.replace(file)
-    return errors, prediction.result()
+    return errors, prediction
 
 
 def rms(errors):
@@ -316,7 +321,7 @@ def plot(results, path):
                 color=color,
                 label=f"{parameter.replace('_', ' ')}: predicted",
             )
-        for between in (7.5, 13.5):  # singles of each family, pairs
+        for between in (6.5, 12.5):  # singles of each family, pairs
             axis.axhline(between, color="0.5", linewidth=0.8)
         axis.set_xscale("log")
         axis.set_xlim(0.2, 45)
@@ -345,6 +350,7 @@ def main():
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--output", type=Path, default=Path("out/worth"))
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after; run again")
+    parser.add_argument("--docs", type=Path, help="folder whose criteria.md gets the result")
     arguments = parser.parse_args()
     begun, output = time.monotonic(), arguments.output
     output.mkdir(parents=True, exist_ok=True)
@@ -354,27 +360,34 @@ def main():
         for scenario in SCENARIOS:
             for name in STRATEGIES:
                 if time.monotonic() - begun > arguments.seconds:
-                    raise SystemExit(f"{len(results)} cells are done; run again to go on")
+                    raise SystemExit(
+                        f"{len(results)} cells have {arguments.draws} draws; run again to go on"
+                    )
                 drives = same[name]
                 results[name, scenario.name] = cell(
                     output, drives, designs[drives], scenario, arguments.draws, pool
                 )
-    text = table(results)
-    (output / "table.md").write_text(text)
-    plot(results, output / "worth.png")
-    ratios = np.array([rms(errors)[0] / prediction for errors, prediction in results.values()])
-    print(text)
+    summary = [table(results)]
     for parameter in TARGETS:
-        ratio = ratios[:, UNKNOWN.index(parameter)]
-        print(
+        at = UNKNOWN.index(parameter)
+        ratio = [rms(errors)[0][at] / prediction[at] for errors, prediction in results.values()]
+        summary.append(
             f"{parameter}: RMS error / predicted deviation: median {np.median(ratio):.2f}, "
             f"5 to 95 % of the cells {np.quantile(ratio, 0.05):.2f} to "
             f"{np.quantile(ratio, 0.95):.2f}"
         )
     for name, drives in same.items():
         if name != drives:
-            print(f"{name}: the same maneuvers as {drives}")
-    print(f"{arguments.draws} draws per cell; {output / 'worth.png'}")
+            summary.append(f"{name}: the same maneuvers as {drives}")
+    summary.append(f"{arguments.draws} draws per cell")
+    text = "\n".join(summary)
+    print(text)
+    plot(results, output / "worth.png")
+    if arguments.docs is not None:
+        page = arguments.docs / "criteria.md"
+        before, _, rest = page.read_text().partition(BEGIN)
+        page.write_text(before + BEGIN + "\n" + text + "\n" + END + rest.partition(END)[2])
+        plot(results, arguments.docs / "criteria.png")
 
 
 if __name__ == "__main__":

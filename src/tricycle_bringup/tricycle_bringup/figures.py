@@ -12,6 +12,7 @@ from matplotlib import pyplot as plt
 
 from excitation_planner.plan import Plan
 from parameter_identification.judge import Judgement
+from tricycle_bringup.campaign import HALF_WIDTH, Campaign
 
 REFERENCE, MEASURED = "#0072B2", "#D55E00"  # Okabe and Ito's blue and vermillion
 MARKS = 5.0  # s between the lines that join equal times
@@ -104,8 +105,9 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
         step = round(MARKS / (s.time[1] - s.time[0]))
         for k in range(step, len(s.time), step):
             joined = ([s.reference_x[k], s.x[k]], [s.reference_y[k], s.y[k]])
-            above.plot(*joined, color="0.3", linewidth=0.8)
-        above.plot([], [], color="0.3", linewidth=0.8, label=f"same time, every {MARKS:g} s")
+            above.plot(*joined, color="0.2", linewidth=1.2, marker="o", markersize=3.5, zorder=3)
+        label = f"same time, every {MARKS:g} s"
+        above.plot([], [], color="0.2", linewidth=1.2, marker="o", markersize=3.5, label=label)
         above.set_title(f"{title}\nTE = {judgement.te:.4g} m²")
         above.set_xlabel("x / m")
         above.set_ylabel("y / m")
@@ -117,5 +119,50 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
         below.set_xlabel("time since the start / s")
         below.set_ylabel("distance / mm")
         below.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:
+    """Estimate of each target drive by drive, and the half width of its 95 % interval.
+
+    Parameters
+    ----------
+    campaign
+        What to show.
+    truth
+        Hidden true values, where they are known.
+    path
+        Image to be written; its suffix gives the format.
+    """
+    targets, steps = campaign.request.targets, campaign.steps
+    figure, axes = plt.subplots(
+        2, len(targets), figsize=(5.6 * len(targets), 7.6), squeeze=False, sharex=True,
+        layout="constrained",
+    )  # fmt: skip
+    drives = range(len(steps) + 1)
+    for name, above, below in zip(targets, *axes, strict=True):
+        known = [campaign.known(number)[name] for number in drives]
+        above.errorbar(
+            drives, [k.estimate for k in known], yerr=[HALF_WIDTH * k.std for k in known],
+            fmt="o", capsize=4, color=REFERENCE, label="estimate, 95 % interval",
+        )  # fmt: skip
+        if truth is not None:
+            above.axhline(truth[name], color="0.2", linestyle="--", label="hidden truth")
+        above.set_title(name.replace("_", " "))
+        below.plot(drives, [100.0 * k.share for k in known], "o-", color=REFERENCE, label="came")
+        expected = [
+            100.0 * HALF_WIDTH * step.predicted_std[name] / abs(k.estimate)
+            for step, k in zip(steps, known[1:], strict=True)
+        ]
+        below.plot(drives[1:], expected, "x", color=MEASURED, label="expected when planned")
+        below.axhline(100.0 * campaign.request.tolerance, color="0.2", label="tolerance")
+        below.set_yscale("log")
+        below.set_xticks(drives, ["the range", *(s.maneuver.replace("_", "\n") for s in steps)])
+        for axis in (above, below):
+            axis.grid(alpha=0.3)
+            axis.legend(fontsize="small")
+    axes[0, 0].set_ylabel("value in the unit of the vehicle file")
+    axes[1, 0].set_ylabel("half width / % of the estimate")
     figure.savefig(path, dpi=150)
     plt.close(figure)
