@@ -13,7 +13,15 @@ VENV_FLAGS :=
 EXTRAS := dev,ros
 endif
 
-.PHONY: help setup demo test check lint format docs reference firmware bench soak clean
+# LOCKED=1: exactly what requirements/lock.txt pins, hashes checked, as CI does
+ifdef LOCKED
+INSTALL = $(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/lock.txt \
+	&& $(BIN)/python -m pip install --quiet --no-deps --editable .
+else
+INSTALL = $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+endif
+
+.PHONY: help setup demo test check lint format lock audit docs reference firmware bench soak clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -21,7 +29,7 @@ help:  ## this list
 setup: .venv/ready  ## build .venv with everything in it
 .venv/ready: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV_FLAGS) .venv
-	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+	$(INSTALL)
 	touch $@
 
 # PLC=firmware drives the real firmware on simulated UNOs instead of emulated PLCs
@@ -43,6 +51,19 @@ lint: setup
 format: setup  ## format and fix what can be fixed
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+
+lock:  ## pin every dependency anew, with hashes
+	$(PYTHON) -m venv build/lock && build/lock/bin/pip install --quiet uv
+	build/lock/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 \
+		--generate-hashes --no-annotate --no-header --extra dev --extra ros pyproject.toml \
+		--output-file requirements/lock.txt
+	sed -i '1i # Every dependency of `pip install .[dev,ros]`, pinned with its hashes; written by `make lock`.' \
+		requirements/lock.txt
+
+audit:  ## known vulnerabilities of the pinned dependencies; names those it could not look up
+	$(PYTHON) -m venv build/audit && build/audit/bin/pip install --quiet pip-audit
+	build/audit/bin/pip-audit --require-hashes --disable-pip --progress-spinner off \
+		--requirement requirements/lock.txt
 
 docs: setup  ## the documentation, as a site in build/site; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
