@@ -11,7 +11,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from tricycle_bringup.configuration import SIMULATION_CONFIG
-from tricycle_bringup.launching import managed_bridge, own_names, state_publisher
+from tricycle_bringup.launching import enclave, managed_bridge, own_names, state_publisher
 
 
 def nodes(context: LaunchContext) -> list[Action]:
@@ -40,6 +40,7 @@ def nodes(context: LaunchContext) -> list[Action]:
             namespace=namespace,
             parameters=[SIMULATION_CONFIG, *parameters],
             remappings=names,
+            ros_arguments=enclave(executable),
         )
 
     return [

@@ -27,6 +27,11 @@ def own_names(namespace: str) -> Remappings:
     return [(f"/{name}", name) for name in _SHARED] if namespace else []
 
 
+def enclave(executable: str) -> list[str]:
+    """ROS arguments that give a node its SROS2 enclave; without SROS2 they do nothing."""
+    return ["--enclave", f"/tricycle/{executable}"]
+
+
 def managed_bridge(
     parameters: Parameters,
     *,
@@ -53,6 +58,7 @@ def managed_bridge(
         namespace=namespace,
         parameters=[*parameters, bridge_parameters(vehicle_file), {"autostart": False}],
         remappings=remappings,
+        ros_arguments=enclave("tricycle_bridge"),
         on_exit=[OpaqueFunction(function=_shut_down)],
     )
     if not autostart:
@@ -104,5 +110,6 @@ def state_publisher(
             namespace=namespace,
             parameters=[config, {"robot_description": tricycle_urdf(vehicle)}],
             remappings=remappings,
+            ros_arguments=enclave("robot_state_publisher"),
         )
     ]

@@ -1,0 +1,87 @@
+"""The SROS2 policy allows what each node of the vehicle does, and nothing that none of them do."""
+
+import importlib
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import rclpy
+from launch_recorder import launched_nodes, project_scripts
+
+pytestmark = pytest.mark.ros
+
+FOLDER = Path(__file__).parents[2] / "deploy" / "sros2"
+NODES = {
+    "tricycle_bridge": "BridgeNode",
+    "excitation_planner": "ExcitationPlanner",
+    "maneuver_driver": "ManeuverDriver",
+    "trajectory_recorder": "TrajectoryRecorder",
+}
+
+
+def rules(profile, name):
+    """Topics and services of a profile, absolute: kind of rule -> names."""
+    found = {"publish": set(), "subscribe": set(), "reply": set(), "request": set()}
+    for group in [*profile.findall("topics"), *profile.findall("services")]:
+        for kind in found.keys() & group.keys():
+            found[kind] |= {
+                entry.text.replace("~", f"/{name}") if entry.text[0] in "~/" else f"/{entry.text}"
+                for entry in group
+            }
+    return found
+
+
+def allowed(name):
+    policy = ElementTree.parse(FOLDER / "tricycle.policy.xml")
+    (profile,) = policy.iterfind(f"enclaves/enclave[@path='/tricycle/{name}']/profiles/profile")
+    assert profile.get("node") == name
+    common = rules(ElementTree.parse(FOLDER / "node.xml").getroot(), name)
+    return common, rules(profile, name)
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_the_policy_is_what_the_node_does(ros_environment, tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    # a lifecycle node announces its changes once it has a transition event to send
+    rclpy.init(args=["--ros-args", "-p", "autostart:=false"])
+    module = project_scripts()[name].partition(":")[0]
+    node = getattr(importlib.import_module(module), NODES[name])()
+    try:
+        does = {
+            "publish": node.get_publisher_names_and_types_by_node(name, "/"),
+            "subscribe": node.get_subscriber_names_and_types_by_node(name, "/"),
+            "reply": node.get_service_names_and_types_by_node(name, "/"),
+            "request": node.get_client_names_and_types_by_node(name, "/"),
+        }
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
+    common, own = allowed(name)
+    for kind, entries in does.items():
+        names = {entry for entry, _ in entries}
+        assert names <= common[kind] | own[kind], kind
+        # the recorder subscribes to what it finds
+        if (name, kind) != ("trajectory_recorder", "subscribe"):
+            assert own[kind] <= names, kind
+
+
+def test_the_recorder_may_hear_what_it_is_told_to_record():
+    (recorder,) = (
+        n for n in launched_nodes("vehicle.launch.py") if n["executable"] == "trajectory_recorder"
+    )
+    heard = allowed("trajectory_recorder")[1]["subscribe"]
+    for pattern in recorder["parameters"]["topics"]:
+        name = pattern.removesuffix("*").lstrip("/")
+        assert any(topic.startswith(f"/{name}") for topic in heard), pattern
+
+
+def test_every_launched_node_has_its_enclave():
+    for node in launched_nodes("vehicle.launch.py", installed=["robot_state_publisher"]):
+        assert node["ros_arguments"] == ["--enclave", f"/tricycle/{node['executable']}"]
+        assert allowed(node["executable"])
+
+
+def test_the_operator_may_call_only_services_that_exist():
+    offered = set().union(*(allowed(name)[1]["reply"] for name in NODES))
+    requested = allowed("operator")[1]["request"]
+    assert requested - offered == {"/trajectory_recorder/set_parameters"}
