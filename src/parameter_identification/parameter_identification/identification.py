@@ -412,6 +412,8 @@ def _identify(
     estimates = _estimates(known, problem, best, inverse, rivals, curves, level)
     width = models[0].width
     predictions = problem.predictions(best.at)
+    fits_of_drives = tuple(_drive_fits(problem, best, inverse, predictions))
+    problem.close()
     return Identification(
         vehicle=vehicle.name,
         vehicle_hash=vehicle.file_hash,
@@ -432,7 +434,7 @@ def _identify(
             for p in found
             for c, (name, r) in enumerate(zip(p.sensor.channels, p.residual.T, strict=True))
         ),
-        drives=tuple(_drive_fits(problem, best, inverse, predictions)),
+        drives=fits_of_drives,
         held_out=tuple(_hold_out(known, problem, best, drive, loss) for drive in held_out),
         outliers=problem.outliers(predictions, OUTLIER),
         rivals=tuple(models[0].parameters(z) for z in rivals),

@@ -10,18 +10,20 @@ import matplotlib as mpl
 mpl.use("Agg")  # files only: works without a display
 
 from matplotlib.figure import Figure
+from rich.box import SIMPLE
 from rich.table import Table
 from scipy.stats import chi2
 
 from parameter_identification.identification import DriveFit, Estimate, Identification
 from parameter_identification.identified_vehicle import identified_vehicle
 from parameter_identification.measured_drive import Sensor
+from parameter_identification.trajectory_model import Prediction
 from tricycle_bringup.html_page import FigureBlock, Section, TableBlock, html_page
 
 # Okabe and Ito's, told apart by the colour-blind
 BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
 
-HEADINGS = ("parameter", "unit", "range", "estimate", "interval", "shown", "truth")
+HEADINGS = ("parameter", "unit", "range", "estimate", "interval", "truth")
 
 
 def parameter_rows(
@@ -40,9 +42,8 @@ def parameter_rows(
             name,
             "" if e.unit == "1" else e.unit,
             f"{e.range[0]:.4g} – {e.range[1]:.4g}",
-            f"{e.estimate:.4g} ± {e.standard_deviation:.2g}" if e.identifiable else "–",
+            f"{e.estimate:.4g} ± {e.standard_deviation:.2g}" if e.identifiable else "not shown",
             f"{e.low:.4g} – {e.high:.4g}",
-            "yes" if e.identifiable else "no",
             _truth(e, known[name]) if name in known else "",
         )
         for name, e in found.parameters.items()
@@ -57,10 +58,10 @@ def parameter_table(found: Identification, truth: Mapping[str, float] | None = N
     """The table of parameters, with the hidden truth beside the estimates where it is known."""
     rows = parameter_rows(found, truth)
     drives = ", ".join(drive.name for drive in found.drives)
-    table = Table(title=f"identified from {drives}; {100 * found.level:g} % intervals")
+    table = Table(title=f"identified from {drives}; {100 * found.level:g} % intervals", box=SIMPLE)
     shown = [i for i in range(len(HEADINGS)) if any(row[i] for row in rows)]
     for i in shown:
-        table.add_column(HEADINGS[i], justify="left" if i < 2 else "right", no_wrap=i == 0)
+        table.add_column(HEADINGS[i], justify="left" if i < 2 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*(row[i] for i in shown))
     return table
@@ -114,8 +115,8 @@ def trajectories_figure(found: Identification) -> Figure:
     return figure
 
 
-def _rms(predictions: Mapping[Sensor, object]) -> str:
-    residual = predictions[Sensor.POSITION].residual  # type: ignore[attr-defined]
+def _rms(predictions: Mapping[Sensor, Prediction]) -> str:
+    residual = predictions[Sensor.POSITION].residual
     return f"{1e3 * math.sqrt(float((residual**2).sum(axis=1).mean())):.0f} mm"
 
 
@@ -157,10 +158,15 @@ def profiles_figure(found: Identification) -> Figure:
         axes.plot(e.profile.values, e.profile.rise, "o-", color=BLUE, markersize=3)
         axes.axhline(allowed, color="0.6", linewidth=0.8)
         axes.axvspan(e.low, e.high, color=BLUE, alpha=0.12)
+        reach = 0.5 * (e.high - e.low)
+        seen = [e.low - reach, e.high + reach]
         if name in found.truth:
+            seen = [min(seen[0], found.truth[name]), max(seen[1], found.truth[name])]
             axes.axvline(found.truth[name], color=VERMILLION, linestyle="--", label="truth")
             axes.legend(fontsize="small")
-        axes.set(xlim=e.range, ylim=(0, 3 * allowed))
+        axes.set_xlim(max(seen[0], e.range[0]), min(seen[1], e.range[1]))
+        axes.set_ylim(0, 2 * allowed)
+        axes.locator_params(axis="x", nbins=5)
         unit = "" if e.unit == "1" else f" / {e.unit}"
         axes.set_xlabel(f"{name.replace('_', ' ')}{unit}", fontsize="small")
     for axes in grid[len(profiled) :]:
@@ -200,7 +206,10 @@ def identification_page(found: Identification) -> str:
         Section(
             "Parameters", (TableBlock(HEADINGS, tuple(parameter_rows(found))), *remarks(found))
         ),
-        Section("Trajectories", (_block(trajectories_figure(found), "before and after"),)),
+        Section(
+            "Trajectories",
+            (_block(trajectories_figure(found), "measured; nominal and identified vehicle"),),
+        ),
     ]
     if any(e.profile is not None for e in found.parameters.values()):
         caption = "profile likelihood; shaded: interval; grey: its level"

@@ -18,6 +18,8 @@ from tricycle_bringup.identification_report import (
 from tricycle_bringup.progress import progress_bar
 from tricycle_sim.vehicle import load_vehicle
 
+TABLE_WIDTH = 120  # characters; folded numbers cannot be read
+
 EXAMPLE = """\
 examples:
   tricycle identify out/demo/bags/*
@@ -77,6 +79,7 @@ def run(args: argparse.Namespace) -> int:
             progress=progress,
         )
     console = Console(stderr=args.json, highlight=False)
+    console.width = max(console.width, TABLE_WIDTH)
     console.print(parameter_table(found))
     for remark in remarks(found):
         console.print(remark, soft_wrap=True)
