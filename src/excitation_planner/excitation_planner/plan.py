@@ -22,7 +22,7 @@ from tricycle_sim.commands import Commands, CommandsError
 
 Floats = NDArray[np.float64]
 
-SCHEMA = 2  # docs/plan-file.md
+SCHEMA = 2  # docs/reference-files.md
 MAX_BYTES = 64_000_000  # a plan of an hour has a tenth of this
 
 
