@@ -286,43 +286,33 @@ def start_up() -> None:
 def cost(vehicle: Vehicle, threads: int, plot: Path | None) -> None:
     """Time over samples and over steps, four decades each, and memory."""
     counts = LANES * np.logspace(0.0, 4.0, 13).astype(int)
-    commands = slalom(5.0)
     parameters = draw(vehicle, counts[-1])
-    by_samples = [
-        shortest(
-            lambda n=n: simulate_planar(  # type: ignore[misc]
-                vehicle, commands, parameters[:n], ignore, threads=threads
-            ),
-            repeats=3,
+    many = parameters[: 8 * LANES]  # so that steps, not calls, take the time
+
+    def seconds(commands: Commands, samples: Array, threads: int) -> float:
+        short = len(samples) * commands.duration < 20_000.0
+        return shortest(
+            lambda: simulate_planar(vehicle, commands, samples, ignore, threads=threads),
+            repeats=30 if short else 3,
         )[0]
-        for n in counts
-    ]
-    ticks = np.unique(np.logspace(1.0, 5.0, 13).astype(int))
-    by_ticks = []
-    for count in ticks:
-        commands = Commands([0.0, count * TICK], [0.1, 0.0], [1.0, 0.0])
-        by_ticks.append(
-            shortest(
-                lambda c=commands: simulate_planar(  # type: ignore[misc]
-                    vehicle, c, parameters[:LANES], ignore, threads=1
-                ),
-                repeats=3,
-            )[0]
-        )
 
-    nothing = Commands([0.0, TICK], [0.0, 0.0], [0.0, 0.0])
-    (fixed,) = shortest(
-        lambda: simulate_planar(vehicle, nothing, parameters[:LANES], ignore, threads=1)
-    )
+    def turn(ticks: int) -> Commands:
+        return Commands([0.0, ticks * TICK], [0.1, 0.0], [1.0, 0.0])
+
+    fixed = seconds(turn(1), parameters[:LANES], 1)
     line("fixed cost of a replay", f"{1e3 * fixed:.1f} ms")
+    by_samples = [seconds(slalom(5.0), parameters[:n], threads) for n in counts]
+    ticks = np.unique(np.logspace(1.0, 5.0, 13).astype(int))
+    by_ticks = [seconds(turn(int(count)), many, 1) for count in ticks]
 
-    def exponent(amount: Array, seconds: list[float]) -> float:
-        last = amount >= amount[-1] / 1000
-        rest = np.array(seconds)[last] - fixed
-        return float(np.polyfit(np.log(amount[last]), np.log(rest), 1)[0])
+    def exponent(amount: Array, taken: list[float]) -> str:
+        rest = np.array(taken) - fixed
+        first = int(np.argmax(rest > fixed))  # before, the fixed cost hides the rest
+        slope = np.polyfit(np.log(amount[first:]), np.log(rest[first:]), 1)[0]
+        return f"{slope:.2f} ({amount[first]} to {amount[-1]})"
 
-    line("exponent of the rest over samples, 80 to 80 000", f"{exponent(counts, by_samples):.2f}")
-    line("exponent of the rest over steps, 100 to 100 000", f"{exponent(ticks, by_ticks):.2f}")
+    line("exponent of the rest over samples of 500 steps", exponent(counts, by_samples))
+    line(f"exponent of the rest over steps of {len(many)} samples", exponent(ticks, by_ticks))
     commands = slalom(20.0)
     for n in (100, 1000, 10_000):
         tracemalloc.start()
@@ -344,7 +334,7 @@ def cost(vehicle: Vehicle, threads: int, plot: Path | None) -> None:
     axes[0].set(xlabel="samples of 5 s (500 steps)", ylabel="seconds")
     axes[1].loglog(ticks, by_ticks, "o-", label="measured, one thread")
     axes[1].loglog(ticks, linear(ticks, by_ticks), "k:", label="fixed cost and linear")
-    axes[1].set(xlabel="steps of 8 samples")
+    axes[1].set(xlabel=f"steps of {len(many)} samples")
     for axis in axes:
         axis.legend()
         axis.grid(visible=True, alpha=0.3)
