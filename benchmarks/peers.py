@@ -3,9 +3,10 @@
     pip install openturns egobox SALib
     python benchmarks/peers.py [--cases 5]
 
-Ours: Kriging and projection. Peers: OpenTURNS GP and sparse polynomial chaos, egobox GP, and the
-paper's procedure: scikit-learn's own GP with SALib's Saltelli estimator on its mean. The GPs of
-all peers go through that estimator; "true f" is that estimator on the function itself. One thread.
+Ours: Kriging and projection; "own samples" are as many, chosen by `sensitivity`. Peers: OpenTURNS
+GP and sparse polynomial chaos, egobox GP, and the paper's procedure: scikit-learn's own GP with
+SALib's Saltelli estimator on its mean. The GPs of all peers go through that estimator; "true f" is
+that estimator on the function itself. One thread.
 """
 
 import argparse
@@ -21,7 +22,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from threadpoolctl import threadpool_limits
 
-from excitation_planner import Indices, Kriging, sobol_indices
+from excitation_planner import Indices, Kriging, sensitivity, sobol_indices
 from excitation_planner.box import training_points
 from excitation_planner.test_functions import (
     MATH_MODEL_OPERATION,
@@ -108,6 +109,10 @@ PEERS = {
 }
 
 
+def unit(U):
+    return {f"p{i}": (0.0, 1.0) for i in range(U.shape[1])}
+
+
 def problems(cases):
     rng = np.random.default_rng(0)
     for _ in range(cases):
@@ -131,7 +136,10 @@ def main():
         for seed, (problem, n, k, f, exact) in enumerate(problems(cases)):
             U = training_points(n, k, seed=seed)
             m = f(U)
-            methods = PEERS | {"true f + SALib": lambda U, _, f=f: saltelli(f, U.shape[1])}
+            methods = PEERS | {
+                "ours, own samples": lambda U, _, f=f: sensitivity(f, unit(U), samples=len(U)),
+                "true f + SALib": lambda U, _, f=f: saltelli(f, U.shape[1]),
+            }
             for peer, method in methods.items():
                 start = time.perf_counter()
                 found = method(U, m)

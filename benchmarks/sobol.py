@@ -1,6 +1,6 @@
 """Sobol' indices against exact ones: largest error, time, and coverage of the intervals.
 
-    python benchmarks/sobol.py [--cases 20] [--seed 0]
+    python benchmarks/sobol.py [--cases 20] [--seed 0] [--parts accuracy coverage estimator]
 
 Seconds are those of all that `sensitivity` does: points, two fits, indices, intervals. Exact
 indices by quadrature (Eq. 13, and the own functions of benchmarks/search.py at random operating
@@ -139,11 +139,16 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cases", type=int, default=20, help="operating points per function")
     parser.add_argument("--seed", type=int, default=0, help="of the operating points of Eq. 13")
+    parts = {
+        "accuracy": lambda: accuracy(arguments.cases, arguments.seed),
+        "coverage": lambda: coverage(arguments.cases),
+        "estimator": faithful,
+    }
+    parser.add_argument("--parts", nargs="+", choices=parts, default=parts, metavar="PART")
     arguments = parser.parse_args()
     with threadpool_limits(1):
-        accuracy(arguments.cases, arguments.seed)
-        coverage(arguments.cases)
-        faithful()
+        for part in arguments.parts:
+            parts[part]()
 
 
 if __name__ == "__main__":

@@ -157,6 +157,7 @@ def test_one_parameter_has_all_the_variance():
         (lambda P: np.full(len(P), np.nan), {}, "133 of 133 simulations failed"),
         (lambda P: P, {}, r"shape \(133, 3\)"),
         (lambda P: 1.0, {}, r"shape \(\)"),
+        (lambda P: P[:, 9], {}, "f raised IndexError: index 9 is out of bounds"),
         (ishigami, {"infill": 3, "batch": 0}, "batch = 0"),
     ],
 )

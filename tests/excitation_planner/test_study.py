@@ -152,6 +152,8 @@ def test_outputs_are_never_overwritten(tmp_path):
         ("point,output\n0,1\n", "column sample is missing"),
         ("point,sample,output\n0,0,1\n0,1,fast\n", "line 3: .* output 'fast' must be numbers"),
         ("point,sample,output\nzero,0,1\n", "line 2: point 'zero'"),
+        ("point,sample,output\n0,0,1\n99,0,infeasible: x\n", "point 99 was never asked for"),
+        ("point,sample,output\n0,0,1\n0,1,infeasible: x\n", "point 0 has an output and is infeas"),
     ],
 )
 def test_a_wrong_csv_changes_nothing(tmp_path, text, message):
@@ -162,6 +164,22 @@ def test_a_wrong_csv_changes_nothing(tmp_path, text, message):
     with pytest.raises(DesignError, match=message):
         study.tell_csv(told)
     assert not (tmp_path / "study" / "results.csv").exists()
+
+
+def test_what_is_known_of_a_point_is_not_contradicted(tmp_path):
+    study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    first, second = study.ask()[:2]
+    study.tell(first.point, [0], np.array([1.0]))
+    study.tell_infeasible(second.point, "too  fast")
+    study.tell_infeasible(second.point, "too fast")
+    before = (tmp_path / "results.csv").read_bytes()
+    with pytest.raises(DesignError, match="has outputs already"):
+        study.tell_infeasible(first.point, "too fast")
+    with pytest.raises(DesignError, match="is infeasible already: too fast"):
+        study.tell_infeasible(second.point, "too slow")
+    with pytest.raises(DesignError, match="which"):
+        study.tell(second.point, [0], np.array([1.0]))
+    assert (tmp_path / "results.csv").read_bytes() == before
 
 
 def test_a_store_of_another_design_is_refused(tmp_path):

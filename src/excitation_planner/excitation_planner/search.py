@@ -61,10 +61,9 @@ def adaptive_search(
         [_corners(dimensions, seed=seed), sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)]
     )[:points]
     costs = _scaled((yield X), criterion)
-    finite = costs[np.isfinite(costs)]
-    if len(finite) == 0:
+    if not np.isfinite(costs).any():
         return
-    barrier = float(finite.max())  # what a local search sees where the maneuver is infeasible
+    seen, seen_costs = X, costs
     begun, running, left = X[:0], list[_LocalSearch](), points - len(X)
     try:
         while left > 0:
@@ -80,13 +79,29 @@ def adaptive_search(
             asking = [search for search in running if search.asked is not None][:left]
             if not asking:
                 continue
-            new = _scaled((yield np.array([search.asked for search in asking])), criterion)
-            for search, cost in zip(asking, new, strict=True):
-                search.tell(float(cost) if np.isfinite(cost) else barrier)
+            points_asked = np.array([search.asked for search in asking])
+            new = _scaled((yield points_asked), criterion)
+            seen, seen_costs = np.vstack([seen, points_asked]), np.concatenate([seen_costs, new])
+            for search, point, cost in zip(asking, points_asked, new, strict=True):
+                search.tell(
+                    float(cost)
+                    if np.isfinite(cost)
+                    else _infeasible_cost(point, seen, seen_costs, search.cost)
+                )
             left -= len(asking)
     finally:
         for search in running:
             search.stop()
+
+
+def _infeasible_cost(x: FloatArray, X: FloatArray, costs: FloatArray, best: float) -> float:
+    """What a local search is told at an infeasible x (l,): a bit more than nearby at X (n, l).
+
+    A high wall would spoil its quadratic model, and it would keep away from optima at the wall.
+    """
+    X, costs = X[np.isfinite(costs)], costs[np.isfinite(costs)]
+    nearest = float(costs[np.argmin(np.linalg.norm(X - x, axis=1))])
+    return nearest + 0.1 * max(float(np.median(costs)) - best, 0.0)
 
 
 def direct_search(dimensions: int, *, points: int, criterion: Criterion) -> SearchSteps:

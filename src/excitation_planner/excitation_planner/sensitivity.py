@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from excitation_planner.box import Bounds, Box, FloatArray, training_points
-from excitation_planner.errors import DesignError
+from excitation_planner.errors import DesignError, InfeasibleManeuver
 from excitation_planner.infill import Infill, infill_points
 from excitation_planner.kriging import Kriging
 from excitation_planner.sobol_indices import Indices, sobol_indices
@@ -95,7 +95,8 @@ def sensitivity(
     Raises
     ------
     DesignError
-        Too few samples, f of the wrong shape, a constant output, too many failed simulations.
+        Too few samples, f that raises or gives the wrong shape, a constant output, too many failed
+        simulations.
 
     Examples
     --------
@@ -140,7 +141,12 @@ def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
 
 def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> FloatArray:
     """f(P) as floats (n,), its shape checked."""
-    m = np.asarray(f(P), dtype=float)
+    try:
+        m = np.asarray(f(P), dtype=float)
+    except (DesignError, InfeasibleManeuver):
+        raise
+    except Exception as error:
+        raise DesignError(f"f raised {type(error).__name__}: {error}") from error
     if m.shape != (len(P),):
         raise DesignError(
             f"f returned shape {m.shape} for {len(P)} samples; it must be ({len(P)},)"

@@ -19,7 +19,7 @@ import io
 import json
 import math
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Self
@@ -144,9 +144,17 @@ class Store:
             self.add_outputs([(point, sample, float(outcome[0][sample])) for sample in samples])
 
     def add_outputs(self, results: Sequence[tuple[int, int, float]]) -> None:
-        """Add (point, sample, output) each; an output that is not finite is a failed simulation.
+        """Add (point, sample, output) each; an output that is not finite is a failed simulation."""
+        self.add(results, {})
 
-        DesignError, and nothing added, for one never asked for or one that has another output.
+    def add_reason(self, point: int, reason: str) -> None:
+        """Mark the maneuver as one that cannot be driven."""
+        self.add([], {point: reason})
+
+    def add(self, results: Sequence[tuple[int, int, float]], reasons: Mapping[int, str]) -> None:
+        """Add outputs (point, sample, output) and reasons why points are infeasible.
+
+        DesignError, and nothing added, for one never asked for or one that is known otherwise.
         """
         sizes = {point: self._sizes[int(key[0])] for key, point in self._points.items()}
         new: dict[tuple[int, int], float] = {}
@@ -156,6 +164,10 @@ class Store:
                 raise DesignError(
                     f"{self.path}: point {point}, sample {sample} was never asked for"
                 )
+            if point in self._reasons or point in reasons:
+                raise DesignError(
+                    f"{self.path}: point {point} has an output and is infeasible: which?"
+                )
             known = self._outputs.get(point, {}).get(sample, new.get((point, sample)))
             if known is None:
                 new[point, sample] = output
@@ -163,25 +175,30 @@ class Store:
                 raise DesignError(
                     f"{self.path}: point {point}, sample {sample} has the output {known!r} already"
                 )
+        new_reasons: dict[int, str] = {}
+        for point, text in reasons.items():
+            reason = " ".join(text.split())
+            if point not in sizes:
+                raise DesignError(f"{self.path}: point {point} was never asked for")
+            if point in self._outputs:
+                raise DesignError(f"{self.path}: point {point} has outputs already")
+            if point not in self._reasons:
+                new_reasons[point] = reason
+            elif self._reasons[point] != reason:
+                raise DesignError(
+                    f"{self.path}: point {point} is infeasible already: {self._reasons[point]}"
+                )
         _append(
             self.path / "results.csv",
             ["point", "sample", "output"],
-            [[p, s, FAILED if math.isnan(m) else repr(m)] for (p, s), m in new.items()],
+            [
+                *([p, s, FAILED if math.isnan(m) else repr(m)] for (p, s), m in new.items()),
+                *([p, "*", INFEASIBLE + reason] for p, reason in new_reasons.items()),
+            ],
         )
         for (point, sample), output in new.items():
             self._outputs.setdefault(point, {})[sample] = output
-
-    def add_reason(self, point: int, reason: str) -> None:
-        """Mark the maneuver as one that cannot be driven."""
-        if point not in self._points.values():
-            raise DesignError(f"{self.path}: point {point} was never asked for")
-        reason = " ".join(reason.split())
-        _append(
-            self.path / "results.csv",
-            ["point", "sample", "output"],
-            [[point, "*", INFEASIBLE + reason]],
-        )
-        self._reasons[point] = reason
+        self._reasons |= new_reasons
 
 
 # --- files ----------------------------------------------------------------------------------------

@@ -163,9 +163,7 @@ class Study:
                     ) from None
         except (UnicodeDecodeError, csv.Error) as error:
             raise DesignError(f"{path}: is not a CSV file: {error}") from error
-        self._store.add_outputs(results)
-        for point, reason in reasons.items():
-            self.tell_infeasible(point, reason)
+        self._store.add(results, reasons)
 
     def design(self) -> Design:
         """Return the design; PendingError while simulations are missing."""

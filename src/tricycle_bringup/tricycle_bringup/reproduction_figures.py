@@ -9,7 +9,7 @@ mpl.use("Agg")  # files only: works without a display
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
 from excitation_planner.reproduction.comparison import Item
@@ -120,8 +120,9 @@ def _predictions(data: Predictions) -> Figure:
         ylabel="validation points",
         xscale="log",
     )
-    for axes in (scatter, errors):
-        axes.legend(fontsize="small", markerscale=2)
+    scatter.legend(fontsize="small", markerscale=2)
+    errors.set_ylim(top=errors.get_ylim()[1] * (1.1 + 0.08 * len(data.validation)))
+    errors.legend(fontsize="small", loc="upper center")
     return figure
 
 
@@ -143,15 +144,17 @@ def _verification(data: Verification) -> Figure:
     figure, ((history, bars),) = _figure(12.4, 4.8, 1, 2)
     for i, (label, costs) in enumerate(data.histories.items()):
         best = np.minimum.accumulate(np.where(np.isfinite(costs), costs, np.inf))
-        history.loglog(
+        history.plot(
             np.arange(1, len(best) + 1), best, color=COLORS[i], label=label,
             linestyle=("-", "--", "-.", ":")[i % 4],
         )  # fmt: skip
     history.set(
+        xscale="log",
         xlabel="evaluations of the cost",
         ylabel=f"best H of {data.target} so far",
         title="History: each search by its own indices",
     )
+    _log_if_wide(history)
     history.legend(fontsize="small")
     labels = list(data.optima)
     width = 0.8 / len(labels)
@@ -164,7 +167,7 @@ def _verification(data: Verification) -> Figure:
     bars.set(
         ylabel="share of the variance",
         ylim=(0, 1.35),
-        title="Exact S (solid) and ST (pale) at the optima",
+        title="Exact S (solid), ST (pale) and H without noise at the optima",
     )
     bars.legend(fontsize="small", ncols=2, loc="upper center")
     return figure
@@ -197,7 +200,7 @@ def _random_and_designed(data: dict[tuple[str, int], Bars]) -> Figure:
     for axes, target in zip(grid, TARGETS, strict=True):
         for one, k in zip(axes, NUMBERS, strict=True):
             _bars(one, data[target, k], target, k)
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3,
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5,
                   fontsize="small")  # fmt: skip
     return figure
 
@@ -260,8 +263,8 @@ def _costs(data: Costs) -> Figure:
             asked = [e for e in design.history if np.isfinite(e.cost)]
             lost = [e.x for e in design.history if not np.isfinite(e.cost)]
             drawn = axes.scatter(
-                *np.array([e.x for e in asked]).T, c=[e.cost for e in asked], norm=LogNorm(),
-                cmap="cividis", s=26,
+                *np.array([e.x for e in asked]).T, c=[e.cost for e in asked],
+                norm=_norm([e.cost for e in asked]), cmap="cividis", s=26,
             )  # fmt: skip
             figure.colorbar(drawn, ax=axes, label="H")
             if lost:
@@ -274,7 +277,7 @@ def _costs(data: Costs) -> Figure:
                 points, costs = data.faithful[target, k]
                 axes.plot(*points[np.argmin(costs)], "D", color="k", markersize=9,
                           fillstyle="none", label="the paper's way")  # fmt: skip
-            axes.set(xlabel=x_name, ylabel=y_name, title=f"for {words}, k = {k}: points of DIRECT")
+            axes.set(xlabel=x_name, ylabel=y_name, title=f"{words}, k = {k}")
             _widen(axes, data)
         _history(row[2], data, target, words)
     figure.legend(*_all_handles(grid[:, :2]), loc="outside upper center", ncols=4, fontsize="small")
@@ -310,8 +313,23 @@ def _history(axes: Axes, data: Costs, target: str, words: str) -> None:
                 np.minimum.accumulate(costs), color="k", linestyle=style,
                 label=f"DIRECT, the paper's way, k = {k}",
             )  # fmt: skip
-    axes.set(xlabel="evaluations", ylabel="best H so far", yscale="log", title=f"for {words}")
+    axes.set(xlabel="evaluations", ylabel="best H so far", title=f"for {words}")
+    _log_if_wide(axes)
     axes.legend(fontsize="x-small")
+
+
+def _norm(values: list[float]) -> Normalize:
+    """Colours by the logarithm where the values span more than a factor of ten."""
+    wide = max(values) > 10 * min(values)
+    return LogNorm(min(values), max(values)) if wide else Normalize(min(values), max(values))
+
+
+def _log_if_wide(axes: Axes) -> None:
+    """Logarithmic ordinate where the curves span more than a factor of ten."""
+    drawn = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in axes.lines])
+    drawn = drawn[np.isfinite(drawn)]
+    if drawn.max() > 10 * drawn.min():
+        axes.set_yscale("log")
 
 
 def _all_handles(grid: Any) -> tuple[list[Any], list[str]]:

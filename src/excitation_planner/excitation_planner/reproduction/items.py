@@ -35,7 +35,7 @@ class Reproduction:
     """
 
     def __init__(
-        self, executor: Executor, *, budget: PaperBudget | None = None, maneuvers: int = 60
+        self, executor: Executor, *, budget: PaperBudget | None = None, maneuvers: int = 100
     ) -> None:
         tricycle = Tricycle(executor, budget=budget, maneuvers=maneuvers)
         self._items: dict[str, Callable[[Report], Item[Any]]] = {

@@ -38,6 +38,7 @@ _RANDOM_REPEATS = 200  # repetitions of the estimator with random numbers
 _SAMPLES = 200  # runs of f per operating point of the second stage
 _NOISE_VARIANCE = 1e-4  # that ends the degeneracy at x -> 0
 _DIRECT_POINTS = 500
+_VISIBLE = 0.05  # relative difference of two costs
 _VALLEY = (-5.0, -0.5)  # range of x in which nothing is degenerate
 
 
@@ -326,35 +327,40 @@ def figure_8_or_9(
         optima[label] = _at(designs[label].x, axis)
         progress(len(designs) + 2, 4)
 
-    x, indices, cost_at = optima["DIRECT, exact indices"]
+    x, _, cost_at = optima["DIRECT, exact indices"]
     _, _, kriging_cost_at = optima["DIRECT, Kriging"]
     published_pair = {"p1": "p1 and p2", "p3": "p3 and p4"}[target]
     predicted = histories["DIRECT, Kriging"].min()
     noisy, bounded = designs["ours, noise"], designs["ours, x ≤ −0.5"]
+    biased = abs(kriging_cost_at / cost_at - 1) > _VISIBLE
+    shrunk = [(scale, *_at(scale * noisy.x, axis)[1:]) for scale in (1.0, 0.1, 0.01)]
     comparisons = (
         Comparison(
-            f"DIRECT on Kriging finds what DIRECT on exact indices finds, {published_pair}",
+            f"DIRECT on Kriging beside DIRECT on exact indices, {published_pair}",
             "a visible bias" if target == "p3" else "agreement",
-            f"exact H {kriging_cost_at:.3f} (predicted {predicted:.3f}) against {cost_at:.3f}",
-            Agreement.REPRODUCED
-            if abs(kriging_cost_at / cost_at - 1) < 0.1
-            else Agreement.NOT_REPRODUCED,
+            f"exact H {kriging_cost_at:.3f} (predicted {predicted:.3f}) beside {cost_at:.3f}",
+            Agreement.REPRODUCED if biased == (target == "p3") else Agreement.NOT_REPRODUCED,
         ),
         Comparison(
             "optimum of H on the box [-5, 0]⁴",
             "an optimum",
-            f"H → {cost_at:.4f} where the output's variance is {indices.variance:.1e}",
+            f"none: H falls to {shrunk[-1][2]:.5f} as x → 0, where the variance of the output is "
+            f"{shrunk[-1][1].variance:.1e}",
             Agreement.IMPOSSIBLE,
         ),
     )
     findings = [
-        f"On [-5, 0]⁴ the cost is degenerate: DIRECT on the exact indices runs to "
-        f"{_text(x)}, where the variance of the output is {indices.variance:.1e}. A maneuver that "
-        f"moves nothing looks best.",
-        f"With a noise variance of {_NOISE_VARIANCE:g} as one more contributor the optimum is "
-        f"{_text(noisy.x)}, H = {noisy.cost:.4f} (95 %: {noisy.cost_interval[0]:.4f} to "
-        f"{noisy.cost_interval[1]:.4f}); with x ≤ -0.5 and no noise it is {_text(bounded.x)}, "
-        f"H = {bounded.cost:.4f}.",
+        "On [-5, 0]⁴ the cost is degenerate, a maneuver that moves nothing looks best: at "
+        + "; ".join(
+            f"x = {_text(scale * noisy.x)} H = {cost:.5f} with a variance of {at.variance:.1e}"
+            for scale, at, cost in shrunk
+        )
+        + f". DIRECT stops before, at {_text(x)} with H = {cost_at:.3f} after {_DIRECT_POINTS} "
+        "evaluations: it never samples the faces.",
+        f"With a noise variance of {_NOISE_VARIANCE:g} as one more contributor there is an "
+        f"optimum, {_text(noisy.x)}, H = {noisy.cost:.5f} (95 %: {noisy.cost_interval[0]:.5f} to "
+        f"{noisy.cost_interval[1]:.5f}); with x ≤ -0.5 and no noise it is {_text(bounded.x)}, "
+        f"H = {bounded.cost:.5f}.",
     ]
     if target == "p3":
         findings.append(
