@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
@@ -24,6 +25,11 @@ from tricycle_sim.live import LiveState
 from tricycle_sim.pty_port import PtyPort
 from tricycle_sim.simulator import PoseNoise, Simulator, draw_truth, measure_pose
 from tricycle_sim.vehicle import VehicleError, load_vehicle
+
+try:  # in a ROS installation, but not among the wheels
+    from tf2_msgs.msg import TFMessage
+except ImportError:
+    TFMessage = None
 
 SENSOR_QOS = QoSProfile(depth=100)  # reliable: a recorder shall miss nothing
 CLOCK_QOS = QoSProfile(depth=1)
@@ -80,6 +86,11 @@ class TricycleSim(Node):
         self._odom = self.create_publisher(Odometry, "odom", **overridable(SENSOR_QOS))
         self._truth = self.create_publisher(Odometry, "ground_truth", **overridable(SENSOR_QOS))
         self._imu = self.create_publisher(Imu, "imu", **overridable(SENSOR_QOS))
+        self._tf = None
+        if TFMessage is None:
+            self.get_logger().info("odom to base_link is not broadcast: tf2_msgs is not installed")
+        else:
+            self._tf = self.create_publisher(TFMessage, "/tf", **overridable(SENSOR_QOS))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._heard = -math.inf  # wall time of the host's last accepted command
         self._in_step = False  # the host answered the last tick
@@ -169,6 +180,8 @@ class TricycleSim(Node):
         odom.twist.covariance[0] = odom.twist.covariance[7] = noise.speed**2
         odom.twist.covariance[35] = noise.yaw_rate**2
         self._odom.publish(odom)
+        if self._tf is not None:
+            self._tf.publish(TFMessage(transforms=[_transform(odom)]))
         self._truth.publish(_ground_truth(state, stamp))
         self._imu.publish(self._measured_imu(state, stamp))
 
@@ -219,6 +232,15 @@ def _stamp(seconds: float) -> Time:
 def _odometry(stamp: Time) -> Odometry:
     message = Odometry(child_frame_id="base_link")
     message.header.stamp, message.header.frame_id = stamp, "odom"
+    return message
+
+
+def _transform(odom: Odometry) -> TransformStamped:
+    """The pose of an Odometry as the transform of its child frame."""
+    message = TransformStamped(header=odom.header, child_frame_id=odom.child_frame_id)
+    position, translation = odom.pose.pose.position, message.transform.translation
+    translation.x, translation.y, translation.z = position.x, position.y, position.z
+    message.transform.rotation = odom.pose.pose.orientation
     return message
 
 
