@@ -56,7 +56,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add(
         "--faithful",
         action="store_true",
-        help="the paper's way as well: 4000 + 200 samples, Monte-Carlo indices (takes an hour)",
+        help="the paper's way as well: 4000 + 200 samples, Monte-Carlo indices (takes long)",
     )
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
