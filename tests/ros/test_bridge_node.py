@@ -12,7 +12,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -259,6 +261,28 @@ def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair)
     wheel = theta * (1.0 + 0.8 - 0.2 * theta / math.radians(45)) / 2
     radius = 1.443 / (math.cos(0.349) * math.tan(wheel))
     assert radius == pytest.approx(0.5 / 0.1, rel=1e-3)
+
+
+def test_what_is_safe_can_be_set_while_it_runs_and_the_rest_says_why_not(
+    bridge, operator, plc_pair
+):
+    client = operator.node.create_client(SetParameters, "tricycle_bridge/set_parameters")
+
+    def set_parameter(name: str, value: object):
+        parameter = Parameter(name, value=value).to_parameter_msg()
+        return operator.call(client, SetParameters.Request(parameters=[parameter])).results[0]
+
+    operator.arm_at_standstill()
+    assert set_parameter("max_acceleration", 0.5).successful
+    operator.target = (0.0, 1.0)
+    operator.wait(lambda: plc_pair.drive._acceleration_limit == 0.5, "the new limit")
+    assert not set_parameter("max_acceleration", 3.0).successful  # beyond the PLC's
+    refused = set_parameter("steer_port", "/dev/other")
+    assert (refused.successful, refused.reason) == (
+        False,
+        "steer_port is read when the bridge is configured: clean it up first",
+    )
+    assert not set_parameter("autostart", False).successful  # read-only
 
 
 def test_lifecycle_deactivate_stops_and_cleanup_closes(start_bridge, operator, plc_pair):

@@ -6,6 +6,7 @@ deactivate stops safely, cleanup closes the ports.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import random
 from typing import Any
@@ -13,11 +14,12 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import TwistStamped
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
@@ -41,11 +43,18 @@ from tricycle_bridge.messages import (
     DriveState,
     LinkError,
 )
-from tricycle_bridge.run_node import overridable, run_node
+from tricycle_bridge.run_node import declare, overridable, run_node
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 
 POLL_PERIOD = 0.05  # s, wall time; what is due while neither PLC nor commander says anything
 REPORT_PERIOD = 1.0  # s between diagnostics and battery states
+# set at any time, and acting at once
+LIVE_PARAMETERS = (
+    *("command_rate", "max_steering_rate", "max_acceleration"),
+    *("wheelbase", "caster_angle", "arm_on_activate"),
+)
+# set while the bridge is not configured
+CONFIGURED_PARAMETERS = ("steer_port", "drive_port", "baud", "boot_wait", "tyre_radius")
 STEERING_JOINT = "steering_motor_joint"
 WHEEL_JOINT = "rear_wheel_joint"
 
@@ -91,45 +100,55 @@ class BridgeNode(LifecycleNode):
             self.trigger_activate()
 
     def _declare_parameters(self) -> None:
-        def declare(name: str, default: Any, description: str, *bounds: float) -> None:
-            descriptor = ParameterDescriptor(description=description)
-            if bounds and isinstance(default, float):
-                descriptor.floating_point_range = [
-                    FloatingPointRange(from_value=bounds[0], to_value=bounds[1])
-                ]
-            elif bounds:
-                descriptor.integer_range = [
-                    IntegerRange(from_value=int(bounds[0]), to_value=int(bounds[1]), step=1)
-                ]
-            self.declare_parameter(name, default, descriptor)
+        def add(name: str, default: Any, about: str, *span: float) -> None:
+            live = name in LIVE_PARAMETERS or name in CONFIGURED_PARAMETERS
+            declare(
+                self, name, default, about, (span[0], span[1]) if span else None, read_only=not live
+            )
 
         settings = BridgeSettings()
-        declare("steer_port", "/dev/tricycle_steer", "serial device of the steer PLC")
-        declare("drive_port", "/dev/tricycle_drive", "serial device of the drive PLC")
-        declare("baud", BAUD, "bits per second on both ports", 9600, 1_000_000)
-        declare("boot_wait", 2.0, "s of silence after opening: a UNO's bootloader", 0.0, 10.0)
-        declare(
-            "command_rate", settings.command_rate, "Hz of repeats between messages", 20.0, 100.0
+        rate, radius = settings.max_steering_rate, settings.tyre_radius
+        add("steer_port", "/dev/tricycle_steer", "serial device of the steer PLC")
+        add("drive_port", "/dev/tricycle_drive", "serial device of the drive PLC")
+        add("baud", BAUD, "bits per second on both ports", 9600, 1_000_000)
+        add("boot_wait", 2.0, "s of silence after opening: a UNO's bootloader", 0.0, 10.0)
+        add("command_rate", settings.command_rate, "Hz of repeats between messages", 20.0, 100.0)
+        add("tyre_radius", radius, "m, of the rear wheel", 0.05, 2.0)
+        add(
+            "max_steering_rate", rate, "rad/s, slew of the steering motor", 0.001, MAX_STEERING_RATE
         )
-        declare("tyre_radius", settings.tyre_radius, "m, of the rear wheel", 0.05, 2.0)
-        declare(
-            "max_steering_rate",
-            settings.max_steering_rate,
-            "rad/s, slew of the steering motor",
-            0.001,
-            MAX_STEERING_RATE,
-        )
-        declare(
+        add(
             "max_acceleration",
             settings.max_acceleration,
             "m/s^2, slew of the speed",
             0.001,
             MAX_ACCELERATION,
         )
-        declare("wheelbase", 1.443, "m, for cmd_vel", 0.1, 10.0)
-        declare("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", 0.0, 1.0)
-        declare("autostart", True, "configure and activate at start, without a lifecycle manager")
-        declare("arm_on_activate", False, "arm once, as soon as nothing speaks against it")
+        add("wheelbase", 1.443, "m, for cmd_vel", 0.1, 10.0)
+        add("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", 0.0, 1.0)
+        add("autostart", True, "configure and activate at start, without a lifecycle manager")
+        add("arm_on_activate", False, "arm once, as soon as nothing speaks against it")
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._on_parameters)
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse what would only act at the next configure."""
+        for parameter in parameters:
+            name = parameter.name
+            if name not in CONFIGURED_PARAMETERS or self._bridge is None:
+                continue
+            if parameter.value != self.get_parameter(name).value:
+                reason = f"{name} is read when the bridge is configured: clean it up first"
+                return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _on_parameters(self, _parameters: list[Parameter]) -> None:
+        if self._bridge is not None:
+            self._bridge.settings = self._settings()
+
+    def _settings(self) -> BridgeSettings:
+        names = (field.name for field in dataclasses.fields(BridgeSettings))
+        return BridgeSettings(**{name: self.get_parameter(name).value for name in names})
 
     # ---- lifecycle ----
 
@@ -138,18 +157,13 @@ class BridgeNode(LifecycleNode):
         if problem := self._port_problem():
             self.get_logger().error(problem)
             return TransitionCallbackReturn.FAILURE
-        value = {name: p.value for name, p in self._parameters.items()}
-        settings = BridgeSettings(
-            command_rate=value["command_rate"],
-            tyre_radius=value["tyre_radius"],
-            max_steering_rate=value["max_steering_rate"],
-            max_acceleration=value["max_acceleration"],
+        steer, drive, baud, boot_wait = (
+            self.get_parameter(name).value
+            for name in ("steer_port", "drive_port", "baud", "boot_wait")
         )
-        self._bridge = Bridge(settings, rng=random.SystemRandom(), boot_wait=value["boot_wait"])
+        self._bridge = Bridge(self._settings(), rng=random.SystemRandom(), boot_wait=boot_wait)
         self._ports = SerialPorts(
-            {Board.STEER: value["steer_port"], Board.DRIVE: value["drive_port"]},
-            self._serial_ready.trigger,
-            baud=value["baud"],
+            {Board.STEER: steer, Board.DRIVE: drive}, self._serial_ready.trigger, baud=baud
         )
         return TransitionCallbackReturn.SUCCESS
 

@@ -1,4 +1,4 @@
-"""What all nodes share: how one runs as a process, and how its topics' QoS is overridden.
+"""What all nodes share: how one runs, declares its parameters and lets QoS be overridden.
 
 A node ends quickly and silently, with one line for a user's mistake.
 """
@@ -15,6 +15,7 @@ from typing import Any
 
 import rclpy
 import rclpy.logging
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -50,6 +51,41 @@ def overridable(qos: QoSProfile | int) -> dict[str, Any]:
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else copy.copy(qos)
     options = QoSOverridingOptions.with_default_policies()
     return {"qos_profile": profile, "qos_overriding_options": options}
+
+
+def declare(
+    node: Node,
+    name: str,
+    default: Any,
+    description: str,
+    span: tuple[float, float] | None = None,
+    *,
+    read_only: bool = True,
+) -> Any:
+    """Declare a parameter and return its value.
+
+    Parameters
+    ----------
+    node
+        Whose it is.
+    name, default
+        The default decides the type.
+    description
+        For `ros2 param describe`, with the unit.
+    span
+        Smallest and largest value of a number.
+    read_only
+        Whether it is set at the start and then stays.
+    """
+    descriptor = ParameterDescriptor(description=description, read_only=read_only)
+    if span is not None and isinstance(default, int):
+        low, high = map(int, span)
+        descriptor.integer_range = [IntegerRange(from_value=low, to_value=high)]
+    elif span is not None:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(span[0]), to_value=float(span[1]))
+        ]
+    return node.declare_parameter(name, default, descriptor).value
 
 
 def run_node(factory: Callable[[], Node]) -> None:

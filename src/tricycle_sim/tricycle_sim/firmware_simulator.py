@@ -33,20 +33,22 @@ class _FirmwareBoard:
 
     def __init__(self, board: Board, build: Path) -> None:
         self._board = board
-        self.uno = SimulatedUno(build, board.name.lower())
-        self.uno.run(_LEAD_US)
-        self._forget()
+        self._build = build
+        self._boot()
 
-    def _forget(self) -> None:
+    def _boot(self) -> None:
+        self.uno = SimulatedUno(self._build, self._board.name.lower())
+        self._time = _LEAD_US
+        self.uno.run(self._time)
         self.armed = False
         self.heard = False  # a command since the last step
         self._sent = FrameDecoder(self._board, host=False)
         self._received = FrameDecoder(self._board, host=True)
 
-    def reboot(self) -> None:
-        """Press the reset button; the EEPROM keeps what it holds."""
-        self.uno.reset()
-        self._forget()
+    def replace(self) -> None:
+        """Put another board in its place, fresh from the flashing."""
+        self.uno.close()
+        self._boot()
 
     def write(self, data: bytes) -> None:
         """Send bytes of the host to the board."""
@@ -56,9 +58,10 @@ class _FirmwareBoard:
             self.heard |= isinstance(frame.message, SteerCommand | DriveCommand)
         self.uno.write(data)
 
-    def run(self, until_us: int) -> bytes:
-        """Run to a time on the board's clock; return what it has sent."""
-        self.uno.run(until_us)
+    def step(self) -> bytes:
+        """Run for a tick; return what the board has sent."""
+        self._time += _TICK_US
+        self.uno.run(self._time)
         self.heard = False
         data = self.uno.read()
         for frame in self._received.feed(data):
@@ -115,11 +118,11 @@ class FirmwareSimulator:
         return self._boards[board].heard
 
     def reset(self) -> None:
-        """Put the vehicle at rest at the origin and reset both boards; time goes on."""
+        """Put the vehicle at rest at the origin and fresh boards into it; time goes on."""
         self._live = LiveVehicle(self._vehicle)
         self._hall_travel = 0.0
         for board in self._boards.values():
-            board.reboot()
+            board.replace()
 
     def receive(self, board: Board, data: bytes) -> bytes:
         """Hand bytes of the host to a board; its answers come with the telemetry of `step`."""
@@ -131,8 +134,7 @@ class FirmwareSimulator:
         state, steer, drive = self._live.state, *self._boards.values()
         steer.uno.steering_angle(state.steering_motor_angle)
         drive.uno.wheel_speed(self._hall_speed(state))
-        until = (self._ticks + 1) * _TICK_US + _LEAD_US
-        sent = {board: one.run(until) for board, one in self._boards.items()}
+        sent = {board: one.step() for board, one in self._boards.items()}
         servo, motor = steer.uno.steer_pins(), drive.uno.drive_pins()
         self._live.step(
             steering=servo.angle if servo.servo_on else None,

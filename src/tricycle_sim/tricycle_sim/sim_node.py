@@ -5,21 +5,20 @@ import selectors
 import threading
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from tricycle_bridge.messages import TICK, Board
-from tricycle_bridge.run_node import overridable, run_node
+from tricycle_bridge.run_node import declare, overridable, run_node
 from tricycle_sim.firmware_simulator import FirmwareSimulator
 from tricycle_sim.live import LiveState
 from tricycle_sim.pty_port import PtyPort
@@ -33,6 +32,21 @@ except ImportError:
 
 SENSOR_QOS = QoSProfile(depth=100)  # reliable: a recorder shall miss nothing
 CLOCK_QOS = QoSProfile(depth=1)
+# set at any time: default, largest value, description
+LIVE_PARAMETERS = {
+    "real_time_factor": (1.0, 1000.0, "simulated s per s; 0: as fast as it runs"),
+    "host_patience": (
+        0.0,
+        10.0,
+        "s of wall time for which an armed simulation waits at a tick for its host's answer; "
+        "0: it never waits",
+    ),
+    "position_noise": (0.01, 10.0, "m per axis, of odom"),
+    "yaw_noise": (0.002, 1.0, "rad, of odom"),
+    "speed_noise": (0.01, 1.0, "m/s, of odom"),
+    "yaw_rate_noise": (0.005, 1.0, "rad/s, of odom and imu"),
+    "acceleration_noise": (0.05, 10.0, "m/s^2, of imu"),
+}
 HOST_SILENCE = 2.0  # s of wall time after which a host is not waited for any more
 
 
@@ -41,35 +55,26 @@ class TricycleSim(Node):
 
     def __init__(self) -> None:
         super().__init__("tricycle_sim")
-        number, text = self._number, self._text
-        vehicle_file = text("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
-        self._factor = number("real_time_factor", 1.0, 0.0, 1000.0, "0: as fast as it runs")
-        self._patience = number(
-            "host_patience",
-            0.0,
-            0.0,
-            10.0,
-            "s of wall time for which an armed simulation waits at a tick for its host's answer; "
-            "0: it never waits",
+        largest = 2**31 - 1
+        vehicle_file = declare(self, "vehicle_file", "", "YAML; empty: the packaged tricycle")
+        truth_seed = declare(
+            self, "true_seed", -1, "of the hidden true parameters; -1: nominal", (-1, largest)
         )
-        self._noise = PoseNoise(
-            position=number("position_noise", 0.01, 0.0, 10.0, "m per axis, of odom"),
-            yaw=number("yaw_noise", 0.002, 0.0, 1.0, "rad, of odom"),
-            speed=number("speed_noise", 0.01, 0.0, 1.0, "m/s, of odom"),
-            yaw_rate=number("yaw_rate_noise", 0.005, 0.0, 1.0, "rad/s, of odom and imu"),
-        )
-        self._acceleration_noise = number("acceleration_noise", 0.05, 0.0, 10.0, "m/s^2, of imu")
-        truth_seed = self._integer(
-            "true_seed", -1, -1, "of the hidden true parameters; -1: nominal"
-        )
-        noise_seed = self._integer("noise_seed", 0, 0, "of the measurement noise")
-        truth_pairs = self._strings("true_values", "name=value of parameters that are known")
-        plc = text("plc", "emulated", "emulated, or firmware: the real one on simulated UNOs")
-        build = text("firmware", "build/firmware", "folder that `make firmware` builds into")
+        truth_pairs = declare(self, "true_values", [""], "name=value of parameters that are known")
+        noise_seed = declare(self, "noise_seed", 0, "of the measurement noise", (0, largest))
+        plc = declare(self, "plc", "emulated", "emulated, or firmware: on simulated UNOs")
+        build = declare(self, "firmware", "build/firmware", "what `make firmware` builds into")
+        folder = "/tmp/tricycle"  # noqa: S108 - a device path that every user knows
         ports = {
-            Board.STEER: text("steer_port", "/tmp/tricycle/steer", "link to the steer PLC's pty"),  # noqa: S108
-            Board.DRIVE: text("drive_port", "/tmp/tricycle/drive", "link to the drive PLC's pty"),  # noqa: S108
+            board: declare(
+                self, f"{name}_port", f"{folder}/{name}", f"link to the {name} PLC's pty"
+            )
+            for board, name in ((Board.STEER, "steer"), (Board.DRIVE, "drive"))
         }
+        for name, (default, high, about) in LIVE_PARAMETERS.items():
+            declare(self, name, default, about, (0.0, high), read_only=False)
+        self._on_parameters([])
+        self.add_post_set_parameters_callback(self._on_parameters)
         vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
         truth = draw_truth(vehicle, np.random.default_rng(truth_seed)) if truth_seed >= 0 else {}
         vehicle = vehicle.replace(**(truth | _numbers_by_name(truth_pairs)))
@@ -99,23 +104,16 @@ class TricycleSim(Node):
         self._thread = threading.Thread(target=self._run, name="simulation")
         self._thread.start()
 
-    def _number(self, name: str, default: float, low: float, high: float, about: str) -> float:
-        span = [FloatingPointRange(from_value=low, to_value=high)]
-        return float(self._declared(name, default, about, floating_point_range=span))
-
-    def _integer(self, name: str, default: int, low: int, about: str) -> int:
-        span = [IntegerRange(from_value=low, to_value=2**31 - 1)]
-        return int(self._declared(name, default, about, integer_range=span))
-
-    def _text(self, name: str, default: str, about: str) -> str:
-        return str(self._declared(name, default, about))
-
-    def _strings(self, name: str, about: str) -> list[str]:
-        return [item for item in self._declared(name, [""], about) if item]
-
-    def _declared(self, name: str, default: Any, about: str, **ranges: Any) -> Any:
-        descriptor = ParameterDescriptor(description=about, read_only=True, **ranges)
-        return self.declare_parameter(name, default, descriptor).value
+    def _on_parameters(self, _parameters: list[Parameter]) -> None:
+        value = {name: float(self.get_parameter(name).value) for name in LIVE_PARAMETERS}
+        self._factor, self._patience = value["real_time_factor"], value["host_patience"]
+        self._noise = PoseNoise(
+            position=value["position_noise"],
+            yaw=value["yaw_noise"],
+            speed=value["speed_noise"],
+            yaw_rate=value["yaw_rate_noise"],
+        )
+        self._acceleration_noise = value["acceleration_noise"]
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
@@ -215,7 +213,7 @@ class TricycleSim(Node):
 
 def _numbers_by_name(pairs: list[str]) -> dict[str, float]:
     values = {}
-    for pair in pairs:
+    for pair in filter(None, pairs):  # an empty list of strings has no type in ROS: it is [""]
         name, _, value = pair.partition("=")
         try:
             values[name] = float(value)
