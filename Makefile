@@ -21,7 +21,7 @@ else
 INSTALL = $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
 endif
 
-.PHONY: help setup demo test check lint format lock audit docs reference firmware bench soak clean
+.PHONY: help setup demo test check lint format lock audit docs reference firmware bench soak coverage mutation test-lower-bounds clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -74,13 +74,41 @@ reference: setup  ## write the reference pages that come from the code anew
 firmware: setup  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
 	$(MAKE) -C firmware avr simulator
 
-bench: setup  ## every figure that the documents quote, printed side by side
+bench: setup  ## every figure that the documents quote; kept in benchmarks/history.jsonl and plotted
 	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]'
-	for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file; done
+	$(BIN)/python benchmarks/history.py run
+	$(BIN)/python benchmarks/history.py plot
 
 soak: setup  ## an hour of driving on a bad line, fifty recorders killed
 	$(BIN)/python benchmarks/link_soak.py
 	$(BIN)/python benchmarks/recorder_kills.py
+
+# Coverage sees into compiled kernels only when they are not compiled: those tests run twice.
+KERNELS := $(addprefix tests/tricycle_sim/test_,dynamics.py setpoints.py live.py)
+COVERAGE := $(BIN)/python -m coverage
+PROTOCOL := src/tricycle_bridge/*/framing.py,src/tricycle_bridge/*/messages.py,src/tricycle_bridge/*/link.py,src/tricycle_bridge/*/clock.py,src/tricycle_sim/*/plc.py
+PHYSICS := src/tricycle_sim/*/dynamics.py,src/tricycle_sim/*/steering.py,src/tricycle_sim/*/setpoints.py,src/tricycle_sim/*/simulation.py,src/tricycle_sim/*/vehicle.py
+STATISTICS := $(addprefix src/excitation_planner/*/,box.py kriging.py infill.py sobol_indices.py sensitivity.py criteria.py information.py trajectory_error.py)
+comma := ,
+empty :=
+coverage: setup  ## branch coverage; physics, protocol and statistics must reach 95 %
+	$(COVERAGE) erase
+	NUMBA_DISABLE_JIT=1 $(COVERAGE) run -m pytest -q -m "not slow" $(KERNELS)
+	$(COVERAGE) run -m pytest -q -m "not ros"
+	$(COVERAGE) combine --quiet
+	$(COVERAGE) report
+	$(COVERAGE) report --fail-under=95 --include='$(PHYSICS)'
+	$(COVERAGE) report --fail-under=95 --include='$(PROTOCOL)'
+	$(COVERAGE) report --fail-under=95 --include='$(subst $(empty) $(empty),$(comma),$(STATISTICS))'
+
+mutation: setup  ## do the tests notice changes of the codec and the limits?
+	$(BIN)/python tests/mutation.py
+
+LOWER_BOUNDS := .venv-lower-bounds
+test-lower-bounds: ## the fast tests with the oldest versions that pyproject.toml admits
+	test -x $(LOWER_BOUNDS)/bin/python || $(PYTHON) -m venv $(LOWER_BOUNDS)
+	$(LOWER_BOUNDS)/bin/python -m pip install --quiet --editable '.[dev,ros]' --constraint requirements/lower-bounds.txt
+	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWER_BOUNDS)/numba $(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "not slow and not ros"
 
 clean:  ## remove the environment and all output
 	rm -rf .venv out build ros_ws/build ros_ws/install ros_ws/log

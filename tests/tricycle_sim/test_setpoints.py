@@ -48,3 +48,9 @@ def test_a_step_lags_until_the_setpoint_arrives():
     assert lag[0] == pytest.approx(0.28)
     assert setpoints[15] == 0.3
     assert lag[14:].tolist() == [0.0] * 6
+
+
+def test_lag_is_what_the_next_tick_does_not_make_up_for():
+    reach = 2.0 * 0.01
+    for steps, lag in ((1.0, 0.0), (2.0, 0.0), (2.5, 1.5)):
+        assert slew_all(np.array([steps * reach]), 2.0)[1] == pytest.approx([lag * reach])
