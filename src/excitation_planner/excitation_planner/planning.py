@@ -108,7 +108,7 @@ class PlanRequest:
             if self.others:
                 raise PlanError("criterion h judges one maneuver; a set needs c, d or a")
         elif self.noise_std == 0.0:
-            raise PlanError(f"criterion {self.criterion} needs noise_std above 0; h is without")
+            raise PlanError(f"criterion {self.criterion} needs noise_std above 0; h does without")
 
     @property
     def families(self) -> tuple[ManeuverFamily, ...]:

@@ -1,0 +1,46 @@
+"""A campaign on live nodes: killed while it drives, it goes on where it was."""
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+PATIENCE = 240.0  # s; only a failing test waits that long
+
+
+def test_a_campaign_killed_while_driving_goes_on(ros_environment, tmp_path):
+    output = tmp_path / "campaign"
+    command = [
+        *(Path(sys.executable).parent / "tricycle", "campaign", "--maneuver", "circle"),
+        *("--targets", "cornering_stiffness", "--tolerance", "50%", "--true-seed", "2"),
+        *("--budget", "2100", "--most-drives", "1", "--json", "--output", output),
+    ]
+    first = subprocess.Popen(command, env=ros_environment, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + PATIENCE
+    while not (output / "bags" / "01").exists():
+        assert first.poll() is None
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    first.kill()
+    first.wait()
+    before = json.loads((output / "campaign.json").read_text())["steps"][0]
+    assert not before["driven"]
+    second = subprocess.run(
+        command, env=ros_environment, capture_output=True, text=True, timeout=PATIENCE, check=False
+    )
+    assert second.returncode == 0, second.stderr
+    report = json.loads(second.stdout)
+    target = report["targets"]["cornering_stiffness"]
+    assert target["within_tolerance"]
+    assert abs(target["estimate"] - target["truth"]) < 4.0 * target["standard_deviation"]
+    assert report["drives"] == 1
+    assert (
+        json.loads((output / "campaign.json").read_text())["steps"][0]["plan_id"]
+        == (before["plan_id"])
+    )
+    assert (output / "report.png").read_bytes().startswith(b"\x89PNG")
