@@ -240,19 +240,25 @@ class Tricycle:
                 "mean, in m²", published.FIG_13_MEAN, f"TE {mean:.3g} m²", Agreement.IMPOSSIBLE
             ),
         )
-        findings = (
+        findings = [
             f"A mean of {published.FIG_13_MEAN} cannot be in m²: it would be a distance of "
             f"{np.sqrt(published.FIG_13_MEAN):.1f} m between models that drive the same commands. "
             f"Ours is {mean:.3g} m² (rms {100 * rms:.1f} cm). In cm² the two are near each other: "
             f"{published.FIG_13_MEAN} and {1e4 * mean:.2f}.",
             f"The mean error of our metamodel is {six.mean:.1e} m² with 200 samples, its deviation "
             f"{six.std:.1e} m².",
-        )
+        ]
+        if self._budget is not None:
+            paper = data.statistics["k = 6, faithful"]
+            findings.append(
+                f"The paper's own budget gives 1 - R² = {1 - paper.r2:.1e} here, so its R² of "
+                f"{published.FIG_13_R2} comes from its fit or its simulator, not from its samples."
+            )
         return Item(
             "fig13",
             "Fig. 13: Kriging of the trajectory error, double lane change (2, 2)",
             comparisons,
-            findings,
+            tuple(findings),
             data,
         )
 

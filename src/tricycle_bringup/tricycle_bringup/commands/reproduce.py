@@ -142,7 +142,7 @@ def _statistics(item: Item[Any]) -> tuple[TableBlock, ...]:
     headings = ("metamodel", "R²", "RAAE", "RMAE", "mean error", "std of error", "mean output",
                 "std of output")  # fmt: skip
     rows = tuple(
-        (label, f"{s.r2:.8f}", *(f"{value:.2e}" for value in (s.raae, s.rmae, s.mean, s.std)),
+        (label, _number(s.r2), *(f"{value:.2e}" for value in (s.raae, s.rmae, s.mean, s.std)),
          f"{s.output_mean:.4g}", f"{s.output_std:.4g}")
         for label, s in item.data.statistics.items()
     )  # fmt: skip
