@@ -288,4 +288,4 @@ def test_a_parameter_that_does_not_exist_is_told(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["identify", str(bag), "--parameters", "mass"]) == 2
-    assert "mass is not an unknown parameter" in capsys.readouterr().err
+    assert "'mass' is not an unknown parameter" in capsys.readouterr().err

@@ -490,8 +490,8 @@ def _check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
     if distance > SAME_VEHICLE:
         raise IdentificationError(
             f"{drive.name}: planned for another vehicle: with {vehicle.name}, anywhere in its "
-            f"ranges, its commands end {distance:.2g} m (rms) from its reference; give its own "
-            "vehicle file"
+            f"ranges, its commands lead no closer than {distance:.2g} m (rms) to its reference; "
+            "give the vehicle file of the drive"
         )
 
 

@@ -299,7 +299,7 @@ def restrict(vehicle: Vehicle, parameters: tuple[str, ...]) -> Vehicle:
     for name in parameters:
         if name not in vehicle.unknown:
             raise IdentificationError(
-                f"{name} is not an unknown parameter of {vehicle.name}; there are: "
+                f"{name!r} is not an unknown parameter of {vehicle.name}; there are: "
                 f"{', '.join(vehicle.unknown) or 'none'}"
             )
     if not parameters:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -63,10 +64,12 @@ def run(args: argparse.Namespace) -> int:
     """Read the bags, identify, print, write."""
     vehicle = load_vehicle(args.vehicle)
     with progress_bar("reading bags") as progress:
-        drives = []
-        for done, bag in enumerate([*args.bags, *args.held_out], start=1):
-            drives.append(read_measured_drive(bag, vehicle))
-            progress(done, len(args.bags) + len(args.held_out))
+        bags, drives = [*args.bags, *args.held_out], []
+        alike = len({bag.stem for bag in bags}) < len(bags)
+        for done, bag in enumerate(bags, start=1):
+            drive = read_measured_drive(bag, vehicle)
+            drives.append(replace(drive, name=str(bag)) if alike else drive)
+            progress(done, len(bags))
     with progress_bar("identifying") as progress:
         found = identify(
             drives[: len(args.bags)],
