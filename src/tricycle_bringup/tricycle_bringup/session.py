@@ -6,10 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+
 from excitation_planner.plan import Plan
 from trajectory_recorder.bag_reader import BagError
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_bringup.processes import NodeProcesses, ros_environment
+from tricycle_sim.simulator import draw_truth
+from tricycle_sim.vehicle import load_vehicle
 
 Report = Callable[[int, int], None]
 
@@ -77,13 +81,23 @@ def simulated_session(
             parameters={**ports, **bridge_parameters(vehicle_file), "arm_on_activate": False},
         )
         nodes.start("maneuver_driver", config=config, parameters={})
-        nodes.start("trajectory_recorder", config=config, parameters={})
+        truth = _hidden_truth(vehicle_file, true_seed)
+        told = [f"true_{name}={value!r}" for name, value in truth.items()]
+        nodes.start("trajectory_recorder", config=config, parameters={"metadata": told})
         with Operator(domain=domain, check=nodes.check) as operator:
 
             def drive(plan: Plan, bag: Path, progress: Report) -> None:
                 operator.drive(plan, bag.absolute(), progress=progress)
 
             yield drive
+
+
+def _hidden_truth(vehicle_file: str, true_seed: int) -> dict[str, float]:
+    """What the simulation draws: for the bag's record, so that estimates can be judged by it."""
+    vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
+    if true_seed < 0:
+        return vehicle.nominal
+    return draw_truth(vehicle, np.random.default_rng(true_seed))
 
 
 @contextmanager
