@@ -43,10 +43,16 @@ class Target:
 
 
 TARGETS = (
-    Target("tricycle_bridge.framing", ("tests/tricycle_bridge/test_framing.py",)),
+    Target(
+        "tricycle_bridge.framing",
+        (
+            "tests/tricycle_bridge/test_codec_limits.py",
+            "tests/tricycle_bridge/test_framing.py",
+        ),
+    ),
     Target(
         "tricycle_bridge.messages",
-        ("tests/tricycle_bridge/test_framing.py", "tests/tricycle_bridge/test_link.py"),
+        ("tests/tricycle_bridge/test_codec_limits.py", "tests/tricycle_bridge/test_framing.py"),
         # its numbers are held by the test of the firmware's header
         ("low", "high", "size", "layout", "payload", "from_payload", "of", "guarded", "echo_of"),
     ),

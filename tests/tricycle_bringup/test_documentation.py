@@ -105,5 +105,5 @@ def test_commands_of_the_tutorial_run(tmp_path):
     commands = run_commands("tutorial.md", tmp_path)
     verbs = {shlex.split(command)[1] for command in commands}
     assert verbs >= {"plan", "drive", "bag", "judge", "identify", "report"}
-    assert (tmp_path / "tutorial" / "run.html").exists()
+    assert (tmp_path / "tutorial" / "report.html").exists()
     assert (tmp_path / "tutorial" / "judgement.png").exists()

@@ -146,8 +146,8 @@ def test_the_table_says_what_was_measured(folder):
 def test_the_command_writes_one_file_and_says_where(folder, capsys):
     assert main(["report", str(folder), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert said == {"report": str(folder / "run.html"), "maneuvers": ["designed"]}
-    assert {p.name for p in folder.iterdir()} == {"plans", "bags", "result.json", "run.html"}
+    assert said == {"report": str(folder / "report.html"), "maneuvers": ["designed"]}
+    assert {p.name for p in folder.iterdir()} == {"plans", "bags", "result.json", "report.html"}
 
 
 @pytest.mark.parametrize("where", ["", "bags", "bags/recorded", "plans/.."])
@@ -228,6 +228,10 @@ def test_an_identification_is_shown_with_its_profiles(tmp_path):
     page = report_page(run, vehicle=VEHICLE)
     for text in ("610", "590 … 640", "600", "not shown"):
         assert f"<td>{text}</td>" in page
+    (tmp_path / "report.html").write_text("of identify")
+    assert main(["report", str(tmp_path)]) == 0
+    assert (tmp_path / "report.html").read_text() == "of identify"
+    assert (tmp_path / "run.html").exists()
     (curve,) = report_figures.profiles(run.identifications[0]).data
     assert list(curve.y) == [3.8, 0.0, 3.8]
 
@@ -280,7 +284,7 @@ def test_a_browser_shows_it_offline_without_a_complaint(folder, plan, tmp_path):
             page.on("pageerror", lambda error: complaints.append(str(error)))
             page.on("request", lambda request: requests.append(request.url))
             page.context.set_offline(True)
-            page.goto((folder / "run.html").as_uri())
+            page.goto((folder / "report.html").as_uri())
             page.wait_for_function(
                 "[...document.querySelectorAll('.plot')].every(p => p.querySelector('.main-svg'))"
             )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tricycle_bringup.progress import progress_bar
 from tricycle_bringup.report import report_page
-from tricycle_bringup.report_data import read_run
+from tricycle_bringup.report_data import IDENTIFIED, read_run
 from tricycle_sim.vehicle import load_vehicle
 
 EXAMPLE = """\
@@ -29,7 +29,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add = parser.add_argument
     add("directory", type=Path, metavar="DIR", help="of the run, or a bag")
-    add("--output", type=Path, metavar="FILE", help="default: DIR/run.html")
+    add("--output", type=Path, metavar="FILE", help="default: DIR/report.html, or DIR/run.html")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
@@ -41,7 +41,9 @@ def run(args: argparse.Namespace) -> int:
     found = read_run(args.directory)
     with progress_bar("reporting") as progress:
         page = report_page(found, vehicle=vehicle, progress=progress)
-    output: Path = args.output or args.directory / "run.html"
+    # identify keeps its own report beside its result
+    name = "run.html" if (args.directory / IDENTIFIED).exists() else "report.html"
+    output: Path = args.output or args.directory / name
     output.parent.mkdir(parents=True, exist_ok=True)
     partial = output.with_name(f".{output.name}.{os.getpid()}")
     partial.write_text(page, encoding="utf-8")
