@@ -148,7 +148,7 @@ def restricted_noise(
     channels : all residuals of the sensor, at the present estimate
     others : (n + 1, n + 1) what the other sensors and the priors add to [J r]ᵀ[J r], whitened
     start : where to begin
-    floor : least white level
+    floor : least level, of rounding
     """
     span = max(float(np.ptp(channel.time)) for channel in channels)
     step = min(float(np.median(np.diff(channel.time))) for channel in channels)
@@ -167,7 +167,8 @@ def restricted_noise(
         misfit = gram[-1, -1] - reduced @ reduced
         return float(0.5 * (log_determinant + misfit) + np.log(np.diag(factor)).sum())
 
-    low = np.log([floor, 1e-3 * start.white, 2.0 * step])
+    # the rounding of a value that hardly changes is an error that hardly changes
+    low = np.log([floor, max(1e-3 * start.white, floor), 2.0 * step])
     high = np.log([1e3 * start.white + floor, 1e3 * start.white + floor, 2.0 * span])
     drift = start.drift or 0.3 * start.white
     begin = np.clip(np.log([start.white, drift, start.drift_time]), low, high)
