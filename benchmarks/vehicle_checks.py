@@ -20,6 +20,7 @@ from tricycle_bridge.messages import TICK
 from tricycle_sim import dynamics
 from tricycle_sim.commands import Commands
 from tricycle_sim.dynamics import LANES, ROWS
+from tricycle_sim.modes import LIMIT, fastest_mode
 from tricycle_sim.setpoints import slew_all
 from tricycle_sim.simulation import simulate
 from tricycle_sim.steering import run_servo, steering_constants, wheel_angles
@@ -284,6 +285,10 @@ def main() -> int:
             f"{model:.3f} {kinematic:.3f} ({100 * (model / kinematic - 1):+.2f} %)",
         )
     line("largest rise of energy in 10 ms, coasting", f"{largest_energy_rise(vehicle):.1e} J")
+    line(
+        "fastest mode, and what steps of 10 ms allow [rad/s]",
+        f"{fastest_mode(vehicle)[0]:.1f} {LIMIT / TICK:.0f}",
+    )
     errors = integration_errors(vehicle)
     for step, error in errors.items():
         line(f"planar error after 4 s, RK4 steps of {step:g} ms", f"{error:.1e} m")
