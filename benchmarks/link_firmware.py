@@ -1,10 +1,11 @@
-"""The firmware in the loop: both images on simulated UNOs, driven by the bridge in 1 ms slices.
+"""The firmware in the loop: both images on simulated UNOs, driven by the bridge.
 
     make -C firmware avr simulator
     .venv/bin/python benchmarks/link_firmware.py --seconds 20
 
-Prints how much faster than real time it runs, what the boards counted, and how long after the
-commander's last message each watchdog tripped, on the board's clock.
+Prints how much faster than real time it runs, what the boards counted, how long after the
+commander's last message each watchdog tripped, on the board's clock, and how far the vehicle that
+the firmware drives gets from the one that the emulated PLCs drive, on a circle.
 """
 
 from __future__ import annotations
@@ -14,9 +15,19 @@ import random
 import time
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from excitation_planner.maneuver import Circle
+from excitation_planner.replay import nominal_run
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
 from tricycle_bridge.messages import Board, Fault
+from tricycle_sim.commands import Commands
+from tricycle_sim.firmware_simulator import FirmwareSimulator
+from tricycle_sim.setpoints import command_rows
 from tricycle_sim.simulated_avr import SimulatedUno
+from tricycle_sim.simulator import Simulator
+from tricycle_sim.vehicle import load_vehicle
 
 
 class Loop:
@@ -59,6 +70,59 @@ class Loop:
             self.step(commanding=True)
 
 
+def drive(simulator: Simulator | FirmwareSimulator, commands: Commands) -> NDArray[np.float64]:
+    """Arm, then drive: x, y (m), steering angle (rad) and way of the rear wheel (rad), (t, 4)."""
+    bridge = Bridge(BridgeSettings(), rng=random.Random(0))
+    bridge.active = True
+    for board in bridge.links:
+        bridge.opened(board, 0.0)
+
+    def tick(angle: float, speed: float) -> None:
+        now = simulator.time
+        setpoint = Setpoint(angle, speed)
+        bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+        bridge.poll(now)
+        for board, frames in bridge.take_frames().items():
+            bridge.receive(board, simulator.receive(board, b"".join(frames)), now)
+        for board, data in simulator.step().items():
+            bridge.receive(board, data, simulator.time)
+        bridge.take_readings()
+        bridge.take_messages()
+
+    for k in range(200):
+        if k == 100:
+            bridge.arm(simulator.time, lambda *_: None)
+        tick(0.0, 0.0)
+    rows = []
+    for row in command_rows(commands):
+        tick(float(commands.steering_motor_angle[row]), float(commands.speed[row]))
+        state = simulator.state
+        rows.append((state.x, state.y, state.steering_motor_angle, state.rear_wheel_angle))
+    return np.array(rows)
+
+
+def compare_with_the_emulation(build: Path) -> None:
+    """Drive the same commands on the firmware and on the emulated PLCs; print the differences."""
+    vehicle = load_vehicle()
+    radius, speed = 2.4, 1.0
+    commands = nominal_run(vehicle, Circle(), np.array([radius, speed])).commands
+    emulated = drive(Simulator(vehicle), commands)
+    simulator = FirmwareSimulator(vehicle, build)
+    started = time.perf_counter()
+    firmware = drive(simulator, commands)
+    factor = simulator.time / (time.perf_counter() - started)
+    simulator.close()
+    difference = firmware - emulated
+    distance = 1e3 * np.hypot(difference[:, 0], difference[:, 1])
+    angle, way = 1e3 * difference[:, 2], 1e3 * vehicle.tyre_radius * difference[:, 3]
+    print(f"circle of {radius} m at {speed} m/s with the vehicle: {factor:.1f} x real time")
+    print(
+        f"firmware against emulation: rms {np.sqrt(np.mean(distance**2)):.1f} mm, largest "
+        f"{distance.max():.1f} mm; steering angle rms {np.sqrt(np.mean(angle**2)):.3f} mrad; way "
+        f"of the wheel at the end {way[-1]:+.1f} mm, largest {np.abs(way).max():.1f} mm"
+    )
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
@@ -94,6 +158,7 @@ def main() -> int:
         for _ in range(1500):
             loop.step(commanding=True)
     print(f"watchdog trips of the firmware: at a command age of {sorted(set(ages))} ticks of 10 ms")
+    compare_with_the_emulation(args.build)
     return 0
 
 
