@@ -50,6 +50,18 @@ def test_direct_search_reaches_faces():
     assert np.allclose(X[costs.argmin()], [0.0, 0.4], atol=0.02)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_an_optimum_at_the_limit_of_what_can_be_driven_is_found(seed):
+    """The limit is a quarter circle; the least distance of the target from it is known."""
+    target = np.array([0.9, 0.8])
+
+    def f(x):
+        return np.inf if np.hypot(*x) > 0.7 else float(np.hypot(*(x - target)))
+
+    X, costs = drive(adaptive_search(2, points=100, seed=seed, criterion=Criterion.H), f)
+    assert costs.min() == pytest.approx(np.hypot(*target) - 0.7, rel=0.05)
+
+
 def test_infeasible_points_do_not_stop_the_search():
     def f(x):
         return np.inf if x[0] < 0.5 else bowl([0.5, 0.5])(x)
