@@ -64,9 +64,10 @@ class PortProbe:
             The port cannot be opened, or goes away.
         """
         until = time.monotonic() + seconds
-        while (now := time.monotonic()) < until:
+        while time.monotonic() < until:
             self._ready.wait(_POLL)
             self._ready.clear()
+            now = time.monotonic()
             for event in self._ports.take_events():
                 match event:
                     case Opened():
