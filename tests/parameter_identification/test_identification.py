@@ -252,6 +252,16 @@ def test_a_drive_planned_with_other_nominal_values_is_taken(pair):
     assert identify(drives, VEHICLE).identifiable["cornering_stiffness"]
 
 
+def test_a_vehicle_file_that_knows_more_than_the_plan_did_is_taken(pair):
+    drive = with_reference(pair[0], VEHICLE)
+    known = VEHICLE.replace(cornering_stiffness=800.0)
+    narrow = dataclasses.replace(
+        known, unknown={**VEHICLE.unknown, "cornering_stiffness": (760.0, 840.0)}
+    )
+    found = identify([drive], narrow)
+    assert found.parameters["cornering_stiffness"].range == (760.0, 840.0)
+
+
 def test_the_same_drive_does_not_count_twice(pair):
     with pytest.raises(IdentificationError, match="same drive"):
         identify([pair[0], pair[0]], VEHICLE)

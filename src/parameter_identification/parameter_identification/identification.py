@@ -22,7 +22,7 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -54,6 +54,7 @@ MIN_MOTION = 0.5  # m that a vehicle must have come from its start
 ROUGH = 0.3  # of the cost: tolerance of fits of which most are discarded
 NOISE_ROUNDS = 6  # of noise and fit in turns
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
+WIDER = 2.5  # times, ranges in which the parameters of a plan may lie
 SAME_BASIN = 0.02  # of the ranges between minima that are one
 SMALL_WEIGHT = 0.25  # of a parameter in a combination that is not worth its name
 OUTLIER = 6.0  # standard deviations from which samples are counted as outliers
@@ -465,7 +466,10 @@ def _check_motion(drive: MeasuredDrive) -> None:
 
 
 def _check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
-    """Raise if no parameters in the ranges give the trajectory that the drive was planned with."""
+    """Raise if no parameters give the trajectory that the drive was planned with.
+
+    They may lie outside the ranges: a vehicle file may know more than the one of the plan did.
+    """
     reference = drive.reference
     if reference is None or not vehicle.unknown:
         return
@@ -480,17 +484,19 @@ def _check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
         {Sensor.POSITION: Signal(reference.time, position)},
         start=StartPose(0.0, 0.0, 0.0, position_std=1e-6, heading_std=1e-6),
     )
-    mean, information = _prior_in_ranges(vehicle, None)
-    problem = Problem([DriveModel(vehicle, planned)], mean, information, Loss.SQUARED)
+    wide = {name: (low / WIDER, high * WIDER) for name, (low, high) in vehicle.unknown.items()}
+    anyhow = replace(vehicle, unknown=wide)
+    mean, information = _prior_in_ranges(anyhow, None)
+    problem = Problem([DriveModel(anyhow, planned)], mean, information, Loss.SQUARED)
     problem.noise = {Sensor.POSITION: NoiseLevel(0.1 * SAME_VEHICLE)}
-    (start,) = problem.candidates(1, seed=0)
-    ((found,),) = problem.predictions(problem.minimise(start).at)
+    fits = [problem.minimise(start) for start in problem.candidates(6, seed=0)]
+    ((found,),) = problem.predictions(min(fits, key=lambda fit: fit.cost).at)
     problem.close()
     distance = float(np.sqrt(np.mean(np.sum(found.residual**2, axis=1))))
     if distance > SAME_VEHICLE:
         raise IdentificationError(
-            f"{drive.name}: planned for another vehicle: with {vehicle.name}, anywhere in its "
-            f"ranges, its commands lead no closer than {distance:.2g} m (rms) to its reference; "
+            f"{drive.name}: planned for another vehicle: whatever its unknown parameters, "
+            f"{vehicle.name} comes no closer than {distance:.2g} m (rms) to the plan's reference; "
             "give the vehicle file of the drive"
         )
 
