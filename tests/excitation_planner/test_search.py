@@ -58,7 +58,7 @@ def test_an_optimum_at_the_limit_of_what_can_be_driven_is_found(seed):
     def f(x):
         return np.inf if np.hypot(*x) > 0.7 else float(np.hypot(*(x - target)))
 
-    X, costs = drive(adaptive_search(2, points=100, seed=seed, criterion=Criterion.H), f)
+    _, costs = drive(adaptive_search(2, points=100, seed=seed, criterion=Criterion.H), f)
     assert costs.min() == pytest.approx(np.hypot(*target) - 0.7, rel=0.05)
 
 
