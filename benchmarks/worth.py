@@ -17,7 +17,7 @@ import json
 import math
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -58,6 +58,7 @@ UNKNOWN = Box.of(dict(VEHICLE.unknown))
 CIRCLE, CHANGE = "circle", "double_lane_change"
 ISO = {CIRCLE: [4.0, 0.8], CHANGE: [4.0, 4.0]}  # fixed: radius, speed; handles of the lane change
 BEGIN, END = "<!-- printed by benchmarks/worth.py -->", "<!-- end -->"  # in docs/criteria.md
+TICKS = (0.2, 0.5, 1, 2, 5, 10, 20, 40)  # %, of the figure
 RANDOM_PREDICTED = 8  # random maneuvers over which a prediction is averaged
 
 
@@ -115,6 +116,7 @@ STRATEGIES = {
     "lane change: random": ("random", (CHANGE,)),
     "lane change: fixed (ISO-like)": ("iso", (CHANGE,)),
     "lane change: H for cornering": ((Criterion.H, CORNERING), (CHANGE,)),
+    "lane change: H without noise term": ("paper", (CHANGE,)),
     "lane change: c for cornering": ((Criterion.C, CORNERING), (CHANGE,)),
     "lane change: D": ((Criterion.D, CORNERING), (CHANGE,)),
     "lane change: A": ((Criterion.A, CORNERING), (CHANGE,)),
@@ -142,11 +144,12 @@ def designed(output):
             singles = ("circle: H for cornering", "lane change: H for cornering")
             found[name] = [found[single][0] for single in singles]
         else:
-            criterion, target = how
+            criterion, target = (Criterion.H, CORNERING) if how == "paper" else how
             first, *others = map(family_by_name, families)
-            plans = plan_set(
-                PlanRequest(VEHICLE, first, target, criterion=criterion, others=tuple(others))
-            )
+            request = PlanRequest(VEHICLE, first, target, criterion=criterion, others=tuple(others))
+            if how == "paper":
+                request = replace(request, noise_std=0.0)
+            plans = plan_set(request)
             found[name] = [list(plan.operation.values()) for plan in plans]
         if found[name] is not None:
             print(f"{name}: {found[name]}", flush=True)
@@ -243,14 +246,19 @@ def predicted(name, points, scenario):
     return np.sqrt(np.mean(variances, axis=0))
 
 
-def cell(output, name, points, scenario, draws, pool):
-    """Errors (draws, k) and predicted deviations (k,) in ranges; what is on disk is not redone."""
+def kept(output, name, scenario):
+    """File of a cell; its errors (draws, k) and predicted deviations (k,), None where not done."""
     slug = f"{name}--{scenario.name}".replace(" ", "_").replace(":", "").replace(",", "")
     file = output / f"{slug}.npz"
-    done, prediction = np.empty((0, len(UNKNOWN))), None
-    if file.exists():
-        kept = np.load(file)
-        done, prediction = kept["errors"], kept["predicted"]
+    if not file.exists():
+        return file, np.empty((0, len(UNKNOWN))), None
+    arrays = np.load(file)
+    return file, arrays["errors"], arrays["predicted"]
+
+
+def cell(output, name, points, scenario, draws, pool):
+    """Errors (draws, k) and predicted deviations (k,) in ranges; what is on disk is not redone."""
+    file, done, prediction = kept(output, name, scenario)
     if len(done) >= draws:
         return done[:draws], prediction
     if prediction is None:
@@ -283,6 +291,9 @@ def table(results):
         for name in STRATEGIES:
             cells = []
             for scenario in SCENARIOS:
+                if (name, scenario.name) not in results:
+                    cells.append("–")
+                    continue
                 errors, prediction = results[name, scenario.name]
                 value, error = rms(errors)
                 cells.append(
@@ -303,10 +314,12 @@ def plot(results, path):
     for axis, scenario in zip(panels, SCENARIOS, strict=True):
         for parameter, color in colors.items():
             at = UNKNOWN.index(parameter)
-            found = [rms(results[name, scenario.name][0]) for name in names]
+            there = [i for i, name in enumerate(names) if (name, scenario.name) in results]
+            cells = [results[names[i], scenario.name] for i in there]
+            found = [rms(errors) for errors, _ in cells]
             axis.errorbar(
                 [100 * value[at] for value, _ in found],
-                range(len(names)),
+                there,
                 xerr=[100 * error[at] for _, error in found],
                 fmt="o",
                 markersize=5,
@@ -314,20 +327,21 @@ def plot(results, path):
                 label=f"{parameter.replace('_', ' ')}: outcome, with its standard error",
             )
             axis.plot(
-                [100 * results[name, scenario.name][1][at] for name in names],
-                range(len(names)),
+                [100 * prediction[at] for _, prediction in cells],
+                there,
                 "|",
                 markersize=11,
                 color=color,
                 label=f"{parameter.replace('_', ' ')}: predicted",
             )
-        for between in (6.5, 12.5):  # singles of each family, pairs
+        for between in (6.5, 13.5):  # singles of each family, pairs
             axis.axhline(between, color="0.5", linewidth=0.8)
         axis.set_xscale("log")
         axis.set_xlim(0.2, 45)
+        axis.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
         axis.set_title(scenario.name, fontsize="medium")
         axis.set_yticks(range(len(names)), names if axis in axes[:, 0] else [])
-        axis.invert_yaxis()
+        axis.set_ylim(len(names) - 0.5, -0.5)
         axis.set_xlabel("RMS error / % of the range")
         axis.grid(alpha=0.3, which="both")
     for parameter, color in colors.items():
@@ -340,6 +354,8 @@ def plot(results, path):
         xlabel="predicted standard deviation / % of the range",
         ylabel="RMS error / % of the range", title="all panels: prediction against outcome",
     )  # fmt: skip
+    against.set_xticks(TICKS, [f"{tick:g}" for tick in TICKS])
+    against.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
     against.grid(alpha=0.3)
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figure.savefig(path, dpi=110)
@@ -350,23 +366,31 @@ def main():
     parser.add_argument("--draws", type=int, default=100)
     parser.add_argument("--output", type=Path, default=Path("out/worth"))
     parser.add_argument("--seconds", type=float, default=math.inf, help="stop after; run again")
+    parser.add_argument("--report", action="store_true", help="only show what is there")
     parser.add_argument("--docs", type=Path, help="folder whose criteria.md gets the result")
     arguments = parser.parse_args()
     begun, output = time.monotonic(), arguments.output
     output.mkdir(parents=True, exist_ok=True)
     designs, results = designed(output), {}
     same = driven_as(designs)
-    with ProcessPoolExecutor() as pool:
+    if arguments.report:
         for scenario in SCENARIOS:
             for name in STRATEGIES:
-                if time.monotonic() - begun > arguments.seconds:
-                    raise SystemExit(
-                        f"{len(results)} cells have {arguments.draws} draws; run again to go on"
+                _, errors, prediction = kept(output, same[name], scenario)
+                if prediction is not None:
+                    results[name, scenario.name] = errors[: arguments.draws], prediction
+    else:
+        with ProcessPoolExecutor() as pool:
+            for scenario in SCENARIOS:
+                for name in STRATEGIES:
+                    if time.monotonic() - begun > arguments.seconds:
+                        raise SystemExit(
+                            f"{len(results)} cells have {arguments.draws} draws; run again to go on"
+                        )
+                    drives = same[name]
+                    results[name, scenario.name] = cell(
+                        output, drives, designs[drives], scenario, arguments.draws, pool
                     )
-                drives = same[name]
-                results[name, scenario.name] = cell(
-                    output, drives, designs[drives], scenario, arguments.draws, pool
-                )
     summary = [table(results)]
     for parameter in TARGETS:
         at = UNKNOWN.index(parameter)
@@ -379,7 +403,10 @@ def main():
     for name, drives in same.items():
         if name != drives:
             summary.append(f"{name}: the same maneuvers as {drives}")
-    summary.append(f"{arguments.draws} draws per cell")
+    least, most = (f(len(errors) for errors, _ in results.values()) for f in (min, max))
+    summary.append(
+        f"{least} to {most} draws per cell" if least < most else f"{most} draws per cell"
+    )
     text = "\n".join(summary)
     print(text)
     plot(results, output / "worth.png")
