@@ -479,6 +479,12 @@ def test_types_that_hold_no_pose_are_named(tmp_path: Path) -> None:
         judge(bag, topics=Topics(pose="/maneuver/reference"))
 
 
+def test_a_child_frame_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
+    bag = Scene(poses="tf").write(tmp_path / "bag")
+    with pytest.raises(JudgeError, match="no transform to wheel; it holds those to base_link, lid"):
+        judge(bag, topics=Topics(child_frame="wheel"))
+
+
 def test_a_truncated_bag_fails_with_the_fraction_matched(tmp_path: Path) -> None:
     bag = Scene(deviation=sideways(0.2)).write(tmp_path / "bag", chunk_size=2000) / "bag_0.mcap"
     content = bag.read_bytes()

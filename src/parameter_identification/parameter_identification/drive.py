@@ -291,11 +291,7 @@ class _Poses:
             "nav_msgs/msg/Odometry": lambda m: [(_stamp(m), *_planar(m.pose.pose))],
             "geometry_msgs/msg/PoseStamped": lambda m: [(_stamp(m), *_planar(m.pose))],
             "geometry_msgs/msg/TransformStamped": lambda m: [(_stamp(m), *_planar(m.transform))],
-            "tf2_msgs/msg/TFMessage": lambda m: [
-                (_stamp(t), *_planar(t.transform))
-                for t in m.transforms
-                if t.child_frame_id.lstrip("/") == topics.child_frame
-            ],
+            "tf2_msgs/msg/TFMessage": self._of_child_frame,
             "sensor_msgs/msg/NavSatFix": lambda m: [(_stamp(m), *self._fix(m), math.nan)],
         }
         if type_name not in readers:
@@ -304,6 +300,8 @@ class _Poses:
             )
         self._read = readers[type_name]
         self._rows: list[tuple[int, float, float, float]] = []
+        self._child_frame = topics.child_frame
+        self._other_frames: set[str] = set()
         self._datum = topics.datum
         if type_name.endswith("NavSatFix") and self._datum is None:
             raise JudgeError(f"{self.where} is NavSatFix: give the datum of the local coordinates")
@@ -313,6 +311,11 @@ class _Poses:
 
     def since(self, start: int) -> Path2D:
         """All poses, timed from the start event."""
+        if not self._rows and self._other_frames:
+            raise JudgeError(
+                f"{self.where} holds no transform to {self._child_frame}; it holds those to "
+                f"{', '.join(sorted(self._other_frames))}"
+            )
         if not self._rows:
             raise JudgeError(f"{self.where} holds no poses")
         stamps = np.array([row[0] for row in self._rows], dtype=np.int64)
@@ -339,6 +342,14 @@ class _Poses:
                 f"({np.count_nonzero(wrong)} of {len(time)} poses)"
             )
         return Path2D(time, values[:, 0], values[:, 1], np.unwrap(values[:, 2]))
+
+    def _of_child_frame(self, message: Any) -> Iterator[tuple[int, float, float, float]]:
+        for transform in message.transforms:
+            child_frame = transform.child_frame_id.lstrip("/")
+            if child_frame == self._child_frame:
+                yield _stamp(transform), *_planar(transform.transform)
+            else:
+                self._other_frames.add(child_frame)
 
     def _fix(self, message: Any) -> tuple[float, float]:
         assert self._datum is not None

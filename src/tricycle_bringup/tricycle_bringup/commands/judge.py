@@ -157,7 +157,7 @@ def _print(judgements: list[Judgement]) -> None:
     def add(label: str, value: Callable[[Judgement], str]) -> None:
         table.add_row(label, *map(value, judgements))
 
-    add("TE / m²", lambda j: f"{j.te:.5g} ± {j.te_deviation:.1g}")
+    add("TE / m²", lambda j: f"{j.te:.5g}" + f" ± {j.te_deviation:.1g}" * (j.te_deviation > 0))
     add("TE less noise / m²", lambda j: f"{j.te_corrected:.5g}")
     add("rms distance / mm", lambda j: f"{1e3 * j.rms:.1f}")
     add("largest distance / mm", lambda j: f"{1e3 * j.max:.1f}")
