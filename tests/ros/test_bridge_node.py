@@ -250,6 +250,27 @@ def test_commands_that_are_nan_or_too_old_move_nothing(bridge, operator, plc_pai
     assert plc_pair.steering_angle == 0.0
 
 
+def test_commands_at_1_khz_beyond_every_limit_overload_nothing(bridge, operator, plc_pair):
+    operator.arm_at_standstill()
+    operator.target = None
+    taken = plc_pair.drive._decoder.counters.ok
+    message = JointState(
+        name=["steering_motor_joint", "rear_wheel_joint"], position=[9.0, 0.0], velocity=[0.0, 99.0]
+    )
+    start = time.monotonic()
+    for k in range(1000):
+        message.header.stamp = operator.node.get_clock().now().to_msg()
+        operator.commands.publish(message)
+        operator.executor.spin_once(timeout_sec=max(start + 1e-3 * (k + 1) - time.monotonic(), 0.0))
+    seconds = time.monotonic() - start
+    assert plc_pair.drive.state is PlcState.ARMED
+    assert plc_pair.drive.counters.stale == 0
+    # 100 commands per second at most, a ping and a request now and then
+    assert plc_pair.drive._decoder.counters.ok - taken < 110 * seconds + 20
+    assert 0.5 < plc_pair.speed <= 4.8
+    assert plc_pair.steering_angle == pytest.approx(0.7854, abs=1e-4)
+
+
 def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair):
     operator.twist = (0.0, 0.0)
     operator.wait_for("vehicle", "waiting for the operator")
