@@ -56,15 +56,22 @@ def _truth(e: Estimate, value: float) -> str:
 
 def parameter_table(found: Identification, truth: Mapping[str, float] | None = None) -> Table:
     """The table of parameters, with the hidden truth beside the estimates where it is known."""
-    rows = parameter_rows(found, truth)
+    headings, rows = _without_empty(parameter_rows(found, truth))
     drives = ", ".join(drive.name for drive in found.drives)
     table = Table(title=f"identified from {drives}; {100 * found.level:g} % intervals", box=SIMPLE)
-    shown = [i for i in range(len(HEADINGS)) if any(row[i] for row in rows)]
-    for i in shown:
-        table.add_column(HEADINGS[i], justify="left" if i < 2 else "right", no_wrap=True)
+    for i, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if i < 2 else "right", no_wrap=True)
     for row in rows:
-        table.add_row(*(row[i] for i in shown))
+        table.add_row(*row)
     return table
+
+
+def _without_empty(
+    rows: list[tuple[str, ...]],
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Headings and rows without columns in which nothing stands."""
+    kept = [i for i in range(len(HEADINGS)) if any(row[i] for row in rows)]
+    return tuple(HEADINGS[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in rows)
 
 
 def remarks(found: Identification) -> list[str]:
@@ -204,7 +211,7 @@ def identification_page(found: Identification) -> str:
     )
     sections = [
         Section(
-            "Parameters", (TableBlock(HEADINGS, tuple(parameter_rows(found))), *remarks(found))
+            "Parameters", (TableBlock(*_without_empty(parameter_rows(found))), *remarks(found))
         ),
         Section(
             "Trajectories",
