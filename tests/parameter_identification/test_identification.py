@@ -153,6 +153,16 @@ def test_a_model_that_lacks_an_effect_leaves_residuals_that_are_not_white(comman
     assert not identify(drives, VEHICLE).white
 
 
+def test_a_steering_that_is_two_degrees_off_leaves_residuals_that_are_not_white(commands):
+    drives = []
+    for i, c in enumerate(commands.values()):
+        angle = np.clip(c.steering_motor_angle + np.radians(2.0), -0.785, 0.785)
+        motion = Motion.of(simulate(VEHICLE, Commands(c.time, angle, c.speed), TRUTH[None]))
+        rng = np.random.default_rng(i)
+        drives.append(measure(motion, c, {Sensor.POSITION: SensorNoise(0.01)}, rng=rng))
+    assert not identify(drives, VEHICLE).white
+
+
 def test_outliers_are_counted_and_held_back_by_the_robust_loss(pair):
     rng = np.random.default_rng(3)
     spoilt = []
