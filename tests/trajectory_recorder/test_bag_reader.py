@@ -148,6 +148,14 @@ def test_parts_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
         assert [m.stamp for m in reader.messages()] == list(range(60))
 
 
+def test_a_part_that_was_only_begun_hides_no_other(tmp_path: Path) -> None:
+    write_own(tmp_path / "bag")
+    (tmp_path / "bag" / "bag_1.mcap").touch()
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == MESSAGES
+        assert not reader.complete
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

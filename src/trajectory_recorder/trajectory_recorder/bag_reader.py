@@ -179,7 +179,7 @@ def _open_storages(path: Path, damaged: Damaged | None) -> Iterator[_Storage]:
         yield _RosbagsStorage(path)
     elif files:
         for file in files:
-            yield _McapFile(file, damaged)
+            yield _McapFile(file, damaged, part=len(files) > 1)
     else:
         raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file")
 
@@ -225,7 +225,7 @@ class _Chunk:
 class _McapFile:
     """An MCAP file, with or without its end."""
 
-    def __init__(self, path: Path, damaged: Damaged | None) -> None:
+    def __init__(self, path: Path, damaged: Damaged | None, *, part: bool = False) -> None:
         self.path = path
         self.metadata: dict[str, str] = {}
         self._damaged = damaged
@@ -236,6 +236,9 @@ class _McapFile:
         self._fd = os.open(path, os.O_RDONLY)
         try:
             self._size = os.fstat(self._fd).st_size
+            self.complete = False
+            if part and self._size < len(MAGIC):  # killed when it began this part
+                return
             self._check_magic()
             footer = self._read_footer()
             self.complete = footer is not None
