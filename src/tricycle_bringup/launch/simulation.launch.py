@@ -19,7 +19,7 @@ def nodes(context: LaunchContext) -> list[Action]:
         name: LaunchConfiguration(name).perform(context)
         for name in (
             *("namespace", "autostart", "vehicle_file", "true_seed", "real_time_factor"),
-            *("plan_file", "bag"),
+            *("plan_file", "bag", "plc", "firmware"),
         )
     }
     vehicle_file, namespace = value["vehicle_file"], value["namespace"].strip("/")
@@ -29,6 +29,8 @@ def nodes(context: LaunchContext) -> list[Action]:
     simulator = {
         "true_seed": int(value["true_seed"]),
         "real_time_factor": float(value["real_time_factor"]),
+        "plc": value["plc"],
+        "firmware": value["firmware"],
     }
     recorder = {"output": value["bag"], "record": bool(value["bag"])}
     vehicle = {"vehicle_file": vehicle_file}
@@ -77,6 +79,12 @@ def generate_launch_description() -> LaunchDescription:
                 "true_seed", default_value="-1", description="of the hidden truth; -1: nominal"
             ),
             DeclareLaunchArgument("real_time_factor", default_value="1.0"),
+            DeclareLaunchArgument(
+                "plc", default_value="emulated", description="or firmware, on simulated UNOs"
+            ),
+            DeclareLaunchArgument(
+                "firmware", default_value="build/firmware", description="built by `make firmware`"
+            ),
             DeclareLaunchArgument("plan_file", default_value="plan.json"),
             DeclareLaunchArgument("bag", default_value="", description="empty: ~/start records"),
             OpaqueFunction(function=nodes),
