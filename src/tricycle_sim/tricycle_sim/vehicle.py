@@ -263,7 +263,7 @@ def _parse(text: str, where: str) -> Vehicle:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
-        raise VehicleError(f"{where}{line}: is not valid YAML without aliases") from error
+        raise VehicleError(f"{where}{line}: is not valid YAML, or has aliases") from error
     if not isinstance(document, dict) or not isinstance(document.get("constants"), dict):
         raise VehicleError(f"{where}: needs the keys 'name' and 'constants'")
     if unexpected := set(document) - {"name", "about", "constants"}:
