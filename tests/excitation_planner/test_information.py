@@ -181,3 +181,20 @@ def test_a_measured_heading_turns_with_the_start_pose():
     )
     # dy/dp = t and dheading/dp = 1 are those of a turn of the start pose, up to its small dx
     assert turned[0, 0, 0] < 0.5 * known[0, 0, 0]
+
+
+def test_unknown_delays_and_biases_are_marginalised():
+    """Three channels on two clocks, the third with a bias: against the inverse of everything."""
+    noise = TrajectoryNoise(std=(0.1, 0.1, 0.2), delay_std=0.3, bias_std=0.4)
+    U = difference_points(2, 1, seed=0)
+    P, t = U, TIME
+    Y = np.stack([P[:, :1] * t, P[:, 1:] * t**2, P[:, :1] + P[:, 1:] * t], axis=-1)
+    F = information(U, Y, noise)[0]
+    (p, q), ones, zeros = U[0], np.ones(40), np.zeros(40)
+    # columns p, q, delay of x and y, delay of the third, its bias
+    J_x = np.stack([t, zeros, -p * ones, zeros, zeros], axis=1) / 0.1
+    J_y = np.stack([zeros, t**2, -np.gradient(q * t**2, 0.05), zeros, zeros], axis=1) / 0.1
+    J_z = np.stack([ones, t, zeros, -q * ones, ones], axis=1) / 0.2
+    J = np.vstack([J_x, J_y, J_z])
+    whole = J.T @ J + np.diag([0, 0, 0.3**-2, 0.3**-2, 0.4**-2])
+    assert np.allclose(np.linalg.inv(F), np.linalg.inv(whole)[:2, :2], rtol=1e-5)
