@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-FIRMWARE = Path(__file__).parents[2] / "firmware"
+FIRMWARE = Path(__file__).parents[1] / "firmware"
 
 
 @pytest.fixture(scope="session")

@@ -1,0 +1,112 @@
+"""The simulation as a process, on emulated PLCs and on the real firmware: clock and mistakes."""
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rcl_interfaces.srv import SetParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+
+pytestmark = pytest.mark.ros
+
+PATIENCE = 20.0  # s; only a failing test waits that long
+
+
+@pytest.fixture
+def start_simulation(ros_environment, tmp_path):
+    running = []
+
+    def start(**parameters):
+        ports = {f"{name}_port": tmp_path / name for name in ("steer", "drive")}
+        command = [Path(sys.executable).with_name("tricycle_sim"), "--ros-args"]
+        for name, value in (ports | parameters).items():
+            command += ["-p", f"{name}:={value}"]
+        simulation = subprocess.Popen(
+            command, env=ros_environment, stderr=subprocess.PIPE, text=True
+        )
+        running.append(simulation)
+        return simulation
+
+    yield start
+    for simulation in running:
+        if simulation.poll() is None:
+            simulation.kill()
+        simulation.communicate(timeout=PATIENCE)
+
+
+class Watch:
+    """What /clock says."""
+
+    def __init__(self, node):
+        self.node = node
+        self.now = 0.0
+        self.executor = SingleThreadedExecutor(context=node.context)
+        self.executor.add_node(node)
+        node.create_subscription(Clock, "/clock", self._on_clock, 10)
+
+    def _on_clock(self, message):
+        self.now = message.clock.sec + 1e-9 * message.clock.nanosec
+
+    def wait(self, condition):
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def pace(self, seconds):
+        """Simulated seconds per second."""
+        start, began = self.now, time.monotonic()
+        self.wait(lambda: self.now >= start + seconds)
+        return (self.now - start) / (time.monotonic() - began)
+
+
+@pytest.fixture
+def watch(ros_node):
+    watch = Watch(ros_node)
+    yield watch
+    watch.executor.shutdown()
+
+
+@pytest.mark.parametrize("plc", ["emulated", "firmware"])
+def test_it_keeps_pace_with_the_wall_clock_and_ends_quietly(start_simulation, watch, request, plc):
+    images = request.getfixturevalue("firmware_images") if plc == "firmware" else ""
+    simulation = start_simulation(plc=plc, firmware=images or "unused")
+    watch.wait(lambda: watch.now > 0.2)
+    assert watch.pace(2.0) == pytest.approx(1.0, abs=0.2)
+    simulation.terminate()
+    _, errors = simulation.communicate(timeout=PATIENCE)
+    assert simulation.returncode == 0
+    assert "Traceback" not in errors
+
+
+def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
+    start_simulation()
+    watch.wait(lambda: watch.now > 0.2)
+    client = watch.node.create_client(SetParameters, "tricycle_sim/set_parameters")
+    watch.wait(client.service_is_ready)
+    parameter = Parameter("real_time_factor", value=4.0).to_parameter_msg()
+    answer = client.call_async(SetParameters.Request(parameters=[parameter]))
+    watch.wait(answer.done)
+    assert answer.result().results[0].successful
+    assert watch.pace(4.0) > 2.0
+
+
+@pytest.mark.parametrize(
+    ("parameters", "said"),
+    [
+        ({"plc": "arduino"}, "plc: 'arduino' must be emulated or firmware"),
+        ({"plc": "firmware", "firmware": "/nowhere"}, "/nowhere/steer.elf does not exist"),
+        ({"true_values": "[yaw_inertia]"}, "true_values: 'yaw_inertia' must be name=number"),
+        ({"real_time_factor": -1.0}, "real_time_factor"),
+    ],
+)
+def test_a_users_mistake_is_one_line_and_status_2(start_simulation, parameters, said):
+    simulation = start_simulation(**parameters)
+    _, errors = simulation.communicate(timeout=PATIENCE)
+    assert simulation.returncode == 2
+    assert said in errors
+    assert len(errors.strip().splitlines()) == 1
