@@ -15,6 +15,7 @@ from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.replay import nominal_run, replayed_errors
 from parameter_identification.judge import judge
+from trajectory_recorder.bag_reader import BagReader
 from tricycle_bringup.session import simulated_session
 from tricycle_sim.simulator import draw_truth
 from tricycle_sim.vehicle import load_vehicle
@@ -51,6 +52,11 @@ def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
     assert judgement.matched_fraction == 1.0
     # rms deviations in m: the noise of the anchor is a millimetre and a fraction of a mrad
     assert np.sqrt(judgement.te_corrected) == pytest.approx(np.sqrt(expected), abs=3e-3)
+    with BagReader(tmp_path / "bag") as bag:
+        record = bag.metadata
+    assert record["plan_id"] == plan.id
+    assert record["vehicle_hash"] == plan.vehicle_hash
+    assert {"software_version", "firmware_steer", "firmware_drive"} <= record.keys()
     assert reports[-1] == (round(1e3 * plan.commands.duration),) * 2
     with AnyReader([tmp_path / "bag"]) as reader:
         topics = {connection.topic for connection in reader.connections}

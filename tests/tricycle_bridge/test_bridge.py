@@ -366,6 +366,7 @@ def test_diagnostics_name_states_and_faults(driving):
     vehicle, steer, drive = diagnose(driving.bridge, driving.now)
     assert (vehicle.level, vehicle.message) == (Level.OK, "armed")
     assert (steer.level, steer.message) == (Level.OK, "ARMED")
+    assert steer.values["firmware_steer"].count(".") == 2  # copied to a bag's metadata
     driving.target = None
     driving.step(150)
     vehicle, steer, drive = diagnose(driving.bridge, driving.now)

@@ -67,6 +67,9 @@ def _diagnose_link(bridge: Bridge, board: Board, now: float) -> Diagnosis:
         "reboots": str(counters.reboots),
         "losses": str(counters.losses),
     }
+    if (ack := link.identity) is not None:
+        version = f"{ack.version_major}.{ack.version_minor}.{ack.version_patch}"
+        values[f"firmware_{board.name.lower()}"] = version  # the recorder looks for it
     if link.clock.round_trip is not None:
         values["round trip (ms)"] = f"{link.clock.round_trip * 1e3:.1f}"
     if link.stats is not None:

@@ -13,7 +13,7 @@ from trajectory_recorder.bag_reader import BagError
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_bringup.processes import NodeProcesses, ros_environment
 from tricycle_sim.simulator import draw_truth
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import Vehicle, load_vehicle
 
 Report = Callable[[int, int], None]
 
@@ -81,8 +81,9 @@ def simulated_session(
             parameters={**ports, **bridge_parameters(vehicle_file), "arm_on_activate": False},
         )
         nodes.start("maneuver_driver", config=config, parameters={})
-        truth = _hidden_truth(vehicle_file, true_seed)
-        told = [f"true_{name}={value!r}" for name, value in truth.items()]
+        vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
+        told = [f"vehicle={vehicle.name}", f"vehicle_hash={vehicle.file_hash}"]
+        told += [f"true_{k}={v!r}" for k, v in _hidden_truth(vehicle, true_seed).items()]
         nodes.start("trajectory_recorder", config=config, parameters={"metadata": told})
         with Operator(domain=domain, check=nodes.check) as operator:
 
@@ -92,9 +93,8 @@ def simulated_session(
             yield drive
 
 
-def _hidden_truth(vehicle_file: str, true_seed: int) -> dict[str, float]:
+def _hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
     """What the simulation draws: for the bag's record, so that estimates can be judged by it."""
-    vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
     if true_seed < 0:
         return vehicle.nominal
     return draw_truth(vehicle, np.random.default_rng(true_seed))
