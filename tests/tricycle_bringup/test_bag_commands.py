@@ -110,6 +110,7 @@ def test_mistakes(
         ("record", "--duration", "-3"),
         ("record", "--split-size", "big"),
         ("replay", "bag", "--rate", "nan"),
+        ("replay", "bag", "--remap", "odom=x"),
     ],
 )
 def test_mistyped_options_are_argparses(

@@ -6,7 +6,7 @@ import math
 import signal
 import subprocess
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -82,9 +82,20 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_in_foreground(
-    name: str, parameters: Mapping[str, object], *, duration: float | None = None
+    name: str,
+    parameters: Mapping[str, object],
+    *,
+    remappings: Sequence[str] = (),
+    duration: float | None = None,
 ) -> int:
     """Run a node until it ends, or SIGINT or SIGTERM ends it by way of this process.
+
+    Parameters
+    ----------
+    name : of its executable
+    parameters : by name
+    remappings : of its names, ``/old:=/new``
+    duration : s after which it is ended
 
     Returns
     -------
@@ -93,6 +104,8 @@ def run_in_foreground(
     command = [executable(name), "--ros-args"]
     for key, value in parameters.items():
         command += ["-p", f"{key}:={json.dumps(value)}"]  # JSON is YAML
+    for remapping in remappings:
+        command += ["-r", remapping]
     stopped: list[int] = []
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: until it is up, Ctrl-C kills no node
     with subprocess.Popen(command) as process:  # noqa: S603 - our own executables

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import re
 from pathlib import Path
 
 from trajectory_recorder.bag_reader import BagReader
@@ -11,6 +12,7 @@ EXAMPLE = """\
 examples:
   tricycle replay out/demo/bags/circle
   tricycle replay out/demo/bags/circle --rate 4 --loop --topics /odom 'maneuver/*'
+  tricycle replay out/demo/bags/circle --remap /odom:=/recorded/odom
 """
 
 
@@ -31,6 +33,14 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--start", type=not_negative, default=0.0, metavar="S", help="skip so many recorded seconds"
     )
     add("--topics", nargs="+", metavar="TOPIC", help="names to play; * and ? match anything")
+    add(
+        "--remap",
+        nargs="+",
+        type=_remapping,
+        default=[],
+        metavar="/OLD:=/NEW",
+        help="publish under other names",
+    )
     add("--loop", action="store_true", help="begin again at the end")
     add("--paused", action="store_true", help="wait for ~/resume or ~/step")
     add("--json", action="store_true", help="print one JSON object at the end")
@@ -47,10 +57,16 @@ def run(args: argparse.Namespace) -> int:
     parameters["bag"] = str(args.bag)
     if args.topics:
         parameters["topics"] = [_absolute(topic) for topic in args.topics]
-    status = run_in_foreground("bag_replayer", parameters)
+    status = run_in_foreground("bag_replayer", parameters, remappings=args.remap)
     if args.json:
         print(json.dumps({"bag": str(args.bag), "status": status}))
     return status
+
+
+def _remapping(text: str) -> str:
+    if not re.fullmatch(r"(/\w+)+:=(/\w+)+", text):
+        raise argparse.ArgumentTypeError(f"{text!r}: want /old:=/new")
+    return text
 
 
 def _absolute(topic: str) -> str:
