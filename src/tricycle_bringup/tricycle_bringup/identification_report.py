@@ -10,7 +10,7 @@ import matplotlib as mpl
 mpl.use("Agg")  # files only: works without a display
 
 from matplotlib.figure import Figure
-from rich.box import SIMPLE
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from scipy.stats import chi2
 
@@ -43,7 +43,7 @@ def parameter_rows(
             "" if e.unit == "1" else e.unit,
             f"{e.range[0]:.4g} – {e.range[1]:.4g}",
             f"{e.estimate:.4g} ± {e.standard_deviation:.2g}" if e.identifiable else "not shown",
-            f"{e.low:.4g} – {e.high:.4g}",
+            f"{_short(e.low)} – {_short(e.high)}",
             _truth(e, known[name]) if name in known else "",
         )
         for name, e in found.parameters.items()
@@ -51,18 +51,25 @@ def parameter_rows(
 
 
 def _truth(e: Estimate, value: float) -> str:
-    return f"{value:.4g} {'inside' if e.low <= value <= e.high else 'OUTSIDE'}"
+    return f"{value:.4g} {'✓' if e.low <= value <= e.high else '✗'}"
+
+
+def _short(value: float) -> str:
+    """Three digits, but no exponent for thousands."""
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.4g}"
 
 
 def parameter_table(found: Identification, truth: Mapping[str, float] | None = None) -> Table:
     """The table of parameters, with the hidden truth beside the estimates where it is known."""
-    headings, rows = _without_empty(parameter_rows(found, truth))
+    rows = parameter_rows(found, truth)
     drives = ", ".join(drive.name for drive in found.drives)
-    table = Table(title=f"identified from {drives}; {100 * found.level:g} % intervals", box=SIMPLE)
-    for i, heading in enumerate(headings):
-        table.add_column(heading, justify="left" if i < 2 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
+    title = f"identified from {drives}; {100 * found.level:g} % intervals"
+    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("parameter, range", no_wrap=True)  # below each other: it fits 80 columns
+    for heading in ("estimate", "interval", "truth" if any(row[-1] for row in rows) else ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, unit, span, *cells in rows:
+        table.add_row(f"{name}\n  {span} {unit}", *cells)
     return table
 
 
