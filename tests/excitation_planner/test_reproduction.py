@@ -1,6 +1,5 @@
 """The paper's numbers beside ours."""
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -9,16 +8,11 @@ import pytest
 from excitation_planner.reproduction import Agreement, PaperBudget
 from excitation_planner.reproduction.comparison import error_statistics
 from excitation_planner.reproduction.first_stage import faithful, fast
-from excitation_planner.reproduction.items import NAMES, Reproduction
 from excitation_planner.reproduction.math_model import exact_indices, largest_error, table_1
 from excitation_planner.reproduction.published import TABLE_1_X
 from excitation_planner.test_functions import MATH_MODEL_UNKNOWN, math_model
 
 SMALL = PaperBudget(initial=150, infill=10, monte_carlo=2**12, levels=3)
-
-
-def ignored(done, total):
-    assert 0 <= done <= total
 
 
 def test_error_statistics_of_a_known_error():
@@ -59,18 +53,3 @@ def test_table_1_holds_the_published_numbers():
     assert len(exact) == 8
     assert all(c.agreement is Agreement.REPRODUCED for c in exact)
     assert "8 reproduced" in item.verdict
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("fig6", "fig9", "fig15")])
-def test_every_item_in_small(name, shared):
-    item = shared.item(name, ignored)
-    assert item.name == name
-    assert item.comparisons
-    assert item.findings or name == "fig17"
-
-
-@pytest.fixture(scope="module")
-def shared():
-    with ThreadPoolExecutor(1) as executor:
-        yield Reproduction(executor, budget=SMALL, maneuvers=12)

@@ -172,7 +172,7 @@ def figure_5(budget: PaperBudget | None) -> Item[Predictions]:
         for n in (300, published.FIG_5_TRAINING)
     }
     if budget is not None:
-        paper = replace(budget, initial=published.FIG_5_TRAINING, infill=0)
+        paper = _for_math_model(budget)
         stages[f"faithful, {published.FIG_5_TRAINING} samples"] = faithful(
             f, MATH_MODEL_UNKNOWN, budget=paper, validation=validation
         )
@@ -188,6 +188,11 @@ def figure_5(budget: PaperBudget | None) -> Item[Predictions]:
         f"samples give 1 - R² = {1 - few.r2:.1e} and RAAE = {few.raae:.1e}.",
     )
     return Item("fig5", "Fig. 5: Kriging of the math model", comparisons, findings, data)
+
+
+def _for_math_model(budget: PaperBudget) -> PaperBudget:
+    """The training samples of Fig. 5, and no infill."""
+    return replace(budget, initial=min(budget.initial, published.FIG_5_TRAINING), infill=0)
 
 
 def _quality(quantity: str, printed: float, ours: float, *, larger_is_better: bool) -> Comparison:
@@ -228,7 +233,7 @@ def figure_6(budget: PaperBudget | None) -> Item[Convergence]:
         ),
     }
     if budget is not None:
-        paper = replace(budget, initial=published.FIG_5_TRAINING, infill=0)
+        paper = _for_math_model(budget)
         points = [2**10, 2**12, 2**14, 2**16]
         stages = [
             faithful(f, MATH_MODEL_UNKNOWN, budget=replace(paper, monte_carlo=n)) for n in points
@@ -406,7 +411,7 @@ def _first_stage(budget: PaperBudget | None, x: FloatArray) -> FirstStage:
     f = partial(math_model, x)
     if budget is None:
         return fast(f, MATH_MODEL_UNKNOWN, samples=_SAMPLES)
-    paper = replace(budget, initial=published.FIG_5_TRAINING, infill=0)
+    paper = _for_math_model(budget)
     return faithful(f, MATH_MODEL_UNKNOWN, budget=paper)
 
 
