@@ -83,8 +83,9 @@ soak: setup  ## an hour of driving on a bad line, fifty recorders killed
 	$(BIN)/python benchmarks/link_soak.py
 	$(BIN)/python benchmarks/recorder_kills.py
 
-# Coverage sees into compiled kernels only when they are not compiled: those tests run twice.
-KERNELS := $(addprefix tests/tricycle_sim/test_,dynamics.py setpoints.py live.py)
+# Coverage sees into kernels only when they are not compiled; then whole drives take too long.
+KERNELS := $(addprefix tests/tricycle_sim/test_,uncompiled.py setpoints.py dynamics.py) \
+	-k "uncompiled or setpoints or lagrange or linkage or ratio_of or inverse or servo or static"
 COVERAGE := $(BIN)/python -m coverage
 PROTOCOL := src/tricycle_bridge/*/framing.py,src/tricycle_bridge/*/messages.py,src/tricycle_bridge/*/link.py,src/tricycle_bridge/*/clock.py,src/tricycle_sim/*/plc.py
 PHYSICS := src/tricycle_sim/*/dynamics.py,src/tricycle_sim/*/steering.py,src/tricycle_sim/*/setpoints.py,src/tricycle_sim/*/simulation.py,src/tricycle_sim/*/vehicle.py
@@ -93,7 +94,7 @@ comma := ,
 empty :=
 coverage: setup  ## branch coverage; physics, protocol and statistics must reach 95 %
 	$(COVERAGE) erase
-	NUMBA_DISABLE_JIT=1 $(COVERAGE) run -m pytest -q -m "not slow" $(KERNELS)
+	NUMBA_DISABLE_JIT=1 $(COVERAGE) run -m pytest -q $(KERNELS)
 	$(COVERAGE) run -m pytest -q -m "not ros"
 	$(COVERAGE) combine --quiet
 	$(COVERAGE) report
