@@ -3,12 +3,14 @@
     python benchmarks/history.py run [NAME …]    # default: all; adds to benchmarks/history.jsonl
     python benchmarks/history.py plot [--output FILE]
 
-Machines differ: a run notes its processor, and the plot draws one curve for each. A figure is a
+Machines differ: a run notes its processor, and how busy the machine was before (`load`, processes
+ready to run); the plot draws one curve for each processor. A figure is a
 number in the output with the words of its line: lines that keep their words make a curve.
 """
 
 import argparse
 import json
+import os
 import platform
 import re
 import subprocess
@@ -46,7 +48,7 @@ def run(names):
     ).stdout.strip()
     for name in names:
         print(f"== {name}", flush=True)
-        began = time.monotonic()
+        began, load = time.monotonic(), os.getloadavg()[0]
         done = subprocess.run([sys.executable, FOLDER / name], stdout=subprocess.PIPE, text=True)
         print(done.stdout, end="", flush=True)
         if done.returncode:
@@ -57,6 +59,7 @@ def run(names):
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
             "commit": commit,
             "processor": processor(),
+            "load": round(load, 1),
             "benchmark": name,
             "seconds": round(time.monotonic() - began, 1),
             "output": done.stdout.splitlines(),
