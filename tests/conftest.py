@@ -1,10 +1,17 @@
-"""The firmware, compiled once per run for every test that compares with it or runs it."""
+"""Hypothesis as all tests use it; the firmware, compiled once per run for those that need it."""
 
+import os
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same examples in every run; HYPOTHESIS_PROFILE=search looks at others.
+settings.register_profile("same", derandomize=True, deadline=None)
+settings.register_profile("search", deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
 FIRMWARE = Path(__file__).parents[1] / "firmware"
 

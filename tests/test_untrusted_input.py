@@ -33,7 +33,6 @@ RESULTS = b"point,sample,output\n0,0,1.5\n0,1,failed\n0,2,infeasible: why\n"
 
 fuzzed = settings(
     max_examples=40,
-    deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
 )
 

@@ -21,7 +21,7 @@ def dense_covariance(time, noise, weights):
     return drift + np.diag(noise.white**2 / weights)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 2**32 - 1),
     white=st.floats(0.1, 10.0),

@@ -5,7 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import StoragePlugin
@@ -88,7 +88,6 @@ def test_files_of_mcaps_own_writer_are_read(
         }  # fmt: skip
 
 
-@settings(deadline=None)
 @given(data=st.data(), compression=st.sampled_from(Compression))
 def test_a_bag_torn_at_any_byte_is_read_up_to_there(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, compression: Compression
@@ -110,7 +109,6 @@ def test_a_bag_torn_at_any_byte_is_read_up_to_there(
         assert found
 
 
-@settings(deadline=None)
 @given(data=st.data())
 def test_damage_is_told_or_harmless(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader as RosbagsReader
@@ -178,7 +178,6 @@ def test_full_disk_leaves_what_was_flushed(tmp_path: Path) -> None:
     assert read_with_mcap(tmp_path / "bag") == expected
 
 
-@settings(deadline=None)
 @given(
     payloads=st.lists(st.tuples(st.integers(0, 2**63 - 1), st.binary(max_size=300)), max_size=30),
     chunk_size=st.integers(1, 2000),

@@ -304,7 +304,7 @@ def test_joint_commands_win_over_cmd_vel(driving):
     assert driving.measured[DRIVE].speed == pytest.approx(1.0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300))
 def test_no_finite_command_breaks_or_exceeds_anything(angle, speed):
     vehicle = Vehicle()

@@ -107,7 +107,7 @@ def kernel_slopes(vehicle, s):
     return slopes, rows[dynamics.LOAD : dynamics.LOAD + 3, 0]
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(situations(), parameters(), st.sampled_from([0.0, 0.7]), st.sampled_from([0.0, 0.4]))
 def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, air_drag):
     vehicle = VEHICLE.replace(**values, load_sensitivity=load_sensitivity, air_drag=air_drag)
@@ -130,7 +130,6 @@ def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, ai
     assert loads == pytest.approx(truth.loads, rel=1e-9, abs=1e-9)
 
 
-@settings(deadline=None)
 @given(st.floats(-0.785, 0.785))
 def test_linkage_agrees_with_the_oracle(motor_angle):
     constants = steering_constants(VEHICLE, 0.005)
@@ -148,7 +147,6 @@ def test_ratio_of_the_wheel_angles_falls_from_0_8_to_0_6():
     assert right / left == pytest.approx(0.78, abs=0.01)
 
 
-@settings(deadline=None)
 @given(st.floats(-0.5, 0.5))
 def test_motor_angle_is_the_inverse_of_the_road_angle(angle):
     constants = steering_constants(VEHICLE, 0.005)

@@ -141,7 +141,7 @@ def assert_sound(trajectory):
     assert trajectory.z.max() < 1.0
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     rows=st.lists(
         st.tuples(

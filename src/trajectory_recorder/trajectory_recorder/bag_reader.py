@@ -25,7 +25,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
-from rosbags.interfaces import ConnectionExtRosbag2
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
@@ -437,27 +437,9 @@ class _RosbagsStorage:
         try:
             self._reader = RosbagsReader(path)
             self._reader.open()
-            if not all(isinstance(c.msgcount, int) for c in self._reader.connections):
-                raise BagError("its topics have no message counts")  # noqa: TRY301
+            self.topics = [_rosbags_topic(c) for c in self._reader.connections]
         except Exception as error:  # what is damaged comes up as an error of any kind
             raise BagError(f"{path}: {_one_line(error)}") from error
-
-    @property
-    def topics(self) -> list[Topic]:
-        return [
-            Topic(
-                name=connection.topic,
-                type=connection.msgtype,
-                definition=connection.msgdef.data,
-                type_hash=connection.digest,
-                qos=tuple(
-                    OfferedQos.of_connection(qos)
-                    for qos in cast(ConnectionExtRosbag2, connection.ext).offered_qos_profiles
-                ),
-                count=connection.msgcount,
-            )
-            for connection in self._reader.connections
-        ]
 
     def messages(self, topics: Collection[str]) -> Iterator[Message]:
         connections = [c for c in self._reader.connections if c.topic in topics]
@@ -471,6 +453,23 @@ class _RosbagsStorage:
 
     def close(self) -> None:
         self._reader.close()
+
+
+def _rosbags_topic(connection: Connection) -> Topic:
+    texts = (connection.topic, connection.msgtype, connection.digest)
+    if not isinstance(connection.msgcount, int) or not all(isinstance(t, str) for t in texts):
+        raise BagError("its topics need a name, a type and a message count")
+    return Topic(
+        name=connection.topic,
+        type=connection.msgtype,
+        definition=connection.msgdef.data,
+        type_hash=connection.digest,
+        qos=tuple(
+            OfferedQos.of_connection(qos)
+            for qos in cast(ConnectionExtRosbag2, connection.ext).offered_qos_profiles
+        ),
+        count=connection.msgcount,
+    )
 
 
 def _records(data: Buffer) -> Iterator[tuple[int, int, int]]:
