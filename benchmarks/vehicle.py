@@ -299,26 +299,20 @@ def cost(vehicle: Vehicle, threads: int, plot: Path | None) -> None:
     def turn(ticks: int) -> Commands:
         return Commands([0.0, ticks * TICK], [0.1, 0.0], [1.0, 0.0])
 
-    fixed, fixed_many = seconds(turn(1), parameters[:LANES], 1), seconds(turn(1), many, 1)
-    line(
-        f"fixed cost of a replay of 8, {len(many)} samples",
-        f"{1e3 * fixed:.1f}, {1e3 * fixed_many:.1f} ms",
-    )
+    fixed = seconds(turn(1), parameters[:LANES], 1)
+    line("fixed cost of a replay", f"{1e3 * fixed:.1f} ms")
     by_samples = [seconds(slalom(5.0), parameters[:n], threads) for n in counts]
     ticks = np.unique(np.logspace(1.0, 5.0, 13).astype(int))
     by_ticks = [seconds(turn(int(count)), many, 1) for count in ticks]
 
-    def exponent(amount: Array, taken: list[float], fixed: float) -> str:
+    def exponent(amount: Array, taken: list[float]) -> str:
         rest = np.array(taken) - fixed
         first = int(np.argmax(rest > fixed))  # before, the fixed cost hides the rest
         slope = np.polyfit(np.log(amount[first:]), np.log(rest[first:]), 1)[0]
         return f"{slope:.2f} ({amount[first]} to {amount[-1]})"
 
-    line("exponent of the rest over samples of 500 steps", exponent(counts, by_samples, fixed))
-    line(
-        f"exponent of the rest over steps of {len(many)} samples",
-        exponent(ticks, by_ticks, fixed_many),
-    )
+    line("exponent of the rest over samples of 500 steps", exponent(counts, by_samples))
+    line(f"exponent of the rest over steps of {len(many)} samples", exponent(ticks, by_ticks))
     commands = slalom(20.0)
     for n in (100, 1000, 10_000):
         tracemalloc.start()
@@ -331,15 +325,15 @@ def cost(vehicle: Vehicle, threads: int, plot: Path | None) -> None:
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
-    def linear(amount: Array, seconds: list[float], fixed: float) -> Array:
+    def linear(amount: Array, seconds: list[float]) -> Array:
         return fixed + (seconds[-1] - fixed) / amount[-1] * amount
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 4), sharey=True, layout="constrained")
     axes[0].loglog(counts, by_samples, "o-", label=f"measured, {threads} threads")
-    axes[0].loglog(counts, linear(counts, by_samples, fixed), "k:", label="fixed cost and linear")
+    axes[0].loglog(counts, linear(counts, by_samples), "k:", label="fixed cost and linear")
     axes[0].set(xlabel="samples of 5 s (500 steps)", ylabel="seconds")
     axes[1].loglog(ticks, by_ticks, "o-", label="measured, one thread")
-    axes[1].loglog(ticks, linear(ticks, by_ticks, fixed_many), "k:", label="fixed cost and linear")
+    axes[1].loglog(ticks, linear(ticks, by_ticks), "k:", label="fixed cost and linear")
     axes[1].set(xlabel=f"steps of {len(many)} samples")
     for axis in axes:
         axis.legend()
