@@ -218,7 +218,9 @@ def main() -> int:
                 equivalent += 1
             else:
                 survivors += 1
-                print(f"  survived: {target.path.name}:{line}: {lines[line - 1].strip()}")
+                print(
+                    f"  survived: {target.path.name}:{line}: {lines[line - 1].strip()}", flush=True
+                )
         print(f"{target.module}: {killed} of {total} noticed, {equivalent} equivalent", flush=True)
     return int(survivors > 0)
 
