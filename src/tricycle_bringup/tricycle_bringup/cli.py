@@ -8,17 +8,6 @@ from collections.abc import Sequence
 from importlib import import_module
 from importlib.metadata import version
 
-from excitation_planner import DesignError
-from excitation_planner.maneuver import PlanError
-from parameter_identification.judge import JudgeError
-from parameter_identification.measured_drive import IdentificationError
-from trajectory_recorder.bag_reader import BagError
-from tricycle_bridge.messages import LinkError
-from tricycle_bringup.processes import NodeError
-from tricycle_bringup.report_data import ReportError
-from tricycle_sim.commands import CommandsError
-from tricycle_sim.vehicle import VehicleError
-
 COMMANDS = (
     "demo",
     "plan",
@@ -37,10 +26,24 @@ COMMANDS = (
     "plc",
 )
 
-USER_ERRORS = (
-    *(BagError, CommandsError, DesignError, IdentificationError, JudgeError, LinkError),
-    *(NodeError, PlanError, ReportError, VehicleError, OSError),
-)
+
+def user_errors() -> tuple[type[Exception], ...]:
+    """Exceptions that tell of a user's mistake; imported late, so that Ctrl-C is heard before."""
+    from excitation_planner import DesignError
+    from excitation_planner.maneuver import PlanError
+    from parameter_identification.judge import JudgeError
+    from parameter_identification.measured_drive import IdentificationError
+    from trajectory_recorder.bag_reader import BagError
+    from tricycle_bridge.messages import LinkError
+    from tricycle_bringup.processes import NodeError
+    from tricycle_bringup.report_data import ReportError
+    from tricycle_sim.commands import CommandsError
+    from tricycle_sim.vehicle import VehicleError
+
+    return (
+        *(BagError, CommandsError, DesignError, IdentificationError, JudgeError, LinkError),
+        *(NodeError, PlanError, ReportError, VehicleError, OSError),
+    )
 
 
 def parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
@@ -70,12 +73,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         status: int = arguments.run(arguments)
     except BrokenPipeError:  # `tricycle … | head`
         return 0
-    except USER_ERRORS as error:
+    except KeyboardInterrupt:
+        print("tricycle: interrupted", file=sys.stderr)
+        return 130
+    except Exception as error:
+        if not isinstance(error, user_errors()):
+            raise
         # what files say of themselves may hold line breaks or terminal escapes
         line = "".join(c if c.isprintable() else " " for c in str(error))
         print(f"tricycle: {line}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("tricycle: interrupted", file=sys.stderr)
-        return 130
     return status
