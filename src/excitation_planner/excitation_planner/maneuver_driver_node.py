@@ -6,7 +6,6 @@ from collections.abc import Callable
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry, Path
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -17,7 +16,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.playback import JOINTS, Playback, PlaybackState, Pose, Schedule
-from tricycle_bridge.run_node import overridable, run_node
+from tricycle_bridge.run_node import declare, overridable, run_node
 
 PERIOD = 0.01  # s
 STATE_EVERY = 0.5  # s between repeated state messages while running
@@ -57,8 +56,8 @@ class ManeuverDriver(Node):
 
     def __init__(self) -> None:
         super().__init__("maneuver_driver")
-        deviation = self._limit("max_deviation", 3.0, 0.1, 100.0, "m off the path that abort a run")
-        timeout = self._limit("odom_timeout", 0.5, 0.05, 10.0, "s without a pose that abort a run")
+        deviation = declare(self, "max_deviation", 3.0, "m off the path that end a run", (0.1, 100))
+        timeout = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
         self._playback = Playback(max_deviation=deviation, odom_timeout=timeout)
         self._plan_id = ""
         self._said: tuple[object, ...] = ()  # what the last maneuver/state said
@@ -86,13 +85,6 @@ class ManeuverDriver(Node):
             )
         else:
             self.create_timer(PERIOD, self._on_tick)
-
-    def _limit(self, name: str, default: float, low: float, high: float, description: str) -> float:
-        span = FloatingPointRange(from_value=low, to_value=high)
-        descriptor = ParameterDescriptor(
-            description=description, floating_point_range=[span], read_only=True
-        )
-        return float(self.declare_parameter(name, default, descriptor).value)
 
     def _now(self) -> float:
         return _seconds(self.get_clock().now())

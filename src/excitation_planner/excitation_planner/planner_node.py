@@ -3,12 +3,13 @@
 import multiprocessing
 import signal
 import sys
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -20,7 +21,7 @@ from excitation_planner.maneuver import PlanError, family_by_name, family_names
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher_node import PlanPublisher
 from excitation_planner.planning import PlanRequest, plan_maneuver
-from tricycle_bridge.run_node import overridable, run_node
+from tricycle_bridge.run_node import declare, overridable, run_node
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, VehicleError, load_vehicle
 
 POLL = 0.2  # s between looks at the planning process
@@ -77,17 +78,17 @@ class ExcitationPlanner(Node):
 
     def __init__(self) -> None:
         super().__init__("excitation_planner")
-        declare = self._declare
-        declare("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
-        declare("maneuver", "circle", f"family: {', '.join(family_names())}")
-        declare("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
-        declare("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
-        declare("samples", 100, "for criterion h: simulations per maneuver")
-        declare("budget", 12_000, "largest number of simulations")
-        declare("seed", 0, "same seed, same plan")
+        setting = partial(declare, self, read_only=False)
+        setting("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
+        setting("maneuver", "circle", f"family: {', '.join(family_names())}")
+        setting("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
+        setting("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
+        setting("samples", 100, "for criterion h: simulations per maneuver", (1, 1e6))
+        setting("budget", 12_000, "largest number of simulations", (1, 1e9))
+        setting("seed", 0, "same seed, same plan", (0, 2**31 - 1))
         for name, description in NOISES.items():
-            declare(name, getattr(PlanRequest, name), description)
-        declare("plan_file", "plan.json", "the newest plan: published when it exists or is made")
+            setting(name, getattr(PlanRequest, name), description, (0, 1e4))
+        setting("plan_file", "plan.json", "the newest plan: published when it exists or is made")
         self._plans = PlanPublisher(self)
         self._plan: Plan | None = None
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -106,9 +107,6 @@ class ExcitationPlanner(Node):
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         if self._file.exists():
             self._publish(load_plan(self._file))
-
-    def _declare(self, name: str, default: object, description: str) -> None:
-        self.declare_parameter(name, default, ParameterDescriptor(description=description))
 
     @property
     def _file(self) -> Path:

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -28,7 +27,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter, Compression
 from trajectory_recorder.topics import BagError, OfferedQos, Topic, message_class
-from tricycle_bridge.run_node import overridable, run_node
+from tricycle_bridge.run_node import declare, overridable, run_node
 
 DISCOVERY_PERIOD = 0.1  # s
 FLUSH_PERIOD = 0.5  # s; a killed recorder loses what came since the last flush
@@ -44,23 +43,6 @@ DIAGNOSTIC_TYPES: dict[str, Callable[[Any], Any]] = {  # to a list of Diagnostic
     "diagnostic_msgs/msg/DiagnosticStatus": lambda m: [m],
     "diagnostic_msgs/msg/DiagnosticArray": lambda m: m.status,
 }
-
-
-def declare(
-    node: Node,
-    name: str,
-    default: Any,
-    description: str,
-    span: tuple[float, float] | None = None,
-) -> Any:
-    """Declare a parameter that is set once, at the start, and return its value."""
-    descriptor = ParameterDescriptor(description=description, read_only=True)
-    if span is not None and isinstance(default, int):
-        descriptor.integer_range = [IntegerRange(from_value=span[0], to_value=span[1])]
-    elif span is not None:
-        low, high = map(float, span)
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-    return node.declare_parameter(name, default, descriptor).value
 
 
 class _Source:
@@ -95,9 +77,7 @@ class TrajectoryRecorder(Node):
         super().__init__("trajectory_recorder")
         topics = declare(self, "topics", TOPICS, "names to record; * and ? match anything")
         self._patterns = [self._absolute(pattern) for pattern in topics]
-        self.declare_parameter(
-            "output", "", ParameterDescriptor(description="directory of the next bag")
-        )
+        declare(self, "output", "", "directory of the next bag", read_only=False)
         self._compression = Compression(
             declare(self, "compression", "zstd", "of chunks: zstd, lz4, none").replace("none", "")
         )

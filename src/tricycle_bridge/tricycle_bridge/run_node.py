@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import logging
 import signal
 import sys
 from collections.abc import Callable
@@ -109,6 +110,8 @@ def run_node(factory: Callable[[], Node]) -> None:
     # rclpy's own handlers print a traceback now and then; see docs/link.md
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
+    # what libraries have to say: the vehicle model says when it compiles
+    logging.basicConfig(format="[INFO] [%(name)s]: %(message)s", level=logging.INFO)
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     node: Node | None = None
     executor = SingleThreadedExecutor()
