@@ -34,6 +34,7 @@ from parameter_identification.whiteness import resolution
 Array = NDArray[np.float64]
 
 CANDIDATES = 64  # points of the Sobol' sequence that are looked at for starts
+STAMPS_ALIKE = 1.0  # s for which stamps err alike: as many samples tell of them no more than one
 OUTLYING = 3.0  # standard deviations from which samples lose weight under the robust loss
 MAX_STEPS = 50
 
@@ -248,7 +249,9 @@ class Problem:
         if jitter == 0.0:
             return np.ones(len(p.time))
         slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
-        weights: Array = 1.0 / (1.0 + (slope * jitter / self.noise[p.sensor].white) ** 2)
+        alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
+        error = slope * jitter / self.noise[p.sensor].white
+        weights: Array = 1.0 / (1.0 + alike * error**2)
         return weights
 
     def _innovations(self, drive: int, p: Prediction) -> Array:
