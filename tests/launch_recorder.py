@@ -122,6 +122,17 @@ def launched_nodes(file, *, installed=(), **arguments):
     return [_resolved(action.keywords) for action in actions if isinstance(action, _Node)]
 
 
+def _flat(parameters):
+    """Parameters by their full names, as rcl reads nested ones."""
+    flat = {}
+    for name, value in parameters.items():
+        if isinstance(value, dict):
+            flat |= {f"{name}.{inner}": v for inner, v in _flat(value).items()}
+        else:
+            flat[name] = value
+    return flat
+
+
 def _resolved(node):
     parameters, twice = {}, []
     for source in node["parameters"]:
@@ -129,7 +140,7 @@ def _resolved(node):
             document = yaml.safe_load(Path(source).read_text())
             found = {}
             for key in ("/**", f"/**/{node['executable']}"):
-                found |= document.get(key, {}).get("ros__parameters", {})
+                found |= _flat(document.get(key, {}).get("ros__parameters", {}))
         else:
             found = source
         twice += [name for name in found if name in parameters]
