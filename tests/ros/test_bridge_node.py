@@ -19,6 +19,7 @@ from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.messages import Board, Fault, PlcState
+from tricycle_bringup.operator_node import ask
 
 pytestmark = pytest.mark.ros
 
@@ -81,10 +82,7 @@ class Operator:
         self.wait(lambda: text in self.said().get(f"tricycle_bridge: {part}", ""), text)
 
     def call(self, client, request):
-        self.wait(client.service_is_ready, "the service")
-        future = client.call_async(request)
-        self.wait(future.done, "the answer")
-        return future.result()
+        return ask(client, request, lambda done: self.wait(done, "the service"))
 
     def arm(self, wanted: bool = True):
         return self.call(self.arm_client, SetBool.Request(data=wanted))

@@ -37,8 +37,11 @@ def simulation(ros_environment, tmp_path):
 def test_it_hears_links_maneuver_and_speeds(simulation, ros_environment):
     wanted = {f"tricycle_bridge: {part}" for part in ("vehicle", "steer PLC", "drive PLC")}
     deadline = time.monotonic() + DEADLINE
-    told = {"measured": None}
-    while told["measured"] is None or not wanted <= set(told["diagnostics"]):
+    told = {}
+    while not (
+        wanted <= set(told.get("diagnostics", ()))
+        and all(told[part] for part in ("measured", "commanded", "maneuver", "odom"))
+    ):
         assert time.monotonic() < deadline, told
         line = [TRICYCLE, "monitor", "--json"]
         done = subprocess.run(line, env=ros_environment, capture_output=True, text=True)

@@ -18,6 +18,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from tricycle_bringup.operator_node import ask
+
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -46,10 +48,7 @@ class Observer:
 
     def call(self, service):
         client = self.node.create_client(Trigger, service)
-        self.wait(client.service_is_ready, service)
-        future = client.call_async(Trigger.Request())
-        self.wait(future.done, f"the answer of {service}")
-        return future.result()
+        return ask(client, Trigger.Request(), lambda done: self.wait(done, service))
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_reader import BagReader
 from trajectory_recorder.topics import decode
+from tricycle_bringup.operator_node import ask
 from tricycle_bringup.processes import executable
 
 pytestmark = pytest.mark.ros
@@ -57,10 +58,7 @@ class Recorder:
 
     def call(self, service: str, kind: type, request: Any) -> Any:
         client = self.node.create_client(kind, f"trajectory_recorder/{service}")
-        self.wait(client.service_is_ready)
-        future = client.call_async(request)
-        self.wait(future.done)
-        return future.result()
+        return ask(client, request, self.wait)
 
     def trigger(self, service: str) -> tuple[bool, str]:
         answer = self.call(service, Trigger, Trigger.Request())

@@ -17,6 +17,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter
 from trajectory_recorder.topics import OfferedQos, Topic, jazzy
+from tricycle_bringup.operator_node import ask
 from tricycle_bringup.processes import executable
 
 pytestmark = pytest.mark.ros
@@ -54,10 +55,7 @@ class Replayer:
 
     def call(self, name: str) -> Any:
         client = self.node.create_client(Trigger, f"bag_replayer/{name}")
-        self.wait(client.service_is_ready)
-        future = client.call_async(Trigger.Request())
-        self.wait(future.done)
-        return future.result()
+        return ask(client, Trigger.Request(), self.wait)
 
     def errors(self) -> str:
         assert self.process.stderr is not None

@@ -11,6 +11,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
+from tricycle_bringup.operator_node import ask
+
 pytestmark = pytest.mark.ros
 
 PATIENCE = 20.0  # s; only a failing test waits that long
@@ -87,11 +89,9 @@ def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
     start_simulation()
     watch.wait(lambda: watch.now > 0.2)
     client = watch.node.create_client(SetParameters, "tricycle_sim/set_parameters")
-    watch.wait(client.service_is_ready)
     parameter = Parameter("real_time_factor", value=4.0).to_parameter_msg()
-    answer = client.call_async(SetParameters.Request(parameters=[parameter]))
-    watch.wait(answer.done)
-    assert answer.result().results[0].successful
+    answer = ask(client, SetParameters.Request(parameters=[parameter]), watch.wait)
+    assert answer.results[0].successful
     assert watch.pace(4.0) > 2.0
 
 

@@ -100,6 +100,9 @@ def test_swapped_ports_are_told_and_the_board_gets_no_command():
     assert not line.link.wants_reopen(line.now)
     line.step(100)
     assert line.link.wants_reopen(line.now)
+    line.link.closed(line.link.problem)
+    line.link.opened(line.now)
+    assert line.link.problem.startswith("ports swapped")  # until somebody else answers
 
 
 def test_another_major_version_is_refused_and_a_newer_minor_is_not():

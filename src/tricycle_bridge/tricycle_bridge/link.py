@@ -161,6 +161,7 @@ class PlcLink:
         self._next_stats = 0.0
         self._telemetry_at = 0.0
         self._refused_at = 0.0
+        self._refusal = ""  # of the last handshake
         self._pings: dict[int, float] = {}  # token -> time sent
         self._control: _PendingControl | None = None
         self._queued_ops: list[Op] = []
@@ -187,7 +188,7 @@ class PlcLink:
     def opened(self, now: float) -> None:
         """Begin on a port that was just opened."""
         self.decoder.reset()
-        self.problem = ""
+        self.problem = self._refusal  # holds until this handshake says otherwise
         self.state = LinkState.BOOTING
         self._start_greeting(now + self.boot_wait)
 
@@ -300,6 +301,7 @@ class PlcLink:
             self._next_hello = now + HELLO_PERIOD
         if now - self._greeting_since >= HELLO_PATIENCE and not self._reported_silent:
             self._reported_silent = True
+            self._refusal = ""
             self.problem = f"no {self._name} PLC answers ({self._line_report()})"
             self._events.append(LinkEvent(LinkEventKind.SILENT, self.problem))
 
@@ -419,7 +421,7 @@ class PlcLink:
         else:
             self.state = LinkState.UP
             self.identity = ack
-            self.problem = ""
+            self.problem = self._refusal = ""
             self._last_rx_seq = frame.seq
             self._telemetry_at = self._next_ping = self._next_stats = now
             minor = "" if ack.minor == MINOR else f", minor {min(ack.minor, MINOR)} is used"
@@ -434,7 +436,7 @@ class PlcLink:
 
     def _refuse(self, problem: str, now: float) -> None:
         self.state = LinkState.REFUSED
-        self.problem = problem
+        self.problem = self._refusal = problem
         self._refused_at = now
         self._frames.clear()
         self._events.append(LinkEvent(LinkEventKind.REFUSED, problem))

@@ -55,7 +55,7 @@ def simulated_session(
     # imported here: without ROS the rest of the command line works
     from tricycle_bringup.operator_node import Operator
 
-    domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 200))
+    domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
     env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
     os.environ.update(env)
     ports = {
