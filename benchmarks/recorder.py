@@ -172,7 +172,7 @@ def publish_to(
 
 
 def bench_node(directory: Path, seconds: float) -> None:
-    env = ros_environment(domain=os.getpid() % 200 + 1, log_dir=directory / "log")
+    env = ros_environment(domain=os.getpid() % 100 + 1, log_dir=directory / "log")
     for kind, rate, size in (("odom", 10_000, 720e-6), ("image", 1000, 1.0)):
         bag = directory / "bag"
         recorder = [executable("trajectory_recorder"), "--ros-args"]

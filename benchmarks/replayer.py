@@ -56,7 +56,7 @@ def main() -> None:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as directory:
         stamps = make_bag(Path(directory, "bag"), args.seconds)
-        env = ros_environment(domain=os.getpid() % 200 + 1, log_dir=Path(directory, "log"))
+        env = ros_environment(domain=os.getpid() % 100 + 1, log_dir=Path(directory, "log"))
         os.environ.update(env)
         rclpy.init()
         node = rclpy.create_node("observer")
