@@ -2,6 +2,10 @@
 
 Configure opens both ports and shakes hands (and keeps trying), activate forwards commands,
 deactivate stops safely, cleanup closes the ports.
+
+What the ports say is handled and published in their I/O thread: waking the executor for it would
+cost several times as much. One lock keeps the bridge to one thread at a time. On simulated time the
+executor does it all: the /clock tick comes before what the ports said at it.
 """
 
 from __future__ import annotations
@@ -9,6 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
+import threading
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -65,6 +70,7 @@ class BridgeNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("tricycle_bridge")
         self._declare_parameters()
+        self._lock = threading.RLock()  # of the bridge and what is known of it
         self._bridge: Bridge | None = None
         self._ports: SerialPorts | None = None
         self._arm_when_ready = False
@@ -89,9 +95,11 @@ class BridgeNode(LifecycleNode):
         waiting = ReentrantCallbackGroup()
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
-        self._serial_ready = self.create_guard_condition(self._step)
+        simulated = self.get_parameter("use_sim_time").value
+        woken = self.create_guard_condition(self._step)
+        self._on_serial = woken.trigger if simulated else self._step
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may tick much too fast for this
-        self.create_timer(POLL_PERIOD, self._step, clock=steady)
+        self.create_timer(POLL_PERIOD, self._on_timer, clock=steady)
 
         if self.get_parameter("autostart").value:
             if problem := self._port_problem():
@@ -163,7 +171,7 @@ class BridgeNode(LifecycleNode):
         )
         self._bridge = Bridge(self._settings(), rng=random.SystemRandom(), boot_wait=boot_wait)
         self._ports = SerialPorts(
-            {Board.STEER: steer, Board.DRIVE: drive}, self._serial_ready.trigger, baud=baud
+            {Board.STEER: steer, Board.DRIVE: drive}, self._on_serial, baud=baud
         )
         return TransitionCallbackReturn.SUCCESS
 
@@ -183,9 +191,10 @@ class BridgeNode(LifecycleNode):
         """Let the vehicle come to rest and forward nothing any more."""
         self._arm_when_ready = False
         if self._bridge is not None:
-            self._bridge.active = False
-            self._bridge.stop("the bridge was deactivated")
-            self._step()
+            with self._lock:
+                self._bridge.active = False
+                self._bridge.stop("the bridge was deactivated")
+                self._step()
         return super().on_deactivate(state)
 
     def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
@@ -205,10 +214,11 @@ class BridgeNode(LifecycleNode):
 
     def _close(self) -> None:
         if self._bridge is not None:
-            self._bridge.stop("the bridge ends")
-            self._step()
+            with self._lock:
+                self._bridge.stop("the bridge ends")
+                self._step()
         if self._ports is not None:
-            self._ports.close()
+            self._ports.close()  # waits for its thread, which may wait for the lock
         self._ports = self._bridge = None
 
     # ---- the loop: after serial data, after a command, and every 50 ms ----
@@ -216,28 +226,34 @@ class BridgeNode(LifecycleNode):
     def _now(self) -> float:
         return float(self.get_clock().now().nanoseconds * 1e-9)
 
+    def _on_timer(self) -> None:
+        if self._ports is not None and not self._ports.alive:
+            raise RuntimeError("the thread of the serial ports died")
+        self._step()
+
     def _step(self) -> None:
-        bridge, ports = self._bridge, self._ports
-        if bridge is None or ports is None:
-            return
-        now = self._now()
-        if now < self._last_now:
-            bridge.restart_links(now, "the clock jumped back")
-            self._reported_at = -math.inf
-        self._last_now = now
-        for event in ports.take_events():
-            match event:
-                case Received():
-                    bridge.receive(event.board, event.data, now)
-                case Opened():
-                    bridge.opened(event.board, now)
-                case Closed():
-                    bridge.closed(event.board, event.reason)
-        bridge.poll(now)
-        if self._arm_when_ready and not bridge.refusal(now):
-            self._arm_when_ready = False
-            bridge.arm(now, lambda _, text: self.get_logger().info(text))
-        self._flush(bridge, ports, now)
+        with self._lock:
+            bridge, ports = self._bridge, self._ports
+            if bridge is None or ports is None:
+                return
+            now = self._now()
+            if now < self._last_now:
+                bridge.restart_links(now, "the clock jumped back")
+                self._reported_at = -math.inf
+            self._last_now = now
+            for event in ports.take_events():
+                match event:
+                    case Received():
+                        bridge.receive(event.board, event.data, now)
+                    case Opened():
+                        bridge.opened(event.board, now)
+                    case Closed():
+                        bridge.closed(event.board, event.reason)
+            bridge.poll(now)
+            if self._arm_when_ready and not bridge.refusal(now):
+                self._arm_when_ready = False
+                bridge.arm(now, lambda _, text: self.get_logger().info(text))
+            self._flush(bridge, ports, now)
 
     def _flush(self, bridge: Bridge, ports: SerialPorts, now: float) -> None:
         for board, frames in bridge.take_frames().items():
@@ -314,23 +330,24 @@ class BridgeNode(LifecycleNode):
         self._command(self._twist_angle, speed, message.header.stamp, Source.CMD_VEL)
 
     def _command(self, angle: float, speed: float, stamp: Time, source: Source) -> None:
-        if self._bridge is None or not self._bridge.active:
+        bridge, ports = self._bridge, self._ports
+        if bridge is None or ports is None or not bridge.active:
             return
-        self._step()  # the echo must be of the newest telemetry
         try:
             setpoint = Setpoint(angle, speed)
         except LinkError as error:
             self._refuse(f"{source.value}: {error}")
             return
-        wanted = stamp.sec + stamp.nanosec * 1e-9
-        now = self._now()
-        if now < wanted < now + INPUT_AGE:
-            now = wanted  # the /clock tick that the message was made at is still on its way
-        refusal = self._bridge.set_command(setpoint, stamp=wanted, now=now, source=source)
+        with self._lock:
+            self._step()  # the echo must be of the newest telemetry
+            wanted = stamp.sec + stamp.nanosec * 1e-9
+            now = self._now()
+            if now < wanted < now + INPUT_AGE:
+                now = wanted  # the /clock tick that the message was made at is still on its way
+            refusal = bridge.set_command(setpoint, stamp=wanted, now=now, source=source)
+            self._flush(bridge, ports, now)
         if refusal:
             self._log_throttled(refusal)
-        elif self._ports is not None:
-            self._flush(self._bridge, self._ports, now)
 
     def _refuse(self, reason: str) -> None:
         if self._bridge is not None:
@@ -351,12 +368,14 @@ class BridgeNode(LifecycleNode):
             response.success, response.message = False, "not armed: the bridge is not configured"
         elif request.data:
             outcome: Future = Future(executor=self.executor)
-            bridge.arm(self._now(), lambda *result: outcome.set_result(result))
-            self._step()
+            with self._lock:
+                bridge.arm(self._now(), lambda *result: outcome.set_result(result))
+                self._step()
             response.success, response.message = await outcome
         else:
-            response.success, response.message = True, bridge.disarm(self._now())
-            self._step()
+            with self._lock:
+                response.success, response.message = True, bridge.disarm(self._now())
+                self._step()
         return response
 
     def _on_emergency_stop(
@@ -366,9 +385,10 @@ class BridgeNode(LifecycleNode):
         if self._bridge is None:
             response.success, response.message = False, "the bridge is not configured"
         else:
-            response.message = self._bridge.emergency_stop(self._now())
-            response.success = all(link.up for link in self._bridge.links.values())
-            self._step()
+            with self._lock:
+                response.message = self._bridge.emergency_stop(self._now())
+                response.success = all(link.up for link in self._bridge.links.values())
+                self._step()
         return response
 
 

@@ -76,7 +76,8 @@ class SerialPorts:
     paths
         Serial device of each board.
     notify
-        Called from the I/O thread when `take_events` has something new; must not block.
+        Called from the I/O thread when `take_events` has something new; it may call everything but
+        `close`.
     baud
         Bits per second.
     """
@@ -101,6 +102,11 @@ class SerialPorts:
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="serial ports", daemon=True)
         self._thread.start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether the I/O thread runs; what `notify` raises ends it."""
+        return self._thread.is_alive()
 
     def take_events(self) -> list[PortEvent]:
         """Return what happened since the last call, oldest first."""

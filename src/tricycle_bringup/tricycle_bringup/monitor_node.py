@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 
 from excitation_planner.playback import JOINTS
 from tricycle_bringup.dashboard import Dashboard, Joints, Level, Motion, Status
+from tricycle_bringup.processes import interrupts_held
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -67,7 +68,8 @@ class Monitor:
         """Take what comes for `duration` seconds of wall time."""
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
+            with interrupts_held():
+                self._executor.spin_once(timeout_sec=left)
 
     def _hear(self) -> float:
         self.dashboard.heard = time.monotonic()

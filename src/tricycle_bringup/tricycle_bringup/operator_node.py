@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher_node import PlanPublisher
 from excitation_planner.playback import PlaybackState
-from tricycle_bringup.processes import NodeError
+from tricycle_bringup.processes import NodeError, interrupts_held
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
@@ -185,7 +185,8 @@ class Operator:
             self._check()
             if time.monotonic() > deadline:
                 raise NodeError(f"waited {SERVICE_TIMEOUT:.0f} s for {what}")
-            self._executor.spin_once(timeout_sec=0.05)
+            with interrupts_held():
+                self._executor.spin_once(timeout_sec=0.05)
 
 
 def ask(client: Client, request: Any, wait: Callable[[Callable[[], bool]], None]) -> Any:

@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
 from types import TracebackType
@@ -59,6 +60,29 @@ def executable(name: str) -> str:
     if found is None:
         raise NodeError(f"{name}: not installed; run `make setup`, or source the workspace")
     return found
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Let SIGINT and SIGTERM end what is inside only after it: rclpy may lose a KeyboardInterrupt.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        At the end, if one of the signals came.
+    """
+    came: list[int] = []
+    previous = {
+        number: signal.signal(number, lambda number, _: came.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+    if came:
+        raise KeyboardInterrupt
 
 
 class NodeProcesses:
