@@ -85,10 +85,11 @@ class Problem:
         ]
         self.floors = self._floors()
         self.noise = {sensor: NoiseLevel(white) for sensor, white in self._white_levels().items()}
-        self._weights: list[dict[Sensor, Array]] = [
-            {sensor: np.ones(len(s.time)) for sensor, s in model.drive.signals.items()}
+        self._runs = [
+            {sensor: _run_weights(s.values) for sensor, s in model.drive.signals.items()}
             for model in models
         ]
+        self._weights = [dict(runs) for runs in self._runs]
         self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
 
     def _floors(self) -> dict[Sensor, float]:
@@ -235,28 +236,29 @@ class Problem:
         self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
 
     def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
-        """Set the samples' weights: less where stamps matter, and those of the robust loss."""
+        """Set the samples' weights: less where roundings or stamps err alike, and by the loss."""
         for drive, (found, weights) in enumerate(zip(predictions, self._weights, strict=True)):
             for p in found:
-                weights[p.sensor] = self._stamp_weights(drive, p)
+                weights[p.sensor] = self._sample_weights(drive, p)
                 if self._robust:
                     size = np.maximum(self._innovations(drive, p), 1e-12)
                     weights[p.sensor] = weights[p.sensor] * np.minimum(1.0, OUTLYING / size) ** 2
 
-    def _stamp_weights(self, drive: int, p: Prediction) -> Array:
-        """Weights (m,) of samples whose stamps jitter."""
+    def _sample_weights(self, drive: int, p: Prediction) -> Array:
+        """Weights (m,) of samples that are rounded and whose stamps jitter."""
+        runs = self._runs[drive][p.sensor]
         jitter = self.models[drive].drive.signals[p.sensor].jitter
         if jitter == 0.0:
-            return np.ones(len(p.time))
+            return runs
         slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
         alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
         error = slope * jitter / self.noise[p.sensor].white
-        weights: Array = 1.0 / (1.0 + alike * error**2)
+        weights: Array = runs / (1.0 + alike * error**2)
         return weights
 
     def _innovations(self, drive: int, p: Prediction) -> Array:
         """Largest innovation (m,) of each sample, in standard deviations."""
-        weights = self._stamp_weights(drive, p)
+        weights = self._sample_weights(drive, p)
         innovations, _ = whiten(p.residual, p.time, self.noise[p.sensor], weights)
         size: Array = np.abs(innovations).max(axis=1)
         return size
@@ -276,6 +278,17 @@ class Problem:
     def close(self) -> None:
         """End the threads."""
         self._pool.shutdown()
+
+
+def _run_weights(values: Array) -> Array:
+    """Weights (m,) of readings (m, c): a run of equal ones has one rounding error, so counts once.
+
+    Where a slow signal hides in one step of the sensor, its many equal readings would else say with
+    confidence that it does not move.
+    """
+    runs = np.append(0, np.cumsum(np.any(np.diff(values, axis=0) != 0.0, axis=1)))
+    weights: Array = 1.0 / np.bincount(runs)[runs]
+    return weights
 
 
 def _columns(p: Prediction, channel: int) -> Array:
