@@ -9,16 +9,17 @@ from parameter_identification.measured_drive import SensorNoise
 from parameter_identification.noise_model import (
     NoiseLevel,
     Residuals,
+    Samples,
     restricted_noise,
     white_level,
     whiten,
 )
 
 
-def dense_covariance(time, noise, weights):
+def dense_covariance(time, noise, samples):
     lag = np.abs(np.subtract.outer(time, time))
     drift = noise.drift**2 * np.exp(-lag / noise.drift_time)
-    return drift + np.diag(noise.white**2 / weights)
+    return drift + np.diag(noise.white**2 / samples.weights + samples.stamps)
 
 
 @settings(max_examples=30)
@@ -31,11 +32,11 @@ def dense_covariance(time, noise, weights):
 def test_whitening_is_the_inverse_root_of_the_covariance(seed, white, drift, drift_time):
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.01, 1.0, 30))
-    weights = rng.uniform(0.1, 1.0, 30)
+    samples = Samples(rng.uniform(0.1, 1.0, 30), rng.uniform(0.0, 1e-4, 30))
     columns = rng.standard_normal((30, 3))
     noise = NoiseLevel(white, drift, drift_time)
-    V = dense_covariance(time, noise, weights)
-    whitened, log_determinant = whiten(columns, time, noise, weights)
+    V = dense_covariance(time, noise, samples)
+    whitened, log_determinant = whiten(columns, time, noise, samples)
     np.testing.assert_allclose(
         whitened.T @ whitened, columns.T @ np.linalg.solve(V, columns), rtol=1e-7, atol=1e-9
     )
@@ -56,7 +57,7 @@ def estimated(white, drift, drift_time, rng, m=800):
     time = 0.05 * np.arange(m)
     line = np.column_stack([np.ones(m), time - time.mean()])
     columns = np.column_stack([line, noise])
-    channel = Residuals(time, columns, np.arange(3), np.ones(m))
+    channel = Residuals(time, columns, np.arange(3), Samples.alike(m))
     others = np.diag([1e-9, 1e-9, 0.0])
     return restricted_noise(
         [channel], others, NoiseLevel(white_level(time, noise[:, None])), floor=1e-6

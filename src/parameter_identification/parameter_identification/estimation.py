@@ -24,6 +24,7 @@ from parameter_identification.measured_drive import Sensor
 from parameter_identification.noise_model import (
     NoiseLevel,
     Residuals,
+    Samples,
     restricted_noise,
     white_level,
     whiten,
@@ -85,11 +86,13 @@ class Problem:
         ]
         self.floors = self._floors()
         self.noise = {sensor: NoiseLevel(white) for sensor, white in self._white_levels().items()}
-        self._runs = [
-            {sensor: _run_weights(s.values) for sensor, s in model.drive.signals.items()}
+        self._samples = [
+            {
+                sensor: Samples(_run_weights(s.values), np.zeros(len(s.time)))
+                for sensor, s in model.drive.signals.items()
+            }
             for model in models
         ]
-        self._weights = [dict(runs) for runs in self._runs]
         self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
 
     def _floors(self) -> dict[Sensor, float]:
@@ -121,10 +124,10 @@ class Problem:
     def gram(self, v: Array) -> Array:
         """[J r]ᵀ[J r], whitened and with the priors, (n + 1, n + 1)."""
         total = self._prior_gram(v)
-        for predictions, weights, at in zip(
-            self.predictions(v), self._weights, self._at, strict=True
+        for predictions, samples, at in zip(
+            self.predictions(v), self._samples, self._at, strict=True
         ):
-            total += self._signals_gram(predictions, weights, at, self.noise)
+            total += self._signals_gram(predictions, samples, at, self.noise)
         return total
 
     def _prior_gram(self, v: Array) -> Array:
@@ -142,7 +145,7 @@ class Problem:
     def _signals_gram(
         self,
         predictions: Sequence[Prediction],
-        weights: dict[Sensor, Array],
+        samples: dict[Sensor, Samples],
         at: NDArray[np.int64],
         noise: dict[Sensor, NoiseLevel],
     ) -> Array:
@@ -152,7 +155,7 @@ class Problem:
             if p.sensor in noise:
                 for channel in range(p.residual.shape[1]):
                     columns, _ = whiten(
-                        _columns(p, channel), p.time, noise[p.sensor], weights[p.sensor]
+                        _columns(p, channel), p.time, noise[p.sensor], samples[p.sensor]
                     )
                     gram[np.ix_(place, place)] += columns.T @ columns
         return gram
@@ -207,14 +210,14 @@ class Problem:
         return Fit(at, float(gram[-1, -1]))
 
     def estimate_noise(self, v: Array) -> None:
-        """Set the noise of each sensor, and the weights of the robust loss, from the residuals."""
+        """Set what the samples are worth and the noise of each sensor from the residuals."""
         predictions = self.predictions(v)
         self._weigh(predictions)
         grams = {
             sensor: sum(
                 (
-                    self._signals_gram(p, w, at, {sensor: level})
-                    for p, w, at in zip(predictions, self._weights, self._at, strict=True)
+                    self._signals_gram(p, s, at, {sensor: level})
+                    for p, s, at in zip(predictions, self._samples, self._at, strict=True)
                 ),
                 np.zeros((self.n + 1, self.n + 1)),
             )
@@ -224,8 +227,8 @@ class Problem:
 
         def estimate(sensor: Sensor) -> NoiseLevel:
             channels = [
-                Residuals(p.time, _columns(p, channel), np.append(at, self.n), w[sensor])
-                for found, w, at in zip(predictions, self._weights, self._at, strict=True)
+                Residuals(p.time, _columns(p, channel), np.append(at, self.n), s[sensor])
+                for found, s, at in zip(predictions, self._samples, self._at, strict=True)
                 for p in found
                 if p.sensor is sensor
                 for channel in range(p.residual.shape[1])
@@ -236,30 +239,25 @@ class Problem:
         self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
 
     def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
-        """Set the samples' weights: less where roundings or stamps err alike, and by the loss."""
-        for drive, (found, weights) in enumerate(zip(predictions, self._weights, strict=True)):
+        """Set what the samples are worth: less where stamps matter, and by the robust loss."""
+        for drive, (found, samples) in enumerate(zip(predictions, self._samples, strict=True)):
             for p in found:
-                weights[p.sensor] = self._sample_weights(drive, p)
+                worth = samples[p.sensor] = self._worth(drive, p)
                 if self._robust:
-                    size = np.maximum(self._innovations(drive, p), 1e-12)
-                    weights[p.sensor] = weights[p.sensor] * np.minimum(1.0, OUTLYING / size) ** 2
+                    excess = np.maximum(1.0, self._innovations(drive, p) / OUTLYING) ** 2
+                    samples[p.sensor] = Samples(worth.weights / excess, worth.stamps * excess)
 
-    def _sample_weights(self, drive: int, p: Prediction) -> Array:
-        """Weights (m,) of samples that are rounded and whose stamps jitter."""
-        runs = self._runs[drive][p.sensor]
-        jitter = self.models[drive].drive.signals[p.sensor].jitter
-        if jitter == 0.0:
-            return runs
+    def _worth(self, drive: int, p: Prediction) -> Samples:
+        """What samples are worth that are rounded and whose stamps jitter."""
+        signal = self.models[drive].drive.signals[p.sensor]
         slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
         alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
-        error = slope * jitter / self.noise[p.sensor].white
-        weights: Array = runs / (1.0 + alike * error**2)
-        return weights
+        return Samples(_run_weights(signal.values), alike * (slope * signal.jitter) ** 2)
 
     def _innovations(self, drive: int, p: Prediction) -> Array:
         """Largest innovation (m,) of each sample, in standard deviations."""
-        weights = self._sample_weights(drive, p)
-        innovations, _ = whiten(p.residual, p.time, self.noise[p.sensor], weights)
+        worth, noise = self._worth(drive, p), self.noise[p.sensor]
+        innovations, _ = whiten(p.residual, p.time, noise, worth)
         size: Array = np.abs(innovations).max(axis=1)
         return size
 
@@ -272,8 +270,11 @@ class Problem:
         )
 
     def weights(self, drive: int) -> dict[Sensor, Array]:
-        """Weights (m,) of the samples of a drive, by sensor."""
-        return self._weights[drive]
+        """Share (m,) of the noise's information that each sample of a drive has, by sensor."""
+        return {
+            sensor: 1.0 / (1.0 / s.weights + s.stamps / self.noise[sensor].white ** 2)
+            for sensor, s in self._samples[drive].items()
+        }
 
     def close(self) -> None:
         """End the threads."""

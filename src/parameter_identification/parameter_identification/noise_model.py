@@ -43,6 +43,7 @@ def _whiten(
     columns: Array,
     time: Array,
     weights: Array,
+    stamps: Array,
     white: float,
     drift: float,
     drift_time: float,
@@ -59,7 +60,7 @@ def _whiten(
             variance = a * a * variance + (1.0 - a * a) * drift * drift
             for j in range(c):
                 state[j] *= a
-        total = variance + white * white / weights[k]
+        total = variance + white * white / weights[k] + stamps[k]
         gain = variance / total
         scale = 1.0 / math.sqrt(total)
         log_determinant += math.log(total)
@@ -72,7 +73,7 @@ def _whiten(
 
 
 def whiten(
-    columns: Array, time: Array, noise: NoiseLevel, weights: Array | None = None
+    columns: Array, time: Array, noise: NoiseLevel, samples: "Samples | None" = None
 ) -> tuple[Array, float]:
     """Make the noise of columns white and of unit variance.
 
@@ -80,7 +81,7 @@ def whiten(
     ----------
     columns : (m, c), each with noise of that covariance, or a derivative of such a column
     time : (m,) s, increasing
-    weights : (m,) of the samples; the white variance is divided by them. Default 1
+    samples : where they are not all alike
 
     Returns
     -------
@@ -88,17 +89,37 @@ def whiten(
     log_determinant : of the covariance
     """
     out = np.empty(columns.shape)
-    weights = np.ones(len(time)) if weights is None else weights
+    samples = samples or Samples.alike(len(time))
     log_determinant = _whiten(
         np.ascontiguousarray(columns),
         time,
-        weights,
+        samples.weights,
+        samples.stamps,
         noise.white,
         noise.drift,
         noise.drift_time,
         out,
     )
     return out, float(log_determinant)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """What the samples of a signal are worth.
+
+    Attributes
+    ----------
+    weights : (m,) the white variance is divided by them
+    stamps : (m,) variance that their stamps' errors add, in the sensor's unit squared
+    """
+
+    weights: Array
+    stamps: Array
+
+    @classmethod
+    def alike(cls, m: int) -> "Samples":
+        """So many samples of weight 1 with exact stamps."""
+        return cls(np.ones(m), np.zeros(m))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +131,13 @@ class Residuals:
     time : (m,) s
     columns : (m, c + 1) Jacobian by the variables `at`, then the residual
     at : (c,) place of the variables among all
-    weights : (m,) of the samples
+    samples : what they are worth
     """
 
     time: Array
     columns: Array
     at: NDArray[np.int64]
-    weights: Array
+    samples: Samples
 
 
 def white_level(time: Array, values: Array) -> float:
@@ -158,7 +179,7 @@ def restricted_noise(
         noise = NoiseLevel(white, drift, drift_time)
         gram, log_determinant = others.copy(), 0.0
         for channel in channels:
-            whitened, part = whiten(channel.columns, channel.time, noise, channel.weights)
+            whitened, part = whiten(channel.columns, channel.time, noise, channel.samples)
             log_determinant += part
             gram[np.ix_(channel.at, channel.at)] += whitened.T @ whitened
         information, gradient = gram[:-1, :-1], gram[:-1, -1]
