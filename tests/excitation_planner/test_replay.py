@@ -45,7 +45,8 @@ def test_the_nominal_vehicle_has_no_error(run):
 
 def test_the_reference_starts_at_the_origin(run):
     reference = run.reference
-    assert [reference.time[0], reference.x[0], reference.y[0], reference.yaw[0]] == [0, 0, 0, 0]
+    start = [reference.time[0], reference.x[0], reference.y[0], reference.yaw[0]]
+    assert start == pytest.approx([0.0] * 4, abs=1e-15)
 
 
 def test_the_simulator_is_picklable_and_repeatable():

@@ -93,7 +93,8 @@ def test_rest_reads_gravity_and_nothing_else():
     state = LiveVehicle(VEHICLE).state
     assert state.loads == pytest.approx(VEHICLE.static_loads(), abs=0.2)
     assert np.linalg.norm(state.specific_force) == pytest.approx(9.81, abs=1e-3)
-    assert (state.x, state.y, state.yaw, state.vx, state.motor_torque) == (0.0,) * 5
+    zero = pytest.approx((0.0,) * 5, abs=1e-15)
+    assert (state.x, state.y, state.yaw, state.vx, state.motor_torque) == zero
 
 
 def test_off_means_no_torque_and_a_held_steering_angle():

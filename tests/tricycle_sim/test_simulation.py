@@ -33,7 +33,7 @@ def test_starts_at_rest_at_the_origin_and_stays_there_without_commands():
     assert list(columns)[:4] == ["time", "x", "y", "z"]
     for name in ("x", "y", "yaw", "vx", "vy", "yaw_rate"):
         assert columns[name].shape == (1, 501)
-        assert columns[name][0, 0] == 0.0
+        assert columns[name][0, 0] == pytest.approx(0.0, abs=1e-15)
         assert np.abs(columns[name]).max() < 1e-4
     assert np.ptp(columns["z"]) < 1e-6
 
