@@ -34,7 +34,7 @@ from parameter_identification.whiteness import resolution
 
 Array = NDArray[np.float64]
 
-CANDIDATES = 64  # points of the Sobol' sequence that are looked at for starts
+CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: as many samples tell of them no more than one
 OUTLYING = 3.0  # standard deviations from which samples lose weight under the robust loss
 MAX_STEPS = 50

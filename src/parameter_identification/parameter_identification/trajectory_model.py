@@ -254,24 +254,40 @@ class DriveModel:
     def misfits(self, Z: Array, white: dict[Sensor, float]) -> Array:
         """Rough misfit (n,) of parameters in ranges (n, k), for the choice of starts.
 
-        Squared residuals over the white noise at the priors' means, after the best shift of each
-        channel.
+        Squared residuals of some samples over the white noise, with the nuisances that fit best: a
+        wrong start heading would else hide the right parameters.
         """
         motion = self._motion(self.parameters(Z))
-        heading = self.nuisances[self._at["start heading"]].mean
-        c, s = math.cos(heading), math.sin(heading)
-        turned = dataclasses.replace(
-            motion, x=c * motion.x - s * motion.y, y=s * motion.x + c * motion.y
-        )
-        total = np.zeros(len(Z))
-        for sensor, signal in self.drive.signals.items():
-            thin = slice(None, None, max(1, len(signal.time) // 200))
-            for row, measured in zip(turned.channels(sensor), signal.values[thin].T, strict=True):
-                values, _ = _interpolate(row, signal.time[thin], held=False)
-                rest = measured - values
-                rest -= rest.mean(axis=1, keepdims=True)
-                total += np.sum(rest**2, axis=1) / white[sensor] ** 2
-        return total
+        thin = {
+            sensor: Signal(signal.time[::step], signal.values[::step])
+            for sensor, signal in self.drive.signals.items()
+            for step in (max(1, len(signal.time) // 200),)
+        }
+        return np.array([self._misfit(motion, i, thin, white) for i in range(len(Z))])
+
+    def _misfit(
+        self, motion: "_Motions", i: int, signals: dict[Sensor, Signal], white: dict[Sensor, float]
+    ) -> float:
+        k, q = len(self.low), len(self.nuisances)
+        b = np.array([nuisance.mean for nuisance in self.nuisances])
+        gram = np.diag(np.append(np.ones(q), 0.0))  # of nuisances and residual
+        for sensor, signal in signals.items():
+            rates = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
+            values, slopes = zip(
+                *(
+                    _interpolate(row[i : i + 1], signal.time, held=rates)
+                    for row in motion.channels(sensor)
+                ),
+                strict=True,
+            )
+            columns = np.concatenate(values)
+            derivatives = np.zeros((len(columns), k + 1, len(signal.time)))
+            p = self._assemble(sensor, signal, columns, np.array(slopes), derivatives, b)
+            part = np.concatenate([p.jacobian[:, :, k:], p.residual[:, :, np.newaxis]], axis=2)
+            part = part.reshape(-1, q + 1) / white[sensor]
+            gram += part.T @ part
+        reduced = np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
+        return float(gram[-1, -1] - gram[:-1, -1] @ reduced)
 
 
 def _interpolate(rows: Array, time: Array, *, held: bool) -> tuple[Array, Array]:
