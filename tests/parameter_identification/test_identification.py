@@ -21,6 +21,7 @@ from parameter_identification.measured_drive import (
     Sensor,
     SensorNoise,
     Signal,
+    StartPose,
     measure,
 )
 from tricycle_sim.commands import Commands
@@ -161,6 +162,19 @@ def test_a_steering_that_is_two_degrees_off_leaves_residuals_that_are_not_white(
         rng = np.random.default_rng(i)
         drives.append(measure(motion, c, {Sensor.POSITION: SensorNoise(0.01)}, rng=rng))
     assert not identify(drives, VEHICLE).white
+
+
+def test_a_wrong_start_heading_does_not_hide_the_right_basin():
+    truth = LOW + (HIGH - LOW) * np.array([0.98, 0.729, 0.927, 0.968, 0.015, 0.864])
+    start = StartPose(0.0, 0.0, 0.0, 0.02, np.radians(1.0))
+    maneuvers = (planned(Circle(), 2.0, 0.785), planned(DoubleLaneChange(), 8.0, 0.0))
+    drives = [
+        driven(c, truth=truth, seed=i, standstill=1.0, pose=(-0.009, -0.015, 0.004), start=start)
+        for i, c in enumerate(maneuvers)
+    ]
+    found = identify(drives, VEHICLE)
+    assert found.white
+    assert np.abs(shares(found.estimates) - shares(truth))[[0, 1, 3]].max() < 0.1
 
 
 def test_outliers_are_counted_and_held_back_by_the_robust_loss(pair):
