@@ -270,7 +270,7 @@ class Problem:
         )
 
     def weights(self, drive: int) -> dict[Sensor, Array]:
-        """Share (m,) of the noise's information that each sample of a drive has, by sensor."""
+        """What each sample (m,) of a drive counts beside a full one, by sensor."""
         return {
             sensor: 1.0 / (1.0 / s.weights + s.stamps / self.noise[sensor].white ** 2)
             for sensor, s in self._samples[drive].items()
