@@ -71,6 +71,10 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "tricycle_sim.setpoints",
         "return setpoint + reach if target > setpoint else setpoint - reach",
     ): "they are not equal there",
+    (
+        "tricycle_sim.setpoints",
+        "if behind > rate * TICK * (1.0 + 1e-6):",
+    ): "no lag is that margin to the last bit",
 }
 
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {

@@ -10,10 +10,12 @@ from tricycle_bridge.messages import (
     MAJOR,
     MAX_PAYLOAD,
     Board,
+    Control,
     DriveState,
     LinkError,
     Ping,
     SteerCommand,
+    echo_of,
     layout,
 )
 
@@ -78,3 +80,27 @@ def test_the_one_value_that_does_not_fit_is_named(name, end):
     values[name] += 1 if end == "high" else -1
     with pytest.raises(LinkError, match=rf"SteerCommand.{name} = .* does not fit"):
         SteerCommand(**values).payload()
+
+
+@pytest.mark.parametrize(
+    ("op", "arg", "inverted_op", "guard", "right"),
+    [
+        (1, 0, 0xFE, 0xA5, True),
+        (4, 0, 0xFB, 0xA5, True),
+        (1, 1, 0xFE, 0xA5, False),
+        (1, 0, 0xFF, 0xA5, False),
+        (1, 0, 0xFE, 0xA4, False),
+        (1, 1, 0xFF, 0xA4, False),
+    ],
+)
+def test_an_operation_is_guarded_by_each_of_its_bytes(op, arg, inverted_op, guard, right):
+    assert Control(op, arg, inverted_op, guard).guarded is right
+    assert Control.of(op).guarded
+
+
+@pytest.mark.parametrize(
+    ("t", "echo"),
+    [(0, 0), (1023, 0), (1024, 1), (5_000_000, 4882), (1 << 26, 0), (0xFFFFFFFF, 0xFFFF)],
+)
+def test_an_echo_counts_units_of_1024_us_and_wraps(t, echo):
+    assert echo_of(t) == echo

@@ -196,9 +196,18 @@ def test_arming_needs_five_fresh_enabled_commands_in_a_row(bench):
     bench.drive(1)
     bench.tick(21)  # the newest is older than 200 ms
     assert bench.control(Op.ARM) is Result.PRECONDITIONS
-    bench.drive(5)
+    bench.drive(4)  # the row began anew
+    assert bench.control(Op.ARM) is Result.PRECONDITIONS
+    bench.drive(1)
     assert bench.control(Op.ARM) is Result.OK
     assert bench.control(Op.ARM) is Result.OK  # already satisfied
+
+
+@pytest.mark.parametrize(("age", "result"), [(200_000, Result.OK), (200_001, Result.PRECONDITIONS)])
+def test_the_newest_command_may_be_200_ms_old_for_arming(bench, age, result):
+    bench.drive(5)  # the last command came a tick ago
+    bench.now += age - 10_000
+    assert bench.control(Op.ARM) is result
 
 
 def test_the_drive_arms_only_at_commanded_speed_zero(make_plc):
@@ -253,7 +262,7 @@ def test_the_watchdog_trips_after_200_to_210_ms(armed, phase):
         armed.tick()
     trip = State.ARMED << 4 | State.STOPPING
     (event,) = [e for e in armed.received if isinstance(e, m.Event) and e.states == trip]
-    assert 200_000 <= event.t - since <= 210_000
+    assert 200_000 <= event.t - since < 210_000
     assert event.faults == Fault.CMD_TIMEOUT
     assert armed.stats().watchdog_trips == 1
 
@@ -375,6 +384,9 @@ def test_commands_outside_the_limits_are_limited_and_reported_while_it_lasts(ste
     assert steer.state.flags & m.StateFlag.LIMITED
     steer.drive(1, 0.5)
     assert steer.state.faults == 0
+    for angle, rate, flag in ((3.0, 1.0, True), (0.5, 60.0, True), (0.5, 1.0, False)):
+        steer.drive(1, angle, limit=rate)
+        assert bool(steer.state.flags & m.StateFlag.LIMITED) is flag
 
 
 def test_drive_commands_are_limited_never_wrapped(drive):
@@ -386,6 +398,9 @@ def test_drive_commands_are_limited_never_wrapped(drive):
     assert drive.output.brake == 1.0
     drive.drive(300, 0.0)
     assert drive.output.setpoint == 0.0
+    for speed, limit, flag in ((32.0, 1.0, True), (0.5, 65.0, True), (0.5, 1.0, False)):
+        drive.drive(1, speed, limit=limit)
+        assert bool(drive.state.flags & m.StateFlag.LIMITED) is flag
 
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
