@@ -1,6 +1,7 @@
 """Child processes and signals."""
 
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -21,3 +22,12 @@ def test_an_interrupt_waits_for_what_is_under_way(number):
         interrupted()
     assert steps == ["done"]
     assert signal.getsignal(number) is before
+
+
+def test_another_thread_is_never_interrupted():
+    def step():
+        with interrupts_held():
+            return "done"
+
+    with ThreadPoolExecutor() as pool:
+        assert pool.submit(step).result() == "done"

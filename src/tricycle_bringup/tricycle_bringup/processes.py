@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -71,6 +72,9 @@ def interrupts_held() -> Iterator[None]:
     KeyboardInterrupt
         At the end, if one of the signals came.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python raises interrupts in the main thread only
+        return
     came: list[int] = []
     previous = {
         number: signal.signal(number, lambda number, _: came.append(number))
