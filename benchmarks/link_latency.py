@@ -25,7 +25,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
 from tricycle_bridge.messages import TICK, SteerCommand
-from tricycle_bringup.processes import ros_environment
+from tricycle_bringup.processes import own_domain, ros_environment
 from tricycle_sim.plc_pair import PlcPair
 
 
@@ -33,7 +33,7 @@ class Rig:
     """The bridge as a process between a commander node and a pair of emulated PLCs."""
 
     def __init__(self, folder: Path) -> None:
-        env = ros_environment(domain=200 + os.getpid() % 30, log_dir=folder / "log")
+        env = ros_environment(domain=own_domain(), log_dir=folder / "log")
         os.environ.update(env)
         self.pair = PlcPair(folder / "steer", folder / "drive")
         self._env = env

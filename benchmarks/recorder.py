@@ -31,7 +31,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from trajectory_recorder.bag_reader import BagReader
 from trajectory_recorder.bag_writer import BagWriter, Compression
 from trajectory_recorder.topics import Topic, jazzy
-from tricycle_bringup.processes import executable, ros_environment
+from tricycle_bringup.processes import executable, own_domain, ros_environment
 
 ODOMETRY = Topic.of_type("/odom", "nav_msgs/msg/Odometry")
 
@@ -172,7 +172,7 @@ def publish_to(
 
 
 def bench_node(directory: Path, seconds: float) -> None:
-    env = ros_environment(domain=os.getpid() % 100 + 1, log_dir=directory / "log")
+    env = ros_environment(domain=own_domain(), log_dir=directory / "log")
     for kind, rate, size in (("odom", 10_000, 720e-6), ("image", 1000, 1.0)):
         bag = directory / "bag"
         recorder = [executable("trajectory_recorder"), "--ros-args"]

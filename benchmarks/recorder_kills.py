@@ -14,7 +14,6 @@ killed at once, it loses more.
 """
 
 import argparse
-import os
 import random
 import struct
 import subprocess
@@ -22,6 +21,8 @@ import sys
 import tempfile
 import textwrap
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from mcap.exceptions import McapError
@@ -30,7 +31,7 @@ from rosbags.rosbag2 import Reader, ReaderError
 
 from trajectory_recorder.recovery import recover
 from trajectory_recorder.topics import decode
-from tricycle_bringup.processes import executable, ros_environment
+from tricycle_bringup.processes import executable, own_domain, ros_environment
 
 PUBLISHER = textwrap.dedent(
     """
@@ -86,26 +87,31 @@ def found(bag: Path) -> tuple[list[int], bool]:
     return [int(decode("std_msgs/msg/String", data).data.split()[0]) for data in messages], torn
 
 
+@contextmanager
+def publishing(sent: Path, env: dict[str, str]) -> Iterator[Path]:
+    """The file in which a running publisher notes when it sent each message."""
+    with subprocess.Popen([sys.executable, "-c", PUBLISHER, sent], env=env) as publisher:
+        try:
+            yield sent
+        finally:
+            publisher.kill()
+
+
 def series(directory: Path, kills: int, rng: random.Random, *, fresh: bool) -> int:
     """Print what so many kills lost; exit status."""
-    env = ros_environment(domain=os.getpid() % 100 + 1, log_dir=directory / "log")
+    env = ros_environment(domain=own_domain(), log_dir=directory / "log")
+    bags = [directory / f"bag{i}_{fresh}" for i in range(kills)]
     lost, gaps, torn_bags, kept = [], 0, 0, 0
-    publisher = None
-    for i in range(kills):
-        sent, bag = directory / f"sent{i if fresh else ''}", directory / f"bag{i}_{fresh}"
-        if publisher is None:
-            publisher = subprocess.Popen([sys.executable, "-c", PUBLISHER, sent], env=env)
-        killed = record_and_kill(bag, env, rng.uniform(0.0, 1.5))
-        numbers, torn = found(bag)
-        gaps += numbers != list(range(numbers[0], numbers[0] + len(numbers)))
-        (first_lost,) = struct.unpack_from("<d", sent.read_bytes(), 8 * (numbers[-1] + 1))
-        lost.append(max(killed - first_lost, 0.0))
-        torn_bags += torn
-        kept += len(numbers)
-        if fresh or i == kills - 1:
-            publisher.kill()
-            publisher.wait()
-            publisher = None
+    for group in [[bag] for bag in bags] if fresh else [bags]:
+        with publishing(group[0].with_suffix(".sent"), env) as sent:
+            for bag in group:
+                killed = record_and_kill(bag, env, rng.uniform(0.0, 1.5))
+                numbers, torn = found(bag)
+                gaps += numbers != list(range(numbers[0], numbers[0] + len(numbers)))
+                (first_lost,) = struct.unpack_from("<d", sent.read_bytes(), 8 * (numbers[-1] + 1))
+                lost.append(max(killed - first_lost, 0.0))
+                torn_bags += torn
+                kept += len(numbers)
     print(
         f"{kills} kills, {'a publisher each' if fresh else 'one publisher for all'}: "
         f"{sum(lost) / len(lost):.2f} s lost on average, {max(lost):.2f} s at most; {torn_bags} "

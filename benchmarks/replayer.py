@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter
 from trajectory_recorder.topics import Topic
-from tricycle_bringup.processes import executable, ros_environment
+from tricycle_bringup.processes import executable, own_domain, ros_environment
 
 TOPICS = ("/odom", "/imu", "/joint_states", "/joint_commands")
 
@@ -56,7 +56,7 @@ def main() -> None:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as directory:
         stamps = make_bag(Path(directory, "bag"), args.seconds)
-        env = ros_environment(domain=os.getpid() % 100 + 1, log_dir=Path(directory, "log"))
+        env = ros_environment(domain=own_domain(), log_dir=Path(directory, "log"))
         os.environ.update(env)
         rclpy.init()
         node = rclpy.create_node("observer")

@@ -1,7 +1,6 @@
 """Live nodes: a domain of its own per test, discovery that takes milliseconds."""
 
 import itertools
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,8 +17,7 @@ _tests = itertools.count()
 @pytest.fixture
 def ros_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """Environment for processes that run nodes, set in this process too."""
-    # domains above 101 have ports that Linux hands out to anybody
-    domain = 1 + (os.getpid() * 13 + next(_tests)) % 100
+    domain = processes.own_domain(next(_tests))
     env = processes.ros_environment(domain=domain, log_dir=tmp_path / "ros_log")
     for name, value in env.items():
         monkeypatch.setenv(name, value)

@@ -104,6 +104,8 @@ class Operator:
                 lambda: plc_pair.speed > speed - 0.01 or plc_pair.drive.state is PlcState.SAFE,
                 "speed",
             )
+            if plc_pair.speed < speed - 0.01:
+                assert (plc_pair.steer.faults | plc_pair.drive.faults) & Fault.CMD_TIMEOUT
 
     def change_state(self, transition: int) -> bool:
         request = ChangeState.Request(transition=Transition(id=transition))

@@ -68,6 +68,18 @@ class _Motions:
             return (self.heading,)
         return (self.yaw_rate if sensor is Sensor.YAW_RATE else self.wheel_speed,)
 
+    def sensed(self, sensor: Sensor, time: Array) -> tuple[Array, Array]:
+        """What a sensor sees at times (m,): values (c, n, m), slopes (c, m) of the first motion."""
+        held = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
+        seen = [_interpolate(rows, time, held=held) for rows in self.channels(sensor)]
+        values, slopes = zip(*seen, strict=True)
+        return np.array(values), np.array(slopes)
+
+    def one(self, i: int) -> "_Motions":
+        """One of the motions, as n = 1."""
+        rows = (self.x, self.y, self.heading, self.yaw_rate, self.wheel_speed)
+        return _Motions(*(row[i : i + 1] for row in rows))
+
 
 @dataclass(frozen=True)
 class Nuisance:
@@ -195,17 +207,11 @@ class DriveModel:
         differences = np.append(steps, SPEED_STEP / START_SPEED)[:, np.newaxis]
         predictions = []
         for sensor, signal in self.drive.signals.items():
-            rows = motion.channels(sensor)
             delay = b[self._at[CLOCKS[sensor]]]
-            at_rest = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
-            values, slopes = zip(
-                *(_interpolate(row, signal.time - delay, held=at_rest) for row in rows),
-                strict=True,
-            )
-            columns = np.array(values)  # (c, k + 2, m)
+            columns, slopes = motion.sensed(sensor, signal.time - delay)  # (c, k + 2, m), (c, m)
             derivatives = (columns[:, 1:] - columns[:, :1]) / differences
             predictions.append(
-                self._assemble(sensor, signal, columns[:, 0], np.array(slopes), derivatives, b)
+                self._assemble(sensor, signal, columns[:, 0], slopes, derivatives, b)
             )
         return predictions
 
@@ -258,36 +264,30 @@ class DriveModel:
         wrong start heading would else hide the right parameters.
         """
         motion = self._motion(self.parameters(Z))
-        thin = {
-            sensor: Signal(signal.time[::step], signal.values[::step])
-            for sensor, signal in self.drive.signals.items()
-            for step in (max(1, len(signal.time) // 200),)
-        }
-        return np.array([self._misfit(motion, i, thin, white) for i in range(len(Z))])
+        signals = {sensor: _thinned(signal) for sensor, signal in self.drive.signals.items()}
+        return np.array([self._misfit(motion.one(i), signals, white) for i in range(len(Z))])
 
     def _misfit(
-        self, motion: "_Motions", i: int, signals: dict[Sensor, Signal], white: dict[Sensor, float]
+        self, motion: "_Motions", signals: dict[Sensor, Signal], white: dict[Sensor, float]
     ) -> float:
         k, q = len(self.low), len(self.nuisances)
         b = np.array([nuisance.mean for nuisance in self.nuisances])
         gram = np.diag(np.append(np.ones(q), 0.0))  # of nuisances and residual
         for sensor, signal in signals.items():
-            rates = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
-            values, slopes = zip(
-                *(
-                    _interpolate(row[i : i + 1], signal.time, held=rates)
-                    for row in motion.channels(sensor)
-                ),
-                strict=True,
-            )
-            columns = np.concatenate(values)
+            columns, slopes = motion.sensed(sensor, signal.time)
             derivatives = np.zeros((len(columns), k + 1, len(signal.time)))
-            p = self._assemble(sensor, signal, columns, np.array(slopes), derivatives, b)
+            p = self._assemble(sensor, signal, columns[:, 0], slopes, derivatives, b)
             part = np.concatenate([p.jacobian[:, :, k:], p.residual[:, :, np.newaxis]], axis=2)
             part = part.reshape(-1, q + 1) / white[sensor]
             gram += part.T @ part
         reduced = np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
         return float(gram[-1, -1] - gram[:-1, -1] @ reduced)
+
+
+def _thinned(signal: Signal) -> Signal:
+    """Some 200 samples of a signal."""
+    step = max(1, len(signal.time) // 200)
+    return Signal(signal.time[::step], signal.values[::step])
 
 
 def _interpolate(rows: Array, time: Array, *, held: bool) -> tuple[Array, Array]:

@@ -96,8 +96,9 @@ class BridgeNode(LifecycleNode):
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
         simulated = self.get_parameter("use_sim_time").value
-        woken = self.create_guard_condition(self._step)
-        self._on_serial = woken.trigger if simulated else self._step
+        self._on_serial = (
+            self.create_guard_condition(self._step).trigger if simulated else self._step
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may tick much too fast for this
         self.create_timer(POLL_PERIOD, self._on_timer, clock=steady)
 

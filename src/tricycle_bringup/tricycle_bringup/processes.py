@@ -22,6 +22,14 @@ class NodeError(RuntimeError):
     """A node process could not be started, or ended when it should not have."""
 
 
+def own_domain(number: int = 0) -> int:
+    """ROS domain of this process; `number` tells several apart.
+
+    From 1 to 100: above 101 a domain's ports are those that Linux hands out to anybody.
+    """
+    return 1 + (os.getpid() * 13 + number) % 100
+
+
 def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:
     """Environment of node processes on this machine alone.
 

@@ -11,7 +11,7 @@ import numpy as np
 from excitation_planner.plan import Plan
 from trajectory_recorder.bag_reader import BagError
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
-from tricycle_bringup.processes import NodeProcesses, ros_environment
+from tricycle_bringup.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_sim.simulator import draw_truth
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 
@@ -55,7 +55,7 @@ def simulated_session(
     # imported here: without ROS the rest of the command line works
     from tricycle_bringup.operator_node import Operator
 
-    domain = int(os.environ.get("ROS_DOMAIN_ID", 1 + os.getpid() % 100))
+    domain = int(os.environ.get("ROS_DOMAIN_ID", own_domain()))
     env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
     os.environ.update(env)
     ports = {
