@@ -24,6 +24,8 @@ def test_both_ways_are_on_the_same_axes(name, reproduction, tmp_path):
     item = reproduction.item(name, lambda done, total: reports.append((done, total)))
     assert item.name == name
     assert item.comparisons
+    # a circle excites both targets, and Fig. 17 agrees: there is nothing to say of them
+    assert item.findings or name in ("fig14", "fig17")
     assert all(0 <= done <= total for done, total in reports)
     figure = draw(item)
     figure.savefig(tmp_path / "figure.png")
