@@ -19,7 +19,7 @@ from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.messages import Board, Fault, PlcState
-from tricycle_bringup.operator_node import ask
+from tricycle_bringup.operator_node import ServiceCaller
 
 pytestmark = pytest.mark.ros
 
@@ -41,9 +41,7 @@ class Operator:
         node.create_subscription(JointState, "joint_states", self.readings.append, 100)
         node.create_subscription(BatteryState, "battery_state", self.batteries.append, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
-        self.arm_client = node.create_client(SetBool, "tricycle_bridge/arm")
-        self.estop_client = node.create_client(Trigger, "tricycle_bridge/emergency_stop")
-        self.lifecycle_client = node.create_client(ChangeState, "tricycle_bridge/change_state")
+        self.services = ServiceCaller(node, self.wait)
         self.target: tuple[float, float] | None = None  # rad, m/s; None: silent
         self.twist: tuple[float, float] | None = None  # m/s, rad/s
         node.create_timer(0.01, self._stream)
@@ -81,11 +79,11 @@ class Operator:
         self.diagnostics.clear()  # what was said before does not count
         self.wait(lambda: text in self.said().get(f"tricycle_bridge: {part}", ""), text)
 
-    def call(self, client, request):
-        return ask(client, request, lambda done: self.wait(done, "the service"))
+    def call(self, service: str, kind: type, request):
+        return self.services.call(f"tricycle_bridge/{service}", kind, request)
 
     def arm(self, wanted: bool = True):
-        return self.call(self.arm_client, SetBool.Request(data=wanted))
+        return self.call("arm", SetBool, SetBool.Request(data=wanted))
 
     def arm_at_standstill(self) -> None:
         self.target = (0.0, 0.0)
@@ -109,7 +107,7 @@ class Operator:
 
     def change_state(self, transition: int) -> bool:
         request = ChangeState.Request(transition=Transition(id=transition))
-        return self.call(self.lifecycle_client, request).success
+        return self.call("change_state", ChangeState, request).success
 
 
 @pytest.fixture
@@ -192,7 +190,7 @@ def test_refusals_say_why(bridge, operator, plc_pair):
 
 def test_emergency_stop_and_disarm_services(bridge, operator, plc_pair):
     operator.arm_at_standstill()
-    answer = operator.call(operator.estop_client, Trigger.Request())
+    answer = operator.call("emergency_stop", Trigger, Trigger.Request())
     assert answer.success
     for board in (Board.STEER, Board.DRIVE):
         operator.wait(lambda b=board: plc_pair.plc(b).state is PlcState.ESTOP, "ESTOP")
@@ -291,11 +289,10 @@ def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair)
 def test_what_is_safe_can_be_set_while_it_runs_and_the_rest_says_why_not(
     bridge, operator, plc_pair
 ):
-    client = operator.node.create_client(SetParameters, "tricycle_bridge/set_parameters")
-
     def set_parameter(name: str, value: object):
         parameter = Parameter(name, value=value).to_parameter_msg()
-        return operator.call(client, SetParameters.Request(parameters=[parameter])).results[0]
+        request = SetParameters.Request(parameters=[parameter])
+        return operator.call("set_parameters", SetParameters, request).results[0]
 
     operator.arm_at_standstill()
     assert set_parameter("max_acceleration", 0.5).successful

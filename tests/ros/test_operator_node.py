@@ -1,39 +1,51 @@
-"""What the operator does when the middleware loses an answer."""
+"""What a caller of services does where the middleware loses an answer."""
 
 import pytest
 from rclpy.task import Future
 
 from tricycle_bringup import operator_node
+from tricycle_bringup.operator_node import ServiceCaller
 
 pytestmark = pytest.mark.ros
 
 
 class Losing:
-    """A client whose first answer never comes."""
+    """A server that has found a client only when it is asked the third time; and its clients."""
 
     def __init__(self):
         self.asked = []
 
-    def service_is_ready(self):
-        return True
+    def create_client(self, _kind, name):
+        server = self
 
-    def call_async(self, request):
-        future = Future()
-        if self.asked:
-            future.set_result("answer")
-        self.asked.append(request)
-        return future
+        class Client:
+            srv_name = name
+
+            def service_is_ready(self):
+                return True
+
+            def call_async(self, _request):
+                server.asked.append(name)
+                answer = Future()
+                if len(server.asked) > 2:
+                    answer.set_result(name)
+                return answer
+
+        return Client()
 
 
-def test_a_service_is_asked_again_when_its_answer_got_lost(monkeypatch):
-    monkeypatch.setattr(operator_node, "ASK_AGAIN", 0.0)
-    client = Losing()
+def test_a_request_is_made_once_when_the_node_has_answered_a_greeting(monkeypatch):
+    monkeypatch.setattr(operator_node, "GREET_AGAIN", 0.0)
+    node = Losing()
 
-    def wait(condition):
+    def wait(condition, what):
         for _ in range(1000):
             if condition():
                 return
-        raise AssertionError("waited in vain")
+        raise AssertionError(what)
 
-    assert operator_node.ask(client, "request", wait) == "answer"
-    assert client.asked == ["request", "request"]
+    services = ServiceCaller(node, wait)
+    assert services.call("driver/start", object, "request") == "driver/start"
+    assert node.asked == [*["driver/get_parameters"] * 3, "driver/start"]
+    services.call("driver/start", object, "request")  # a server that was restarted is greeted anew
+    assert node.asked[4:] == ["driver/get_parameters", "driver/start"]

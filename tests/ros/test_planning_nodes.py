@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tricycle_bringup.operator_node import ask
+from tricycle_bringup.operator_node import ServiceCaller
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -34,6 +34,7 @@ class Observer:
         self.node = node
         self.executor = SingleThreadedExecutor(context=node.context)
         self.executor.add_node(node)
+        self.services = ServiceCaller(node, self.wait)
 
     def wait(self, condition, what):
         deadline = time.monotonic() + PATIENCE
@@ -47,8 +48,7 @@ class Observer:
         return box
 
     def call(self, service):
-        client = self.node.create_client(Trigger, service)
-        return ask(client, Trigger.Request(), lambda done: self.wait(done, service))
+        return self.services.call(service, Trigger, Trigger.Request())
 
 
 @pytest.fixture

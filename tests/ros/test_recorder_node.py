@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_reader import BagReader
 from trajectory_recorder.topics import decode
-from tricycle_bringup.operator_node import ask
+from tricycle_bringup.operator_node import ServiceCaller
 from tricycle_bringup.processes import executable
 
 pytestmark = pytest.mark.ros
@@ -38,6 +38,7 @@ class Recorder:
         self.node = node
         self.executor = SingleThreadedExecutor(context=node.context)
         self.executor.add_node(node)
+        self.services = ServiceCaller(node, lambda condition, _: self.wait(condition))
         self.status: dict[str, str] = {}
         self.level = b""
         self.message = ""
@@ -57,8 +58,7 @@ class Recorder:
             self.executor.spin_once(timeout_sec=0.02)
 
     def call(self, service: str, kind: type, request: Any) -> Any:
-        client = self.node.create_client(kind, f"trajectory_recorder/{service}")
-        return ask(client, request, self.wait)
+        return self.services.call(f"trajectory_recorder/{service}", kind, request)
 
     def trigger(self, service: str) -> tuple[bool, str]:
         answer = self.call(service, Trigger, Trigger.Request())

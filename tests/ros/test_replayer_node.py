@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter
 from trajectory_recorder.topics import OfferedQos, Topic, jazzy
-from tricycle_bringup.operator_node import ask
+from tricycle_bringup.operator_node import ServiceCaller
 from tricycle_bringup.processes import executable
 
 pytestmark = pytest.mark.ros
@@ -46,6 +46,7 @@ class Replayer:
         self.node = node
         self.executor = SingleThreadedExecutor(context=node.context)
         self.executor.add_node(node)
+        self.services = ServiceCaller(node, lambda condition, _: self.wait(condition))
 
     def wait(self, condition: Callable[[], bool]) -> None:
         deadline = time.monotonic() + 20
@@ -54,8 +55,7 @@ class Replayer:
             self.executor.spin_once(timeout_sec=0.02)
 
     def call(self, name: str) -> Any:
-        client = self.node.create_client(Trigger, f"bag_replayer/{name}")
-        return ask(client, Trigger.Request(), self.wait)
+        return self.services.call(f"bag_replayer/{name}", Trigger, Trigger.Request())
 
     def errors(self) -> str:
         assert self.process.stderr is not None

@@ -11,7 +11,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from tricycle_bringup.operator_node import ask
+from tricycle_bringup.operator_node import ServiceCaller
 
 pytestmark = pytest.mark.ros
 
@@ -88,9 +88,10 @@ def test_it_keeps_pace_with_the_wall_clock_and_ends_quietly(start_simulation, wa
 def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
     start_simulation()
     watch.wait(lambda: watch.now > 0.2)
-    client = watch.node.create_client(SetParameters, "tricycle_sim/set_parameters")
+    services = ServiceCaller(watch.node, lambda condition, _: watch.wait(condition))
     parameter = Parameter("real_time_factor", value=4.0).to_parameter_msg()
-    answer = ask(client, SetParameters.Request(parameters=[parameter]), watch.wait)
+    request = SetParameters.Request(parameters=[parameter])
+    answer = services.call("tricycle_sim/set_parameters", SetParameters, request)
     assert answer.results[0].successful
     assert watch.pace(4.0) > 2.0
 

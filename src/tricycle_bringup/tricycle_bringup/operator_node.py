@@ -1,5 +1,6 @@
 """The operator of a running system: resets, arms, records and drives one plan after the other."""
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,12 +10,14 @@ from typing import Any, Self
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.plan import Plan
@@ -24,9 +27,60 @@ from tricycle_bringup.processes import NodeError, interrupts_held
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
-ASK_AGAIN = 5.0  # s without an answer until a service is asked again
+GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class ServiceCaller:
+    """Calls services of other nodes, each request once, without losing the answer.
+
+    The middleware drops an answer when the server has not found the client's reader within 100 ms,
+    as happens to a new client on a busy machine, and a request cannot be repeated for that: it may
+    have started something. So a greeting goes first, a question that may be repeated. Readers are
+    announced in the order in which they were made: a node that answers the greeting has found the
+    client made before it.
+
+    Parameters
+    ----------
+    node
+        Whose clients these are.
+    wait
+        `wait(condition, what)` spins the node until the condition holds, or raises.
+    """
+
+    def __init__(self, node: Node, wait: Callable[[Callable[[], bool], str], None]) -> None:
+        self._node = node
+        self._wait = wait
+        self._clients: dict[str, tuple[Client, Client]] = {}  # of the service, of the greeting
+
+    def call(self, service: str, kind: type, request: Any) -> Any:
+        """Return the answer to `request`; `service` is named `node/service`."""
+        if service not in self._clients:
+            greeting = f"{service.rpartition('/')[0]}/get_parameters"
+            self._clients[service] = (
+                self._node.create_client(kind, service),
+                self._node.create_client(GetParameters, greeting),
+            )
+        client, greeter = self._clients[service]
+        self._wait(lambda: client.service_is_ready() and greeter.service_is_ready(), service)
+        self._greet(greeter)
+        answer = client.call_async(request)
+        self._wait(answer.done, f"an answer of {service}")
+        return answer.result()
+
+    def _greet(self, greeter: Client) -> None:
+        answers: list[Future] = []
+        asked = -math.inf
+
+        def greeted() -> bool:
+            nonlocal asked
+            if time.monotonic() - asked > GREET_AGAIN:
+                asked = time.monotonic()
+                answers.append(greeter.call_async(GetParameters.Request()))
+            return any(answer.done() for answer in answers)
+
+        self._wait(greeted, f"an answer of {greeter.srv_name}")
 
 
 class Operator:
@@ -73,7 +127,7 @@ class Operator:
         self._plans = PlanPublisher(self._node)
         self._state: dict[str, str] = {}
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
-        self._clients: dict[str, Client] = {}
+        self._services = ServiceCaller(self._node, self._wait)
 
     def __enter__(self) -> Self:
         return self
@@ -168,10 +222,7 @@ class Operator:
             raise NodeError(f"{node}: {name}: {result.reason}")
 
     def _call(self, service: str, kind: type, request: Any) -> Any:
-        client = self._clients.get(service)
-        if client is None:
-            client = self._clients[service] = self._node.create_client(kind, service)
-        return ask(client, request, lambda done: self._wait(done, f"an answer of {service}"))
+        return self._services.call(service, kind, request)
 
     def _sleep(self, duration: float) -> None:
         """Let `duration` seconds of ROS time pass."""
@@ -187,31 +238,3 @@ class Operator:
                 raise NodeError(f"waited {SERVICE_TIMEOUT:.0f} s for {what}")
             with interrupts_held():
                 self._executor.spin_once(timeout_sec=0.05)
-
-
-def ask(client: Client, request: Any, wait: Callable[[Callable[[], bool]], None]) -> Any:
-    """Call a service, once more where no answer comes.
-
-    The middleware drops an answer when the server has not found the client's reader within 100 ms,
-    as happens to a new client on a busy machine.
-
-    Parameters
-    ----------
-    client, request
-        What is called, and with what.
-    wait
-        Spins the client's node until the condition it is given holds, or raises.
-    """
-    wait(client.service_is_ready)
-    futures = [client.call_async(request)]
-    asked = time.monotonic()
-
-    def answered() -> bool:
-        nonlocal asked
-        if time.monotonic() - asked > ASK_AGAIN:
-            asked = time.monotonic()
-            futures.append(client.call_async(request))
-        return any(future.done() for future in futures)
-
-    wait(answered)
-    return next(future.result() for future in futures if future.done())
