@@ -12,9 +12,11 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -284,6 +286,17 @@ def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair)
     wheel = theta * (1.0 + 0.8 - 0.2 * theta / math.radians(45)) / 2
     radius = 1.443 / (math.cos(0.349) * math.tan(wheel))
     assert radius == pytest.approx(0.5 / 0.1, rel=1e-3)
+
+
+@pytest.mark.parametrize("topic", ["joint_commands", "cmd_vel"])
+def test_a_commander_that_cannot_be_heard_is_warned_of(bridge, operator, topic):
+    said: list[str] = []
+    operator.node.create_subscription(Log, "/rosout", lambda log: said.append(log.msg), 100)
+    operator.wait_for("vehicle", "no command stream")  # it runs, and is heard
+    kind = {"joint_commands": JointState, "cmd_vel": TwistStamped}[topic]
+    operator.node.create_publisher(kind, topic, qos_profile_sensor_data)
+    warning = f"New publisher discovered on topic '{topic}', offering incompatible QoS"
+    operator.wait(lambda: any(warning in line for line in said), "the warning")
 
 
 def test_what_is_safe_can_be_set_while_it_runs_and_the_rest_says_why_not(

@@ -3,9 +3,9 @@
 Configure opens both ports and shakes hands (and keeps trying), activate forwards commands,
 deactivate stops safely, cleanup closes the ports.
 
-What the ports say is handled and published in their I/O thread: waking the executor for it would
-cost several times as much. One lock keeps the bridge to one thread at a time. On simulated time the
-executor does it all: the /clock tick comes before what the ports said at it.
+What the ports say is handled and published in their I/O thread, and commands in theirs: waking the
+executor for them would cost several times as much. One lock keeps the bridge to one thread at a
+time. On simulated time the executor does it all: the /clock tick comes before what was said at it.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from tricycle_bridge.bridge import (
     Setpoint,
     Source,
 )
+from tricycle_bridge.command_thread_node import CommandThread
 from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.kinematics import steering_motor_angle
 from tricycle_bridge.link import LinkState
@@ -86,16 +87,19 @@ class BridgeNode(LifecycleNode):
         self._joint_states = publisher(JointState, "joint_states")
         self._battery_state = publisher(BatteryState, "battery_state")
         self._diagnostics = publisher(DiagnosticArray, "/diagnostics")
-        # the newest only: an older set-point is of no use
-        self.create_subscription(
-            JointState, "joint_commands", self._on_joint_commands, **overridable(1)
-        )
-        self.create_subscription(TwistStamped, "cmd_vel", self._on_cmd_vel, **overridable(1))
+        simulated = self.get_parameter("use_sim_time").value
+        self._commands = None if simulated else CommandThread(self)
+        group = self._commands.group if self._commands else None
+        for kind, topic, callback in (
+            (JointState, "joint_commands", self._on_joint_commands),
+            (TwistStamped, "cmd_vel", self._on_cmd_vel),
+        ):
+            # the newest only: an older set-point is of no use
+            self.create_subscription(kind, topic, callback, **overridable(1), callback_group=group)
         # Its answer awaits the boards, so it must not hold up the node's other callbacks.
         waiting = ReentrantCallbackGroup()
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
-        simulated = self.get_parameter("use_sim_time").value
         self._on_serial = (
             self.create_guard_condition(self._step).trigger if simulated else self._step
         )
@@ -107,6 +111,8 @@ class BridgeNode(LifecycleNode):
                 raise LinkError(problem)
             self.trigger_configure()
             self.trigger_activate()
+        if self._commands:
+            self._commands.start()
 
     def _declare_parameters(self) -> None:
         def add(name: str, default: Any, about: str, *span: float) -> None:
@@ -210,17 +216,20 @@ class BridgeNode(LifecycleNode):
 
     def destroy_node(self) -> None:
         """Stop and close, then destroy."""
+        if self._commands:
+            self._commands.stop()
         self._close()
         super().destroy_node()
 
     def _close(self) -> None:
-        if self._bridge is not None:
-            with self._lock:
+        with self._lock:
+            if self._bridge is not None:
                 self._bridge.stop("the bridge ends")
                 self._step()
-        if self._ports is not None:
-            self._ports.close()  # waits for its thread, which may wait for the lock
-        self._ports = self._bridge = None
+            ports = self._ports
+            self._ports = self._bridge = None
+        if ports is not None:
+            ports.close()  # waits for its thread, which may wait for the lock
 
     # ---- the loop: after serial data, after a command, and every 50 ms ----
 
@@ -228,8 +237,9 @@ class BridgeNode(LifecycleNode):
         return float(self.get_clock().now().nanoseconds * 1e-9)
 
     def _on_timer(self) -> None:
-        if self._ports is not None and not self._ports.alive:
-            raise RuntimeError("the thread of the serial ports died")
+        for thread in (self._ports, self._commands):
+            if thread is not None and not thread.alive:
+                raise RuntimeError("the thread of the serial ports or of the commands died")
         self._step()
 
     def _step(self) -> None:
@@ -315,9 +325,8 @@ class BridgeNode(LifecycleNode):
                 f"{WHEEL_JOINT}"
             )
             return
-        if self._bridge is not None:
-            radius = self._bridge.settings.tyre_radius
-            self._command(angle, wheel_rate * radius, message.header.stamp, Source.JOINT_COMMANDS)
+        radius = self.get_parameter("tyre_radius").value
+        self._command(angle, wheel_rate * radius, message.header.stamp, Source.JOINT_COMMANDS)
 
     def _on_cmd_vel(self, message: TwistStamped) -> None:
         speed, turn_rate = message.twist.linear.x, message.twist.angular.z
@@ -331,15 +340,15 @@ class BridgeNode(LifecycleNode):
         self._command(self._twist_angle, speed, message.header.stamp, Source.CMD_VEL)
 
     def _command(self, angle: float, speed: float, stamp: Time, source: Source) -> None:
-        bridge, ports = self._bridge, self._ports
-        if bridge is None or ports is None or not bridge.active:
-            return
         try:
             setpoint = Setpoint(angle, speed)
         except LinkError as error:
             self._refuse(f"{source.value}: {error}")
             return
         with self._lock:
+            bridge, ports = self._bridge, self._ports
+            if bridge is None or ports is None or not bridge.active:
+                return
             self._step()  # the echo must be of the newest telemetry
             wanted = stamp.sec + stamp.nanosec * 1e-9
             now = self._now()
@@ -351,8 +360,9 @@ class BridgeNode(LifecycleNode):
             self._log_throttled(refusal)
 
     def _refuse(self, reason: str) -> None:
-        if self._bridge is not None:
-            self._bridge.counters.refused += 1
+        with self._lock:
+            if self._bridge is not None:
+                self._bridge.counters.refused += 1
         self._log_throttled(reason)
 
     def _log_throttled(self, text: str) -> None:
