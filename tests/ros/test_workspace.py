@@ -16,6 +16,11 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 ROOT = Path(__file__).parents[2]
 
 
+def _files(folder: Path) -> set[Path]:
+    found = {path.relative_to(folder) for path in folder.rglob("*") if path.is_file()}
+    return {path for path in found if path.suffix != ".pyc"}
+
+
 def test_a_clean_copy_builds_and_a_node_starts_from_it(ros_environment, tmp_path):
     for part in ("src", "ros_ws"):
         shutil.copytree(
@@ -46,6 +51,9 @@ def test_a_clean_copy_builds_and_a_node_starts_from_it(ros_environment, tmp_path
     assert [path for path in executables.values() if not os.access(path, os.X_OK)] == []
     packages = [str(path) for path in install.glob("*/lib/python3*/site-packages") if path.is_dir()]
     assert len(packages) == 6
+    for folder in packages:
+        name = Path(folder).relative_to(install).parts[0]
+        assert _files(Path(folder) / name) == _files(tmp_path / "src" / name / name)
     ports = {name: tmp_path / name for name in ("steer_port", "drive_port")}
     node = subprocess.Popen(
         [

@@ -24,7 +24,9 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument("bag", description="rosbag2 directory"),
             DeclareLaunchArgument("rate", default_value="1.0", description="0: as fast as taken"),
-            DeclareLaunchArgument("loop", default_value="false"),
+            DeclareLaunchArgument(
+                "loop", default_value="false", description="begin again at the end"
+            ),
             OpaqueFunction(function=nodes),
         ]
     )

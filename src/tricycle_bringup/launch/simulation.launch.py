@@ -78,14 +78,20 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 "true_seed", default_value="-1", description="of the hidden truth; -1: nominal"
             ),
-            DeclareLaunchArgument("real_time_factor", default_value="1.0"),
+            DeclareLaunchArgument(
+                "real_time_factor", default_value="1.0", description="0: as fast as it runs"
+            ),
             DeclareLaunchArgument(
                 "plc", default_value="emulated", description="or firmware, on simulated UNOs"
             ),
             DeclareLaunchArgument(
                 "firmware", default_value="build/firmware", description="built by `make firmware`"
             ),
-            DeclareLaunchArgument("plan_file", default_value="plan.json"),
+            DeclareLaunchArgument(
+                "plan_file",
+                default_value="plan.json",
+                description="of the planner, to read and write",
+            ),
             DeclareLaunchArgument("bag", default_value="", description="empty: ~/start records"),
             OpaqueFunction(function=nodes),
         ]

@@ -66,12 +66,20 @@ def generate_launch_description() -> LaunchDescription:
                 "autostart", default_value="true", description="configure and activate the bridge"
             ),
             DeclareLaunchArgument("vehicle_file", default_value="", description="vehicle YAML"),
-            DeclareLaunchArgument("steer_port", default_value="/dev/tricycle_steer"),
-            DeclareLaunchArgument("drive_port", default_value="/dev/tricycle_drive"),
+            DeclareLaunchArgument(
+                "steer_port", default_value="/dev/tricycle_steer", description="of the steer PLC"
+            ),
+            DeclareLaunchArgument(
+                "drive_port", default_value="/dev/tricycle_drive", description="of the drive PLC"
+            ),
             DeclareLaunchArgument(
                 "odom_topic", default_value="odom", description="nav_msgs/Odometry of base_link"
             ),
-            DeclareLaunchArgument("plan_file", default_value="plan.json"),
+            DeclareLaunchArgument(
+                "plan_file",
+                default_value="plan.json",
+                description="of the planner, to read and write",
+            ),
             DeclareLaunchArgument("bag", default_value="", description="empty: ~/start records"),
             OpaqueFunction(function=nodes),
         ]
