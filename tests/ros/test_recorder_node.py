@@ -1,6 +1,7 @@
 """The recorder as a process: what is published is in the bag, whatever happens to the process."""
 
 import resource
+import shutil
 import signal
 import subprocess
 import time
@@ -218,6 +219,17 @@ def test_a_disk_that_fills_up_stops_the_recording_and_leaves_a_readable_bag(  # 
     found = texts(tmp_path / "bag", "/odom")
     assert found
     assert set(found) == {"x" * 1000}
+
+
+def test_a_bag_that_is_removed_stops_the_recording_with_a_diagnostic(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, tmp_path: Path
+) -> None:
+    r = recorder(record=True, output=tmp_path / "bag")
+    r.wait(lambda: r.status.get("bag") == str(tmp_path / "bag"))
+    shutil.rmtree(tmp_path / "bag")
+    r.wait(lambda: r.level == DiagnosticStatus.ERROR)
+    assert "No such file or directory" in r.message
+    assert r.end() == 0
 
 
 def test_a_nearly_full_disk_stops_the_recording_with_a_diagnostic(  # type: ignore[no-untyped-def]

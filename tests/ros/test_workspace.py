@@ -11,9 +11,28 @@ from pathlib import Path
 import pytest
 from launch_recorder import project_scripts
 
+from tricycle_bridge import __version__
+
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROOT = Path(__file__).parents[2]
+
+
+# colcon installs the six packages, not the distribution of the root pyproject.toml
+NO_ROOT_DISTRIBUTION = """
+from importlib import metadata
+
+find = metadata.Distribution.from_name
+
+
+def from_name(name):
+    if name == "tricycle-excitation":
+        raise metadata.PackageNotFoundError(name)
+    return find(name)
+
+
+metadata.Distribution.from_name = from_name
+"""
 
 
 def _files(folder: Path) -> set[Path]:
@@ -54,23 +73,35 @@ def test_a_clean_copy_builds_and_a_node_starts_from_it(ros_environment, tmp_path
     for folder in packages:
         name = Path(folder).relative_to(install).parts[0]
         assert _files(Path(folder) / name) == _files(tmp_path / "src" / name / name)
+    hidden = tmp_path / "hidden"
+    hidden.mkdir()
+    (hidden / "sitecustomize.py").write_text(NO_ROOT_DISTRIBUTION)
+    env = {**ros_environment, "PYTHONPATH": os.pathsep.join([str(hidden), *packages])}
+    asked = subprocess.run(
+        [executables["tricycle"], "--version"], env=env, capture_output=True, text=True, check=True
+    )
+    assert asked.stdout.strip() == __version__
     ports = {name: tmp_path / name for name in ("steer_port", "drive_port")}
+    _run(
+        executables["tricycle_sim"], ports, env, lambda: all(p.is_symlink() for p in ports.values())
+    )
+    assert not any(path.is_symlink() for path in links)
+    bag = tmp_path / "bag"
+    _run(executables["trajectory_recorder"], {"record": True, "output": bag}, env, bag.exists)
+    assert (bag / "metadata.yaml").exists()
+
+
+def _run(executable, parameters, env, condition):
+    """Start a node, and end it when the condition holds."""
+    words = [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
     node = subprocess.Popen(
-        [
-            executables["tricycle_sim"],
-            "--ros-args",
-            *(word for name, path in ports.items() for word in ("-p", f"{name}:={path}")),
-        ],
-        env={**ros_environment, "PYTHONPATH": os.pathsep.join(packages)},
-        stderr=subprocess.PIPE,
-        text=True,
+        [executable, "--ros-args", *words], env=env, stderr=subprocess.PIPE, text=True
     )
     deadline = time.monotonic() + 200  # a first start compiles the model
-    while not all(path.is_symlink() for path in ports.values()) and node.poll() is None:
+    while not condition() and node.poll() is None:
         if time.monotonic() > deadline:
             node.kill()
         time.sleep(0.05)
     node.send_signal(signal.SIGINT)
     _, errors = node.communicate(timeout=30)
     assert node.returncode == 0, errors
-    assert not any(path.is_symlink() for path in ports.values())

@@ -8,6 +8,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from tricycle_bridge import __version__
+
 ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 PACKAGES = sorted(path.name for path in (ROOT / "src").iterdir())
@@ -35,7 +37,7 @@ def test_versions_agree(package):
     xml = ElementTree.parse(ROOT / "src" / package / "package.xml")
     assert xml.findtext("name") == package
     versions = {xml.findtext("version"), setup_arguments(package)["version"]}
-    assert versions == {PROJECT["project"]["version"]}
+    assert versions == {__version__}
 
 
 def test_entry_points_agree():
@@ -53,7 +55,7 @@ def test_the_installed_distribution_is_an_ament_prefix(monkeypatch):
     for package in PACKAGES:
         share = Path(index.get_package_share_directory(package))
         version = ElementTree.parse(share / "package.xml").findtext("version")
-        assert version == PROJECT["project"]["version"]
+        assert version == __version__
     share = Path(index.get_package_share_directory("tricycle_bringup"))
     source = ROOT / "src" / "tricycle_bringup"
     for installed, folder in (

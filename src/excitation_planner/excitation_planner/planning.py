@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from importlib.metadata import version
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from excitation_planner.prediction import ReplayedTrajectories, predicted_covari
 from excitation_planner.replay import ReplayedTrajectoryError, nominal_run
 from excitation_planner.search import Search
 from excitation_planner.sensitivity import Sensitivity, sensitivity
+from tricycle_bridge import __version__
 from tricycle_sim.vehicle import Vehicle
 
 Floats = NDArray[np.float64]
@@ -366,7 +366,7 @@ def _plans(
                 vehicle=vehicle.name,
                 vehicle_hash=vehicle.file_hash,
                 tyre_radius=vehicle.tyre_radius,
-                software=version("tricycle-excitation"),
+                software=__version__,
                 commands=run.commands,
                 path=run.path,
                 reference=run.reference,

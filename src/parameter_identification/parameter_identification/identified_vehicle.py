@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from importlib import resources
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from parameter_identification.identification import Estimate, Identification
+from tricycle_bridge import __version__
 
 RANGE = 3.0  # standard deviations either side that the file leaves possible
 
@@ -53,7 +53,7 @@ def identified_vehicle(
         entry["about"] = about
     header = (
         f"# {document['name']} with parameters identified from {where}\n"
-        f"# by tricycle identify {version('tricycle-excitation')}, vehicle file before: "
+        f"# by tricycle identify {__version__}, vehicle file before: "
         f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
     )
     body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)

@@ -12,7 +12,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from functools import partial
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter, Compression
 from trajectory_recorder.topics import BagError, OfferedQos, Topic, message_class
+from tricycle_bridge import __version__
 from tricycle_bridge.run_node import declare, overridable, run_node
 
 DISCOVERY_PERIOD = 0.1  # s
@@ -103,6 +103,7 @@ class TrajectoryRecorder(Node):
         self._bag: BagWriter | None = None
         self._failure = ""  # why the last recording ended by itself
         self._reported = (time.monotonic(), 0, 0)  # s, messages, bytes
+        self._disk_free = 0  # bytes
         self._diagnostics = self.create_publisher(
             DiagnosticArray, "/diagnostics", **overridable(10)
         )
@@ -139,10 +140,11 @@ class TrajectoryRecorder(Node):
             compression=self._compression,
             split_size=round(self._split_size * 1e6),
             split_duration=self._split_duration,
-            metadata={"software_version": version("tricycle-excitation"), **self._metadata},
+            metadata={"software_version": __version__, **self._metadata},
         )
         self._failure = ""
         self._reported = (time.monotonic(), 0, 0)
+        self._disk_free = shutil.disk_usage(self._bag.path).free
         now = self.get_clock().now().nanoseconds
         for source in self._sources.values():
             source.id = self._bag.add_topic(source.topic)
@@ -170,7 +172,10 @@ class TrajectoryRecorder(Node):
     def destroy_node(self) -> None:
         """Close the bag, then the node."""
         with suppress(BagError):
-            self.stop()
+            try:
+                self.stop()
+            except OSError as error:
+                self.get_logger().error(f"the bag is not complete: {error}")
         super().destroy_node()
 
     def _serve(
@@ -272,14 +277,16 @@ class TrajectoryRecorder(Node):
     def _flush(self) -> None:
         if self._bag is None:
             return
-        free = shutil.disk_usage(self._bag.path).free
-        if free < self._reserve * 1e6:
-            self._fail(f"{free / 1e6:.0f} MB of disk left, disk_reserve is {self._reserve:.0f} MB")
-            return
         try:
-            self._bag.flush()
+            self._disk_free = shutil.disk_usage(self._bag.path).free
+            if self._disk_free >= self._reserve * 1e6:
+                self._bag.flush()
+                return
+            left = f"{self._disk_free / 1e6:.0f} MB of disk left"
+            reason = f"{left}, disk_reserve is {self._reserve:.0f} MB"
         except OSError as error:
-            self._fail(f"{self._bag.path}: {error.strerror or error}")
+            reason = f"{self._bag.path}: {error.strerror or error}"
+        self._fail(reason)
 
     def _fail(self, reason: str) -> None:
         """End the recording; the bag holds what the disk took."""
@@ -311,7 +318,7 @@ class TrajectoryRecorder(Node):
                 "bytes": self._bag.size,
                 "messages_per_second": round((self._bag.messages - messages) / (now - before), 1),
                 "bytes_per_second": round((self._bag.size - size) / (now - before)),
-                "disk_free": shutil.disk_usage(self._bag.path).free,
+                "disk_free": self._disk_free,
             }
         values["lost"] = lost
         values["topics"] = " ".join(sorted(self._sources))

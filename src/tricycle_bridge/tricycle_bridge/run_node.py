@@ -131,3 +131,6 @@ def run_node(factory: Callable[[], Node]) -> None:
             with contextlib.suppress(KeyboardInterrupt):
                 node.destroy_node()
         rclpy.try_shutdown()
+        # Ctrl-C comes twice from `ros2 launch`; Python gives up its handlers before it has ended
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)

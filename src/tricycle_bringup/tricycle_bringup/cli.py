@@ -6,7 +6,8 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.metadata import version
+
+from tricycle_bridge import __version__
 
 COMMANDS = (
     "demo",
@@ -52,7 +53,7 @@ def parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
         prog="tricycle",
         description="Plan, drive, record and judge excitation maneuvers of an X-by-wire tricycle.",
     )
-    top.add_argument("--version", action="version", version=version("tricycle-excitation"))
+    top.add_argument("--version", action="version", version=__version__)
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
     for name in names:
         import_module(f"tricycle_bringup.commands.{name}").add_parser(subparsers)
