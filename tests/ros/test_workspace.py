@@ -82,9 +82,8 @@ def test_a_clean_copy_builds_and_a_node_starts_from_it(ros_environment, tmp_path
     )
     assert asked.stdout.strip() == __version__
     ports = {name: tmp_path / name for name in ("steer_port", "drive_port")}
-    _run(
-        executables["tricycle_sim"], ports, env, lambda: all(p.is_symlink() for p in ports.values())
-    )
+    links = ports.values()
+    _run(executables["tricycle_sim"], ports, env, lambda: all(path.is_symlink() for path in links))
     assert not any(path.is_symlink() for path in links)
     bag = tmp_path / "bag"
     _run(executables["trajectory_recorder"], {"record": True, "output": bag}, env, bag.exists)
