@@ -23,13 +23,13 @@ PATIENCE = 20.0  # s; only a failing test waits that long
 def start_simulation(ros_environment, tmp_path):
     running = []
 
-    def start(**parameters):
+    def start(*arguments, **parameters):
         ports = {f"{name}_port": tmp_path / name for name in ("steer", "drive")}
         command = [Path(sys.executable).with_name("tricycle_sim"), "--ros-args"]
         for name, value in (ports | parameters).items():
             command += ["-p", f"{name}:={value}"]
         simulation = subprocess.Popen(
-            command, env=ros_environment, stderr=subprocess.PIPE, text=True
+            [*command, *arguments], env=ros_environment, stderr=subprocess.PIPE, text=True
         )
         running.append(simulation)
         return simulation
@@ -139,3 +139,19 @@ def test_a_users_mistake_is_one_line_and_status_2(start_simulation, parameters, 
     assert simulation.returncode == 2
     assert said in errors
     assert len(errors.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--params-file", "/nowhere.yaml"], "Couldn't parse params file: '--params-file /nowhere"),
+        (["-r", "odom"], "Couldn't parse remap rule: '-r odom'"),
+        (["--remapp", "a:=b"], "unknown ROS arguments: ['--remapp', 'a:=b']"),
+    ],
+)
+def test_wrong_ros_arguments_are_told_without_a_traceback(start_simulation, arguments, said):
+    simulation = start_simulation(*arguments)
+    _, errors = simulation.communicate(timeout=PATIENCE)
+    assert simulation.returncode == 2
+    assert said in errors
+    assert "Traceback" not in errors

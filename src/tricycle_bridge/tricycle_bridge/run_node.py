@@ -38,6 +38,11 @@ _MISTAKES = (
 )
 
 
+def _is_unknown(mistake: Exception) -> bool:
+    """Whether it is rclpy's about arguments, of which it says nothing but the list."""
+    return type(mistake).__name__ == "UnknownROSArgsError"
+
+
 def overridable(qos: QoSProfile | int) -> dict[str, Any]:
     """Arguments of a publisher or subscription whose quality of service a user can override.
 
@@ -92,9 +97,9 @@ def declare(
 def run_node(factory: Callable[[], Node]) -> None:
     """Construct a node, spin it until SIGINT or SIGTERM, and leave no trace of the ending.
 
-    Exits with status 2 and one logged line where constructing the node raises what a user's
-    mistake raises: ValueError, OSError, a parameter of the wrong type or out of range. A callback
-    may end the process by raising SystemExit.
+    Exits with status 2 and one logged line where the ROS arguments are wrong, or constructing the
+    node raises what a user's mistake raises: ValueError, OSError, a parameter of the wrong type or
+    out of range. A callback may end the process by raising SystemExit.
 
     Parameters
     ----------
@@ -112,21 +117,24 @@ def run_node(factory: Callable[[], Node]) -> None:
         signal.signal(number, stop)
     # what libraries have to say: the vehicle model says when it compiles
     logging.basicConfig(format="[INFO] [%(name)s]: %(message)s", level=logging.INFO)
-    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     node: Node | None = None
-    executor = SingleThreadedExecutor()
+    executor: SingleThreadedExecutor | None = None
     try:
         try:
+            rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+            executor = SingleThreadedExecutor()
             node = factory()
         except _MISTAKES as mistake:
             name = getattr(factory, "__name__", "node")
-            rclpy.logging.get_logger(name).fatal(" ".join(str(mistake).split()))
+            what = f"unknown ROS arguments: {mistake}" if _is_unknown(mistake) else str(mistake)
+            rclpy.logging.get_logger(name).fatal(" ".join(what.split()))
             raise SystemExit(2) from None
         executor.add_node(node)
         while not stopped:
             executor.spin_once(timeout_sec=0.1)
     finally:
-        executor.shutdown()
+        if executor is not None:
+            executor.shutdown()
         if node is not None:
             with contextlib.suppress(KeyboardInterrupt):
                 node.destroy_node()
