@@ -362,6 +362,25 @@ def test_a_lost_partner_does_not_silence_a_boards_readings(driving):
     }
 
 
+@pytest.mark.parametrize("burst", [2, 3])
+def test_boards_that_speak_in_bursts_are_still_paired(driving, burst):
+    """One port is read as a whole before the other one."""
+    held = {STEER: b"", DRIVE: b""}
+    receive = driving.bridge.receive
+    driving.bridge.receive = lambda board, data, now: held.__setitem__(board, held[board] + data)
+    driving.readings.clear()
+    for _ in range(8):
+        driving.step(burst)
+        for board in (STEER, DRIVE):
+            receive(board, held.pop(board), driving.now)
+            held[board] = b""
+    driving.step()
+    assert len(driving.readings) == 8 * burst
+    assert {len(reading.joints) for reading in driving.readings} == {2}
+    stamps = [reading.stamp for reading in driving.readings]
+    assert stamps == sorted(stamps)
+
+
 def test_diagnostics_name_states_and_faults(driving):
     vehicle, steer, drive = diagnose(driving.bridge, driving.now)
     assert (vehicle.level, vehicle.message) == (Level.OK, "armed")

@@ -7,8 +7,10 @@ to the other, and why a request is refused. Times are seconds on the host's (ROS
 from __future__ import annotations
 
 import enum
+import itertools
 import math
 import random
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -31,6 +33,7 @@ from tricycle_bridge.messages import (
     MAX_STEERING_RATE,
     SPEED_UNIT,
     STEER_RATE_UNIT,
+    TICK,
     Board,
     CommandFlag,
     DriveCommand,
@@ -55,6 +58,7 @@ FASTEST_PERIOD = 0.0095
 ARMING_PATIENCE = 2.0  # s for all of an arming
 _JITTER = 1e-3  # s by which a command may be early: clocks tick, they do not flow
 BOARDS = (Board.STEER, Board.DRIVE)
+MAX_UNPAIRED = 3  # readings of a board that wait for its partner's: they come in bursts
 
 
 @dataclass(frozen=True)
@@ -117,6 +121,9 @@ class JointReading:
     name: str
     position: float  # rad
     velocity: float  # rad/s
+
+
+_Measured = tuple[float, JointReading]  # s, host clock
 
 
 @dataclass(frozen=True)
@@ -189,7 +196,7 @@ class Bridge:
         self._arming: _Arming | None = None
         self._messages: list[tuple[bool, str]] = []  # (is a warning, text)
         self._readings: list[JointReadings] = []
-        self._unpaired: dict[Board, tuple[float, JointReading]] = {}
+        self._unpaired: dict[Board, deque[_Measured]] = {b: deque() for b in BOARDS}
 
     # ---- what the owner asks ----
 
@@ -218,8 +225,7 @@ class Bridge:
             return "the bridge is not active"
         for board, link in self.links.items():
             if not link.up or link.telemetry is None:
-                why = link.problem or link.state.value
-                return f"{_name(board)} PLC: {why}"
+                return f"{_name(board)} PLC: {link.trouble}"
             if link.telemetry_age(now) > DEGRADED_AGE:
                 return f"{_name(board)} PLC: telemetry {link.telemetry_age(now):.2f} s old"
             if link.telemetry.flags & StateFlag.ESTOP_PRESSED:
@@ -330,6 +336,7 @@ class Bridge:
         self._input = None
         self._sent_at = self._allowed_at = -math.inf
         for board, link in self.links.items():
+            self._unpaired[board].clear()
             if link.state is not LinkState.CLOSED:
                 self.closed(board, reason)
                 self.opened(board, now)
@@ -500,23 +507,30 @@ class Bridge:
 
     def _pair_reading(self, board: Board, stamp: float, state: SteerState | DriveState) -> None:
         """Join the boards' readings of one tick; a board whose partner is away reports alone."""
-        waiting = self._unpaired.pop(board, None)
-        if waiting is not None:
-            self._readings.append(JointReadings(waiting[0], (waiting[1],)))
         reading = self._reading(state)
         if reading is None:
             return
-        other = Board.DRIVE if board is Board.STEER else Board.STEER
-        partner = self._unpaired.pop(other, None)
-        if partner is None:
-            self._unpaired[board] = (stamp, reading)
-            return
+        own = self._unpaired[board]
+        partners = self._unpaired[Board.DRIVE if board is Board.STEER else Board.STEER]
+        while partners and not _may_be_of_one_tick(partners, stamp):
+            self._report(partners.popleft())
+        if not partners:
+            own.append((stamp, reading))
+            if len(own) > MAX_UNPAIRED:
+                self._report(own.popleft())
+        elif partners[0][0] >= stamp + TICK:
+            self._report((stamp, reading))
+        else:
+            measured, partner = partners.popleft()
+            self._report((stamp, reading), (stamp, _at(partner, measured, stamp)))
+
+    def _report(self, *readings: _Measured) -> None:
         joints = sorted(
-            (_at(reading, stamp, stamp), _at(partner[1], partner[0], stamp)),
+            (joint for _, joint in readings),
             key=lambda joint: joint.name,
             reverse=True,  # steering_motor_joint, rear_wheel_joint
         )
-        self._readings.append(JointReadings(stamp, tuple(joints)))
+        self._readings.append(JointReadings(readings[0][0], tuple(joints)))
 
     def _reading(self, state: SteerState | DriveState) -> JointReading | None:
         if isinstance(state, SteerState):
@@ -532,6 +546,12 @@ class Bridge:
             state.hall_count * limits.pulse * 1e-6 / radius,
             state.speed * SPEED_UNIT / radius,
         )
+
+
+def _may_be_of_one_tick(waiting: deque[_Measured], stamp: float) -> bool:
+    """Whether the oldest of these is no tick older than `stamp`, and the next no nearer to it."""
+    first, *later = (measured for measured, _ in itertools.islice(waiting, 2))
+    return first > stamp - TICK and all(abs(first - stamp) <= abs(m - stamp) for m in later)
 
 
 def _at(joint: JointReading, measured: float, stamp: float) -> JointReading:

@@ -80,9 +80,10 @@ def _diagnose_link(bridge: Bridge, board: Board, now: float) -> Diagnosis:
         values["PLC: longest tick (us)"] = str(link.stats.max_tick)
     name = f"tricycle_bridge: {board.name.lower()} PLC"
     if not link.up or telemetry is None:
-        waiting = link.state in (LinkState.BOOTING, LinkState.GREETING) and not link.problem
+        begun = (LinkState.BOOTING, LinkState.GREETING, LinkState.UP)
+        waiting = link.state in begun and not link.problem
         level = Level.WARN if waiting else Level.ERROR
-        return Diagnosis(name, level, link.problem or link.state.value, values)
+        return Diagnosis(name, level, link.trouble, values)
 
     age = link.telemetry_age(now)
     faults = fault_names(telemetry.faults)

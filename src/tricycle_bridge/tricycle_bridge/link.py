@@ -173,6 +173,11 @@ class PlcLink:
         """Whether the PLC may be commanded."""
         return self.state is LinkState.UP
 
+    @property
+    def trouble(self) -> str:
+        """Why there is no telemetry."""
+        return self.problem or ("no telemetry yet" if self.up else self.state.value)
+
     def telemetry_age(self, now: float) -> float:
         """Seconds since the newest state frame; infinite while the link is not up."""
         return now - self._telemetry_at if self.up else float("inf")
