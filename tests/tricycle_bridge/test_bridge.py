@@ -352,8 +352,11 @@ def test_joint_readings_carry_both_joints_and_the_time_of_measurement(driving):
 
 
 def test_a_lost_partner_does_not_silence_a_boards_readings(driving):
+    driving.readings.clear()
     driving.cut.add(DRIVE)
-    driving.step(5)
+    driving.step(31)
+    assert not driving.bridge.links[DRIVE].up
+    assert len(driving.readings) >= 30  # what waited for the partner is not lost
     driving.readings.clear()
     driving.step(20)
     assert len(driving.readings) == 20
@@ -362,7 +365,7 @@ def test_a_lost_partner_does_not_silence_a_boards_readings(driving):
     }
 
 
-@pytest.mark.parametrize("burst", [2, 3])
+@pytest.mark.parametrize("burst", [2, 20])
 def test_boards_that_speak_in_bursts_are_still_paired(driving, burst):
     """One port is read as a whole before the other one."""
     held = {STEER: b"", DRIVE: b""}

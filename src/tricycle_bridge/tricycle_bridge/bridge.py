@@ -58,7 +58,6 @@ FASTEST_PERIOD = 0.0095
 ARMING_PATIENCE = 2.0  # s for all of an arming
 _JITTER = 1e-3  # s by which a command may be early: clocks tick, they do not flow
 BOARDS = (Board.STEER, Board.DRIVE)
-MAX_UNPAIRED = 3  # readings of a board that wait for its partner's: they come in bursts
 
 
 @dataclass(frozen=True)
@@ -506,17 +505,21 @@ class Bridge:
     # ---- joint states ----
 
     def _pair_reading(self, board: Board, stamp: float, state: SteerState | DriveState) -> None:
-        """Join the boards' readings of one tick; a board whose partner is away reports alone."""
+        """Join the boards' readings of one tick; a board whose partner is away reports alone.
+
+        On a busy machine a port gives many ticks at once, so a reading waits for its partner's
+        for as long as the partner's link is up.
+        """
         reading = self._reading(state)
         if reading is None:
             return
-        own = self._unpaired[board]
-        partners = self._unpaired[Board.DRIVE if board is Board.STEER else Board.STEER]
+        other = Board.DRIVE if board is Board.STEER else Board.STEER
+        own, partners = self._unpaired[board], self._unpaired[other]
         while partners and not _may_be_of_one_tick(partners, stamp):
             self._report(partners.popleft())
         if not partners:
             own.append((stamp, reading))
-            if len(own) > MAX_UNPAIRED:
+            while own and not self.links[other].up:
                 self._report(own.popleft())
         elif partners[0][0] >= stamp + TICK:
             self._report((stamp, reading))
