@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -219,6 +221,27 @@ def test_a_disk_that_fills_up_stops_the_recording_and_leaves_a_readable_bag(  # 
     found = texts(tmp_path / "bag", "/odom")
     assert found
     assert set(found) == {"x" * 1000}
+
+
+def test_on_simulated_time_each_message_has_the_tick_it_was_received_at(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, tmp_path: Path
+) -> None:
+    """However many of them the recorder takes at once."""
+    clock = ros_node.create_publisher(Clock, "/clock", 1000)
+    publisher = ros_node.create_publisher(String, "odom", 1000)
+    r = recorder(record=True, output=tmp_path / "bag", topics="[odom]", use_sim_time=True)
+    r.wait(lambda: publisher.get_subscription_count() == 1 and clock.get_subscription_count() == 2)
+    for tick in range(1, 301):
+        clock.publish(Clock(clock=Time(sec=tick)))
+        publisher.publish(String(data=str(tick)))
+    r.wait(lambda: r.status.get("messages") == "300")
+    assert r.end() == 0
+    with BagReader(tmp_path / "bag") as bag:
+        stamps = {
+            int(decode("std_msgs/msg/String", message.data).data): message.stamp
+            for message in bag.messages(["/odom"])
+        }
+    assert stamps == {tick: tick * 10**9 for tick in range(1, 301)}
 
 
 def test_a_bag_that_is_removed_stops_the_recording_with_a_diagnostic(  # type: ignore[no-untyped-def]

@@ -21,18 +21,22 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rclpy.time import Time
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_writer import BagWriter, Compression
+from trajectory_recorder.receipt_clock import ReceiptClock
 from trajectory_recorder.topics import BagError, OfferedQos, Topic, message_class
 from tricycle_bridge import __version__
-from tricycle_bridge.run_node import declare, overridable, run_node
+from tricycle_bridge.run_node import NotTheExecutors, declare, overridable, run_node
 
 DISCOVERY_PERIOD = 0.1  # s
 FLUSH_PERIOD = 0.5  # s; a killed recorder loses what came since the last flush
 DIAGNOSTICS_PERIOD = 1.0  # s
 DRAIN = 1000  # messages taken in one callback, so that services are answered in a flood
+CLOCK_DEPTH = 10_000  # ticks that wait for the next message
 TOPICS = [
     *("maneuver/*", "odom", "imu", "joint_states", "joint_commands", "battery_state"),
     "/diagnostics",
@@ -96,7 +100,16 @@ class TrajectoryRecorder(Node):
             self, "exit_on_failure", False, "end the process when the disk ends the recording"
         )
 
-        self._sim_time = bool(self.get_parameter("use_sim_time").value)
+        self._receipts = ReceiptClock()
+        self._ticks: Subscription | None = None
+        if self.get_parameter("use_sim_time").value:
+            self._ticks = self.create_subscription(
+                ClockMessage,
+                "/clock",
+                lambda _: None,
+                QoSProfile(depth=CLOCK_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+                callback_group=NotTheExecutors(),
+            )
         self._sources: dict[str, _Source] = {}
         self._seen: dict[str, set[bytes]] = {}  # topic -> ids of those it had last
         self._refused: dict[str, str] = {}  # topic -> why it is not recorded
@@ -254,10 +267,21 @@ class TrajectoryRecorder(Node):
     def _take(self, source: _Source, data: bytes, info: dict[str, int]) -> None:
         source.latched.append(data)
         source.count_lost(info["publication_sequence_number"])
-        if self._sim_time:
-            self._write(source, data, self.get_clock().now().nanoseconds)
-        else:
-            self._write(source, data, info["received_timestamp"])
+        self._write(source, data, self._stamp(info["received_timestamp"]))
+
+    def _stamp(self, received: int) -> int:
+        """Return ROS time of receipt, ns."""
+        if self._ticks is None:
+            return received
+        with self._ticks.handle:
+            while self._receipts.newest <= received:
+                taken = self._ticks.handle.take_message(self._ticks.msg_type, False)
+                if taken is None:
+                    break
+                message, info = taken
+                time = Time.from_msg(message.clock).nanoseconds
+                self._receipts.tick(info["received_timestamp"], time)
+        return self._receipts.at(received)
 
     def _write(self, source: _Source, data: bytes, stamp: int) -> None:
         if self._bag is None:

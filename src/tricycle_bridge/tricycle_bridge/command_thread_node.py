@@ -10,25 +10,13 @@ from __future__ import annotations
 import threading
 from contextlib import ExitStack
 
-from rclpy.callback_groups import CallbackGroup
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from tricycle_bridge.run_node import NotTheExecutors
+
 WAIT = 100_000_000  # ns until the thread looks whether it is to end
-
-
-class _NotTheExecutor(CallbackGroup):
-    """Hides its subscriptions and their event handlers from the executor."""
-
-    def can_execute(self, _entity: object) -> bool:
-        return False
-
-    def beginning_execution(self, _entity: object) -> bool:
-        return False
-
-    def ending_execution(self, _entity: object) -> None:
-        pass
 
 
 class CommandThread:
@@ -41,7 +29,7 @@ class CommandThread:
     """
 
     def __init__(self, node: Node) -> None:
-        self.group = _NotTheExecutor()
+        self.group = NotTheExecutors()
         self._node = node
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="commands", daemon=True)

@@ -17,6 +17,7 @@ from typing import Any
 import rclpy
 import rclpy.logging
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -36,6 +37,21 @@ _MISTAKES = (
     InvalidParameterTypeException,
     InvalidParameterValueException,
 )
+
+
+class NotTheExecutors(CallbackGroup):
+    """Hides subscriptions and their event handlers from the executor: the node takes from them."""
+
+    def can_execute(self, _entity: object) -> bool:
+        """Return False."""
+        return False
+
+    def beginning_execution(self, _entity: object) -> bool:
+        """Return False."""
+        return False
+
+    def ending_execution(self, _entity: object) -> None:
+        """Do nothing."""
 
 
 def _is_unknown(mistake: Exception) -> bool:

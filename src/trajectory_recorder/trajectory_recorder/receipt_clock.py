@@ -1,0 +1,38 @@
+"""Simulated time at which a message was received."""
+
+from bisect import bisect_right
+
+KEPT = 20_000  # ticks
+
+
+class ReceiptClock:
+    """What /clock said when a message arrived, however late the message is looked at.
+
+    A recorder that reads its own clock when it gets to a message gives all that waited the same
+    stamp.
+    """
+
+    def __init__(self) -> None:
+        self._received: list[int] = []
+        self._times: list[int] = []
+
+    @property
+    def newest(self) -> int:
+        """When the last tick was received, ns; -1 before the first."""
+        return self._received[-1] if self._received else -1
+
+    def tick(self, received: int, time: int) -> None:
+        """Take note of a tick of /clock: `time` (ns) was received at `received` (ns), in order."""
+        self._received.append(received)
+        self._times.append(time)
+        if len(self._received) > 2 * KEPT:
+            del self._received[:-KEPT], self._times[:-KEPT]
+
+    def at(self, received: int) -> int:
+        """Return the time of the last tick received until then, ns.
+
+        The first tick kept where that is older, and 0 before any, as ROS clocks say it.
+        """
+        if not self._times:
+            return 0
+        return self._times[max(bisect_right(self._received, received) - 1, 0)]
