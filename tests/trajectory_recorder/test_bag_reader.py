@@ -14,6 +14,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from trajectory_recorder.bag_reader import BagReader, Message
 from trajectory_recorder.bag_writer import BagWriter, Compression
+from trajectory_recorder.recovery import recover
 from trajectory_recorder.topics import BagError, Topic, decode, jazzy
 
 STRING = "std_msgs/msg/String"
@@ -134,6 +135,19 @@ def test_a_bag_without_metadata_yaml_is_read(tmp_path: Path) -> None:
     (tmp_path / "bag" / "metadata.yaml").unlink()
     with BagReader(tmp_path / "bag") as reader:
         assert list(reader.messages()) == MESSAGES
+
+
+def test_a_torn_bag_still_says_what_was_driven(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", metadata={"plan_id": "abc"}) as bag:
+        bag.write(bag.add_topic(Topic.of_type("/chatter", STRING)), 1, bytes(8))
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    file.write_bytes(file.read_bytes().partition(b"plan_id")[0])
+    with BagReader(file) as reader:
+        assert not reader.metadata
+    recover(tmp_path / "bag", tmp_path / "whole")
+    for path in (tmp_path / "bag", tmp_path / "whole"):
+        with BagReader(path) as reader:
+            assert reader.metadata == {"plan_id": "abc"}, path
 
 
 def test_parts_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:

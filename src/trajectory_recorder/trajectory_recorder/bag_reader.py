@@ -11,12 +11,12 @@ import re
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Protocol, Self, cast
+from typing import Any, NamedTuple, Protocol, Self, cast
 
 import lz4.frame
 import yaml
@@ -105,11 +105,13 @@ class BagReader:
     def __init__(self, path: Path, *, damaged: Damaged | None = None) -> None:
         self.path = path
         self.topics: dict[str, Topic] = {}
-        self.metadata: dict[str, str] = {}
+        information = _information(path)
+        # a file torn within its end holds no metadata record
+        self.metadata = _texts(information.get("custom_data"))
         self.complete = True
         self._storages: list[_Storage] = []
         with ExitStack() as stack:
-            for storage in _open_storages(path, damaged):
+            for storage in _open_storages(path, information, damaged):
                 stack.callback(storage.close)
                 self._storages.append(storage)
                 self.complete &= storage.complete
@@ -153,7 +155,9 @@ class BagReader:
         self.close()
 
 
-def _open_storages(path: Path, damaged: Damaged | None) -> Iterator[_Storage]:
+def _open_storages(
+    path: Path, information: Mapping[str, Any], damaged: Damaged | None
+) -> Iterator[_Storage]:
     """Files of a bag in the order of recording."""
     if not path.exists():
         raise BagError(f"{path}: no such bag")
@@ -166,12 +170,6 @@ def _open_storages(path: Path, damaged: Damaged | None) -> Iterator[_Storage]:
             raise BagError(f"{path} is not a bag: want a rosbag2 directory, .mcap or .db3 file")
         return
     files = sorted(path.glob("*.mcap"), key=_part_number)
-    try:
-        information = _metadata_yaml(path / "metadata.yaml")
-    except BagError:
-        if not files:
-            raise
-        information = {}  # all that is needed is in the files
     compression = information.get("compression_mode", "")
     if information.get("storage_identifier", "mcap") != "mcap" or (
         not isinstance(compression, str) or compression.lower() not in ("", "none")
@@ -184,7 +182,22 @@ def _open_storages(path: Path, damaged: Damaged | None) -> Iterator[_Storage]:
         raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file")
 
 
-def _metadata_yaml(path: Path) -> dict[str, str]:
+def _information(path: Path) -> dict[str, Any]:
+    """Content of a bag's metadata.yaml; empty where all that is needed is in the files."""
+    try:
+        return _metadata_yaml(path / "metadata.yaml")
+    except BagError:
+        if not any(path.glob("*.mcap")):
+            raise
+        return {}
+
+
+def _texts(pairs: object) -> dict[str, str]:
+    """Key and value pairs as text; empty for anything else."""
+    return {str(k): str(v) for k, v in pairs.items()} if isinstance(pairs, dict) else {}
+
+
+def _metadata_yaml(path: Path) -> dict[str, Any]:
     """Content of metadata.yaml; empty if there is none, as after a crash of rosbag2."""
     if not path.exists():
         return {}
