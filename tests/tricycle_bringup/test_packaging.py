@@ -60,7 +60,6 @@ def test_the_installed_distribution_is_an_ament_prefix(monkeypatch):
     source = ROOT / "src" / "tricycle_bringup"
     for installed, folder in (
         (share / "launch", source / "launch"),
-        (share / "config", source / "tricycle_bringup" / "config"),
         (share / "urdf", source / "urdf"),
         (share / "foxglove", source / "foxglove"),
     ):
