@@ -16,7 +16,7 @@ from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
@@ -291,7 +291,8 @@ def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair)
 @pytest.mark.parametrize("topic", ["joint_commands", "cmd_vel"])
 def test_a_commander_that_cannot_be_heard_is_warned_of(bridge, operator, topic):
     said: list[str] = []
-    operator.node.create_subscription(Log, "/rosout", lambda log: said.append(log.msg), 100)
+    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    operator.node.create_subscription(Log, "/rosout", lambda log: said.append(log.msg), latched)
     operator.wait_for("vehicle", "no command stream")  # it runs, and is heard
     kind = {"joint_commands": JointState, "cmd_vel": TwistStamped}[topic]
     operator.node.create_publisher(kind, topic, qos_profile_sensor_data)
