@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 from pathlib import Path
 
@@ -12,6 +13,10 @@ from hypothesis import settings
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
+
+# A shell starts what it runs in the background with SIGINT ignored; what a test starts would ignore
+# it, too.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 FIRMWARE = Path(__file__).parents[1] / "firmware"
 

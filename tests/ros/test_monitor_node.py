@@ -67,7 +67,9 @@ def test_the_screen_is_drawn_and_ctrl_c_ends_it(simulation, ros_environment):
         assert time.monotonic() < deadline, drawn[-3000:]
         drawn += os.read(master, 65536)
     process.send_signal(signal.SIGINT)
+    deadline = time.monotonic() + DEADLINE
     while process.poll() is None:
+        assert time.monotonic() < deadline, "Ctrl-C was not heard"
         try:
             drawn += os.read(master, 65536)
         except OSError:  # the terminal was closed at the other end
