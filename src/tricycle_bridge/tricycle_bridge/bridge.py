@@ -516,24 +516,21 @@ class Bridge:
         other = Board.DRIVE if board is Board.STEER else Board.STEER
         own, partners = self._unpaired[board], self._unpaired[other]
         while partners and not _may_be_of_one_tick(partners, stamp):
-            self._report(partners.popleft())
+            self._report(*partners.popleft())
         if not partners:
             own.append((stamp, reading))
             while own and not self.links[other].up:
-                self._report(own.popleft())
+                self._report(*own.popleft())
         elif partners[0][0] >= stamp + TICK:
-            self._report((stamp, reading))
+            self._report(stamp, reading)
         else:
             measured, partner = partners.popleft()
-            self._report((stamp, reading), (stamp, _at(partner, measured, stamp)))
+            self._report(stamp, reading, _at(partner, measured, stamp))
 
-    def _report(self, *readings: _Measured) -> None:
-        joints = sorted(
-            (joint for _, joint in readings),
-            key=lambda joint: joint.name,
-            reverse=True,  # steering_motor_joint, rear_wheel_joint
-        )
-        self._readings.append(JointReadings(readings[0][0], tuple(joints)))
+    def _report(self, stamp: float, *joints: JointReading) -> None:
+        # steering_motor_joint, rear_wheel_joint
+        ordered = sorted(joints, key=lambda joint: joint.name, reverse=True)
+        self._readings.append(JointReadings(stamp, tuple(ordered)))
 
     def _reading(self, state: SteerState | DriveState) -> JointReading | None:
         if isinstance(state, SteerState):

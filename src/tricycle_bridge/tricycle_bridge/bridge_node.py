@@ -237,9 +237,9 @@ class BridgeNode(LifecycleNode):
         return float(self.get_clock().now().nanoseconds * 1e-9)
 
     def _on_timer(self) -> None:
-        for thread in (self._ports, self._commands):
+        for name, thread in (("serial ports", self._ports), ("commands", self._commands)):
             if thread is not None and not thread.alive:
-                raise RuntimeError("the thread of the serial ports or of the commands died")
+                raise RuntimeError(f"the thread of the {name} died")
         self._step()
 
     def _step(self) -> None:
@@ -325,8 +325,10 @@ class BridgeNode(LifecycleNode):
                 f"{WHEEL_JOINT}"
             )
             return
-        radius = self.get_parameter("tyre_radius").value
-        self._command(angle, wheel_rate * radius, message.header.stamp, Source.JOINT_COMMANDS)
+        bridge = self._bridge  # another thread may clean it up
+        if bridge is not None:
+            speed = wheel_rate * bridge.settings.tyre_radius
+            self._command(angle, speed, message.header.stamp, Source.JOINT_COMMANDS)
 
     def _on_cmd_vel(self, message: TwistStamped) -> None:
         speed, turn_rate = message.twist.linear.x, message.twist.angular.z

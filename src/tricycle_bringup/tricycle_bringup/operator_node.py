@@ -173,7 +173,7 @@ class Operator:
             self._follow(progress)
             self._sleep(STANDSTILL)
         if self._simulated:
-            self._call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
+            self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
 
     def _follow(self, progress: Callable[[int, int], None]) -> None:
         """Wait for the end of the running maneuver."""
@@ -198,7 +198,7 @@ class Operator:
         """Ask for ARM until both PLCs are linked and hear the standstill stream."""
         deadline = time.monotonic() + LINK_TIMEOUT
         while True:
-            answer = self._call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True))
+            answer = self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True))
             if answer.success:
                 return
             if time.monotonic() > deadline:
@@ -209,7 +209,7 @@ class Operator:
         self._state = {pair.key: pair.value for pair in message.values}
 
     def _trigger(self, service: str) -> None:
-        answer = self._call(service, Trigger, Trigger.Request())
+        answer = self._services.call(service, Trigger, Trigger.Request())
         if not answer.success:
             raise NodeError(f"{service}: {answer.message}")
 
@@ -217,12 +217,9 @@ class Operator:
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )
-        result = self._call(f"{node}/set_parameters", SetParameters, request).results[0]
+        result = self._services.call(f"{node}/set_parameters", SetParameters, request).results[0]
         if not result.successful:
             raise NodeError(f"{node}: {name}: {result.reason}")
-
-    def _call(self, service: str, kind: type, request: Any) -> Any:
-        return self._services.call(service, kind, request)
 
     def _sleep(self, duration: float) -> None:
         """Let `duration` seconds of ROS time pass."""
