@@ -5,6 +5,7 @@ the commands was played.
 """
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -271,13 +272,13 @@ def _planned_and_played(
     planned: Any, played: list[tuple[int, Any]], start: int
 ) -> Iterator[tuple[float, float, float, float]]:
     """Angle and wheel speed planned, then those played, of each set-point during the drive."""
-    time = np.array([_duration(point.time_from_start) for point in planned.points])
+    times = [_duration(point.time_from_start) for point in planned.points]
     steer, wheel = (planned.joint_names.index(name) for name in JOINTS)
     rows = [(point.positions[steer], point.velocities[wheel]) for point in planned.points]
     for stamp, setpoint in played:
         elapsed = (stamp - start) * 1e-9
-        if 0 <= elapsed < time[-1]:
-            row = np.searchsorted(time, elapsed + 1e-6, side="right") - 1
+        if 0 <= elapsed < times[-1]:
+            row = bisect_right(times, elapsed + 1e-6) - 1
             steer, wheel = (setpoint.name.index(name) for name in JOINTS)
             yield *rows[row], setpoint.position[steer], setpoint.velocity[wheel]
 

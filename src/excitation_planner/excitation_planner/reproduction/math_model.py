@@ -335,7 +335,7 @@ def figure_8_or_9(
     x, _, cost_at = optima["DIRECT, exact indices"]
     _, _, kriging_cost_at = optima["DIRECT, Kriging"]
     published_pair = {"p1": "p1 and p2", "p3": "p3 and p4"}[target]
-    predicted = histories["DIRECT, Kriging"].min()
+    predicted = np.min(histories["DIRECT, Kriging"])
     noisy, bounded = designs["ours, noise"], designs["ours, x ≤ −0.5"]
     biased = abs(kriging_cost_at / cost_at - 1) > _VISIBLE
     shrunk = [(scale, *_at(scale * noisy.x, axis)[1:]) for scale in (1.0, 0.1, 0.01)]
