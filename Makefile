@@ -8,6 +8,11 @@ SHELL := /bin/bash
 ifdef ROS_DISTRO
 VENV_FLAGS := --system-site-packages
 EXTRAS := dev
+# its messages, and the distribution's SciPy, are compiled for the NumPy beside them
+PINS = "numpy==$$($(PYTHON) -c 'import numpy; print(numpy.__version__)')"
+ifdef LOCKED
+$(error LOCKED=1 pins another NumPy than the sourced ROS is compiled for: leave out one of them)
+endif
 else
 VENV_FLAGS :=
 EXTRAS := dev,ros
@@ -18,7 +23,7 @@ ifdef LOCKED
 INSTALL = $(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/lock.txt \
 	&& $(BIN)/python -m pip install --quiet --no-deps --editable .
 else
-INSTALL = $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]'
+INSTALL = $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]' $(PINS)
 endif
 
 .PHONY: help setup demo test check lint format lock audit docs reference firmware bench soak coverage mutation test-lower-bounds clean
@@ -75,7 +80,7 @@ firmware: setup  ## the two PLCs for the Arduino UNO and their simulator (gcc-av
 	$(MAKE) -C firmware avr simulator
 
 bench: setup  ## every figure that the documents quote; kept in benchmarks/history.jsonl and plotted
-	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]'
+	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]' $(PINS)
 	$(BIN)/python benchmarks/history.py run
 	$(BIN)/python benchmarks/history.py plot
 

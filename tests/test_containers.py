@@ -9,13 +9,18 @@ FOLDER = Path(__file__).parents[1] / "docker"
 SERVICES = yaml.safe_load((FOLDER / "compose.yaml").read_text())["services"]
 
 
+def image(instruction):
+    """What the Dockerfile gives that instruction at last."""
+    lines = (FOLDER / "Dockerfile").read_text().splitlines()
+    return [line.split()[1] for line in lines if line.startswith(f"{instruction} ")][-1]
+
+
 def test_the_image_does_not_end_as_root():
-    users = [
-        line.split()[1]
-        for line in (FOLDER / "Dockerfile").read_text().splitlines()
-        if line.startswith("USER")
-    ]
-    assert users[-1:] == ["tricycle"]
+    assert image("USER") == "tricycle"
+
+
+def test_a_stopped_container_ends_as_ros2_launch_does_of_ctrl_c():
+    assert image("STOPSIGNAL") == "SIGINT"
 
 
 @pytest.mark.parametrize("name", SERVICES)
