@@ -8,8 +8,9 @@ SHELL := /bin/bash
 ifdef ROS_DISTRO
 VENV_FLAGS := --system-site-packages
 EXTRAS := dev
-# its messages, and the distribution's SciPy, are compiled for the NumPy beside them
-PINS = "numpy==$$($(PYTHON) -c 'import numpy; print(numpy.__version__)')"
+# its messages, and the distribution's SciPy, are compiled for the NumPy beside them,
+# mostly 1.26, which pyarrow 26 refuses
+PINS = "numpy==$$($(PYTHON) -c 'import numpy; print(numpy.__version__)')" 'pyarrow<26'
 ifdef LOCKED
 $(error LOCKED=1 pins another NumPy than the sourced ROS is compiled for: leave out one of them)
 endif

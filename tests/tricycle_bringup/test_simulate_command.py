@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from importlib import resources
 from pathlib import Path
 
@@ -156,3 +157,11 @@ def test_bad_options_exit_with_2(commands, option, capsys):
         call("simulate", "--commands", commands, *option)
     assert caught.value.code == 2
     assert "error: argument" in capsys.readouterr().err
+
+
+def test_parquet_without_its_package_is_refused(commands, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(SystemExit) as caught:
+        call("simulate", "--commands", commands, "--output", "o.parquet")
+    assert caught.value.code == 2
+    assert "o.parquet: needs pyarrow: " in capsys.readouterr().err

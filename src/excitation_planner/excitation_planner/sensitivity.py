@@ -201,4 +201,5 @@ def half_width(changes: FloatArray) -> FloatArray:
 
 def _interval(index: FloatArray, half: FloatArray) -> FloatArray:
     """Interval (k, 2) within [0, 1]."""
-    return np.clip(np.stack([index - half, index + half], axis=1), 0.0, 1.0)
+    interval: FloatArray = np.clip(np.stack([index - half, index + half], axis=1), 0.0, 1.0)
+    return interval

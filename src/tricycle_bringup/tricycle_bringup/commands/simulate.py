@@ -2,7 +2,7 @@
 
 import argparse
 import contextlib
-import importlib.util
+import importlib
 import json
 import sys
 from collections.abc import Callable, Mapping
@@ -211,8 +211,11 @@ def _output(text: str) -> Path:
     path = Path(text)
     if path.suffix not in SUFFIXES:
         raise argparse.ArgumentTypeError(f"{text}: needs to end in one of {', '.join(SUFFIXES)}")
-    if path.suffix == ".parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise argparse.ArgumentTypeError(f"{text}: Parquet needs the package pyarrow")
+    if path.suffix == ".parquet":
+        try:  # also whether it takes this NumPy
+            importlib.import_module("pyarrow").array(np.zeros(1))
+        except ImportError as error:
+            raise argparse.ArgumentTypeError(f"{text}: needs pyarrow: {error}") from None
     return path
 
 
