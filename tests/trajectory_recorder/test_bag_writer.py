@@ -1,5 +1,6 @@
 """Bags are read by `mcap`, `mcap-ros2-support` and `rosbags`, none of them ours."""
 
+import os
 import resource
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader as RosbagsReader
 
+from trajectory_recorder import bag_writer
 from trajectory_recorder.bag_reader import BagReader
 from trajectory_recorder.bag_writer import BagWriter, Compression
 from trajectory_recorder.topics import BagError, OfferedQos, Topic, jazzy
@@ -214,3 +216,24 @@ def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
             bag.write(topic, stamp, block)
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
     assert grown < 60_000  # KiB, for 100 MB written
+
+
+def test_the_summary_of_a_long_bag_is_not_written_over_and_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = 0
+    pwritev = os.pwritev
+
+    def counted(fd: int, buffers: list[memoryview], offset: int) -> int:
+        nonlocal written
+        count = pwritev(fd, buffers, offset)
+        written += count
+        return count
+
+    monkeypatch.setattr(os, "pwritev", counted)
+    monkeypatch.setattr(bag_writer, "_PENDING_BYTES", 2**12)
+    with BagWriter(tmp_path / "bag", compression=Compression.NONE, chunk_size=1) as bag:
+        topic = bag.add_topic(chatter())
+        for stamp in range(3000):  # a chunk each, with its entry in the summary
+            bag.write(topic, stamp, bytes(100))
+    assert written < 3 * (tmp_path / "bag" / "bag_0.mcap").stat().st_size

@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from enum import Enum
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -49,6 +50,7 @@ _MESSAGE_FIELDS = _MESSAGE.size - 9  # bytes of the record that are not opcode, 
 _MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of entries
 _CHUNK = struct.Struct("<BQQQQI")  # opcode, length, start, end, uncompressed size, CRC
 _PENDING_BYTES = 8 * 2**20  # chunks kept before the file, and with it its summary, is written
+_PENDING_TAILS = 4  # and not before they are so much more than that summary, which grows
 
 _BUFFERS = 64  # in one call to the operating system
 
@@ -144,7 +146,7 @@ class BagWriter:
             self._latched[topic_id].append(data)
         if self._chunk_bytes >= self._chunk_size:
             self._finish_chunk()
-            if self._files[-1].pending_bytes >= _PENDING_BYTES:
+            if self._files[-1].flush_due:
                 self._files[-1].flush(self.metadata)
 
     def flush(self) -> None:
@@ -284,6 +286,11 @@ class _McapFile:
     def messages(self) -> int:
         """Messages in finished chunks."""
         return sum(self.counts.values())
+
+    @property
+    def flush_due(self) -> bool:
+        """Whether enough is pending for the price of a new tail."""
+        return self.pending_bytes >= max(_PENDING_BYTES, _PENDING_TAILS * len(self._tail))
 
     def add_channel(self, channel_id: int, topic: Topic) -> None:
         """Add the schema, when it is new, and the channel of a topic."""
@@ -449,12 +456,12 @@ def _encode(*records: McapRecord) -> bytes:
 
 def _write_at(fd: int, offset: int, buffers: Sequence[bytes]) -> None:
     """Write all the buffers, however many calls it takes."""
-    left = [memoryview(buffer) for buffer in buffers]
+    left = deque(memoryview(buffer) for buffer in buffers)
     while left:
-        written = os.pwritev(fd, left[:_BUFFERS], offset)
+        written = os.pwritev(fd, list(islice(left, _BUFFERS)), offset)
         offset += written
         while left and written >= len(left[0]):
-            written -= len(left.pop(0))
+            written -= len(left.popleft())
         if left:
             left[0] = left[0][written:]
 
