@@ -76,7 +76,9 @@ def test_a_clean_copy_builds_and_a_node_starts_from_it(ros_environment, tmp_path
     hidden = tmp_path / "hidden"
     hidden.mkdir()
     (hidden / "sitecustomize.py").write_text(NO_ROOT_DISTRIBUTION)
-    env = {**ros_environment, "PYTHONPATH": os.pathsep.join([str(hidden), *packages])}
+    sourced = os.environ.get("PYTHONPATH")
+    path = os.pathsep.join(filter(None, [str(hidden), *packages, sourced]))
+    env = {**ros_environment, "PYTHONPATH": path}
     asked = subprocess.run(
         [executables["tricycle"], "--version"], env=env, capture_output=True, text=True, check=True
     )

@@ -50,7 +50,7 @@ def assert_fresh(*pages):
     # in a process of its own: what it sets must not reach this one, nor the other way round
     done = subprocess.run(
         [sys.executable, "-c", GENERATE, *pages],
-        env=os.environ | {"PYTHONPATH": str(DOCS)}, capture_output=True, text=True, check=True,
+        cwd=DOCS, capture_output=True, text=True, check=True,
     )  # fmt: skip
     for page, text in json.loads(done.stdout).items():
         assert text == (DOCS / page).read_text(), f"{page} is stale: run `make reference`"

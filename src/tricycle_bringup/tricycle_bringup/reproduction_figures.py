@@ -190,8 +190,7 @@ def _screening(data: Screening) -> Figure:
     axes.set_yticks(at, labels)
     axes.invert_yaxis()
     axes.set(xlim=(0, 1), xlabel="share of the variance of TE")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2,
-                  fontsize="small")  # fmt: skip
+    _legend_above(figure, axes.get_legend_handles_labels(), columns=2)
     return figure
 
 
@@ -200,8 +199,7 @@ def _random_and_designed(data: dict[tuple[str, int], Bars]) -> Figure:
     for axes, target in zip(grid, TARGETS, strict=True):
         for one, k in zip(axes, NUMBERS, strict=True):
             _bars(one, data[target, k], target, k)
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=5,
-                  fontsize="small")  # fmt: skip
+    _legend_above(figure, grid[0, 0].get_legend_handles_labels(), columns=5)
     return figure
 
 
@@ -248,8 +246,7 @@ def _trajectories(data: dict[tuple[str, str], Trajectories]) -> Figure:
             axes.plot(drive.time, 100 * drive.distance, color=color, linestyle=style, label=name)
         axes.set(xlabel="time / s", ylabel="distance of the two / cm", title=f"{words}: distance")
         axes.legend(fontsize="small")
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2,
-                  fontsize="small")  # fmt: skip
+    _legend_above(figure, grid[0, 0].get_legend_handles_labels(), columns=2)
     return figure
 
 
@@ -280,7 +277,7 @@ def _costs(data: Costs) -> Figure:
             axes.set(xlabel=x_name, ylabel=y_name, title=f"{words}, k = {k}")
             _widen(axes, data)
         _history(row[2], data, target, words)
-    figure.legend(*_all_handles(grid[:, :2]), loc="outside upper center", ncols=4, fontsize="small")
+    _legend_above(figure, _all_handles(grid[:, :2]), columns=4)
     return figure
 
 
@@ -330,6 +327,13 @@ def _log_if_wide(axes: Axes) -> None:
     drawn = drawn[np.isfinite(drawn)]
     if drawn.max() > 10 * drawn.min():
         axes.set_yscale("log")
+
+
+def _legend_above(figure: Figure, entries: tuple[list[Any], list[str]], columns: int) -> None:
+    """Legend above all axes; Matplotlib 3.6, that of ROS 2 Jazzy's Ubuntu, has no "outside"."""
+    legend = figure.legend(*entries, loc="upper center", ncols=columns, fontsize="small")
+    height = legend.get_window_extent().height / figure.bbox.height
+    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 0.99 - height))
 
 
 def _all_handles(grid: Any) -> tuple[list[Any], list[str]]:
