@@ -112,10 +112,12 @@ mutation: setup  ## do the tests notice changes of the codec and the limits?
 	$(BIN)/python tests/mutation.py
 
 LOWER_BOUNDS := .venv-lower-bounds
-test-lower-bounds: ## the fast tests with the oldest versions that pyproject.toml admits
+test-lower-bounds: ## all tests without live nodes, with the oldest versions that pyproject.toml admits
 	test -x $(LOWER_BOUNDS)/bin/python || $(PYTHON) -m venv $(LOWER_BOUNDS)
 	$(LOWER_BOUNDS)/bin/python -m pip install --quiet --editable '.[dev,ros]' --constraint requirements/lower-bounds.txt
-	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWER_BOUNDS)/numba $(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "not slow and not ros"
+	export NUMBA_CACHE_DIR=$(CURDIR)/$(LOWER_BOUNDS)/numba; \
+	$(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "not slow and not ros"; \
+	$(LOWER_BOUNDS)/bin/python -m pytest -q -m "slow and not ros"
 
 clean:  ## remove the environment and all output
 	rm -rf .venv out build ros_ws/build ros_ws/install ros_ws/log
