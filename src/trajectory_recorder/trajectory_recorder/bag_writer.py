@@ -51,6 +51,7 @@ _MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of ent
 _CHUNK = struct.Struct("<BQQQQI")  # opcode, length, start, end, uncompressed size, CRC
 _PENDING_BYTES = 8 * 2**20  # chunks kept before the file, and with it its summary, is written
 _PENDING_TAILS = 4  # and not before they are so much more than that summary, which grows
+_CACHED_BYTES = 2**27  # of a file that is being written are left in the machine's memory
 
 _BUFFERS = 64  # in one call to the operating system
 
@@ -390,6 +391,11 @@ class _McapFile:
             os.ftruncate(self._fd, self.size + len(tail))
         self._data_end, self._tail = self.size, tail
         self._pending, self.pending_bytes = [], 0
+        if self._data_end > _CACHED_BYTES:
+            # On to the disk, and its memory serves the next write: taking more and more memory
+            # would halve the rate, and push out what others have there.
+            written = self._data_end - _CACHED_BYTES
+            os.posix_fadvise(self._fd, 0, written, os.POSIX_FADV_DONTNEED)
 
     def close(self) -> None:
         """Close without flushing; further calls do nothing."""
