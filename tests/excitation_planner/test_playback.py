@@ -112,6 +112,21 @@ def test_leaving_the_path_aborts_wherever_the_start_was():
     assert playback.reason == "1.50 m off the path (limit 1 m)"
 
 
+def test_the_path_is_that_of_the_commands_whatever_other_plans_are_published():
+    own, other = np.array([[0.0, 0.0], [2.0, 0.0]]), np.array([[9.0, 9.0], [9.0, 8.0]])
+    playback = ready()
+    playback.load_path(other, stamp=1)
+    playback.load(schedule(), stamp=2)
+    with pytest.raises(ValueError, match="the path on maneuver/path is that of other commands"):
+        playback.start(10.0)
+    playback.load_path(own, stamp=2)
+    playback.load_path(other, stamp=3)
+    playback.start(10.0)
+    playback.load_path(other, stamp=2)
+    playback.tick(10.0)
+    assert playback.state is PlaybackState.RUNNING
+
+
 @pytest.mark.parametrize(
     ("time", "angle", "message"),
     [

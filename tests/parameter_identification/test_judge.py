@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
+from parameter_identification.drive import read_drive
 from parameter_identification.judge import Anchor, Datum, JudgeError, Topics, judge
 from parameter_identification.judge_export import ExportFormat, export, plot
 from trajectory_recorder.bag_writer import BagWriter
@@ -378,6 +379,16 @@ def second_reference(messages: dict[str, list[Any]]) -> None:
     messages["/maneuver/reference"].append((s + 1, other))
 
 
+def second_plan(messages: dict[str, list[Any]]) -> None:
+    """A planner that has published its own plan before, and publishes another during the drive."""
+    second_reference(messages)
+    ((s, driven), (_, other)) = messages["/maneuver/reference"]
+    driven.header, other.header = header(START - 2), header(START - 9)
+    messages["/maneuver/reference"] = [(s, other), (s, driven), (START + 10**9, other)]
+    plans = commands(0.2, START - 2), commands(0.1, START - 9, "p2")
+    messages["/maneuver/commands"] = [(s, plans[0]), (START + 10**9, plans[1])]
+
+
 def empty_reference(messages: dict[str, list[Any]]) -> None:
     messages["/maneuver/reference"][0][1].poses.clear()
 
@@ -402,18 +413,23 @@ def two_starts(messages: dict[str, list[Any]]) -> None:
     messages["/maneuver/state"].append((s + 1, status("running", "1700000100.000000000")))
 
 
-def other_commands(messages: dict[str, list[Any]]) -> None:
-    point = TYPES["trajectory_msgs/msg/JointTrajectoryPoint"]
+def commands(angle: float, published: int = 0, plan_id: str = "p1") -> Any:
     none = np.zeros(0)
-    names = ["steering_motor_joint", "rear_wheel_joint"]
     points = [
-        point(np.array([0.1, 0.0]), np.array([0.0, 3.0]), none, none,
-              TYPES["builtin_interfaces/msg/Duration"](sec=t, nanosec=0))
+        TYPES["trajectory_msgs/msg/JointTrajectoryPoint"](
+            np.array([angle, 0.0]), np.array([0.0, 3.0]), none, none,
+            TYPES["builtin_interfaces/msg/Duration"](sec=t, nanosec=0))
         for t in (0, 8)
     ]  # fmt: skip
-    messages["/maneuver/commands"] = [
-        (START - 10**9, TYPES["trajectory_msgs/msg/JointTrajectory"](header(0), names, points))
-    ]
+    return TYPES["trajectory_msgs/msg/JointTrajectory"](
+        header(published, plan_id), ["steering_motor_joint", "rear_wheel_joint"], points
+    )
+
+
+def other_commands(messages: dict[str, list[Any]]) -> None:
+    names = ["steering_motor_joint", "rear_wheel_joint"]
+    none = np.zeros(0)
+    messages["/maneuver/commands"] = [(START - 10**9, commands(0.1))]
     messages["/joint_commands"] = [
         (START + t * 10**7, TYPES["sensor_msgs/msg/JointState"](
             header(START + t * 10**7), names, np.array([0.2, 0.0]), np.array([0.0, 3.0]), none))
@@ -460,6 +476,14 @@ BAD: dict[str, tuple[Scene, str]] = {
 def _shift(message: tuple[int, Any]) -> None:
     s, m = message
     m.pose.pose.position.x += 0.2 * (s - START) * 1e-9
+
+
+def test_of_several_plans_the_one_driven_is_judged(tmp_path: Path) -> None:
+    alone = judge(Scene(deviation=sideways(0.2)).write(tmp_path / "alone"))
+    scene = Scene(deviation=sideways(0.2), edit=second_plan)
+    assert judge(scene.write(tmp_path / "bag")).te == alone.te
+    driven = read_drive(tmp_path / "bag").commands
+    assert (driven.header.frame_id, driven.points[0].positions[0]) == ("p1", 0.2)
 
 
 @pytest.mark.parametrize(("scene", "reason"), BAD.values(), ids=BAD.keys())

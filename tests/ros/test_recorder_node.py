@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rcl_interfaces.srv import SetParameters
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -22,6 +24,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag_reader import BagReader
+from trajectory_recorder.recorder_node import TrajectoryRecorder
 from trajectory_recorder.topics import decode
 from tricycle_bringup.operator_node import ServiceCaller
 from tricycle_bringup.processes import executable
@@ -173,6 +176,27 @@ def texts_or_none(path: Path) -> list[str]:
         return texts(path, "/odom")
     except ValueError:
         return []
+
+
+def test_a_bag_begins_with_the_latched_message_that_waits_and_not_the_one_before(
+    ros_environment: dict[str, str], tmp_path: Path
+) -> None:
+    rclpy.init(args=["--ros-args", "-p", f"output:={tmp_path / 'bag'}"])
+    try:
+        node = TrajectoryRecorder()
+        latched = node.create_publisher(String, "maneuver/path", LATCHED)
+        latched.publish(String(data="old"))
+        deadline = time.monotonic() + 20
+        while not (source := node._sources.get("/maneuver/path")) or not source.latched:
+            assert time.monotonic() < deadline
+            rclpy.spin_once(node, timeout_sec=0.02)
+        latched.publish(String(data="new"))
+        assert latched.wait_for_all_acked(Duration(seconds=20))
+        node.start()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    assert texts(tmp_path / "bag", "/maneuver/path") == ["new"]
 
 
 def test_a_topic_that_comes_late_and_goes_and_comes_back(  # type: ignore[no-untyped-def]

@@ -11,6 +11,7 @@ import yaml
 from launch_recorder import launched_nodes
 
 from excitation_planner.maneuver import Circle
+from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.steering_maneuver import StepSteer
 from parameter_identification.judge import judge
@@ -26,17 +27,32 @@ DRIVES = {
 }
 
 
+@pytest.fixture(scope="module")
+def plans():
+    vehicle = load_vehicle()
+    return {
+        namespace: plan_at(
+            PlanRequest(vehicle, family, "cornering_stiffness", samples=50), np.array(x)
+        )
+        for namespace, (family, x) in DRIVES.items()
+    }
+
+
 @pytest.fixture
-def fleet(ros_environment, tmp_path):
-    """Start what simulation.launch.py starts, but for the planner, in both namespaces."""
+def fleet(ros_environment, plans, tmp_path):
+    """Start what simulation.launch.py starts in both namespaces; each planner has a plan already.
+
+    It is the other tricycle's: none that is driven.
+    """
+    others = dict(zip(plans, reversed(plans.values()), strict=True))
     running = []
     for namespace in DRIVES:
         for node in launched_nodes("simulation.launch.py", namespace=namespace, bag=""):
-            if node["executable"] == "excitation_planner":
-                continue
             # what the launch file sets, but for ports of the test's own, speed, and who arms
             parameters = node["parameters"]
             changes = {"arm_on_activate": False, "autostart": True, "real_time_factor": 10.0}
+            changes["plan_file"] = str(tmp_path / f"{namespace}.json")
+            save_plan(others[namespace], Path(changes["plan_file"]))
             for port in ("steer_port", "drive_port"):
                 changes[port] = str(tmp_path / namespace / port)
             parameters |= {name: changes[name] for name in parameters.keys() & changes.keys()}
@@ -57,15 +73,7 @@ def fleet(ros_environment, tmp_path):
     assert [process.wait(timeout=20) for process in running] == [0] * len(running)
 
 
-def test_each_drives_its_own_plan_on_its_own_clock(ros_environment, fleet, tmp_path):
-    vehicle = load_vehicle()
-    plans = {
-        namespace: plan_at(
-            PlanRequest(vehicle, family, "cornering_stiffness", samples=50), np.array(x)
-        )
-        for namespace, (family, x) in DRIVES.items()
-    }
-
+def test_each_drives_its_own_plan_on_its_own_clock(ros_environment, fleet, plans, tmp_path):
     def drive(namespace):
         bag = tmp_path / "bags" / namespace
         domain = int(ros_environment["ROS_DOMAIN_ID"])

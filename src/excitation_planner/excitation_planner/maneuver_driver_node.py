@@ -27,6 +27,10 @@ def _seconds(time: Time) -> float:
     return float(time.nanoseconds) * 1e-9
 
 
+def _stamp(message: Path | JointTrajectory) -> int:
+    return int(Time.from_msg(message.header.stamp).nanoseconds)
+
+
 def _schedule(message: JointTrajectory) -> Schedule:
     """Rows of a JointTrajectory; raises ValueError naming what is missing."""
     if set(message.joint_names) != set(JOINTS):
@@ -91,7 +95,7 @@ class ManeuverDriver(Node):
 
     def _on_commands(self, message: JointTrajectory) -> None:
         try:
-            self._playback.load(_schedule(message))
+            self._playback.load(_schedule(message), _stamp(message))
         except ValueError as error:
             self.get_logger().error(f"maneuver/commands refused: {error}")
             return
@@ -99,7 +103,7 @@ class ManeuverDriver(Node):
 
     def _on_path(self, message: Path) -> None:
         points = [(p.pose.position.x, p.pose.position.y) for p in message.poses]
-        self._playback.load_path(np.array(points).reshape(-1, 2))
+        self._playback.load_path(np.array(points).reshape(-1, 2), _stamp(message))
 
     def _on_odom(self, message: Odometry) -> None:
         self._playback.observe(_pose(message), _seconds(Time.from_msg(message.header.stamp)))

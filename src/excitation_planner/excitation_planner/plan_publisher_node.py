@@ -5,6 +5,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
@@ -31,13 +32,15 @@ class PlanPublisher:
     """The three publishers of a plan.
 
     A joint trajectory has no frame, so `maneuver/commands` carries the plan id in its header's
-    `frame_id`: the driver repeats it in `maneuver/state`.
+    `frame_id`: the driver repeats it in `maneuver/state`. The three headers share one stamp, by
+    which a bag with several plans tells what belongs together.
     """
 
     def __init__(self, node: Node) -> None:
         def publisher(kind: type, topic: str) -> Any:
             return node.create_publisher(kind, topic, **overridable(LATCHED))
 
+        self._clock = node.get_clock()
         self._path = publisher(Path, "maneuver/path")
         self._reference = publisher(Path, "maneuver/reference")
         self._commands = publisher(JointTrajectory, "maneuver/commands")
@@ -45,13 +48,15 @@ class PlanPublisher:
     def publish(self, plan: Plan) -> None:
         """Publish path and reference, then the commands that make them current."""
         path, reference = Path(), Path()
+        commands = JointTrajectory(joint_names=list(JOINTS))
         path.header.frame_id = reference.header.frame_id = FRAME
+        commands.header.frame_id = plan.id
+        stamp = self._clock.now().to_msg()
+        path.header.stamp = reference.header.stamp = commands.header.stamp = stamp
         path.poses = [_pose(float(x), float(y), 0.0, 0.0) for x, y in plan.path]
         r = plan.reference
         rows = zip(r.x.tolist(), r.y.tolist(), r.yaw.tolist(), r.time.tolist(), strict=True)
         reference.poses = [_pose(*row) for row in rows]
-        commands = JointTrajectory(joint_names=list(JOINTS))
-        commands.header.frame_id = plan.id
         c = plan.commands
         for time, angle, speed in zip(
             c.time.tolist(), c.steering_motor_angle.tolist(), c.speed.tolist(), strict=True
@@ -66,3 +71,8 @@ class PlanPublisher:
         self._path.publish(path)
         self._reference.publish(reference)
         self._commands.publish(commands)
+
+    def received(self) -> bool:
+        """Whether every subscriber known has taken the plan."""
+        publishers = (self._path, self._reference, self._commands)
+        return all(publisher.wait_for_all_acked(Duration()) for publisher in publishers)

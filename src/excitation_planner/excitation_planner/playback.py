@@ -4,6 +4,7 @@ Time is an argument everywhere; the node that owns a `Playback` passes its ROS c
 """
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -14,6 +15,7 @@ Floats = NDArray[np.float64]
 
 JOINTS = ("steering_motor_joint", "rear_wheel_joint")  # of every command, in this order
 STANDSTILL_SPEED = 0.05  # m/s, above which a maneuver does not start
+PATHS_KEPT = 8  # of several planners, until commands say which is theirs
 
 
 class PlaybackState(Enum):
@@ -98,14 +100,16 @@ class Playback:
     start_time: float | None = None  # s, when row 0 was played
     elapsed: float = 0.0  # s since then, of the newest tick of the run
     _schedule: Schedule | None = None
-    _path: Floats | None = None  # (m, 2) from the pose at the start
+    _stamp: int = 0  # of the schedule
+    _paths: deque[tuple[int, Floats]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
+    _path: Floats | None = None  # (m, 2) from the pose at the start, of the maneuver running
     _pose: Pose | None = None
     _pose_time: float = -math.inf
     _anchor: Pose | None = None
     _hold: Setpoint = field(default_factory=lambda: Setpoint(0.0, 0.0))
 
-    def load(self, schedule: Schedule) -> None:
-        """Take a new schedule; while one is being played it is refused.
+    def load(self, schedule: Schedule, stamp: int = 0) -> None:
+        """Take a new schedule, published at `stamp`; while one is being played it is refused.
 
         Raises
         ------
@@ -114,14 +118,17 @@ class Playback:
         """
         if self.state is PlaybackState.RUNNING:
             raise ValueError("a maneuver is running; abort it before sending new commands")
-        self._schedule = schedule
+        self._schedule, self._stamp = schedule, stamp
         self._hold = Setpoint(0.0, 0.0)
         self._set(PlaybackState.WAITING, "")
         self.start_time, self.elapsed = None, 0.0
 
-    def load_path(self, points: Floats) -> None:
-        """Path (m, 2) in m, relative to the start pose, for the deviation limit."""
-        self._path = points
+    def load_path(self, points: Floats, stamp: int = 0) -> None:
+        """Path (m, 2) in m, relative to the start pose, for the deviation limit.
+
+        It is that of the schedule with the same stamp, whichever comes first.
+        """
+        self._paths.append((stamp, points))
 
     def observe(self, pose: Pose, now: float) -> None:
         """Take the newest pose."""
@@ -145,6 +152,12 @@ class Playback:
             raise ValueError(
                 f"the vehicle moves at {self._pose.speed:.2f} m/s; it must stand still"
             )
+        paths = [points for stamp, points in self._paths if stamp == self._stamp]
+        if self._paths and not paths:
+            raise ValueError(
+                "the path on maneuver/path is that of other commands; publish both with one stamp"
+            )
+        self._path = paths[-1] if paths else None
         self._anchor = self._pose
         self.start_time, self.elapsed = None, 0.0
         self._set(PlaybackState.RUNNING, "")

@@ -99,6 +99,7 @@ class Drive:
     start : time of the start event, ns of the clock that stamps the poses
     poses : measured, in the frame of the sensor; with what was recorded before and after
     reference : nominal trajectory, starting at the origin with heading 0
+    commands : JointTrajectory of the plan driven; None if there is none in the bag
     complete : False where the bag was cut off
     metadata : what the recorder noted
     """
@@ -108,6 +109,7 @@ class Drive:
     start: int
     poses: Path2D
     reference: Path2D
+    commands: Any
     complete: bool
     metadata: Mapping[str, str] = field(default_factory=dict)
 
@@ -170,16 +172,23 @@ class _Collector:
             else:
                 message = decode(type_name, data)
                 played.append((_stamp(message), message))
-        reference = self._reference(latched[self.reference].values())
-        start, plan_id = self._start_event(states, float(reference.time[-1]))
-        if planned := list(latched[self.commands].values()):
-            self._check_commands(planned[-1], played, start)
+        start, plan_id, duration = self._start_event(states)
+        commands = self._commands(latched[self.commands].values(), plan_id)
+        reference = self._reference(latched[self.reference].values(), commands)
+        if not abs(duration - reference.time[-1]) <= DURATION_TOLERANCE:
+            raise JudgeError(
+                f"{self.bag}: the driven maneuver lasts {duration:.2f} s, its reference "
+                f"{reference.time[-1]:.2f} s: the reference of another maneuver"
+            )
+        if commands is not None:
+            self._check_commands(commands, played, start)
         return Drive(
             bag=self.bag,
             plan_id=plan_id,
             start=start,
             poses=poses.since(start),
             reference=reference,
+            commands=commands,
             complete=self.reader.complete,
             metadata=self.reader.metadata,
         )
@@ -195,9 +204,18 @@ class _Collector:
             raise JudgeError(f"{self.bag} holds no topic {name}: {why}")
         return found[0] if found else ""
 
-    def _reference(self, messages: Iterable[Any]) -> Path2D:
+    def _commands(self, messages: Iterable[Any], plan_id: str) -> Any:
+        """Newest commands of the plan driven; of any plan where they carry no id."""
+        newest = list(messages)[::-1]
+        own = (message for message in newest if message.header.frame_id == plan_id)
+        return next(own, newest[0] if newest else None)
+
+    def _reference(self, messages: Iterable[Any], commands: Any) -> Path2D:
+        """The reference published with the commands; the only one where stamps do not tell."""
+        every = list(messages)
+        own = [m for m in every if commands is not None and _stamp(m) == _stamp(commands)]
         paths = {}
-        for message in messages:
+        for message in own or every:
             rows = [(_stamp(pose) * 1e-9, *_planar(pose.pose)) for pose in message.poses]
             paths[np.array(rows).tobytes()] = np.array(rows).reshape(-1, 4)
         if not paths:
@@ -220,8 +238,8 @@ class _Collector:
             )
         return Path2D(path[:, 0], path[:, 1], path[:, 2], np.unwrap(path[:, 3]))
 
-    def _start_event(self, states: list[dict[str, str]], duration: float) -> tuple[int, str]:
-        """Time of the start event, ns, and the id of the plan driven."""
+    def _start_event(self, states: list[dict[str, str]]) -> tuple[int, str, float]:
+        """Time of the start event, ns; id and duration, s, of the plan driven."""
         running = {s.get("start_time", ""): s for s in states if s.get("state") == "running"}
         if not running:
             raise JudgeError(f"{self.bag}: {self.state} holds no start event: nothing was driven")
@@ -233,7 +251,7 @@ class _Collector:
         ((start_time, event),) = running.items()
         try:
             start = _nanoseconds(start_time)
-            planned = float(event["duration"])
+            duration = float(event["duration"])
         except (ValueError, KeyError) as error:
             raise JudgeError(
                 f"{self.bag}: {self.state}: want start_time and duration in seconds"
@@ -241,12 +259,7 @@ class _Collector:
         for state in states[states.index(event) :]:
             if state.get("state") == "aborted":
                 raise JudgeError(f"{self.bag}: the maneuver was aborted: {state.get('reason', '')}")
-        if not abs(planned - duration) <= DURATION_TOLERANCE:
-            raise JudgeError(
-                f"{self.bag}: the driven maneuver lasts {planned:.2f} s, its reference "
-                f"{duration:.2f} s: the reference of another maneuver"
-            )
-        return start, event.get("plan_id", "")
+        return start, event.get("plan_id", ""), duration
 
     def _check_commands(self, planned: Any, played: list[tuple[int, Any]], start: int) -> None:
         """Raise if what was played is not what the bag says was planned."""

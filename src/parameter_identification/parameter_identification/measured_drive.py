@@ -274,20 +274,22 @@ def read_measured_drive(
     """
     topics = topics or SignalTopics()
     drive = read_drive(bag, topics=topics.judged)
-    commands: Commands | None = None
+    if drive.commands is None:
+        raise IdentificationError(
+            f"{bag} holds no topic {topics.judged.commands}: without commands there is no model "
+            "of the drive"
+        )
+    commands = _commands(drive.commands, vehicle, bag)
     rows: dict[Sensor, list[tuple[int, float]]] = {Sensor.YAW_RATE: [], Sensor.WHEEL_SPEED: []}
     with BagReader(bag) as reader:
         wanted = {
             known: name
-            for name in (topics.judged.commands, topics.imu, topics.joints)
+            for name in (topics.imu, topics.joints)
             for known in reader.topics
             if known == name or known.endswith("/" + name)
         }
         for topic, _, data in reader.messages(set(wanted)):
             message = decode(reader.topics[topic].type, data)
-            if wanted[topic] == topics.judged.commands:
-                commands = _commands(message, vehicle, bag)
-                continue
             stamp = message.header.stamp
             nanoseconds = int(stamp.sec) * 10**9 + int(stamp.nanosec) - drive.start
             if wanted[topic] == topics.imu:
@@ -295,11 +297,6 @@ def read_measured_drive(
             elif WHEEL_JOINT in message.name:
                 speed = message.velocity[message.name.index(WHEEL_JOINT)]
                 rows[Sensor.WHEEL_SPEED].append((nanoseconds, speed))
-    if commands is None:
-        raise IdentificationError(
-            f"{bag} holds no topic {topics.judged.commands}: without commands there is no model "
-            "of the drive"
-        )
     poses = drive.poses
     signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
     if np.isfinite(poses.heading).all():

@@ -148,6 +148,7 @@ class TrajectoryRecorder(Node):
         output = self.get_parameter("output").value
         if not output:
             raise BagError("the parameter output is empty: set it to the directory of the bag")
+        self._drain_all()  # what waits is newer than the latched messages taken so far
         self._bag = BagWriter(
             Path(output).absolute(),
             compression=self._compression,
@@ -174,8 +175,7 @@ class TrajectoryRecorder(Node):
         BagError
             If nothing is being recorded.
         """
-        for source in self._sources.values():
-            self._drain(source)
+        self._drain_all()
         if self._bag is None:
             raise BagError(self._failure or "not recording")
         bag, self._bag = self._bag, None
@@ -254,6 +254,10 @@ class TrajectoryRecorder(Node):
     def _on_message(self, source: _Source, data: bytes, info: dict[str, int]) -> None:
         self._take(source, data, info)
         self._drain(source)
+
+    def _drain_all(self) -> None:
+        for source in self._sources.values():
+            self._drain(source)
 
     def _drain(self, source: _Source) -> None:
         subscription = source.subscription

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -157,28 +157,54 @@ class Operator:
         Raises
         ------
         NodeError
-            If a node does not answer, refuses, or aborts the maneuver; with its reason.
+            If a node does not answer, refuses, or aborts the maneuver; with its reason. What was
+            started is aborted then, and its bag closed.
         """
         if self._simulated:
             self._trigger("tricycle_sim/reset")
-        self._plans.publish(plan)
-        self._wait(
-            lambda: self._state.get("plan_id") == plan.id, "maneuver_driver to take the plan"
-        )
+            clock = self._node.get_clock()
+            self._wait(lambda: clock.now().nanoseconds > 0, "/clock")  # for the plan's stamp
+        self._hand_over(plan)
         if self._simulated:
             self._arm()
         with self._recording(bag):
             self._sleep(STANDSTILL)
-            self._trigger("maneuver_driver/start")
-            self._follow(progress)
-            self._sleep(STANDSTILL)
+            if self._state["plan_id"] != plan.id:  # a planner has published another one meanwhile
+                self._hand_over(plan)
+            with self._driving():
+                self._follow(plan, progress)
         if self._simulated:
             self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
 
-    def _follow(self, progress: Callable[[int, int], None]) -> None:
-        """Wait for the end of the running maneuver."""
+    def _hand_over(self, plan: Plan) -> None:
+        self._plans.publish(plan)
+        waiting = {"plan_id": plan.id, "state": PlaybackState.WAITING.value}
+        self._wait(
+            lambda: waiting.items() <= self._state.items(), "maneuver_driver to take the plan"
+        )
+        # what the middleware sends again may come seconds later: after the start
+        self._wait(self._plans.received, "every subscriber of maneuver/* to take the plan")
+
+    @contextmanager
+    def _driving(self) -> Iterator[None]:
+        """Start the maneuver, abort it on any failure or interruption; then stand still."""
+        try:
+            self._trigger("maneuver_driver/start")
+            yield
+        except BaseException:
+            with suppress(NodeError):  # it may have ended by itself, and the nodes, too
+                self._trigger("maneuver_driver/abort")
+            with suppress(NodeError):
+                self._sleep(STANDSTILL)
+            raise
+        self._sleep(STANDSTILL)
+
+    def _follow(self, plan: Plan, progress: Callable[[int, int], None]) -> None:
+        """Wait for the end of the maneuver started."""
+        self._wait(lambda: self._state["state"] != PlaybackState.WAITING.value, "the start")
+        if self._state["plan_id"] != plan.id:
+            raise NodeError(f"maneuver_driver started another plan, {self._state['plan_id']}")
         ended = (PlaybackState.DONE.value, PlaybackState.ABORTED.value)
-        self._wait(lambda: self._state.get("state") == PlaybackState.RUNNING.value, "the start")
         while self._state["state"] not in ended:
             before = dict(self._state)
             self._wait(lambda: self._state != before, "news of the running maneuver")  # noqa: B023
@@ -191,8 +217,10 @@ class Operator:
     def _recording(self, bag: Path) -> Iterator[None]:
         self._set_parameter("trajectory_recorder", "output", str(bag))
         self._trigger("trajectory_recorder/start")
-        yield
-        self._trigger("trajectory_recorder/stop")
+        try:
+            yield
+        finally:
+            self._trigger("trajectory_recorder/stop")
 
     def _arm(self) -> None:
         """Ask for ARM until both PLCs are linked and hear the standstill stream."""

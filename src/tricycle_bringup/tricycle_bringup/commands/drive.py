@@ -23,7 +23,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="drive a plan and record it",
         description="Starts the simulation and all nodes, drives the plan open loop and records "
         "it. With --vehicle-nodes it uses the nodes that vehicle.launch.py has started instead: "
-        "arm the vehicle first (service tricycle_bridge/arm), and keep the e-stop in hand.",
+        "arm the vehicle first (service tricycle_bridge/arm), and keep the e-stop in hand. Ctrl-C "
+        "aborts the maneuver: the vehicle stops, and the bag is closed.",
         epilog=EXAMPLE,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,0 +1,80 @@
+"""`tricycle drive --vehicle-nodes`: an operator who comes and goes at nodes that stay."""
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.executors import SingleThreadedExecutor
+from std_srvs.srv import SetBool
+
+from excitation_planner.maneuver import Circle
+from excitation_planner.plan import save_plan
+from excitation_planner.planning import PlanRequest, plan_at
+from parameter_identification.judge import JudgeError, judge
+from trajectory_recorder.bag_reader import BagReader
+from tricycle_bringup.operator_node import LATCHED, ServiceCaller
+from tricycle_bringup.session import simulated_session
+from tricycle_sim.vehicle import load_vehicle
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+
+def test_ctrl_c_stops_the_vehicle_and_closes_the_bag_and_the_next_drive_goes_on(
+    ros_environment, ros_node, tmp_path
+):
+    request = PlanRequest(load_vehicle(), Circle(duration=4.0), "cornering_stiffness", samples=50)
+    save_plan(plan_at(request, np.array([2.5, 1.0])), tmp_path / "plan.json")
+    state = {}
+    ros_node.create_subscription(
+        DiagnosticStatus,
+        "maneuver/state",
+        lambda message: state.update({pair.key: pair.value for pair in message.values}),
+        LATCHED,
+    )
+    executor = SingleThreadedExecutor(context=ros_node.context)
+    executor.add_node(ros_node)
+
+    def wait(condition, what):
+        deadline = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < deadline, f"waited in vain for {what}: {state}"
+            executor.spin_once(timeout_sec=0.02)
+
+    services = ServiceCaller(ros_node, wait)
+
+    def armed():
+        return services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True)).success
+
+    def drive(bag):
+        return subprocess.Popen(
+            [Path(sys.executable).with_name("tricycle"), "drive", "plan.json", "--bag", bag,
+             "--vehicle-nodes"],
+            cwd=tmp_path, env=ros_environment, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+    with simulated_session(
+        vehicle_file="", true_seed=-1, real_time_factor=1.0, folder=tmp_path / "session"
+    ):
+        wait(armed, "both boards")
+        interrupted = drive("first")
+        wait(lambda: float(state.get("elapsed", 0)) >= 1.0, "a second of driving")
+        interrupted.send_signal(signal.SIGINT)
+        _, errors = interrupted.communicate(timeout=30)
+        assert (interrupted.returncode, errors.splitlines()[-1]) == (130, "tricycle: interrupted")
+        wait(lambda: state["state"] == "aborted", "the abort")
+        assert state["reason"] == "asked for"
+        with BagReader(tmp_path / "first") as bag:
+            assert bag.complete
+        with pytest.raises(JudgeError, match="the maneuver was aborted: asked for"):
+            judge(tmp_path / "first")
+
+        finished = drive("second")
+        _, errors = finished.communicate(timeout=60)
+        assert finished.returncode == 0, errors
+    executor.shutdown()
+    assert judge(tmp_path / "second").matched_fraction == 1.0
