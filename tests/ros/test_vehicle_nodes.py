@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
-from std_srvs.srv import SetBool
+from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
@@ -24,11 +24,18 @@ from tricycle_sim.vehicle import load_vehicle
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
-def test_ctrl_c_stops_the_vehicle_and_closes_the_bag_and_the_next_drive_goes_on(
+def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_is_still_running(
     ros_environment, ros_node, tmp_path
 ):
-    request = PlanRequest(load_vehicle(), Circle(duration=4.0), "cornering_stiffness", samples=50)
-    save_plan(plan_at(request, np.array([2.5, 1.0])), tmp_path / "plan.json")
+    def save(name, duration):
+        family = Circle(duration=duration)
+        request = PlanRequest(load_vehicle(), family, "cornering_stiffness", samples=50)
+        plan = plan_at(request, np.array([2.5, 1.0]))
+        save_plan(plan, tmp_path / name)
+        return plan.id
+
+    long = save("long.json", 60.0)
+    save("short.json", 4.0)
     state = {}
     ros_node.create_subscription(
         DiagnosticStatus,
@@ -50,9 +57,9 @@ def test_ctrl_c_stops_the_vehicle_and_closes_the_bag_and_the_next_drive_goes_on(
     def armed():
         return services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True)).success
 
-    def drive(bag):
+    def drive(plan, bag):
         return subprocess.Popen(
-            [Path(sys.executable).with_name("tricycle"), "drive", "plan.json", "--bag", bag,
+            [Path(sys.executable).with_name("tricycle"), "drive", plan, "--bag", bag,
              "--vehicle-nodes"],
             cwd=tmp_path, env=ros_environment, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
@@ -61,10 +68,10 @@ def test_ctrl_c_stops_the_vehicle_and_closes_the_bag_and_the_next_drive_goes_on(
         vehicle_file="", true_seed=-1, real_time_factor=1.0, folder=tmp_path / "session"
     ):
         wait(armed, "both boards")
-        interrupted = drive("first")
-        wait(lambda: float(state.get("elapsed", 0)) >= 1.0, "a second of driving")
+        interrupted = drive("long.json", "first")
+        wait(lambda: state.get("state") == "running" and float(state["elapsed"]) >= 1, "driving")
         interrupted.send_signal(signal.SIGINT)
-        _, errors = interrupted.communicate(timeout=30)
+        _, errors = interrupted.communicate(timeout=60)
         assert (interrupted.returncode, errors.splitlines()[-1]) == (130, "tricycle: interrupted")
         wait(lambda: state["state"] == "aborted", "the abort")
         assert state["reason"] == "asked for"
@@ -73,8 +80,21 @@ def test_ctrl_c_stops_the_vehicle_and_closes_the_bag_and_the_next_drive_goes_on(
         with pytest.raises(JudgeError, match="the maneuver was aborted: asked for"):
             judge(tmp_path / "first")
 
-        finished = drive("second")
+        killed = drive("long.json", "second")
+        wait(lambda: state["state"] == "running", "driving again")
+        killed.kill()
+        killed.communicate()
+        for refusal, service in (
+            (f"is driving plan {long}: wait for its end, or abort it", "maneuver_driver/abort"),
+            ("second: stop it first", "trajectory_recorder/stop"),
+        ):
+            refused = drive("short.json", "third")
+            _, errors = refused.communicate(timeout=60)
+            assert (refused.returncode, refusal in errors) == (2, True), errors
+            assert services.call(service, Trigger, Trigger.Request()).success
+
+        finished = drive("short.json", "third")
         _, errors = finished.communicate(timeout=60)
         assert finished.returncode == 0, errors
     executor.shutdown()
-    assert judge(tmp_path / "second").matched_fraction == 1.0
+    assert judge(tmp_path / "third").matched_fraction == 1.0

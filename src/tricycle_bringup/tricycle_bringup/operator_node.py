@@ -179,9 +179,16 @@ class Operator:
     def _hand_over(self, plan: Plan) -> None:
         self._plans.publish(plan)
         waiting = {"plan_id": plan.id, "state": PlaybackState.WAITING.value}
-        self._wait(
-            lambda: waiting.items() <= self._state.items(), "maneuver_driver to take the plan"
-        )
+
+        def taken() -> bool:
+            if self._state.get("state") == PlaybackState.RUNNING.value:
+                raise NodeError(
+                    f"maneuver_driver is driving plan {self._state['plan_id']}: wait for its end, "
+                    "or abort it (service maneuver_driver/abort)"
+                )
+            return waiting.items() <= self._state.items()
+
+        self._wait(taken, "maneuver_driver to take the plan")
         # what the middleware sends again may come seconds later: after the start
         self._wait(self._plans.received, "every subscriber of maneuver/* to take the plan")
 
