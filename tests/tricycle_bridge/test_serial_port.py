@@ -190,6 +190,29 @@ def test_a_device_in_use_is_said_to_be(tmp_path, plc_pair):
     second.close()
 
 
+def test_what_has_arrived_is_taken_while_the_io_thread_is_busy(tmp_path):
+    """A command echoes the newest telemetry; with an old echo the PLC refuses it."""
+    called, free = threading.Event(), threading.Event()
+
+    def notify():
+        called.set()
+        assert free.wait(PATIENCE)
+
+    with PtyPort(tmp_path / "steer") as board:
+        ports = SerialPorts({STEER: str(board.path)}, notify)
+        assert called.wait(PATIENCE)  # of the opening; the I/O thread hangs from here on
+        assert ports.take_events() == [Opened(STEER)]
+        for data in (b"first", b"second"):
+            assert board.write(data)
+            taken = b""
+            deadline = time.monotonic() + PATIENCE
+            while taken != data:  # the kernel passes it on when it likes
+                assert time.monotonic() < deadline, taken
+                taken += b"".join(event.data for event in ports.take_events())
+        free.set()
+        ports.close()
+
+
 def test_a_write_that_would_block_is_dropped_and_counted(tmp_path):
     with PtyPort(tmp_path / "plc") as port:
         opened = threading.Event()

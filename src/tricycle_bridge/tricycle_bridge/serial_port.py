@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import selectors
 import termios
 import threading
@@ -21,7 +22,7 @@ from tricycle_bridge.messages import BAUD, Board
 
 RETRY_PERIOD = 0.1  # s between attempts to open a port
 _READ_SIZE = 4096  # bytes
-_MAX_WAITING = 64 * 1024  # bytes per port that wait for their reader; older ones are dropped
+_MAX_WAITING = 64 * 1024  # bytes per port that wait to be taken; what comes then is dropped
 
 # What pyserial and the system raise when a device goes away; termios.error is not an OSError, and
 # closing during a read raises TypeError.
@@ -93,7 +94,6 @@ class SerialPorts:
         self._reopen: dict[Board, str] = {}
         self._events: deque[PortEvent] = deque()
         self._waiting = dict.fromkeys(paths, 0)  # bytes in _events
-        self._overflow = dict.fromkeys(paths, 0)  # bytes dropped
         self._lock = threading.Lock()
         self._selector = selectors.DefaultSelector()
         self._wake_read, self._wake_write = os.pipe()
@@ -109,8 +109,13 @@ class SerialPorts:
         return self._thread.is_alive()
 
     def take_events(self) -> list[PortEvent]:
-        """Return what happened since the last call, oldest first."""
+        """Return what happened since the last call, oldest first.
+
+        Reads what has arrived: on a busy machine the I/O thread may come to it much later.
+        """
         with self._lock:
+            for board in self._ports:
+                self._read(board)
             events = list(self._events)
             self._events.clear()
             self._waiting = dict.fromkeys(self._waiting, 0)
@@ -160,7 +165,10 @@ class SerialPorts:
                 if key.data is None:
                     os.read(self._wake_read, _READ_SIZE)
                 else:
-                    self._read(key.data)
+                    with self._lock:
+                        gone = self._read(key.data)
+                    if gone:
+                        self._close(key.data, f"{self._paths[key.data]}: {gone}")
             with self._lock:
                 reopen, self._reopen = self._reopen, {}
             for board, reason in reopen.items():
@@ -183,28 +191,13 @@ class SerialPorts:
             port = _Port(path, self._baud)
         except _GONE as error:
             self._retry_at[board] = time.monotonic() + RETRY_PERIOD
-            self._put(Closed(board, _open_problem(path, error)))
+            with self._lock:
+                self._events.append(Closed(board, _open_problem(path, error)))
             return
         with self._lock:
             self._ports[board] = port
+            self._events.append(Opened(board))
         self._selector.register(port.fd, selectors.EVENT_READ, board)
-        self._put(Opened(board))
-
-    def _read(self, board: Board) -> None:
-        port = self._ports.get(board)
-        if port is None:
-            return
-        try:
-            data = os.read(port.fd, _READ_SIZE)
-        except BlockingIOError:
-            return
-        except _GONE as error:
-            self._close(board, f"{self._paths[board]}: {error}")
-            return
-        if data:
-            self._put(Received(board, data))
-        else:
-            self._close(board, f"{self._paths[board]}: end of file, the device was unplugged")
 
     def _close(self, board: Board, reason: str) -> None:
         with self._lock:
@@ -215,16 +208,28 @@ class SerialPorts:
             self._selector.unregister(port.fd)
         port.close()
         self._retry_at[board] = time.monotonic() + RETRY_PERIOD
-        self._put(Closed(board, reason))
-
-    def _put(self, event: PortEvent) -> None:
         with self._lock:
-            if isinstance(event, Received):
-                if self._waiting[event.board] > _MAX_WAITING:
-                    self._overflow[event.board] += len(event.data)
-                    return
-                self._waiting[event.board] += len(event.data)
-            self._events.append(event)
+            self._events.append(Closed(board, reason))
+
+    # ---- with the lock held ----
+
+    def _read(self, board: Board) -> str:
+        """Take what a port has to say; return why it is gone, if it is."""
+        port = self._ports.get(board)
+        if port is None:
+            return ""
+        try:
+            data = os.read(port.fd, _READ_SIZE)
+        except BlockingIOError:
+            return ""
+        except _GONE as error:
+            return str(error)
+        if not data:  # none has come, or the other side is gone
+            return "end of file, the device was unplugged" if _hung_up(port.fd) else ""
+        if self._waiting[board] <= _MAX_WAITING:
+            self._waiting[board] += len(data)
+            self._events.append(Received(board, data))
+        return ""
 
     def _ask_reopen(self, board: Board, reason: str) -> None:
         self._reopen[board] = reason
@@ -233,6 +238,12 @@ class SerialPorts:
     def _wake(self) -> None:
         with contextlib.suppress(BlockingIOError):
             os.write(self._wake_write, b"\0")
+
+
+def _hung_up(fd: int) -> bool:
+    poll = select.poll()
+    poll.register(fd, 0)  # hang-ups and errors are reported unasked
+    return bool(poll.poll(0))
 
 
 def _open_problem(path: str, error: Exception) -> str:

@@ -160,6 +160,12 @@ class TricycleSim(Node):
             if left <= 0.0:
                 break
             selector.select(min(left, 0.1))
+        if self._in_step and self._patience and simulator.armed and not simulator.answered:
+            self.get_logger().warning(
+                f"the boards accepted no command at {simulator.time:.2f} s within host_patience, "
+                f"{self._patience:g} s: the vehicle follows the ones before",
+                throttle_duration_sec=1.0,
+            )
         self._in_step = simulator.armed and simulator.answered
 
     def _publish(self, state: LiveState, now: float) -> None:
