@@ -199,10 +199,9 @@ class Operator:
             self._trigger("maneuver_driver/start")
             yield
         except BaseException:
-            with suppress(NodeError):  # it may have ended by itself, and the nodes, too
-                self._trigger("maneuver_driver/abort")
-            with suppress(NodeError):
-                self._sleep(STANDSTILL)
+            # refused where it has ended by itself; that it is not answered is told
+            self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
+            self._sleep(STANDSTILL)
             raise
         self._sleep(STANDSTILL)
 
@@ -226,8 +225,11 @@ class Operator:
         self._trigger("trajectory_recorder/start")
         try:
             yield
-        finally:
-            self._trigger("trajectory_recorder/stop")
+        except BaseException:
+            with suppress(NodeError):  # what came first is told
+                self._trigger("trajectory_recorder/stop")
+            raise
+        self._trigger("trajectory_recorder/stop")
 
     def _arm(self) -> None:
         """Ask for ARM until both PLCs are linked and hear the standstill stream."""
