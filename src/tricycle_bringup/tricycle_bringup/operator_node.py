@@ -27,6 +27,7 @@ from tricycle_bringup.processes import NodeError, interrupts_held
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
+SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -126,6 +127,7 @@ class Operator:
         self._executor.add_node(self._node)
         self._plans = PlanPublisher(self._node)
         self._state: dict[str, str] = {}
+        self._patience = SERVICE_TIMEOUT
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
         self._services = ServiceCaller(self._node, self._wait)
 
@@ -160,6 +162,7 @@ class Operator:
             If a node does not answer, refuses, or aborts the maneuver; with its reason. What was
             started is aborted then, and its bag closed.
         """
+        self._patience = SERVICE_TIMEOUT
         if self._simulated:
             self._trigger("tricycle_sim/reset")
             clock = self._node.get_clock()
@@ -198,9 +201,15 @@ class Operator:
         try:
             self._trigger("maneuver_driver/start")
             yield
-        except BaseException:
-            # refused where it has ended by itself; that it is not answered is told
-            self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
+        except BaseException as error:
+            self._check()  # where the nodes end with a dead one, nobody is left to abort
+            try:  # refused where it has ended by itself
+                self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
+            except NodeError as unanswered:
+                raise NodeError(
+                    f"{str(error) or 'interrupted'}; the maneuver may still run, for the abort: "
+                    f"{unanswered}"
+                ) from error
             self._sleep(STANDSTILL)
             raise
         self._sleep(STANDSTILL)
@@ -223,6 +232,7 @@ class Operator:
     def _recording(self, bag: Path) -> Iterator[None]:
         self._set_parameter("trajectory_recorder", "output", str(bag))
         self._trigger("trajectory_recorder/start")
+        self._patience = SILENCE_TIMEOUT
         try:
             yield
         except BaseException:
@@ -265,10 +275,10 @@ class Operator:
         self._wait(lambda: clock.now().nanoseconds >= end, "the clock")
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + SERVICE_TIMEOUT
+        deadline = time.monotonic() + self._patience
         while not condition():
             self._check()
             if time.monotonic() > deadline:
-                raise NodeError(f"waited {SERVICE_TIMEOUT:.0f} s for {what}")
+                raise NodeError(f"waited {self._patience:.0f} s for {what}")
             with interrupts_held():
                 self._executor.spin_once(timeout_sec=0.05)
