@@ -104,6 +104,14 @@ def test_arming_and_driving(driving):
     assert driving.arm() == (True, "already armed")
 
 
+def test_arming_at_once_after_a_stop_says_what_to_wait_for(vehicle):
+    vehicle.arm()
+    vehicle.bridge.stop("the operator's wish")
+    assert vehicle.arm() == (False, "not armed: steer PLC: still stopping")
+    vehicle.step(100)
+    assert vehicle.arm() == (True, "armed")
+
+
 def _without_commander(v):
     v.target = None
     v.step(20)
