@@ -94,6 +94,17 @@ def host(plc_pair):
     host.ports.close()
 
 
+@pytest.fixture
+def line(tmp_path):
+    """A board's end of a serial line, and the ports that are open at the other."""
+    with PtyPort(tmp_path / "plc") as board:
+        opened = threading.Event()
+        ports = SerialPorts({STEER: str(board.path)}, opened.set)
+        assert opened.wait(PATIENCE)
+        yield board, ports
+        ports.close()
+
+
 def _replug(host, pair, board, rng):
     """Unplug for up to 20 ms; returns the time from the device's return to the link's (s)."""
     link = host.bridge.links[board]
@@ -230,29 +241,21 @@ def test_what_has_arrived_is_taken_while_the_io_thread_is_busy(tmp_path):
         ports.close()
 
 
-def test_what_nobody_takes_costs_no_memory(tmp_path):
-    with PtyPort(tmp_path / "plc") as board:
-        opened = threading.Event()
-        ports = SerialPorts({STEER: str(board.path)}, opened.set)
-        assert opened.wait(PATIENCE)
-        sent = 0
-        deadline = time.monotonic() + PATIENCE
-        while sent < 1000:  # the I/O thread reads on, else the line would be full after some KiB
-            assert time.monotonic() < deadline, f"the line took {sent} KiB"
-            sent += board.write(bytes(1024))
-        waiting = [event for event in ports.take_events() if isinstance(event, Received)]
-        assert 65536 < sum(len(event.data) for event in waiting) < 65536 + 2 * 4096
-        ports.close()
+def test_what_nobody_takes_costs_no_memory(line):
+    board, ports = line
+    sent = 0
+    deadline = time.monotonic() + PATIENCE
+    while sent < 1000:  # the I/O thread reads on, else the line would be full after some KiB
+        assert time.monotonic() < deadline, f"the line took {sent} KiB"
+        sent += board.write(bytes(1024))
+    waiting = [event for event in ports.take_events() if isinstance(event, Received)]
+    assert 65536 < sum(len(event.data) for event in waiting) < 65536 + 2 * 4096
 
 
-def test_a_write_that_would_block_is_dropped_and_counted(tmp_path):
-    with PtyPort(tmp_path / "plc") as port:
-        opened = threading.Event()
-        ports = SerialPorts({STEER: str(port.path)}, opened.set)
-        assert opened.wait(PATIENCE)
-        dropped = 0
-        for _ in range(5000):
-            dropped += ports.write(STEER, [bytes(20)])
-        assert 0 < dropped < 5000
-        assert ports.write(DRIVE, [b"x", b"y"]) == 2  # no such port
-        ports.close()
+def test_a_write_that_would_block_is_dropped_and_counted(line):
+    _, ports = line
+    dropped = 0
+    for _ in range(5000):
+        dropped += ports.write(STEER, [bytes(20)])
+    assert 0 < dropped < 5000
+    assert ports.write(DRIVE, [b"x", b"y"]) == 2  # no such port

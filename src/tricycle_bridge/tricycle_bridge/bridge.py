@@ -229,8 +229,8 @@ class Bridge:
                 return f"{_name(board)} PLC: telemetry {link.telemetry_age(now):.2f} s old"
             if link.telemetry.flags & StateFlag.ESTOP_PRESSED:
                 return f"{_name(board)} PLC: hardware e-stop pressed"
-            stopping = link.telemetry.state == PlcState.ARMED and not self._enabled
-            if stopping or link.telemetry.state == PlcState.STOPPING:
+            state = link.telemetry.state
+            if state == PlcState.STOPPING or (state == PlcState.ARMED and not self._enabled):
                 return f"{_name(board)} PLC: still stopping"
         if (command := self._fresh_input(now)) is None:
             return "no command stream"
