@@ -90,12 +90,12 @@ soak: setup  ## an hour of driving on a bad line, fifty recorders killed
 	$(BIN)/python benchmarks/recorder_kills.py
 
 # Coverage sees into kernels only when they are not compiled; then whole drives take too long.
-KERNELS := $(addprefix tests/tricycle_sim/test_,uncompiled.py setpoints.py dynamics.py) \
+KERNELS := $(addprefix tests/tricycle_sim/,vehicle/test_uncompiled.py vehicle/test_kernel.py test_setpoints.py) \
 	-k "uncompiled or setpoints or lagrange or linkage or ratio_of or inverse or servo or static"
 COVERAGE := $(BIN)/python -m coverage
-PROTOCOL := src/tricycle_bridge/*/framing.py,src/tricycle_bridge/*/messages.py,src/tricycle_bridge/*/link.py,src/tricycle_bridge/*/clock.py,src/tricycle_sim/*/plc.py
-PHYSICS := src/tricycle_sim/*/dynamics.py,src/tricycle_sim/*/steering.py,src/tricycle_sim/*/setpoints.py,src/tricycle_sim/*/simulation.py,src/tricycle_sim/*/vehicle.py
-STATISTICS := $(addprefix src/excitation_planner/*/,box.py kriging.py infill.py sobol_indices.py sensitivity.py criteria.py information.py trajectory_error.py)
+PROTOCOL := src/tricycle_bridge/*/protocol/*.py,src/tricycle_bridge/*/link.py,src/tricycle_sim/*/plc/plc.py
+PHYSICS := src/tricycle_sim/*/vehicle/*.py,src/tricycle_sim/*/setpoints.py
+STATISTICS := $(addprefix src/excitation_planner/*/,box.py trajectory_error.py indices/*.py design/criteria.py design/information.py)
 comma := ,
 empty :=
 coverage: setup  ## branch coverage; physics, protocol and statistics must reach 95 %

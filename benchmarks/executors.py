@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from excitation_planner import design_excitation
-from excitation_planner.test_functions import MATH_MODEL_UNKNOWN, math_model
+from excitation_planner.indices.analytic import MATH_MODEL_UNKNOWN, math_model
 
 OPERATION = {f"x{i}": (-5.0, -0.1) for i in (1, 2, 3, 4)}
 

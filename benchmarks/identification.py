@@ -22,12 +22,15 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 from excitation_planner.maneuver import Circle, DoubleLaneChange
-from excitation_planner.replay import nominal_run
+from excitation_planner.planning.replay import nominal_run
+from parameter_identification.drives.measured import Motion, Sensor, SensorNoise, Signal, measure
 from parameter_identification.identification import identify
-from parameter_identification.measured_drive import Motion, Sensor, SensorNoise, Signal, measure
-from tricycle_bridge.messages import SPEED_UNIT, TICK
+from tricycle_bridge.protocol.messages import SPEED_UNIT, TICK
 from tricycle_sim.commands import Commands
-from tricycle_sim.dynamics import (
+from tricycle_sim.setpoints import command_rows, slew_all
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.kernel import (
     LANES,
     Q0,
     SPIN_REAR,
@@ -40,10 +43,7 @@ from tricycle_sim.dynamics import (
     equilibrium,
     pack,
 )
-from tricycle_sim.setpoints import command_rows, slew_all
-from tricycle_sim.simulation import simulate
-from tricycle_sim.steering import steering_constants
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.steering import steering_constants
 
 VEHICLE = load_vehicle()
 LOW, HIGH = np.array(list(VEHICLE.unknown.values())).T

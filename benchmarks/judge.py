@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from trajectory_recorder.bag_writer import BagWriter, Compression
-from trajectory_recorder.topics import OfferedQos, Topic, jazzy
+from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
+from trajectory_recorder.bag.writer import BagWriter, Compression
 
 TYPES = {
     "/odom": "nav_msgs/msg/Odometry",
@@ -118,7 +118,7 @@ def make_bag(path: Path, size: float, compression: Compression) -> None:
 IMPORTS = """
 import os, resource, sys, time
 from pathlib import Path
-from parameter_identification.judge import judge
+from parameter_identification.judging.judgement import judge
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 store = get_typestore(Stores.ROS2_JAZZY)

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from excitation_planner import Box, InfeasibleManeuver, monte_carlo_indices, sensitivity
 from excitation_planner.maneuver import Circle, DoubleLaneChange
-from excitation_planner.replay import ReplayedTrajectoryError
+from excitation_planner.planning.replay import ReplayedTrajectoryError
 from tricycle_sim.vehicle import load_vehicle
 
 

@@ -10,8 +10,8 @@ import random
 import time
 from collections.abc import Iterator
 
-from tricycle_bridge.framing import Frame, FrameDecoder, encode
-from tricycle_bridge.messages import Board, Message, SteerState
+from tricycle_bridge.protocol.framing import Frame, FrameDecoder, encode
+from tricycle_bridge.protocol.messages import Board, Message, SteerState
 
 SESSION = 7
 

@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.maneuver import Circle
-from excitation_planner.replay import nominal_run
+from excitation_planner.planning.replay import nominal_run
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
-from tricycle_bridge.messages import Board, Fault
+from tricycle_bridge.protocol.messages import Board, Fault
 from tricycle_sim.commands import Commands
-from tricycle_sim.firmware_simulator import FirmwareSimulator
+from tricycle_sim.plc.simulated_uno import SimulatedUno
+from tricycle_sim.rig.emulated import Simulator
+from tricycle_sim.rig.firmware import FirmwareSimulator
 from tricycle_sim.setpoints import command_rows
-from tricycle_sim.simulated_avr import SimulatedUno
-from tricycle_sim.simulator import Simulator
 from tricycle_sim.vehicle import load_vehicle
 
 

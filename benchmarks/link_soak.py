@@ -15,8 +15,8 @@ import random
 import time
 
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
-from tricycle_bridge.messages import Board, Fault, PlcState, echo_of
-from tricycle_sim.plc import (
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState, echo_of
+from tricycle_sim.plc.plc import (
     DriveMeasurement,
     DriveOutput,
     DrivePlc,

@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 
 from excitation_planner import Indices, Kriging, sensitivity, sobol_indices
 from excitation_planner.box import training_points
-from excitation_planner.test_functions import (
+from excitation_planner.indices.analytic import (
     MATH_MODEL_OPERATION,
     MATH_MODEL_UNKNOWN,
     g_function,

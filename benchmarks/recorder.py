@@ -29,10 +29,10 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from trajectory_recorder.bag_reader import BagReader
-from trajectory_recorder.bag_writer import BagWriter, Compression
-from trajectory_recorder.topics import Topic, jazzy
-from tricycle_bringup.processes import executable, own_domain, ros_environment
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.topics import Topic, jazzy
+from trajectory_recorder.bag.writer import BagWriter, Compression
+from tricycle_cli.operation.processes import executable, own_domain, ros_environment
 
 ODOMETRY = Topic.of_type("/odom", "nav_msgs/msg/Odometry")
 

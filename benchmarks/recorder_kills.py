@@ -29,9 +29,9 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader, ReaderError
 
-from trajectory_recorder.recovery import recover
-from trajectory_recorder.topics import decode
-from tricycle_bringup.processes import executable, own_domain, ros_environment
+from trajectory_recorder.bag.recovery import recover
+from trajectory_recorder.bag.topics import decode
+from tricycle_cli.operation.processes import executable, own_domain, ros_environment
 
 PUBLISHER = textwrap.dedent(
     """

@@ -22,9 +22,9 @@ from nav_msgs.msg import Odometry
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from trajectory_recorder.bag_writer import BagWriter
-from trajectory_recorder.topics import Topic
-from tricycle_bringup.processes import executable, own_domain, ros_environment
+from trajectory_recorder.bag.topics import Topic
+from trajectory_recorder.bag.writer import BagWriter
+from tricycle_cli.operation.processes import executable, own_domain, ros_environment
 
 TOPICS = ("/odom", "/imu", "/joint_states", "/joint_commands")
 

@@ -17,8 +17,8 @@ import numpy as np
 from scipy.optimize import differential_evolution
 
 from excitation_planner import Box, Search, design_excitation
-from excitation_planner.criteria import excitation_cost
-from excitation_planner.test_functions import (
+from excitation_planner.design.criteria import excitation_cost
+from excitation_planner.indices.analytic import (
     MATH_MODEL_UNKNOWN,
     math_model,
     quadrature_indices,

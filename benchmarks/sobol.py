@@ -15,7 +15,7 @@ from search import own_cases
 from threadpoolctl import threadpool_limits
 
 from excitation_planner import Box, monte_carlo_indices, sensitivity
-from excitation_planner.test_functions import (
+from excitation_planner.indices.analytic import (
     ISHIGAMI_UNKNOWN,
     MATH_MODEL_OPERATION,
     MATH_MODEL_UNKNOWN,

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from vehicle_checks import integration_errors
 
 from excitation_planner.maneuver import DoubleLaneChange
-from excitation_planner.replay import nominal_run
-from tricycle_bridge.framing import encode
-from tricycle_bridge.messages import (
+from excitation_planner.planning.replay import nominal_run
+from tricycle_bridge.protocol.framing import encode
+from tricycle_bridge.protocol.messages import (
     TICK,
     Board,
     Control,
@@ -38,14 +38,14 @@ from tricycle_bridge.messages import (
     SteerCommand,
     echo_of,
 )
-from tricycle_sim import dynamics
 from tricycle_sim.commands import Commands
-from tricycle_sim.dynamics import GROUP_SIZE, LANES
+from tricycle_sim.rig.emulated import Simulator
 from tricycle_sim.setpoints import command_rows, slew_all
-from tricycle_sim.simulation import PlanarBlock, simulate_planar
-from tricycle_sim.simulator import Simulator
-from tricycle_sim.steering import run_servo, steering_constants
 from tricycle_sim.vehicle import Vehicle, load_vehicle
+from tricycle_sim.vehicle import kernel as dynamics
+from tricycle_sim.vehicle.batch import PlanarBlock, simulate_planar
+from tricycle_sim.vehicle.kernel import GROUP_SIZE, LANES
+from tricycle_sim.vehicle.steering import run_servo, steering_constants
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
@@ -261,9 +261,9 @@ START = """
 import time
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
-import tricycle_sim.simulation
+import tricycle_sim.vehicle.batch
 begin = time.perf_counter()
-tricycle_sim.simulation.simulate(load_vehicle(), Commands([0.0, 1.0], [0.0, 0.0], [1.0, 1.0]))
+tricycle_sim.vehicle.batch.simulate(load_vehicle(), Commands([0.0, 1.0], [0.0, 0.0], [1.0, 1.0]))
 print(time.perf_counter() - begin)
 """
 

@@ -2,7 +2,7 @@
 
     python benchmarks/vehicle_checks.py
 
-`tests/tricycle_sim/test_dynamics.py` holds each figure to its bound.
+`tests/tricycle_sim/vehicle/test_kernel.py` holds each figure to its bound.
 """
 
 import dataclasses
@@ -16,22 +16,22 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_bridge.messages import TICK
-from tricycle_sim import dynamics
+from tricycle_bridge.protocol.messages import TICK
 from tricycle_sim.commands import Commands
-from tricycle_sim.dynamics import LANES, ROWS
-from tricycle_sim.modes import LIMIT, fastest_mode
 from tricycle_sim.setpoints import slew_all
-from tricycle_sim.simulation import simulate
-from tricycle_sim.steering import run_servo, steering_constants, wheel_angles
 from tricycle_sim.vehicle import Vehicle, load_vehicle
+from tricycle_sim.vehicle import kernel as dynamics
+from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.kernel import LANES, ROWS
+from tricycle_sim.vehicle.stability import LIMIT, fastest_mode
+from tricycle_sim.vehicle.steering import run_servo, steering_constants, wheel_angles
 
 Array = NDArray[np.float64]
 
 
 def load_oracle() -> ModuleType:
     """Import the independent model of the tests."""
-    path = Path(__file__).parents[1] / "tests/tricycle_sim/lagrange_oracle.py"
+    path = Path(__file__).parents[1] / "tests/tricycle_sim/vehicle/lagrange_oracle.py"
     spec = importlib.util.spec_from_file_location("lagrange_oracle", path)
     assert spec is not None
     assert spec.loader is not None

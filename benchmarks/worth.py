@@ -32,15 +32,14 @@ from excitation_planner.planning import (
     plan_set,
     random_feasible_point,
 )
-from excitation_planner.prediction import (
+from excitation_planner.planning.prediction import (
     PERIOD,
     STANDSTILL,
     ReplayedTrajectories,
     predicted_covariance,
 )
-from excitation_planner.replay import nominal_run
-from parameter_identification.identification import identify
-from parameter_identification.measured_drive import (
+from excitation_planner.planning.replay import nominal_run
+from parameter_identification.drives.measured import (
     MeasuredDrive,
     Motion,
     Sensor,
@@ -48,8 +47,9 @@ from parameter_identification.measured_drive import (
     StartPose,
     measure,
 )
-from tricycle_sim.simulation import simulate
+from parameter_identification.identification import identify
 from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
 
 DURATION = 20.0  # s of each drive that are used
 TARGETS = ("cornering_stiffness", "camber_stiffness")

@@ -40,7 +40,7 @@ def table(headings: Iterable[str], rows: Iterable[Iterable[object]]) -> str:
 def commands_page() -> str:
     """Help of every command."""
     os.environ["COLUMNS"] = "100"
-    from tricycle_bringup.cli import COMMANDS, parser
+    from tricycle_cli.main import COMMANDS, parser
 
     top = parser()
     page = [GENERATED, "# Commands\n\n", _help(top)]
@@ -68,8 +68,8 @@ def _help(parser: argparse.ArgumentParser) -> str:
 
 def protocol_page() -> str:
     """Every message with its fields, from the message table."""
-    from tricycle_bridge import messages
-    from tricycle_bridge.messages import MESSAGES, Board, from_plc, layout
+    from tricycle_bridge.protocol import messages
+    from tricycle_bridge.protocol.messages import MESSAGES, Board, from_plc, layout
 
     page = [
         GENERATED,
@@ -136,8 +136,9 @@ def _comments(described: type) -> dict[str, str]:
 
 def files_page() -> str:
     """Plan and study."""
-    from excitation_planner import plan, store
-    from excitation_planner.study import Study
+    from excitation_planner import plan
+    from excitation_planner.design import store
+    from excitation_planner.design.study import Study
 
     inner = [
         f"\n`{kind.__name__}`: {_summary(kind)}\n\n" + _fields(kind)
@@ -237,8 +238,8 @@ def _node(name: str) -> Iterator[Any]:
 
 def _small_bag(path: Path) -> Path:
     """A bag with one message, for the replayer to open."""
-    from trajectory_recorder.bag_writer import BagWriter
-    from trajectory_recorder.topics import Topic, jazzy
+    from trajectory_recorder.bag.topics import Topic, jazzy
+    from trajectory_recorder.bag.writer import BagWriter
 
     kind = "std_msgs/msg/String"
     message = jazzy().types[kind](data="")

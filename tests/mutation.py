@@ -44,22 +44,25 @@ class Target:
 
 TARGETS = (
     Target(
-        "tricycle_bridge.framing",
+        "tricycle_bridge.protocol.framing",
         (
-            "tests/tricycle_bridge/test_codec_limits.py",
-            "tests/tricycle_bridge/test_framing.py",
+            "tests/tricycle_bridge/protocol/test_messages.py",
+            "tests/tricycle_bridge/protocol/test_framing.py",
         ),
     ),
     Target(
-        "tricycle_bridge.messages",
-        ("tests/tricycle_bridge/test_codec_limits.py", "tests/tricycle_bridge/test_framing.py"),
+        "tricycle_bridge.protocol.messages",
+        (
+            "tests/tricycle_bridge/protocol/test_messages.py",
+            "tests/tricycle_bridge/protocol/test_framing.py",
+        ),
         # its numbers are held by the test of the firmware's header
         ("low", "high", "size", "layout", "payload", "from_payload", "of", "guarded", "echo_of"),
     ),
     Target("tricycle_sim.setpoints", ("tests/tricycle_sim/test_setpoints.py",)),
     Target(
-        "tricycle_sim.plc",
-        ("tests/tricycle_sim/test_plc.py",),
+        "tricycle_sim.plc.plc",
+        ("tests/tricycle_sim/plc/test_plc.py",),
         ("_limit", "_take_command", "_accept_command", "_check_watchdog", "_arm"),
     ),
 )

@@ -21,9 +21,9 @@ from excitation_planner import DesignError, Study
 from excitation_planner.maneuver import Circle, PlanError
 from excitation_planner.plan import load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at
-from trajectory_recorder.bag_reader import BagError, BagReader
-from trajectory_recorder.bag_writer import BagWriter, Compression
-from trajectory_recorder.topics import Topic, decode, jazzy, message_class
+from trajectory_recorder.bag.reader import BagError, BagReader
+from trajectory_recorder.bag.topics import Topic, decode, jazzy, message_class
+from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_sim.commands import CommandsError, load_commands
 from tricycle_sim.vehicle import VehicleError, load_vehicle
 

@@ -21,11 +21,6 @@ setup(
     zip_safe=False,
     maintainer="The tricycle excitation maintainers",
     maintainer_email="maintainers@example.org",
-    description="Launch files, configuration, the tricycle command and the demo",
+    description="Launch files, configuration, robot description and Foxglove layout",
     license="Apache-2.0",
-    entry_points={
-        "console_scripts": [
-            "tricycle = tricycle_bringup.cli:main",
-        ]
-    },
 )

@@ -9,12 +9,8 @@ import numpy as np
 import pytest
 
 from excitation_planner.maneuver import Circle, DoubleLaneChange
-from excitation_planner.replay import nominal_run
-from parameter_identification.drive import Path2D
-from parameter_identification.estimation import Loss
-from parameter_identification.identification import Prior, identify
-from parameter_identification.identified_vehicle import identified_vehicle
-from parameter_identification.measured_drive import (
+from excitation_planner.planning.replay import nominal_run
+from parameter_identification.drives.measured import (
     IdentificationError,
     MeasuredDrive,
     Motion,
@@ -24,9 +20,13 @@ from parameter_identification.measured_drive import (
     StartPose,
     measure,
 )
+from parameter_identification.drives.recorded import Path2D
+from parameter_identification.estimation.problem import Loss
+from parameter_identification.identification import Prior, identify
+from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_sim.commands import Commands
-from tricycle_sim.simulation import simulate
 from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
 
 VEHICLE = load_vehicle()
 LOW, HIGH = np.array(list(VEHICLE.unknown.values())).T

@@ -9,7 +9,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-from tricycle_bringup import processes
+from tricycle_cli.operation import processes
 
 _tests = itertools.count()
 

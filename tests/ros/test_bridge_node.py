@@ -20,8 +20,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
-from tricycle_bridge.messages import Board, Fault, PlcState
-from tricycle_bringup.operator_node import ServiceCaller
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState
+from tricycle_cli.operation.operator_node import ServiceCaller
 
 pytestmark = pytest.mark.ros
 

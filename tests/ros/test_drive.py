@@ -13,11 +13,11 @@ from rosbags.highlevel import AnyReader
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
-from excitation_planner.replay import nominal_run, replayed_errors
-from parameter_identification.judge import judge
-from trajectory_recorder.bag_reader import BagReader
-from tricycle_bringup.session import simulated_session
-from tricycle_sim.simulator import draw_truth
+from excitation_planner.planning.replay import nominal_run, replayed_errors
+from parameter_identification.judging.judgement import judge
+from trajectory_recorder.bag.reader import BagReader
+from tricycle_cli.operation.session import simulated_session
+from tricycle_sim.rig.emulated import draw_truth
 from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

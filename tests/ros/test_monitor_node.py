@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
-from tricycle_bringup.processes import NodeProcesses
+from tricycle_cli.operation.processes import NodeProcesses
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -3,8 +3,8 @@
 import pytest
 from rclpy.task import Future
 
-from tricycle_bringup import operator_node
-from tricycle_bringup.operator_node import ServiceCaller
+from tricycle_cli.operation import operator_node
+from tricycle_cli.operation.operator_node import ServiceCaller
 
 pytestmark = pytest.mark.ros
 

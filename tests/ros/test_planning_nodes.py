@@ -18,7 +18,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from tricycle_bringup.operator_node import ServiceCaller
+from tricycle_cli.operation.operator_node import ServiceCaller
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 
-from tricycle_bridge.run_node import overridable
+from tricycle_core.nodes import overridable
 
 pytestmark = pytest.mark.ros
 

@@ -23,11 +23,11 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from trajectory_recorder.bag_reader import BagReader
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.topics import decode
 from trajectory_recorder.recorder_node import TrajectoryRecorder
-from trajectory_recorder.topics import decode
-from tricycle_bringup.operator_node import ServiceCaller
-from tricycle_bringup.processes import executable
+from tricycle_cli.operation.operator_node import ServiceCaller
+from tricycle_cli.operation.processes import executable
 
 pytestmark = pytest.mark.ros
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

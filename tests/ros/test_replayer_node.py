@@ -15,10 +15,10 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from trajectory_recorder.bag_writer import BagWriter
-from trajectory_recorder.topics import OfferedQos, Topic, jazzy
-from tricycle_bringup.operator_node import ServiceCaller
-from tricycle_bringup.processes import executable
+from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
+from trajectory_recorder.bag.writer import BagWriter
+from tricycle_cli.operation.operator_node import ServiceCaller
+from tricycle_cli.operation.processes import executable
 
 pytestmark = pytest.mark.ros
 TYPE = "std_msgs/msg/String"

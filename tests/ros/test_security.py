@@ -9,8 +9,8 @@ import pytest
 import rclpy
 from launch_recorder import launched_nodes, project_scripts
 
-from tricycle_bringup.monitor_node import Monitor
-from tricycle_bringup.operator_node import Operator
+from tricycle_cli.operation.monitor_node import Monitor
+from tricycle_cli.operation.operator_node import Operator
 
 pytestmark = pytest.mark.ros
 

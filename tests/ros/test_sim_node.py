@@ -12,7 +12,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 
-from tricycle_bringup.operator_node import ServiceCaller
+from tricycle_cli.operation.operator_node import ServiceCaller
 
 pytestmark = pytest.mark.ros
 

@@ -11,12 +11,12 @@ import yaml
 from launch_recorder import launched_nodes
 
 from excitation_planner.maneuver import Circle
+from excitation_planner.maneuver.steering import StepSteer
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
-from excitation_planner.steering_maneuver import StepSteer
-from parameter_identification.judge import judge
-from trajectory_recorder.bag_reader import BagReader
-from tricycle_bringup.operator_node import Operator
+from parameter_identification.judging.judgement import judge
+from trajectory_recorder.bag.reader import BagReader
+from tricycle_cli.operation.operator_node import Operator
 from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from launch_recorder import project_scripts
 
-from tricycle_bridge import __version__
+from tricycle_core import __version__
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

@@ -16,8 +16,8 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.rosbag2 import ReaderError
 
-from trajectory_recorder.bag_reader import BagReader
-from trajectory_recorder.recovery import recover
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.recovery import recover
 
 KILLS = 10
 
@@ -27,8 +27,8 @@ WRITER = textwrap.dedent(
     """
     import itertools, sys, time
     from pathlib import Path
-    from trajectory_recorder.bag_writer import BagWriter
-    from trajectory_recorder.topics import Topic
+    from trajectory_recorder.bag.writer import BagWriter
+    from trajectory_recorder.bag.topics import Topic
     bag = BagWriter(Path(sys.argv[1]))
     topic = bag.add_topic(Topic.of_type("/odom", "nav_msgs/msg/Odometry"))
     period, flushed = float(sys.argv[2]), time.monotonic()

@@ -7,10 +7,10 @@ from threading import Thread
 
 import pytest
 
-from trajectory_recorder.bag_reader import BagReader, Message
-from trajectory_recorder.bag_writer import BagWriter
+from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.topics import OfferedQos, Topic
+from trajectory_recorder.bag.writer import BagWriter
 from trajectory_recorder.player import CLOCK_PERIOD, Player
-from trajectory_recorder.topics import OfferedQos, Topic
 
 LATCHED = (OfferedQos(durability="transient_local"),)
 MS = 1_000_000  # ns

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
 from tricycle_bridge.diagnosis import Level, diagnose
-from tricycle_bridge.messages import Board, Fault, LinkError, PlcState
-from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+from tricycle_bridge.protocol.messages import Board, Fault, LinkError, PlcState
+from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 

@@ -4,10 +4,10 @@ import random
 
 import pytest
 
-from tricycle_bridge import messages as m
-from tricycle_bridge.framing import FrameDecoder, encode
 from tricycle_bridge.link import LinkEventKind, LinkState, PlcLink
-from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+from tricycle_bridge.protocol import messages as m
+from tricycle_bridge.protocol.framing import FrameDecoder, encode
+from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 Kind = LinkEventKind
 

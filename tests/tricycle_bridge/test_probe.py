@@ -2,9 +2,9 @@
 
 import pytest
 
-from tricycle_bridge.messages import Board, DriveLimits, LinkError
 from tricycle_bridge.probe import PortProbe
-from tricycle_sim.pty_port import PtyPort
+from tricycle_bridge.protocol.messages import Board, DriveLimits, LinkError
+from tricycle_sim.plc.pty_port import PtyPort
 
 
 @pytest.mark.parametrize("board", [Board.STEER, Board.DRIVE])

@@ -7,10 +7,10 @@ import time
 import pytest
 
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
-from tricycle_bridge.messages import Board, Fault, PlcState
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
-from tricycle_sim.plc_pair import PlcPair
-from tricycle_sim.pty_port import PtyPort
+from tricycle_sim.plc.pair import PlcPair
+from tricycle_sim.plc.pty_port import PtyPort
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 PATIENCE = 20.0  # s; only a failing test waits that long

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tricycle_bridge.messages import MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE
 from tricycle_sim.commands import Commands, CommandsError, load_commands
 
 HEADER = "time,steering_motor_angle,speed\n"

@@ -4,8 +4,8 @@ import time
 
 import serial
 
-from tricycle_bridge.framing import FrameDecoder, encode
-from tricycle_bridge.messages import Board, Hello, HelloAck
+from tricycle_bridge.protocol.framing import FrameDecoder, encode
+from tricycle_bridge.protocol.messages import Board, Hello, HelloAck
 
 
 def test_plc_pair_answers_on_two_serial_devices(plc_pair):

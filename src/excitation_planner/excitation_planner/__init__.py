@@ -1,17 +1,18 @@
 """PLAN: excitation maneuvers by Kriging, Sobol' indices and DIRECT."""
 
 from excitation_planner.box import Box
-from excitation_planner.criteria import Criterion, TrajectoryErrorNoise
-from excitation_planner.design import Design, Verdict, design_excitation
+from excitation_planner.design.criteria import Criterion, TrajectoryErrorNoise
+from excitation_planner.design.evaluation import Evaluation
+from excitation_planner.design.excitation import Design, Verdict, design_excitation
+from excitation_planner.design.information import ManeuverSet, Prior, TrajectoryNoise
+from excitation_planner.design.search import Search
+from excitation_planner.design.study import Proposal, Study
 from excitation_planner.errors import DesignError, InfeasibleManeuver
-from excitation_planner.evaluation import Evaluation
-from excitation_planner.infill import Infill
-from excitation_planner.information import ManeuverSet, Prior, TrajectoryNoise
-from excitation_planner.kriging import Kriging
-from excitation_planner.search import Search
-from excitation_planner.sensitivity import Sensitivity, sensitivity
-from excitation_planner.sobol_indices import Indices, monte_carlo_indices, sobol_indices
-from excitation_planner.study import Proposal, Study
+from excitation_planner.indices.infill import Infill
+from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
+from excitation_planner.indices.sobol import Indices, monte_carlo_indices, sobol_indices
+from tricycle_core.renamed import install
 
 __all__ = [
     "Box",
@@ -37,3 +38,5 @@ __all__ = [
     "sensitivity",
     "sobol_indices",
 ]
+
+install()

@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.playback import JOINTS, Playback, PlaybackState, Pose, Schedule
-from tricycle_bridge.run_node import declare, overridable, run_node
+from tricycle_core.nodes import declare, overridable, run_node
 
 PERIOD = 0.01  # s
 STATE_EVERY = 0.5  # s between repeated state messages while running

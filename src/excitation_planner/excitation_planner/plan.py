@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.criteria import Criterion
+from excitation_planner.design.criteria import Criterion
 from excitation_planner.maneuver import PlanError
 from tricycle_sim.commands import Commands, CommandsError
 

@@ -15,13 +15,13 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from excitation_planner.criteria import Criterion
+from excitation_planner.design.criteria import Criterion
 from excitation_planner.errors import DesignError
 from excitation_planner.maneuver import PlanError, family_by_name, family_names
 from excitation_planner.plan import Plan, load_plan, save_plan
-from excitation_planner.plan_publisher_node import PlanPublisher
+from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.planning import PlanRequest, plan_maneuver
-from tricycle_bridge.run_node import declare, overridable, run_node
+from tricycle_core.nodes import declare, overridable, run_node
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, VehicleError, load_vehicle
 
 POLL = 0.2  # s between looks at the planning process

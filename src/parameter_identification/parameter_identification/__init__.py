@@ -6,3 +6,7 @@
 bag, `measured_drive.read_measured_drive(bag, vehicle)`, or from a simulation,
 `measured_drive.measure(Motion.of(trajectory), commands, noise, rng=rng)`.
 """
+
+from tricycle_core.renamed import install
+
+install()

@@ -30,20 +30,20 @@ from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 from threadpoolctl import threadpool_limits
 
-from parameter_identification.estimation import Fit, Loss, Problem
-from parameter_identification.measured_drive import (
+from parameter_identification.drives.measured import (
     IdentificationError,
     MeasuredDrive,
     Sensor,
     Signal,
     StartPose,
 )
-from parameter_identification.noise_model import NoiseLevel
-from parameter_identification.profile_likelihood import ProfileCurve, profile
-from parameter_identification.trajectory_model import DriveModel, Prediction, restrict
-from parameter_identification.whiteness import Whiteness, all_white, whiteness
-from tricycle_sim.simulation import simulate
+from parameter_identification.estimation.model import DriveModel, Prediction, restrict
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.problem import Fit, Loss, Problem
+from parameter_identification.estimation.profiles import ProfileCurve, profile
+from parameter_identification.estimation.whiteness import Whiteness, all_white, whiteness
 from tricycle_sim.vehicle import Vehicle, constants
+from tricycle_sim.vehicle.batch import simulate
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]

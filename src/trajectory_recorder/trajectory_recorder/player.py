@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Collection
 from threading import Condition
 
-from trajectory_recorder.bag_reader import BagReader, Message
+from trajectory_recorder.bag.reader import BagReader, Message
 
 CLOCK_PERIOD = 10_000_000  # ns of recorded time between ticks of the clock
 

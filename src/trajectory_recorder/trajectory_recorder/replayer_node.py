@@ -19,10 +19,10 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from trajectory_recorder.bag_reader import BagReader, Message
+from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.topics import BagError, OfferedQos, message_class
 from trajectory_recorder.player import Player
-from trajectory_recorder.topics import BagError, OfferedQos, message_class
-from tricycle_bridge.run_node import declare, run_node
+from tricycle_core.nodes import declare, run_node
 
 ACKNOWLEDGE = Duration(seconds=0.05)  # to wait at a time for reliable subscribers
 DEPTH = 100  # messages, where the middleware did not tell the recorded publisher's

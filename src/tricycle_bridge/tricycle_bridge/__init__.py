@@ -1,3 +1,5 @@
 """DRIVE: PLC protocol, serial links and the ROS 2 bridge."""
 
-__version__ = "0.1.0"  # of all six packages
+from tricycle_core.renamed import install
+
+install()

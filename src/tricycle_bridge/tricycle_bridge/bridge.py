@@ -24,7 +24,7 @@ from tricycle_bridge.link import (
     PlcLink,
     state_name,
 )
-from tricycle_bridge.messages import (
+from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     ARMING_COMMANDS,
     MAX_ACCELERATION,

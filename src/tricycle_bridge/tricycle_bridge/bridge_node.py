@@ -37,11 +37,11 @@ from tricycle_bridge.bridge import (
     Setpoint,
     Source,
 )
-from tricycle_bridge.command_thread_node import CommandThread
+from tricycle_bridge.command_thread import CommandThread
 from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.kinematics import steering_motor_angle
 from tricycle_bridge.link import LinkState
-from tricycle_bridge.messages import (
+from tricycle_bridge.protocol.messages import (
     BAUD,
     MAX_ACCELERATION,
     MAX_STEERING_RATE,
@@ -49,8 +49,8 @@ from tricycle_bridge.messages import (
     DriveState,
     LinkError,
 )
-from tricycle_bridge.run_node import declare, overridable, run_node
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_core.nodes import declare, overridable, run_node
 
 POLL_PERIOD = 0.05  # s, wall time; what is due while neither PLC nor commander says anything
 REPORT_PERIOD = 1.0  # s between diagnostics and battery states

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.link import DEGRADED_AGE, LinkState, state_name
-from tricycle_bridge.messages import Board, Fault, PlcState, fault_names
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState, fault_names
 
 
 class Level(enum.IntEnum):

@@ -11,8 +11,8 @@ import enum
 import re
 import sys
 
-from tricycle_bridge import messages
-from tricycle_bridge.messages import MESSAGES, Board, Message, layout
+from tricycle_bridge.protocol import messages
+from tricycle_bridge.protocol.messages import MESSAGES, Board, Message, layout
 
 _ENUMS: tuple[type[enum.IntEnum] | type[enum.IntFlag], ...] = (
     messages.Board,

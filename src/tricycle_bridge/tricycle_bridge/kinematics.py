@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tricycle_bridge.messages import MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE
 
 # The outer wheel turns by r = 0.8 - 0.2 |theta| / 45 deg of the motor's angle theta, the inner by
 # all of it: their mean is theta (0.9 - 0.1 |theta| / 45 deg).

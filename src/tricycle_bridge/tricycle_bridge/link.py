@@ -11,9 +11,9 @@ import enum
 import random
 from dataclasses import dataclass
 
-from tricycle_bridge.clock import PlcClock, elapsed_us
-from tricycle_bridge.framing import DELIMITER, Frame, FrameDecoder, encode
-from tricycle_bridge.messages import (
+from tricycle_bridge.protocol.clock import PlcClock, elapsed_us
+from tricycle_bridge.protocol.framing import DELIMITER, Frame, FrameDecoder, encode
+from tricycle_bridge.protocol.messages import (
     MAJOR,
     MINOR,
     Ack,

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from tricycle_bridge.link import LinkEvent, PlcLink
-from tricycle_bridge.messages import BAUD, Board, LinkError
+from tricycle_bridge.protocol.messages import BAUD, Board, LinkError
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 
 _POLL = 0.01  # s

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import serial
 
-from tricycle_bridge.messages import BAUD, Board
+from tricycle_bridge.protocol.messages import BAUD, Board
 
 RETRY_PERIOD = 0.1  # s between attempts to open a port
 _READ_SIZE = 4096  # bytes

@@ -1,1 +1,5 @@
-"""Launch files, configuration, the tricycle command and the demo."""
+"""Launch files, configuration, robot description and Foxglove layout."""
+
+from tricycle_core.renamed import install
+
+install()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tricycle_bridge.messages import MAX_SPEED, MAX_STEERING_ANGLE, TICK
+from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE, TICK
 
 COLUMNS = ("time", "steering_motor_angle", "speed")
 MAX_BYTES = 64_000_000  # of a file; an hour at 100 Hz has a fifth of this

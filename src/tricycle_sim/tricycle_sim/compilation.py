@@ -31,7 +31,7 @@ FASTMATH = {"reassoc", "contract", "arcp", "nsz", "afn"}
 def _fingerprint() -> str:
     """Return a hash of all sources that are compiled into each other."""
     folder = resources.files("tricycle_sim")
-    sources = ("compilation.py", "dynamics.py", "setpoints.py", "steering.py")
+    sources = ("compilation.py", "setpoints.py", "vehicle/kernel.py", "vehicle/steering.py")
     content = b"".join((folder / name).read_bytes() for name in sources)
     return hashlib.sha256(content).hexdigest()
 

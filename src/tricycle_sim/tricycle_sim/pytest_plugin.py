@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from tricycle_sim.plc_pair import PlcPair
+    from tricycle_sim.plc.pair import PlcPair
 
 
 @pytest.fixture
 def plc_pair(tmp_path: Path) -> Iterator[PlcPair]:
     """Both PLCs on ptys, ticking in real time with a vehicle that follows its set-points."""
     # imported here: this plugin is loaded into every test run of the environment
-    from tricycle_sim.plc_pair import PlcPair
+    from tricycle_sim.plc.pair import PlcPair
 
     with PlcPair(tmp_path / "steer_plc", tmp_path / "drive_plc") as pair:
         yield pair

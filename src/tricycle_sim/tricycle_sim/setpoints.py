@@ -6,7 +6,7 @@ The batch, the live vehicle's callers and the emulated PLCs all slew through `sl
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_bridge.messages import TICK
+from tricycle_bridge.protocol.messages import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 

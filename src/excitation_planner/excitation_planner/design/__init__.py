@@ -1,0 +1,1 @@
+"""Search of the operation parameters for the most informative maneuver."""

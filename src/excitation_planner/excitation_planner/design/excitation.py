@@ -1,0 +1,308 @@
+"""Design of an excitation maneuver: second stage of the method (Fig. 1, Eqs. 11-12).
+
+n: samples, k: unknown parameters, l: operation parameters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from excitation_planner.box import Bounds, Box, FloatArray
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.evaluation import (
+    VERIFIED,
+    Evaluation,
+    NoiseVariance,
+    Problem,
+    Simulator,
+    Verified,
+)
+from excitation_planner.design.executors import Result, running
+from excitation_planner.design.information import PRIOR_INFORMATION, Prior, TrajectoryNoise
+from excitation_planner.design.search import Search, search_steps
+from excitation_planner.design.store import Store
+from excitation_planner.errors import DesignError, InfeasibleManeuver
+from excitation_planner.indices.sensitivity import Sensitivity
+from excitation_planner.indices.threads import THREADPOOLS
+
+__all__ = [
+    "Design",
+    "DesignError",
+    "Evaluation",
+    "InfeasibleManeuver",
+    "Verdict",
+    "design_excitation",
+]
+
+
+class Verdict(StrEnum):
+    """What a design is worth."""
+
+    EXCITES = "excites"  # the target contributes most to the output, or is learnt
+    CANNOT_EXCITE = "cannot excite"  # it does not, even at the best maneuver of the family
+
+
+@dataclass(frozen=True)
+class Design:
+    """The maneuver that excites one parameter best, and how far it can be trusted.
+
+    Attributes
+    ----------
+    x : ndarray (l,)
+        Operation parameters of the maneuver.
+    cost : float
+        Criterion at x, from the verification.
+    cost_interval : (float, float)
+        95 % interval of `cost`.
+    predicted_cost : float
+        What the search had found at x with fewer, other samples.
+    sensitivity : Sensitivity
+        Indices at x with intervals, from the verification: fresh samples, unseen by the search.
+        For the criteria C, D and A of the mean squared deviation from the middle of the box.
+    posterior_std : ndarray (k,)
+        Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
+    verdict : Verdict
+    explanation : str
+        The verdict in a sentence with its numbers.
+    history : tuple of Evaluation
+        Everything the search evaluated, in order.
+    simulations, failed : int
+        Runs of f in all, verification included, and those of them that failed (NaN).
+    """
+
+    operation: Box
+    target: str | None
+    criterion: Criterion
+    x: FloatArray
+    cost: float
+    cost_interval: tuple[float, float]
+    predicted_cost: float
+    sensitivity: Sensitivity
+    posterior_std: FloatArray
+    verdict: Verdict
+    explanation: str
+    history: tuple[Evaluation, ...]
+    simulations: int
+    failed: int
+
+    @property
+    def main(self) -> FloatArray:
+        """Main indices (k,) at x."""
+        return self.sensitivity.main
+
+    @property
+    def total(self) -> FloatArray:
+        """Total indices (k,) at x."""
+        return self.sensitivity.total
+
+    @property
+    def infeasible(self) -> tuple[Evaluation, ...]:
+        """Evaluations that could not be driven or judged, each with its reason."""
+        return tuple(evaluation for evaluation in self.history if evaluation.infeasible)
+
+
+def design_excitation(
+    f: Simulator,
+    operation: Box | Bounds,
+    unknown: Box | Bounds,
+    target: str | None,
+    *,
+    criterion: Criterion = Criterion.H,
+    noise_variance: NoiseVariance = 0.0,
+    trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
+    samples: int = 100,
+    prior: Prior | None = None,
+    draws: int = 16,
+    budget: int = 25_000,
+    seed: int = 0,
+    search: Search = Search.ADAPTIVE,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    store: Path | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Design:
+    """Find the maneuver that excites the parameter ``target`` best.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator: operation parameters x (l,) and unknown parameters P (n, k) to outputs (n,), or
+        for the criteria C, D and A to trajectories (n, time points, channels) of one
+        maneuver, or a tuple of them for a set of maneuvers (see `ManeuverSet`).
+        NaN marks a failed simulation; `InfeasibleManeuver` a maneuver that cannot be driven.
+    operation, unknown : Box or dict
+        ``{name: (low, high)}`` of the operation and the unknown parameters.
+    target : str or None
+        Name of the unknown parameter to excite; the criteria D and A need none.
+    criterion : Criterion
+        What is minimised; H is the paper's.
+    noise_variance : float or callable
+        For H: variance V_n of the output's measurement noise, or that variance as a function of
+        the outputs (n,) at one x, e.g. `TrajectoryErrorNoise`; 0 is the paper's cost.
+    trajectory_noise : TrajectoryNoise
+        For C, D and A.
+    samples : int
+        Runs of f per maneuver during the search for H; its verification takes three times as many.
+    prior : Prior, optional
+        For C, D and A: what earlier drives have taught; None: uniform.
+    draws : int
+        For C, D and A: parameter values over which the criterion is averaged, k + 1 runs each.
+    budget : int
+        Most runs of f in all.
+    seed : int
+        The same seed gives the same design, whatever the executor.
+    search : Search
+        How the operation box is searched.
+    executor : Executor, optional
+        Where f runs; by default in processes of this machine, made and ended by this call.
+    workers : int, optional
+        Number of those processes, by default one per core; 1 runs everything in this process.
+    store : Path, optional
+        Directory of a `Study` that keeps every run of f; what is there is not run again.
+    progress : callable, optional
+        Called with (runs of f so far, budget).
+
+    Raises
+    ------
+    DesignError
+        Unknown target, budget too small, f that raises or cannot be sent to another process,
+        no maneuver of the family that can be driven and judged, a store of another design.
+    """
+    problem = Problem(
+        operation=Box.of(operation),
+        unknown=Box.of(unknown),
+        target=target,
+        criterion=criterion,
+        noise_variance=noise_variance,
+        trajectory_noise=trajectory_noise,
+        samples=samples,
+        draws=draws,
+        budget=budget,
+        seed=seed,
+        search=search,
+        prior=prior,
+    )
+    kept = None if store is None else Store.of(store, problem)
+    done = 0
+
+    # one BLAS thread here too: what it computes must not depend on the number of cores, and the
+    # threads of an executor share the setting
+    with THREADPOOLS.limit(limits=1), running(f, problem, executor, workers) as run:
+
+        def evaluate_all(points: list[FloatArray], verification: bool) -> list[Verified]:
+            def finished(i: int, result: Result) -> None:
+                nonlocal done
+                outcome, verified = result
+                if kept is not None:
+                    kept.keep(points[i], outcome, verification=verification)
+                done += verified.evaluation.simulations
+                if progress is not None:
+                    progress(done, budget)
+
+            tasks = [
+                (x, verification, kept.outcome(x, verification=verification) if kept else None)
+                for x in points
+            ]
+            return [verified for _, verified in run(tasks, finished)]
+
+        return search_design(problem, evaluate_all)
+
+
+def search_design(
+    problem: Problem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
+) -> Design:
+    """Search, verify and judge; ``evaluate_all`` takes points x (l,) and whether to verify."""
+    history: list[Evaluation] = []
+    steps = search_steps(problem)
+    try:
+        X = next(steps)
+        while True:
+            found = evaluate_all(list(problem.operation.from_unit(X)), False)
+            history += [verified.evaluation for verified in found]
+            X = steps.send([verified.evaluation for verified in found])
+    except StopIteration:
+        pass
+    finally:
+        steps.close()
+
+    candidates = _distinct_cheapest(problem.operation, history)
+    if not candidates:
+        raise DesignError(f"no maneuver can be driven and judged: {_reasons(history)}")
+    verified = evaluate_all([candidate.x for candidate in candidates], True)
+    best = min(range(len(verified)), key=lambda i: verified[i].evaluation.cost)
+    at_x, sensitivity = verified[best].evaluation, verified[best].sensitivity
+    if sensitivity is None:
+        raise DesignError(f"the verification failed: {at_x.infeasible}")
+    verdict, explanation = _judge(problem, at_x, history)
+    everything = history + [v.evaluation for v in verified]
+    return Design(
+        operation=problem.operation,
+        target=problem.target,
+        criterion=problem.criterion,
+        x=at_x.x,
+        cost=at_x.cost,
+        cost_interval=verified[best].cost_interval,
+        predicted_cost=candidates[best].cost,
+        sensitivity=sensitivity,
+        posterior_std=at_x.posterior_std,
+        verdict=verdict,
+        explanation=explanation,
+        history=tuple(history),
+        simulations=sum(e.simulations for e in everything),
+        failed=sum(e.failed for e in everything),
+    )
+
+
+def _distinct_cheapest(operation: Box, history: list[Evaluation]) -> list[Evaluation]:
+    """Return the cheapest evaluations, at least a tenth of the box apart on some axis."""
+    chosen: list[Evaluation] = []
+    for evaluation in sorted(history, key=lambda e: e.cost):
+        if len(chosen) == VERIFIED or not math.isfinite(evaluation.cost):
+            break
+        u = operation.to_unit(evaluation.x)
+        if all(np.abs(u - operation.to_unit(other.x)).max() > 0.1 for other in chosen):
+            chosen.append(evaluation)
+    return chosen
+
+
+def _judge(problem: Problem, at_x: Evaluation, history: list[Evaluation]) -> tuple[Verdict, str]:
+    target, names = problem.target_index, problem.unknown.names
+    if problem.criterion is not Criterion.H:
+        # what is left of the prior's deviation; of the worst parameter when all are meant
+        left = at_x.posterior_std * math.sqrt(PRIOR_INFORMATION)
+        judged = int(np.argmax(left)) if target is None else target
+        text = f"the drive leaves {left[judged]:.1%} of the prior deviation of {names[judged]}"
+        learnt = left[judged] ** 2 <= 0.5  # half of its prior variance is gone
+        return (Verdict.EXCITES if learnt else Verdict.CANNOT_EXCITE), text
+
+    assert target is not None  # Problem has checked
+    share = float(at_x.main[target])
+    rivals = dict(zip(names, at_x.main.tolist(), strict=True))
+    del rivals[names[target]]
+    rivals["measurement noise"] = at_x.noise_share
+    rival = max(rivals, key=lambda name: rivals[name])
+    numbers = (
+        f"main index of {names[target]} {share:.3f}, largest other contribution: "
+        f"{rival} {rivals[rival]:.3f}"
+    )
+    if share >= rivals[rival]:
+        return Verdict.EXCITES, numbers
+    most = max(float(e.main[target]) for e in history if not e.infeasible)
+    return Verdict.CANNOT_EXCITE, (
+        f"{numbers}; in {len(history)} maneuvers of this family its main index reached "
+        f"{most:.3f} at most: choose another family for this parameter"
+    )
+
+
+def _reasons(history: list[Evaluation]) -> str:
+    """The most frequent reason for an infeasible maneuver, with its count."""
+    reasons = [e.infeasible for e in history]
+    frequent = max(sorted(set(reasons)), key=reasons.count)
+    return f"{frequent} ({reasons.count(frequent)} of {len(reasons)})"

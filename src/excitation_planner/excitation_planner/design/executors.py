@@ -1,0 +1,98 @@
+"""Where simulations run: in this process, in processes of this machine, or on any executor."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+
+from excitation_planner.box import FloatArray
+from excitation_planner.design.evaluation import Outcome, Problem, Simulator, Verified, evaluate
+from excitation_planner.errors import DesignError
+
+# x (l,), whether for verification, and its outcome if that is known already
+Task = tuple[FloatArray, bool, Outcome | None]
+Result = tuple[Outcome, Verified]
+Run = Callable[[list[Task], Callable[[int, Result], None]], list[Result]]
+
+
+@contextmanager
+def running(
+    f: Simulator, problem: Problem, executor: Executor | None, workers: int | None
+) -> Iterator[Run]:
+    """Give a function that evaluates tasks and tells each (index, result) as soon as it is there.
+
+    Without executor and workers, processes of this machine are made and ended.
+    """
+    if executor is None and workers == 1:
+
+        def run(tasks: list[Task], done: Callable[[int, Result], None]) -> list[Result]:
+            results = []
+            for i, (x, verification, outcome) in enumerate(tasks):
+                results.append(evaluate(f, problem, x, verification=verification, outcome=outcome))
+                done(i, results[-1])
+            return results
+
+        yield run
+    elif executor is not None:
+        yield _submitting(f, problem, executor)
+    else:
+        try:
+            pickle.dumps((f, problem))
+        except Exception as error:
+            raise DesignError(
+                "f or noise_variance cannot be sent to another process: define it at the top of a "
+                f"module, or give workers=1 ({error})"
+            ) from error
+        with process_pool(workers) as pool:
+            yield _submitting(f, problem, pool)
+
+
+@contextmanager
+def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
+    """Processes of this machine, by default one per core, ended without finishing what waits."""
+    pool = ProcessPoolExecutor(
+        workers or os.cpu_count(),
+        # a forked child can hang on the locks of its parent's threads
+        mp_context=multiprocessing.get_context("spawn"),
+        initializer=_prepare_worker,
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _submitting(f: Simulator, problem: Problem, executor: Executor) -> Run:
+    def run(tasks: list[Task], done: Callable[[int, Result], None]) -> list[Result]:
+        futures: list[Future[Result]] = [
+            executor.submit(evaluate, f, problem, x, verification=verification, outcome=outcome)
+            for x, verification, outcome in tasks
+        ]
+        index = {future: i for i, future in enumerate(futures)}
+        try:
+            for future in as_completed(futures):
+                done(index[future], future.result())
+        except BrokenProcessPool as error:
+            raise DesignError("a worker process died; was memory short?") from error
+        finally:
+            for future in futures:
+                future.cancel()
+        return [future.result() for future in futures]
+
+    return run
+
+
+def _prepare_worker() -> None:
+    """Leave Ctrl-C to the parent, and keep to one thread: more only wait for each other."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if "numba" in sys.modules:
+        sys.modules["numba"].set_num_threads(1)
+    else:
+        os.environ["NUMBA_NUM_THREADS"] = "1"

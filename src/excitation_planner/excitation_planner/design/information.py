@@ -1,0 +1,250 @@
+"""Fisher information of whole trajectories: criteria that look at more than one number.
+
+n: simulations, k: unknown parameters, t: time points, c: measured channels. Parameters are counted
+in units of their ranges, in which a uniform prior has variance 1/12.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import ndtri
+
+from excitation_planner.box import Box, FloatArray, sobol_sequence
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.errors import DesignError
+
+PRIOR_INFORMATION = 12.0  # of each unknown parameter, uniform on its range
+
+_STEP = 1e-3  # of the finite differences, in ranges
+
+
+@dataclass(frozen=True)
+class TrajectoryNoise:
+    """What is unknown about a measured trajectory besides the parameters of the vehicle.
+
+    Attributes
+    ----------
+    std : float or tuple of float, length c
+        White noise per channel, in the unit of the channel; default 1 cm.
+    drift_std, drift_time : float
+        Standard deviation and correlation time (s) of a slow drift of the first two channels.
+    period : float
+        Time between trajectory points, s.
+    start_position_std, start_heading_std : float
+        How well the start pose is known, m per axis and rad; 0: exactly. Channels 0 and 1 are then
+        x and y, m.
+    heading_channel : int, optional
+        Channel that is the heading, rad, and turns with the start pose.
+    delay_std : float
+        How well the clock of the start pose's channels, and that of each further channel, agrees
+        with the maneuver's, s; 0: exactly.
+    bias_std : float
+        Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
+    """
+
+    std: float | tuple[float, ...] = 0.01
+    drift_std: float = 0.0
+    drift_time: float = 5.0
+    period: float = 0.05
+    start_position_std: float = 0.0
+    start_heading_std: float = 0.0
+    heading_channel: int | None = None
+    delay_std: float = 0.0
+    bias_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.all(np.asarray(self.std) > 0) and np.all(np.isfinite(self.std))):
+            raise DesignError(f"noise: std = {self.std} must be positive")
+        for name in (
+            *("drift_std", "start_position_std", "start_heading_std"),
+            *("delay_std", "bias_std"),
+        ):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise DesignError(f"noise: {name} = {getattr(self, name)} must not be negative")
+        if not (self.drift_time > 0 and self.period > 0):
+            raise DesignError("noise: drift_time and period must be positive")
+
+
+@dataclass(frozen=True)
+class Prior:
+    """What is known about the parameters before a drive, e.g. from the drives before it.
+
+    Attributes
+    ----------
+    mean : ndarray (k,)
+        In the unit box.
+    covariance : ndarray (k, k)
+        In squared ranges.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.mean)
+        C = np.asarray(self.covariance)
+        if not (C.shape == (k, k) and np.isfinite(C).all() and np.isfinite(self.mean).all()):
+            raise DesignError(f"prior: the covariance must be ({k}, {k}) finite numbers")
+        if not (np.allclose(C, C.T) and np.linalg.eigvalsh(C)[0] > 0.0):
+            raise DesignError("prior: the covariance must be symmetric and positive definite")
+
+    def draws(self, n: int, *, seed: int) -> FloatArray:
+        """Points (n, k) of the unit box: normal, clipped to the box."""
+        normal = ndtri(sobol_sequence(n, len(self.mean), seed=seed))
+        drawn = self.mean + normal @ np.asarray(np.linalg.cholesky(self.covariance)).T
+        return np.asarray(np.clip(drawn, 0.0, 1.0), dtype=np.float64)
+
+
+def difference_points(k: int, draws: int, *, seed: int, prior: Prior | None = None) -> FloatArray:
+    """Points (draws (k + 1), k) of the unit box: each draw and one step from it along each axis.
+
+    Drawn from the prior; None: uniform.
+    """
+    base = sobol_sequence(draws, k, seed=seed) if prior is None else prior.draws(draws, seed=seed)
+    step = _steps(base)
+    points = np.repeat(base[:, None], k + 1, axis=1)
+    for j in range(k):
+        points[:, j + 1, j] += step[:, j]
+    return points.reshape(-1, k)
+
+
+def _steps(base: FloatArray) -> FloatArray:
+    steps: FloatArray = np.where(base < 0.5, _STEP, -_STEP)  # inwards
+    return steps
+
+
+def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatArray:
+    """Fisher information (draws, k, k) about the parameters in one measured trajectory.
+
+    Parameters
+    ----------
+    U : ndarray (draws (k + 1), k)
+        From `difference_points`.
+    Y : ndarray (draws (k + 1), t, c)
+        Trajectories there.
+
+    An unknown start pose and the noise's correlation take their part of the information away.
+    """
+    k = U.shape[1]
+    draws, (t, c) = len(U) // (k + 1), Y.shape[1:]
+    Y = Y.reshape(draws, k + 1, t, c)
+    steps = _steps(U.reshape(draws, k + 1, k)[:, 0])
+    J = np.moveaxis((Y[:, 1:] - Y[:, :1]) / steps[:, :, None, None], 1, -1)  # (draws, t, c, k)
+
+    nuisances, nuisance_std = _nuisances(Y[:, 0], noise)
+    J = np.concatenate([J, nuisances], axis=-1)
+
+    F = np.zeros((draws, J.shape[-1], J.shape[-1]))
+    for channel, std in enumerate(np.broadcast_to(np.asarray(noise.std, dtype=float), c)):
+        whitened = J[:, :, channel] / std
+        if noise.drift_std > 0 and channel < 2:
+            lag = np.abs(np.subtract.outer(np.arange(t), np.arange(t))) * noise.period
+            drift = (noise.drift_std / std) ** 2 * np.exp(-lag / noise.drift_time)
+            factor = np.asarray(np.linalg.cholesky(np.eye(t) + drift))
+            columns = np.moveaxis(whitened, 1, 0).reshape(t, -1)
+            columns = solve_triangular(factor, columns, lower=True)
+            whitened = np.moveaxis(columns.reshape(t, draws, -1), 0, 1)
+        F += np.einsum("dti,dtj->dij", whitened, whitened)
+
+    # what is left about the parameters when the nuisances are unknown: the Schur complement
+    F_pp, F_pn, F_nn = F[:, :k, :k], F[:, :k, k:], F[:, k:, k:]
+    F_nn = F_nn + np.diag(nuisance_std**-2)
+    left: FloatArray = F_pp - F_pn @ np.linalg.solve(F_nn, np.swapaxes(F_pn, 1, 2))
+    return left
+
+
+def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, FloatArray]:
+    """Derivatives (draws, t, c, m) of Y (draws, t, c) by m nuisances, and their std (m,)."""
+    posed = [0, 1] if noise.heading_channel is None else [0, 1, noise.heading_channel]
+    others = [channel for channel in range(Y.shape[2]) if channel not in posed]
+    columns: list[FloatArray] = []
+    stds: list[float] = []
+
+    def add(std: float, derivative: dict[int, FloatArray | float]) -> None:
+        if std > 0.0:
+            column = np.zeros_like(Y)
+            for channel, values in derivative.items():
+                column[:, :, channel] = values
+            columns.append(column)
+            stds.append(std)
+
+    add(noise.start_position_std, {0: 1.0})
+    add(noise.start_position_std, {1: 1.0})
+    if noise.start_heading_std > 0.0:
+        turned = {0: Y[:, :1, 1] - Y[:, :, 1], 1: Y[:, :, 0] - Y[:, :1, 0]}
+        add(noise.start_heading_std, turned | dict.fromkeys(posed[2:], 1.0))
+    if noise.delay_std > 0.0:
+        rates = np.gradient(Y, noise.period, axis=1)
+        add(noise.delay_std, {channel: -rates[:, :, channel] for channel in posed})
+        for channel in others:
+            add(noise.delay_std, {channel: -rates[:, :, channel]})
+    for channel in others:
+        add(noise.bias_std, {channel: 1.0})
+    if not columns:
+        return np.zeros((*Y.shape, 0)), np.zeros(0)
+    return np.stack(columns, axis=-1), np.array(stds)
+
+
+def posterior_covariance(F: FloatArray, prior: Prior | None = None) -> FloatArray:
+    """Covariance (draws, k, k) of the parameters, in ranges, after a drive with information F."""
+    k = F.shape[-1]
+    known = PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
+    whole = F + known
+    return np.asarray(np.linalg.inv(whole), dtype=np.float64)
+
+
+def information_costs(
+    covariance: FloatArray, criterion: Criterion, target: int | None
+) -> FloatArray:
+    """Cost (draws,) of each posterior covariance (draws, k, k); its mean is the criterion."""
+    if criterion is Criterion.C:
+        costs: FloatArray = covariance[:, target, target]
+    elif criterion is Criterion.A:
+        costs = np.trace(covariance, axis1=1, axis2=2)
+    else:
+        costs = np.array(np.linalg.slogdet(covariance)[1], dtype=np.float64)
+    return costs
+
+
+@dataclass(frozen=True)
+class ManeuverSet:
+    """Several maneuvers driven one after the other, as one simulator for `design_excitation`.
+
+    Attributes
+    ----------
+    simulators : tuple of callable
+        Of each maneuver: x (l_i,), P (n, k) to a trajectory (n, t_i, c).
+    operations : tuple of Box
+        Of each maneuver. In `operation` their names are numbered: ``1.radius``, ``2.d1``.
+    """
+
+    simulators: tuple[Callable[[FloatArray, FloatArray], FloatArray], ...]
+    operations: tuple[Box, ...]
+
+    def __post_init__(self) -> None:
+        if not len(self.simulators) == len(self.operations) > 0:
+            raise DesignError("a set of maneuvers needs one operation box per simulator")
+
+    @property
+    def operation(self) -> Box:
+        """Box of all operation parameters."""
+        return Box.of(
+            {
+                f"{number}.{name}": limits
+                for number, box in enumerate(self.operations, start=1)
+                for name, limits in box.bounds().items()
+            }
+        )
+
+    def __call__(self, x: FloatArray, P: FloatArray) -> tuple[FloatArray, ...]:
+        """Trajectories of all maneuvers."""
+        return tuple(f(part, P) for f, part in zip(self.simulators, self.split(x), strict=True))
+
+    def split(self, x: FloatArray) -> list[FloatArray]:
+        """Operation parameters (l_i,) of each maneuver."""
+        return np.split(x, np.cumsum([len(box) for box in self.operations])[:-1])

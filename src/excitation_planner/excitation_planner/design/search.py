@@ -1,0 +1,330 @@
+"""Search of the operation box for the cheapest maneuver, as generators.
+
+A search yields points X (b, l) of the unit box, receives their evaluations, whose cost is infinite
+where the maneuver cannot be driven, and ends by returning. Who drives it decides where the
+evaluations come from: an executor, a study on disk, or a function in the same process; the points
+of one batch are independent of each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from enum import StrEnum
+from queue import SimpleQueue
+from threading import Thread
+from typing import TYPE_CHECKING
+
+import cobyqa
+import numpy as np
+from scipy.optimize import direct
+
+from excitation_planner.box import FloatArray, sobol_sequence
+from excitation_planner.design.criteria import Criterion, excitation_cost
+from excitation_planner.errors import DesignError
+from excitation_planner.indices.kriging import Kriging
+
+if TYPE_CHECKING:
+    from excitation_planner.design.evaluation import Evaluation, Problem
+
+SearchSteps = Generator[FloatArray, list["Evaluation"], None]
+Objective = Callable[[FloatArray], float]
+
+_SOBOL_POINTS = 16  # of the screening
+_STARTS = 4  # local searches side by side
+_APART = 0.25  # least distance between their starts, on some axis
+_FIRST_RADIUS, _LAST_RADIUS = 0.25, 2e-3  # of their trust regions
+_LOCAL_POINTS = 60  # most points of one of them
+
+
+class Search(StrEnum):
+    """How the second stage looks for the cheapest maneuver."""
+
+    ADAPTIVE = "adaptive"  # corners and Sobol' points, then trust regions from the best of them
+    DIRECT = "direct"  # DIRECT on the cost itself
+    ONE_SHOT_SOBOL = "one-shot-sobol"  # the paper: 2k Kriging models over a Sobol' sequence
+    ONE_SHOT_FACTORIAL = "one-shot-factorial"  # the same over a c-level full factorial
+
+
+def adaptive_search(
+    dimensions: int,
+    *,
+    points: int,
+    seed: int,
+    criterion: Criterion,
+) -> SearchSteps:
+    """Corners and Sobol' points of the unit box, then COBYQA from the best of them.
+
+    Optima often lie on faces, which DIRECT never samples: hence the corners. A local search that
+    ends, or runs into a better one, makes room for one from the best point far from all starts.
+    """
+    X = np.vstack(
+        [_corners(dimensions, seed=seed), sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)]
+    )[:points]
+    costs = _scaled((yield X), criterion)
+    if not np.isfinite(costs).any():
+        return
+    seen, seen_costs = X, costs
+    begun, running, left = X[:0], list[_LocalSearch](), points - len(X)
+    try:
+        while left > 0:
+            running = _going_on(running)
+            while len(running) < _STARTS:
+                start = _best_apart(X, costs, begun)
+                if start is None:
+                    break
+                running.append(_LocalSearch(X[start], float(costs[start])))
+                begun = np.vstack([begun, X[start]])
+            if not running:
+                return
+            asking = [search for search in running if search.asked is not None][:left]
+            if not asking:
+                continue
+            points_asked = np.array([search.asked for search in asking])
+            new = _scaled((yield points_asked), criterion)
+            seen, seen_costs = np.vstack([seen, points_asked]), np.concatenate([seen_costs, new])
+            for search, point, cost in zip(asking, points_asked, new, strict=True):
+                search.tell(
+                    float(cost)
+                    if np.isfinite(cost)
+                    else _infeasible_cost(point, seen, seen_costs, search.cost)
+                )
+            left -= len(asking)
+    finally:
+        for search in running:
+            search.stop()
+
+
+def _infeasible_cost(x: FloatArray, X: FloatArray, costs: FloatArray, best: float) -> float:
+    """What a local search is told at an infeasible x (l,): a bit more than nearby at X (n, l).
+
+    A high wall would spoil its quadratic model, and it would keep away from optima at the wall.
+    """
+    X, costs = X[np.isfinite(costs)], costs[np.isfinite(costs)]
+    nearest = float(costs[np.argmin(np.linalg.norm(X - x, axis=1))])
+    return nearest + 0.1 * max(float(np.median(costs)) - best, 0.0)
+
+
+def direct_search(dimensions: int, *, points: int, criterion: Criterion) -> SearchSteps:
+    """DIRECT on the cost itself, over a box widened by a quarter and clipped: it sees faces."""
+    search = _TurnedInsideOut(lambda cost: _direct(cost, dimensions, points=points))
+    try:
+        for _ in range(points):
+            if search.asked is None:
+                return
+            cost = float(_scaled((yield search.asked[None]), criterion)[0])
+            search.tell(cost if np.isfinite(cost) else _DIRECT_INFINITY)
+    finally:
+        search.stop()
+
+
+_DIRECT_INFINITY = 1e6  # DIRECT compares costs, but also subtracts them
+
+
+def _direct(cost: Objective, dimensions: int, *, points: int) -> FloatArray:
+    """Minimise over the unit box by DIRECT, widened and clipped; returns the best point (l,)."""
+    result = direct(
+        lambda z: cost(np.clip(z, 0.0, 1.0)),
+        [(-0.125, 1.125)] * dimensions,
+        maxfun=points,
+        maxiter=points,
+        vol_tol=0,
+        len_tol=1e-4,
+    )
+    best: FloatArray = np.clip(result.x, 0.0, 1.0)
+    return best
+
+
+def one_shot_search(X: FloatArray, *, target: int, noise: bool) -> SearchSteps:
+    """Return the paper's second stage: Kriging models of S and ST over x, DIRECT on them (Eq. 12).
+
+    All points X (n, l) at once; then the minimum of the cost that the models give.
+    """
+    evaluations = yield X
+    usable = [i for i, evaluation in enumerate(evaluations) if not evaluation.infeasible]
+    if len(usable) < 2:
+        return
+    found = [evaluations[i] for i in usable]
+    cost = modelled_cost(
+        X[usable],
+        np.array([e.main for e in found]),
+        np.array([e.total for e in found]),
+        noise_share=np.array([e.noise_share for e in found]) if noise else None,
+        target=target,
+    )
+    yield _direct(cost, X.shape[1], points=2000)[None]
+
+
+def modelled_cost(
+    X: FloatArray,
+    main: FloatArray,
+    total: FloatArray,
+    *,
+    target: int,
+    noise_share: FloatArray | None = None,
+) -> Objective:
+    """Cost H of x (l,) by 2k Kriging models of S and ST (n, k) at points X (n, l) (Eq. 12)."""
+
+    def modelled(y: FloatArray) -> Callable[[FloatArray], float]:
+        if np.ptp(y) <= 1e-12 * np.abs(y).max():
+            return lambda _: float(y[0])
+        model = Kriging().fit(X, y)
+        return lambda x: float(model.predict(x[None])[0])
+
+    main_models = [modelled(y) for y in main.T]
+    total_models = [modelled(y) for y in total.T]
+    share = None if noise_share is None else modelled(np.log(noise_share))
+
+    def cost(x: FloatArray) -> float:
+        S, ST = np.array([g(x) for g in main_models]), np.array([g(x) for g in total_models])
+        # the models do not know that 0 < S <= ST
+        S = np.maximum(S, 1e-6)
+        noise = 0.0 if share is None else float(np.exp(share(x)))
+        return excitation_cost(S, np.maximum(ST, S), target, noise_share=noise)
+
+    return cost
+
+
+def _scaled(evaluations: list[Evaluation], criterion: Criterion) -> FloatArray:
+    """Costs (b,) on the scale that is searched; infinite where infeasible."""
+    return np.array([criterion.search_scale(evaluation.cost) for evaluation in evaluations])
+
+
+class _StoppedError(Exception):
+    """Ends the thread of a minimiser that is not wanted any more."""
+
+
+class _TurnedInsideOut:
+    """A minimiser that calls its objective, made to ask for each cost instead.
+
+    It runs in a thread of its own, which sleeps until it is told.
+
+    Attributes
+    ----------
+    asked : ndarray (l,) or None
+        Point whose cost it waits for; None when it has ended.
+    """
+
+    def __init__(self, minimise: Callable[[Objective], object]) -> None:
+        self.asked: FloatArray | None = None
+        self._questions: SimpleQueue[FloatArray | Exception | None] = SimpleQueue()
+        self._answers: SimpleQueue[float | None] = SimpleQueue()
+        Thread(target=self._run, args=(minimise,), daemon=True).start()
+        self._wait()
+
+    def tell(self, cost: float) -> None:
+        self._answers.put(cost)
+        self._wait()
+
+    def stop(self) -> None:
+        if self.asked is not None:
+            self.asked = None
+            self._answers.put(None)
+            self._questions.get()
+
+    def _wait(self) -> None:
+        question = self._questions.get()
+        if isinstance(question, Exception):
+            raise question
+        self.asked = question
+
+    def _run(self, minimise: Callable[[Objective], object]) -> None:
+        def objective(x: FloatArray) -> float:
+            self._questions.put(np.array(x, dtype=float))
+            cost = self._answers.get()
+            if cost is None:
+                raise _StoppedError
+            return cost
+
+        try:
+            minimise(objective)
+        except _StoppedError:
+            self._questions.put(None)
+        except Exception as error:
+            self._questions.put(error)
+        else:
+            self._questions.put(None)
+
+
+class _LocalSearch(_TurnedInsideOut):
+    """COBYQA (Ragonneau 2022) from one start, and the best point it has seen."""
+
+    def __init__(self, x: FloatArray, cost: float) -> None:
+        self.x, self.cost = x, cost
+
+        def minimise(objective: Objective) -> None:
+            cobyqa.minimize(
+                lambda z: objective(np.clip(z, 0.0, 1.0)),
+                x,
+                bounds=[(0.0, 1.0)] * len(x),
+                options={
+                    "radius_init": _FIRST_RADIUS,
+                    "radius_final": _LAST_RADIUS,
+                    "maxfev": _LOCAL_POINTS,
+                },
+            )
+
+        super().__init__(minimise)
+
+    def tell(self, cost: float) -> None:
+        if self.asked is not None and cost < self.cost:
+            self.x, self.cost = self.asked, cost
+        super().tell(cost)
+
+
+def _going_on(searches: list[_LocalSearch]) -> list[_LocalSearch]:
+    """Those that neither ended nor ran into a better one; the others are stopped."""
+    kept: list[_LocalSearch] = []
+    for search in sorted(searches, key=lambda search: search.cost):
+        alone = all(np.abs(search.x - other.x).max() > 0.05 for other in kept)
+        if search.asked is not None and alone:
+            kept.append(search)
+        else:
+            search.stop()
+    return kept
+
+
+def _corners(dimensions: int, *, seed: int) -> FloatArray:
+    """At most 16 corners of the unit box: all of them up to l = 4, a random choice beyond."""
+    if dimensions <= 4:
+        numbers = np.arange(2**dimensions)[:, None]
+        corners: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
+        return corners
+    return np.random.default_rng(seed).integers(0, 2, size=(16, dimensions)).astype(float)
+
+
+def _best_apart(X: FloatArray, costs: FloatArray, others: FloatArray) -> int | None:
+    """Index of the cheapest point far from each of the others."""
+    for i in np.argsort(costs, kind="stable"):
+        if not np.isfinite(costs[i]):
+            return None
+        if len(others) == 0 or np.abs(X[i] - others).max(axis=1).min() >= _APART:
+            return int(i)
+    return None
+
+
+def search_steps(problem: Problem) -> SearchSteps:
+    """Return the search that the problem asks for."""
+    dimensions, points = len(problem.operation), problem.points
+    if problem.search is Search.ADAPTIVE:
+        return adaptive_search(
+            dimensions, points=points, seed=problem.seed, criterion=problem.criterion
+        )
+    if problem.search is Search.DIRECT:
+        return direct_search(dimensions, points=points, criterion=problem.criterion)
+    if problem.criterion is not Criterion.H or problem.target_index is None:
+        raise DesignError(f"search {problem.search} models Sobol' indices: it needs criterion h")
+    if points < 3:
+        raise DesignError(
+            f"search {problem.search}: the budget allows {points} points, 3 are needed"
+        )
+    if problem.search is Search.ONE_SHOT_SOBOL:
+        X = sobol_sequence(points - 1, dimensions, seed=problem.seed)
+    else:
+        levels = np.linspace(
+            0.0, 1.0, int((points - 1 + 1e-9) ** (1 / dimensions))
+        )  # c levels per axis
+        X = np.stack(np.meshgrid(*[levels] * dimensions, indexing="ij"), axis=-1).reshape(
+            -1, dimensions
+        )
+    noisy = callable(problem.noise_variance) or problem.noise_variance > 0
+    return one_shot_search(X, target=problem.target_index, noise=noisy)

@@ -1,0 +1,203 @@
+"""Ask and tell: a design for those whose simulator is elsewhere (Simulink, a test track).
+
+>>> study = Study.create(path, operation, unknown, "cornering_stiffness")   # doctest: +SKIP
+>>> while proposals := study.ask():                                         # doctest: +SKIP
+...     for p in proposals:
+...         study.tell(p.point, p.samples, my_simulator(p.x, p.P))
+>>> study.design()                                                          # doctest: +SKIP
+
+The same through files: `Study.ask` writes ``pending.csv``; a copy of it with a column ``output``
+goes to `Study.tell_csv`. The search is run again from what is on disk whenever it is asked, so a
+study resumes after a kill, and ends in the design that `design_excitation` finds with that seed.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+
+from excitation_planner.box import Bounds, Box, FloatArray
+from excitation_planner.design.criteria import TrajectoryErrorNoise
+from excitation_planner.design.evaluation import Verified, judge_outcome
+from excitation_planner.design.excitation import Design, search_design
+from excitation_planner.design.search import Search
+from excitation_planner.design.store import (
+    FAILED,
+    INFEASIBLE,
+    Store,
+    csv_text,
+    problem_of_outputs,
+    read_limited,
+    replace_file,
+)
+from excitation_planner.errors import DesignError
+from excitation_planner.indices.threads import THREADPOOLS
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Simulations that a study asks for: one maneuver with many parameter values.
+
+    Attributes
+    ----------
+    point : int
+        Number of the maneuver.
+    samples : tuple of int, length q
+        Numbers of its simulations still to be run.
+    x : ndarray (l,)
+        Operation parameters.
+    P : ndarray (q, k)
+        Unknown parameters.
+    """
+
+    point: int
+    samples: tuple[int, ...]
+    x: FloatArray
+    P: FloatArray
+
+
+class Study:
+    """A design on disk that asks for simulations; made by `create` or `open`."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._judged: dict[tuple[float, ...], Verified] = {}
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        operation: Box | Bounds,
+        unknown: Box | Bounds,
+        target: str,
+        *,
+        noise_variance: float | TrajectoryErrorNoise = 0.0,
+        samples: int = 100,
+        budget: int = 25_000,
+        seed: int = 0,
+        search: Search = Search.ADAPTIVE,
+    ) -> Self:
+        """Begin a study in a directory; arguments as of `design_excitation`."""
+        if (path / "study.json").exists():
+            raise DesignError(f"{path}: holds a study already; open it")
+        problem = problem_of_outputs(
+            Box.of(operation),
+            Box.of(unknown),
+            target,
+            noise_variance=noise_variance,
+            samples=samples,
+            budget=budget,
+            seed=seed,
+            search=search,
+        )
+        return cls(Store.of(path, problem))
+
+    @classmethod
+    def open(cls, path: Path) -> Self:
+        """Open the study in a directory."""
+        return cls(Store.open(path))
+
+    def ask(self) -> list[Proposal]:
+        """Simulations needed next, also written to ``pending.csv``; none when the design is done.
+
+        Asking again gives what is still missing.
+        """
+        try:
+            self.design()
+        except PendingError as pending:
+            proposals = [self._propose(x, pending.verification) for x in pending.points]
+        else:
+            proposals = []
+        problem = self._store.problem
+        header = ["point", "sample", *problem.operation.names, *problem.unknown.names]
+        rows = [
+            [p.point, sample, *map(repr, p.x.tolist()), *map(repr, values)]
+            for p in proposals
+            for sample, values in zip(p.samples, p.P.tolist(), strict=True)
+        ]
+        replace_file(self._store.path / "pending.csv", csv_text([header, *rows]))
+        return proposals
+
+    def tell(self, point: int, samples: Sequence[int], outputs: FloatArray) -> None:
+        """Take outputs (q,) of some samples of a point, in any order; NaN marks a failed one."""
+        results = zip([point] * len(samples), samples, np.asarray(outputs).tolist(), strict=True)
+        self._store.add_outputs(list(results))
+
+    def tell_infeasible(self, point: int, reason: str) -> None:
+        """Mark a maneuver as one that cannot be driven, whatever the parameters."""
+        self._store.add_reason(point, reason)
+
+    def tell_csv(self, path: Path) -> None:
+        """Take the outputs in a CSV file with the columns point, sample and output.
+
+        An output is a number, ``failed``, ``infeasible: reason``, or empty (not run yet). All rows
+        are checked before any is taken.
+        """
+        results: list[tuple[int, int, float]] = []
+        reasons: dict[int, str] = {}
+        try:
+            text = read_limited(path).decode("utf-8-sig")
+            reader = csv.DictReader(io.StringIO(text, newline=""))
+            missing = {"point", "sample", "output"} - set(reader.fieldnames or ())
+            if missing:
+                raise DesignError(f"{path}: column {', '.join(sorted(missing))} is missing")
+            for row in reader:
+                output = (row["output"] or "").strip()
+                try:
+                    if output.startswith(INFEASIBLE):
+                        reasons[int(row["point"])] = output.removeprefix(INFEASIBLE)
+                    elif output:
+                        value = float("nan" if output == FAILED else output)
+                        results.append((int(row["point"]), int(row["sample"]), value))
+                except (ValueError, TypeError):
+                    raise DesignError(
+                        f"{path}, line {reader.line_num}: point {row['point']!r}, sample "
+                        f"{row['sample']!r} and output {output!r} must be numbers, or the output "
+                        f"{FAILED!r} or '{INFEASIBLE}reason'"
+                    ) from None
+        except (UnicodeDecodeError, csv.Error) as error:
+            raise DesignError(f"{path}: is not a CSV file: {error}") from error
+        self._store.add(results, reasons)
+
+    def design(self) -> Design:
+        """Return the design; PendingError while simulations are missing."""
+        with THREADPOOLS.limit(limits=1):
+            return search_design(self._store.problem, self._judge_known)
+
+    def _judge_known(self, points: list[FloatArray], verification: bool) -> list[Verified]:
+        missing = []
+        for x in points:
+            key = (float(verification), *x.tolist())
+            if key in self._judged:
+                continue
+            outcome = self._store.outcome(x, verification=verification)
+            if outcome is None:
+                missing.append(x)
+            else:
+                self._judged[key] = judge_outcome(
+                    self._store.problem, x, outcome, verification=verification
+                )
+        if missing:
+            raise PendingError(missing, verification)
+        return [self._judged[(float(verification), *x.tolist())] for x in points]
+
+    def _propose(self, x: FloatArray, verification: bool) -> Proposal:
+        problem = self._store.problem
+        point = self._store.number(x, verification=verification)
+        samples = self._store.missing(point, verification=verification)
+        U = problem.parameters(verification=verification)[samples]
+        return Proposal(point, tuple(samples), x, problem.unknown.from_unit(U))
+
+
+class PendingError(DesignError):
+    """Simulations are missing: ask for them."""
+
+    def __init__(self, points: list[FloatArray], verification: bool) -> None:
+        super().__init__(f"simulations of {len(points)} maneuvers are missing: ask for them")
+        self.points, self.verification = points, verification

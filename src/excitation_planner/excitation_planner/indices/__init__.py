@@ -1,0 +1,1 @@
+"""Sobol' indices of a simulator from Kriging models of its output."""

@@ -1,0 +1,162 @@
+"""Where to simulate next to make a Kriging model better."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.optimize import minimize
+from scipy.spatial.distance import cdist
+
+from excitation_planner.box import FloatArray, sobol_sequence, training_points
+from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sobol import effects
+
+_CANDIDATES = 1024
+_REFERENCE = 2048  # points of the integrals of the criterion by index variance
+
+
+class Infill(StrEnum):
+    """What an infill point is to reduce."""
+
+    LARGEST_VARIANCE = "largest-variance"  # the paper's Algorithm 1
+    INTEGRATED_VARIANCE = "integrated-variance"  # IMSE
+    INDEX_VARIANCE = "index-variance"  # of the parts of the output that Sobol' indices are made of
+
+
+def infill_points(
+    model: Kriging,
+    *,
+    by: Infill,
+    batch: int = 1,
+    seed: int = 0,
+    avoid: FloatArray | None = None,
+    polish: bool = True,
+) -> FloatArray:
+    """Return the next points (batch, k) of the unit box to simulate at.
+
+    Parameters
+    ----------
+    avoid : ndarray (q, k), optional
+        Points not in the model that count as known, e.g. those of failed simulations.
+    polish : bool
+        Whether the largest variance is looked for beyond the candidates, which takes O(n³) per
+        point: too long with thousands of samples.
+
+    The variance does not depend on outputs, so a batch is chosen one point after the other, each
+    counted as known when the next one is looked for.
+    """
+    k = model.X_train_.shape[1]
+    known = model.X_train_ if avoid is None else np.vstack([model.X_train_, avoid])
+    sobol = sobol_sequence(_CANDIDATES, k, seed=seed)
+    candidates = np.vstack([sobol, _corners(k)])
+    if by is Infill.LARGEST_VARIANCE and polish:
+        for _ in range(batch):
+            new = _largest_variance(_Posterior(model, known), candidates)
+            known = np.vstack([known, new])
+        return known[-batch:]
+    if by is Infill.INTEGRATED_VARIANCE:
+        reference, weights = sobol, np.eye(_CANDIDATES)
+    elif by is Infill.INDEX_VARIANCE:
+        candidates = np.vstack([training_points(_CANDIDATES, k, seed=seed), _corners(k)])
+        reference = sobol_sequence(_REFERENCE, k, seed=seed + 1)
+        # the error of a variance, of a main or of a total effect is to first order the integral of
+        # the model's error, weighted with that effect
+        weights = effects(model, reference)
+    else:
+        reference, weights = sobol[:1], np.zeros((1, 1))
+    return candidates[
+        _greedy(_Posterior(model, known), candidates, reference, weights, by=by, batch=batch)
+    ]
+
+
+def _greedy(
+    posterior: _Posterior,
+    candidates: FloatArray,
+    reference: FloatArray,
+    weights: FloatArray,
+    *,
+    by: Infill,
+    batch: int,
+) -> list[int]:
+    """Candidates taken one after the other, by pivoted Cholesky factorisation of their covariance.
+
+    ``weights`` (q, r) at the reference points (r, k) make linear functionals of the output; each
+    candidate lowers the sum of their variances by the squares of its covariances with them.
+    """
+    v = posterior.whitened(candidates)
+    variance = 1.0 - np.einsum("nc,nc->c", v, v)
+    cross = posterior.kernel(candidates, reference) - v.T @ posterior.whitened(reference)
+    covariance = cross @ weights.T  # (c, q)
+    columns = np.empty((len(candidates), batch))
+    chosen: list[int] = []
+    for i in range(batch):
+        left = np.maximum(variance, 1e-12)
+        gain = left if by is Infill.LARGEST_VARIANCE else np.sum(covariance**2, axis=1) / left
+        gain[chosen] = -1.0
+        c = int(np.argmax(gain))
+        deviation = np.sqrt(left[c] + posterior.nugget)
+        column = posterior.kernel(candidates, candidates[c : c + 1])[:, 0] - v.T @ v[:, c]
+        column = (column - columns[:, :i] @ columns[c, :i]) / deviation
+        covariance -= np.outer(column, covariance[c] / deviation)
+        variance -= column**2
+        columns[:, i] = column
+        chosen.append(c)
+    return chosen
+
+
+def _corners(k: int) -> FloatArray:
+    """Corners of the unit box; none above ten dimensions, where they would outnumber the rest."""
+    if k > 10:
+        return np.empty((0, k))
+    corners: FloatArray = ((np.arange(2**k)[:, None] >> np.arange(k)) & 1).astype(float)
+    return corners
+
+
+class _Posterior:
+    """Variance of a Kriging model given known points (n, k), as a share of the process variance."""
+
+    def __init__(self, model: Kriging, known: FloatArray) -> None:
+        self._length_scale = model.length_scale_
+        self._known = known
+        self.nugget = model.nugget_
+        K = self.kernel(known, known) + model.nugget_ * np.eye(len(known))
+        self._factor = np.linalg.cholesky(K)
+
+    def kernel(self, A: FloatArray, B: FloatArray) -> FloatArray:
+        squared = cdist(A / self._length_scale, B / self._length_scale, "sqeuclidean")
+        kernel: FloatArray = np.exp(-0.5 * squared)
+        return kernel
+
+    def whitened(self, U: FloatArray) -> FloatArray:
+        """Covariances (n, u) with the known points, divided by their Cholesky factor."""
+        v: FloatArray = solve_triangular(self._factor, self.kernel(self._known, U), lower=True)
+        return v
+
+    def variance(self, U: FloatArray) -> FloatArray:
+        v = self.whitened(U)
+        share: FloatArray = 1.0 - np.einsum("na,na->a", v, v)
+        return share
+
+    def negative_variance(self, u: FloatArray) -> tuple[float, FloatArray]:
+        """Minus the variance at u (k,) and its gradient."""
+        kernel = self.kernel(self._known, u[None])[:, 0]
+        v = solve_triangular(self._factor, kernel, lower=True)
+        weights = solve_triangular(self._factor, v, lower=True, trans="T") * kernel
+        gradient = -2.0 * weights @ ((u - self._known) / self._length_scale**2)
+        return float(v @ v - 1.0), gradient
+
+
+def _largest_variance(posterior: _Posterior, candidates: FloatArray) -> FloatArray:
+    """Point (k,) of largest variance: the four best candidates polished."""
+    best = np.argsort(-posterior.variance(candidates), kind="stable")[:4]
+    bounds = [(0.0, 1.0)] * candidates.shape[1]
+    polished = [
+        minimize(
+            posterior.negative_variance, candidates[i], jac=True, method="L-BFGS-B", bounds=bounds
+        )
+        for i in best
+    ]
+    point: FloatArray = min(polished, key=lambda result: float(result.fun)).x
+    return point

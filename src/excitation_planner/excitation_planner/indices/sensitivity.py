@@ -1,0 +1,205 @@
+"""Sensitivity of a simulator at one operating point: first stage of the method (Algorithm 1).
+
+n: samples, k: unknown parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from excitation_planner.box import Bounds, Box, FloatArray, training_points
+from excitation_planner.errors import DesignError, InfeasibleManeuver
+from excitation_planner.indices.infill import Infill, infill_points
+from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sobol import Indices, sobol_indices
+from excitation_planner.indices.threads import THREADPOOLS
+
+_FOLDS = 5
+# Half width of a 95 % interval, in root mean squares of what changes when a fifth of the samples is
+# left out: benchmarks/sobol.py measures the coverage. Posterior deviations are far too small for
+# smooth outputs.
+_HALF_WIDTH = 2.2
+
+
+@dataclass(frozen=True)
+class Sensitivity(Indices):
+    """Sobol' indices of a simulator, with what they rest on.
+
+    Attributes
+    ----------
+    names : tuple of str, length k
+        The unknown parameters, in the order of all arrays.
+    main_interval, total_interval : ndarray (k, 2)
+        95 % intervals of `main` and `total`.
+    folds : tuple of Indices
+        Indices without a fifth of the samples, each fifth in turn: what the intervals rest on.
+    model : Kriging
+        The metamodel, fitted on the unit box; `predict` takes parameters in their own units.
+    leave_one_out_q2 : float
+        Share of the output's variance that the metamodel predicts at samples left out.
+    simulations : int
+        Samples simulated.
+    failed : int
+        Those of them that gave NaN or infinity and were left out.
+    """
+
+    names: tuple[str, ...]
+    main_interval: FloatArray
+    total_interval: FloatArray
+    folds: tuple[Indices, ...]
+    unknown: Box
+    model: Kriging
+    leave_one_out_q2: float
+    simulations: int
+    failed: int
+
+    def predict(self, P: FloatArray) -> FloatArray:
+        """Output (n,) that the metamodel predicts at parameters P (n, k)."""
+        m: FloatArray = self.model.predict(self.unknown.to_unit(P))
+        return m
+
+
+def sensitivity(
+    f: Callable[[FloatArray], FloatArray],
+    unknown: Box | Bounds,
+    *,
+    samples: int = 200,
+    seed: int = 0,
+    infill: int = 0,
+    infill_by: Infill = Infill.INTEGRATED_VARIANCE,
+    batch: int = 1,
+) -> Sensitivity:
+    """Sobol' indices of f over the box of the unknown parameters.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator: parameters P (n, k) to outputs (n,); NaN marks a failed simulation.
+    unknown : Box or dict
+        Unknown parameters ``{name: (low, high)}``, uniform and independent.
+    samples : int
+        Simulations to train the metamodel on, at least k + 2. Two thirds fill the box; the others
+        go, in a second call of f, where a first metamodel says that the indices gain most.
+    seed : int
+        Scrambles the sample points.
+    infill : int
+        Further simulations, where ``infill_by`` says.
+    infill_by : Infill
+        What they are to reduce.
+    batch : int
+        How many of them are run at once before the metamodel is fitted again.
+
+    Raises
+    ------
+    DesignError
+        Too few samples, f that raises or gives the wrong shape, a constant output, too many failed
+        simulations.
+
+    Examples
+    --------
+    The Ishigami function; exact: S = (.314, .442, 0), ST = (.558, .442, .244).
+
+    >>> from excitation_planner.indices.analytic import ISHIGAMI_UNKNOWN, ishigami
+    >>> result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=400)
+    >>> result.main.round(2), result.total.round(2)
+    (array([0.31, 0.44, 0.  ]), array([0.56, 0.44, 0.24]))
+    """
+    unknown = Box.of(unknown)
+    if batch < 1 or infill < 0:
+        raise DesignError(f"infill = {infill}, batch = {batch}: 0 or more, in batches of 1 or more")
+    with THREADPOOLS.limit(limits=1):
+        filling = max(len(unknown) + 2, samples * 2 // 3)
+        U = parameter_samples(unknown, samples, seed=seed)[:filling]
+        m = call_simulator(f, unknown.from_unit(U))
+        while len(U) < samples + infill:
+            first = len(U) < samples
+            new = infill_points(
+                fit_metamodel(U, m),
+                by=Infill.INDEX_VARIANCE if first else infill_by,
+                batch=samples - len(U) if first else min(batch, samples + infill - len(U)),
+                seed=seed + len(U),
+                avoid=U[~np.isfinite(m)],  # failed points stay failed
+            )
+            U = np.vstack([U, new])
+            m = np.concatenate([m, call_simulator(f, unknown.from_unit(new))])
+        model = fit_metamodel(U, m)
+        return sensitivity_of_model(
+            unknown, model, sobol_indices(model), failed=int(np.sum(~np.isfinite(m)))
+        )
+
+
+def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
+    """Points (samples, k) of the unit box to simulate at."""
+    if samples < len(unknown) + 2:
+        need = f"{len(unknown)} unknown parameters need {len(unknown) + 2} at least"
+        raise DesignError(f"samples = {samples}: {need}")
+    return training_points(samples, len(unknown), seed=seed)
+
+
+def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> FloatArray:
+    """f(P) as floats (n,), its shape checked."""
+    try:
+        m = np.asarray(f(P), dtype=float)
+    except (DesignError, InfeasibleManeuver):
+        raise
+    except Exception as error:
+        raise DesignError(f"f raised {type(error).__name__}: {error}") from error
+    if m.shape != (len(P),):
+        raise DesignError(
+            f"f returned shape {m.shape} for {len(P)} samples; it must be ({len(P)},)"
+        )
+    return m
+
+
+def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
+    """Kriging of outputs m (n,) at points U (n, k) of the unit box, failed ones (NaN) left out."""
+    valid = np.isfinite(m)
+    if valid.sum() < U.shape[1] + 2:
+        raise DesignError(
+            f"{len(m) - valid.sum()} of {len(m)} simulations failed; "
+            f"{U.shape[1] + 2} valid ones are needed for {U.shape[1]} unknown parameters"
+        )
+    if np.ptp(m[valid]) <= 1e-12 * np.abs(m[valid]).max():
+        raise DesignError(
+            f"the output is constant ({m[valid][0]:g}): none of the unknown parameters moves it"
+        )
+    return Kriging().fit(U[valid], m[valid])
+
+
+def sensitivity_of_model(
+    unknown: Box, model: Kriging, indices: Indices, *, failed: int
+) -> Sensitivity:
+    """Sensitivity from a metamodel on the unit box and its indices; ``failed`` samples left out."""
+    fold = np.arange(len(model.X_train_)) % _FOLDS
+    folds = tuple(sobol_indices(model.without(fold == i)) for i in range(_FOLDS))
+    main_half = half_width(np.array([f.main for f in folds]) - indices.main)
+    total_half = half_width(np.array([f.total for f in folds]) - indices.total)
+    return Sensitivity(
+        main=indices.main,
+        total=indices.total,
+        variance=indices.variance,
+        names=unknown.names,
+        main_interval=_interval(indices.main, main_half),
+        total_interval=_interval(indices.total, total_half),
+        folds=folds,
+        unknown=unknown,
+        model=model,
+        leave_one_out_q2=model.leave_one_out_q2(),
+        simulations=len(model.X_train_) + failed,
+        failed=failed,
+    )
+
+
+def half_width(changes: FloatArray) -> FloatArray:
+    """Half width of a 95 % interval from the changes (folds, ...) that leaving a fold out makes."""
+    half: FloatArray = _HALF_WIDTH * np.sqrt(np.mean(changes**2, axis=0))
+    return half
+
+
+def _interval(index: FloatArray, half: FloatArray) -> FloatArray:
+    """Interval (k, 2) within [0, 1]."""
+    interval: FloatArray = np.clip(np.stack([index - half, index + half], axis=1), 0.0, 1.0)
+    return interval

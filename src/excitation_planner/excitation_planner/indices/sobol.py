@@ -1,0 +1,174 @@
+"""Sobol' indices of a Kriging mean, without sampling it; and the paper's Monte-Carlo estimator.
+
+The mean is a sum of products over axes. Projected on products of orthonormal Legendre
+polynomials it has coefficients that are linear in the Kriging weights, and every index is a sum of
+their squares, so that 0 <= S <= ST <= 1 holds by construction. The textbook quadratic
+form in the weights cancels catastrophically for smooth outputs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from excitation_planner.box import FloatArray, sobol_sequence
+from excitation_planner.indices.kriging import Kriging
+
+_TERMS = 1000  # basis products kept per half of the axes: 10 degrees on each of 3 axes
+_DEGREES = 32  # highest Legendre degree + 1 on any axis
+
+
+@dataclass(frozen=True)
+class Indices:
+    """Sobol' indices of a function of k independent uniform parameters.
+
+    Attributes
+    ----------
+    main : ndarray (k,)
+        First-order indices S_i, the paper's MSI: share of the variance due to p_i alone.
+    total : ndarray (k,)
+        Total indices ST_i, the paper's TSI: share of the variance in which p_i takes part.
+    variance : float
+        Variance of the output, in its unit squared.
+    """
+
+    main: FloatArray
+    total: FloatArray
+    variance: float
+
+
+@dataclass(frozen=True)
+class _Half:
+    """Products of Legendre polynomials over some of the axes.
+
+    degrees (r, a): degree on each of the a axes; E (r, n): projection of the kernel at each sample.
+    """
+
+    degrees: NDArray[np.int_]
+    E: FloatArray
+
+
+def sobol_indices(model: Kriging) -> Indices:
+    """Sobol' indices of a fitted Kriging mean over the unit box (any k; measured up to 20).
+
+    The axes are split in two halves, and the coefficients of all pairs of products are one matrix
+    product. Up to k = 6 each half holds the full tensor of degrees as far as the length scales ask
+    for it; beyond, those products that the kernel can excite most.
+    """
+    k = model.X_train_.shape[1]
+    left, right = _halves(model)
+    squares = ((left.E * (model.deviation_ * model.alpha_)) @ right.E.T) ** 2
+    return _indices(squares, left.degrees, right.degrees, k)
+
+
+def effects(model: Kriging, U: FloatArray) -> FloatArray:
+    """Parts of the Kriging mean that the indices are made of, at points U (u, k): (1 + 2k, u).
+
+    The deviation from its average; for each parameter its main effect, and all it takes part in.
+    """
+    k = model.X_train_.shape[1]
+    weights = model.deviation_ * model.alpha_
+    along = [  # kernel, and its average over the box, on each axis
+        np.exp(-0.5 * ((U[:, j, None] - model.X_train_[:, j]) / model.length_scale_[j]) ** 2)
+        for j in range(k)
+    ]
+    average = [_axis_projection(model.X_train_[:, j], model.length_scale_[j])[0] for j in range(k)]
+    mean = np.prod(average, axis=0) @ weights
+    deviation = np.prod(along, axis=0) @ weights - mean
+    found = [deviation]
+    for j in range(k):
+        rest = [axis for axis in range(k) if axis != j]
+        main = (along[j] * np.prod([average[i] for i in rest], axis=0)) @ weights - mean
+        without = (np.prod([along[i] for i in rest], axis=0) * average[j]) @ weights - mean
+        found += [main, deviation - without]
+    return np.array(found)
+
+
+def _halves(model: Kriging) -> tuple[_Half, _Half]:
+    split = (model.X_train_.shape[1] + 1) // 2
+    X, length_scale = model.X_train_, model.length_scale_
+    return (
+        _half(X[:, :split], length_scale[:split]),
+        _half(X[:, split:], length_scale[split:]),
+    )
+
+
+def _half(X: FloatArray, length_scale: FloatArray) -> _Half:
+    """The largest Legendre products over the axes of X (n, a); the constant comes first."""
+    n, a = X.shape
+    degrees, size, E = np.zeros((1, a), dtype=int), np.ones(1), np.ones((1, n))
+    for j in range(a):
+        C = _axis_projection(X[:, j], length_scale[j])
+        # how much of each degree the kernel holds bounds what the mean can hold of it
+        share = np.minimum(np.abs(C).max(axis=1) / np.abs(C[0]).max(), 1.0)
+        products = np.outer(size, share).ravel()
+        # dropping the smallest after each axis keeps the overall largest: shares are at most 1;
+        # ties keep the lower degree, and so always the constant
+        kept = np.sort(np.argsort(-products, kind="stable")[:_TERMS])
+        parent, degree = np.divmod(kept, len(share))
+        degrees, size, E = degrees[parent], products[kept], E[parent] * C[degree]
+        degrees[:, j] = degree
+    return _Half(degrees, E)
+
+
+@lru_cache(maxsize=1)
+def _legendre() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Nodes (q,), weights (q,) on [0, 1], orthonormal Legendre polynomials there (q, degrees)."""
+    t, w = np.polynomial.legendre.leggauss(2 * _DEGREES)
+    polynomials = np.asarray(np.polynomial.legendre.legvander(t, _DEGREES - 1), dtype=np.float64)
+    return (t + 1) / 2, w / 2, polynomials * np.sqrt(2 * np.arange(_DEGREES) + 1)
+
+
+def _axis_projection(u: FloatArray, length_scale: float) -> FloatArray:
+    """Integrals over [0, 1] of kernel(t, u_n) times Legendre polynomial d: (degrees, n)."""
+    t, w, polynomials = _legendre()
+    kernel = np.exp(-0.5 * ((t[:, None] - u) / length_scale) ** 2)
+    C: FloatArray = polynomials.T @ (w[:, None] * kernel)
+    return C
+
+
+def _indices(
+    squares: FloatArray, left: NDArray[np.int_], right: NDArray[np.int_], k: int
+) -> Indices:
+    """Indices from squared coefficients (r_left, r_right) of products of these degrees."""
+    squares[0, 0] = 0.0  # the mean
+    variance = float(squares.sum())
+    main, total = np.empty(k), np.empty(k)
+    i = 0
+    for degrees, only, every in (
+        (left, squares[:, 0], squares.sum(axis=1)),
+        (right, squares[0], squares.sum(axis=0)),
+    ):
+        for j in range(degrees.shape[1]):
+            others = np.delete(degrees, j, axis=1)
+            has = degrees[:, j] > 0
+            main[i] = only[has & ~others.any(axis=1)].sum() / variance
+            total[i] = every[has].sum() / variance
+            i += 1
+    return Indices(main=main, total=total, variance=variance)
+
+
+def monte_carlo_indices(
+    g: Callable[[FloatArray], FloatArray], k: int, *, samples: int, seed: int | None = None
+) -> Indices:
+    """Sobol' indices of g: (n, k) -> (n,) over the unit box by the paper's estimator (Eqs. 7-10).
+
+    ``samples`` rows of P and Q, hence samples (k + 2) evaluations; ``seed=None`` is the paper's
+    unscrambled sequence. Unlike `sobol_indices` it can leave [0, 1].
+    """
+    PQ = sobol_sequence(samples, 2 * k, seed=seed)
+    P, Q = PQ[:, :k], PQ[:, k:]
+    g_P, g_Q = g(P), g(Q)
+    variance = float(np.mean(g_P**2) - np.mean(g_P) ** 2)  # Eq. 8
+    main, total = np.empty(k), np.empty(k)
+    for i in range(k):
+        R = P.copy()
+        R[:, i] = Q[:, i]
+        g_R = g(R)
+        main[i] = np.mean(g_Q * (g_R - g_P)) / variance  # Eq. 9
+        total[i] = np.mean((g_P - g_R) ** 2) / (2 * variance)  # Eq. 10
+    return Indices(main=main, total=total, variance=variance)

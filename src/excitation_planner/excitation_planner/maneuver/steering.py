@@ -1,0 +1,97 @@
+"""Maneuver families that prescribe the steering itself, after the open-loop tests of ISO 7401.
+
+Constant speed, straight ahead, then a steering input as a function of time. There is no path to
+track, so these give `Commands`; the nominal vehicle's motion under them is the reference. The
+standard's speeds and lateral accelerations are a car's: the ranges here are those of a tricycle.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from excitation_planner.box import Box
+from excitation_planner.maneuver.family import ACCELERATION, SETTLING_TIME, Floats
+from excitation_planner.maneuver.tracking import COMMAND_TICKS
+from tricycle_bridge.protocol.messages import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+
+STEP_OPERATION = Box.of({"angle": (0.05, 0.6), "speed": (0.8, 2.5)})  # rad, m/s
+SWEEP_OPERATION = Box.of({"amplitude": (0.05, 0.4), "frequency": (0.4, 2.0)})  # rad, Hz
+
+
+def steered(
+    vehicle: Vehicle, speed: float, angle: Callable[[Floats], Floats], *, duration: float
+) -> Commands:
+    """Run-in straight ahead to a speed, then a steering input.
+
+    Parameters
+    ----------
+    vehicle
+        Its acceleration limits the run-in.
+    speed
+        m/s, held after the run-in.
+    angle
+        Steering motor angle (t,) in rad, left positive, at times (t,) in s after the run-in.
+    duration
+        s after the run-in.
+    """
+    acceleration = min(ACCELERATION, vehicle.acceleration)
+    run_in = speed / acceleration + SETTLING_TIME
+    period = COMMAND_TICKS * TICK
+    time = period * np.arange(np.ceil((run_in + duration) / period) + 1)
+    after = np.maximum(time - run_in, 0.0)
+    return Commands(
+        time,
+        np.where(time > run_in, angle(after), 0.0),
+        np.minimum(acceleration * (time + period), speed),
+    )
+
+
+@dataclass(frozen=True)
+class StepSteer:
+    """Step of the steering to the left: x = (steering motor angle in rad, speed in m/s).
+
+    As fast as the steering slews, then held for `duration`: the transient and the steady state.
+    """
+
+    operation: Box = STEP_OPERATION
+    duration: float = 8.0  # s from the step to the end
+    name: ClassVar[str] = "step_steer"
+
+    def drive(self, x: Floats, vehicle: Vehicle) -> Commands:
+        """Run-in, ramp at the vehicle's slew, hold."""
+        angle, speed = (float(v) for v in x)
+        return steered(
+            vehicle,
+            speed,
+            lambda t: np.minimum(vehicle.steering_slew * t, angle),
+            duration=self.duration,
+        )
+
+
+@dataclass(frozen=True)
+class SineSweep:
+    """Sine of the steering whose frequency rises: x = (amplitude in rad, last frequency in Hz).
+
+    The frequency rises linearly with time from `first_frequency`.
+    """
+
+    operation: Box = SWEEP_OPERATION
+    first_frequency: float = 0.2  # Hz
+    duration: float = 15.0  # s
+    speed: float = 2.0  # m/s
+    name: ClassVar[str] = "sine_sweep"
+
+    def drive(self, x: Floats, vehicle: Vehicle) -> Commands:
+        """Run-in, then the sweep."""
+        amplitude, frequency = (float(v) for v in x)
+        rise = (frequency - self.first_frequency) / self.duration  # Hz/s
+
+        def angle(t: Floats) -> Floats:
+            phase = 2.0 * np.pi * (self.first_frequency * t + 0.5 * rise * t**2)
+            return np.asarray(amplitude * np.sin(phase))
+
+        return steered(vehicle, self.speed, angle, duration=self.duration)

@@ -1,0 +1,160 @@
+"""Nominal path tracking: the steer and drive commands with which the nominal vehicle drives a path.
+
+Pure pursuit of the rear axle's ground point, every 20 ms, on the same compiled vehicle as all else.
+Commands change no faster than the PLCs slew their set-points, so that no limiter acts when they are
+replayed; a path that the vehicle cannot hold at full lock makes the drive infeasible.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from excitation_planner.maneuver.family import ACCELERATION, PATH_SPACING, Drive
+from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT, TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.compilation import compiled
+from tricycle_sim.setpoints import slew
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.kernel import LANES, Q0, X, advance_tick, equilibrium, pack
+from tricycle_sim.vehicle.steering import motor_angle_for, steering_constants
+
+Floats = NDArray[np.float64]
+
+COMMAND_TICKS = 2  # PLC ticks per command: 50 Hz
+LOOK_AHEAD = 0.6  # m, of pure pursuit ...
+LOOK_AHEAD_TIME = 0.3  # s, ... plus this times the speed
+AT_LOCK = 0.1  # m from the path, at full lock, at which the steering does not suffice
+OFF_PATH = 1.0  # m from the path at which tracking has failed
+
+
+@dataclass(frozen=True)
+class Tracking:
+    """The commands of a tracked drive.
+
+    Attributes
+    ----------
+    commands
+        50 Hz, from rest to the end of the path.
+    infeasible
+        Why the vehicle could not drive the path, with time and place; empty when it could.
+    """
+
+    commands: Commands
+    infeasible: str
+
+
+@compiled
+def _track(
+    vehicle: Floats,
+    servo: Floats,
+    steering: Floats,
+    path_x: Floats,
+    path_y: Floats,
+    length: float,
+    wheelbase: float,
+    com_to_rear_axle: float,
+    speed: float,
+    slew_rate: float,
+    acceleration: float,
+    lock: float,
+    commands: Floats,
+) -> tuple[int, int, int]:
+    """Drive the path.
+
+    Returns the number of rows written, and the rows where the steering ran out and where the path
+    was lost, or -1.
+
+    Parameters
+    ----------
+    vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
+    servo : shape (2,), see `advance_tick`
+    steering : `steering_constants` of the batch's step
+    lock : largest steering motor angle [rad]
+    commands : shape (c, 2), receives steering motor angle [rad] and speed [m/s]
+    """
+    near = 0
+    angle, target = 0.0, 0.0
+    angle_setpoint, speed_setpoint = 0.0, 0.0
+    saturated, lost = -1, -1
+    for row in range(commands.shape[0]):
+        g = vehicle[0]
+        w, x = g[Q0 * LANES], g[(Q0 + 1) * LANES]
+        y, z = g[(Q0 + 2) * LANES], g[(Q0 + 3) * LANES]
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        c, s = math.cos(yaw), math.sin(yaw)
+        rear_x = g[X * LANES] - com_to_rear_axle * c
+        rear_y = g[(X + 1) * LANES] - com_to_rear_axle * s
+        # the nearest point of the path, forward of the last one
+        distance = math.hypot(path_x[near] - rear_x, path_y[near] - rear_y)
+        while near + 1 < path_x.shape[0]:
+            following = math.hypot(path_x[near + 1] - rear_x, path_y[near + 1] - rear_y)
+            if following > distance:
+                break
+            near, distance = near + 1, following
+        if near * PATH_SPACING >= length:
+            return row, saturated, lost
+        if distance > OFF_PATH:
+            return row, saturated, row
+        ahead = (LOOK_AHEAD + LOOK_AHEAD_TIME * target) / PATH_SPACING
+        goal = min(near + int(ahead), path_x.shape[0] - 1)
+        dx, dy = path_x[goal] - rear_x, path_y[goal] - rear_y
+        lateral = -s * dx + c * dy
+        wanted = math.atan(wheelbase * 2.0 * lateral / (dx * dx + dy * dy))
+        if distance > AT_LOCK and abs(angle) >= lock and saturated < 0:
+            saturated = row
+        reach = slew_rate * COMMAND_TICKS * TICK
+        angle += min(max(motor_angle_for(wanted, steering) - angle, -reach), reach)
+        target = min(speed, target + acceleration * COMMAND_TICKS * TICK)
+        # what the protocol can say is what is driven, here too: 0.5 mm/s are 1 cm after 20 s
+        angle = round(angle / ANGLE_UNIT) * ANGLE_UNIT
+        commands[row, 0] = angle
+        commands[row, 1] = round(target / SPEED_UNIT) * SPEED_UNIT
+        for _ in range(COMMAND_TICKS):
+            angle_setpoint = slew(angle_setpoint, angle, slew_rate)
+            speed_setpoint = slew(speed_setpoint, commands[row, 1], acceleration)
+            advance_tick(vehicle, servo, steering, angle_setpoint, (1.0, speed_setpoint, 0.0), 1)
+    return commands.shape[0], saturated, commands.shape[0]
+
+
+def track(vehicle: Vehicle, drive: Drive) -> Tracking:
+    """Drive a path with the nominal vehicle.
+
+    Parameters
+    ----------
+    vehicle
+        Its nominal values are driven, from rest at the origin heading +x.
+    drive
+        Path of the rear axle's ground point, starting where that point is.
+    """
+    acceleration = min(ACCELERATION, vehicle.acceleration)
+    duration = drive.length / drive.speed + drive.speed / acceleration
+    period = COMMAND_TICKS * TICK
+    rows = np.empty((math.ceil(1.5 * duration / period), 2))
+    steering = steering_constants(vehicle, 0.5 * TICK)
+    n, saturated, lost = _track(
+        pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle)),
+        np.zeros(2),
+        steering,
+        drive.x,
+        drive.y,
+        drive.length,
+        vehicle.com_to_front_axle + vehicle.com_to_rear_axle,
+        vehicle.com_to_rear_axle,
+        drive.speed,
+        vehicle.steering_slew,
+        acceleration,
+        vehicle.steering_limit - 1e-9,
+        rows,
+    )
+    reasons = [
+        f"{what} at {row * period:.2f} s"
+        for what, row in (
+            ("the steering saturates", saturated),
+            ("the path was lost", lost),
+        )
+        if row >= 0
+    ]
+    held = np.vstack([rows[:n], rows[n - 1 : n]])  # the last row is the end
+    return Tracking(Commands(period * np.arange(n + 1), *held.T), "; ".join(reasons))

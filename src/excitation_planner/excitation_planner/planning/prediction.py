@@ -1,0 +1,103 @@
+"""What a drive will teach: standard deviations of the parameters, before anyone drives.
+
+n: samples, k: unknown parameters, l: operation parameters, t: time points, c: measured channels.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from excitation_planner.box import Box
+from excitation_planner.design.information import (
+    Prior,
+    TrajectoryNoise,
+    difference_points,
+    information,
+    posterior_covariance,
+)
+from excitation_planner.errors import DesignError
+from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.planning.replay import nominal_run
+from tricycle_bridge.protocol.messages import TICK
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+Floats = NDArray[np.float64]
+
+PERIOD = 0.05  # s between the time points: 20 Hz, as localisations give poses
+STANDSTILL = 1.0  # s before the start that are measured too: they tell start and gyro bias
+BLOCK = 128  # vehicles simulated at a time, which bounds the memory
+DRAWS = 48  # parameter values over which a prediction is averaged
+
+
+@dataclass(frozen=True)
+class ReplayedTrajectories:
+    """The simulator f(x, p) = whole trajectory of the information criteria.
+
+    Calling it with operation parameters x (l,) and unknown parameters P (n, k) gives (n, t, c), a
+    time point every `PERIOD`; NaN where a vehicle rolled over. It raises `InfeasibleManeuver`
+    where the nominal vehicle cannot drive x.
+
+    Attributes
+    ----------
+    columns
+        The channels, by their names in `tricycle_sim.vehicle.batch.Trajectory`.
+    """
+
+    vehicle: Vehicle
+    family: ManeuverFamily
+    columns: tuple[str, ...] = ("x", "y")
+
+    def __call__(self, x: Floats, parameters: Floats) -> Floats:
+        """Trajectories (n, t, c) of the samples, with the standstill before them."""
+        commands = nominal_run(self.vehicle, self.family, x).commands
+        every = round(PERIOD / TICK)
+        rest = round(STANDSTILL / PERIOD)
+        blocks = []
+        for first in range(0, len(parameters), BLOCK):
+            # the search evaluates maneuvers side by side in processes: one thread each
+            motion = simulate(self.vehicle, commands, parameters[first : first + BLOCK], threads=1)
+            Y = np.stack([getattr(motion, name)[:, ::every] for name in self.columns], axis=-1)
+            Y[motion.feasibility.rolled_over.happened] = np.nan
+            blocks.append(np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1))
+        return np.concatenate(blocks)
+
+
+def predicted_covariance(
+    simulators: tuple[Callable[[Floats, Floats], Floats], ...],
+    points: tuple[Floats, ...],
+    unknown: Box,
+    noise: TrajectoryNoise,
+    *,
+    seed: int,
+    prior: Prior | None = None,
+) -> Floats:
+    """Expected posterior covariance (k, k) in squared ranges, after drives one after the other.
+
+    Parameters
+    ----------
+    simulators
+        Of each drive: x (l,), P (n, k) to trajectories (n, t, c).
+    points
+        Operation parameters x (l,) of each drive.
+    prior
+        What is known before; None: uniform in the box.
+
+    Raises
+    ------
+    DesignError
+        If not one of the vehicles drawn can be simulated.
+    """
+    k = len(unknown)
+    U = difference_points(k, DRAWS, seed=seed, prior=prior)
+    P = unknown.from_unit(U)
+    F = np.zeros((DRAWS, k, k))
+    for f, x in zip(simulators, points, strict=True):
+        F += information(U, f(x, P), noise)
+    F = F[np.isfinite(F).all(axis=(1, 2))]
+    if len(F) == 0:
+        raise DesignError("every vehicle drawn rolled over in this maneuver")
+    covariance: Floats = posterior_covariance(F, prior).mean(axis=0)
+    return covariance

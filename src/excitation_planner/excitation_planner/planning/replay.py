@@ -1,0 +1,144 @@
+"""Open-loop replay: the trajectory error of perturbed vehicles driving one command history."""
+
+from collections import OrderedDict
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from excitation_planner.errors import InfeasibleManeuver
+from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.maneuver.tracking import track
+from excitation_planner.plan import Reference
+from excitation_planner.trajectory_error import NominalTrajectory
+from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import PlanarBlock, simulate, simulate_planar
+
+Floats = NDArray[np.float64]
+
+KEPT_RUNS = 4  # nominal runs kept: the search asks for the same x once per batch of samples
+
+
+@dataclass(frozen=True)
+class NominalRun:
+    """What the nominal vehicle does in a maneuver.
+
+    Attributes
+    ----------
+    commands
+        Steer and drive commands of the family, or of the tracked path.
+    path
+        (m, 2) path of the rear axle's ground point, m.
+    reference
+        Trajectory of the nominal vehicle replaying the commands.
+    nominal
+        The same, on the simulation's grid, as TE needs it.
+    """
+
+    commands: Commands
+    path: Floats
+    reference: Reference
+    nominal: NominalTrajectory
+
+
+def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: Floats) -> Floats:
+    """TE (n,) in m^2 of vehicles with unknown parameters (n, k), replaying the run's commands.
+
+    NaN where a vehicle rolled over.
+    """
+    errors = np.empty(len(parameters))
+
+    def reduce(first: int, block: PlanarBlock) -> None:
+        te = run.nominal.error(block.x, block.y, block.vx_world, block.vy_world)
+        te[block.feasibility.rolled_over.happened] = np.nan
+        errors[first : first + len(te)] = te
+
+    # the planner runs operating points side by side in processes: one thread each
+    simulate_planar(vehicle, run.commands, parameters, reduce, threads=1)
+    return errors
+
+
+def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: Floats) -> NominalRun:
+    """Replay the maneuver with operation parameters x (l,); a path is tracked first.
+
+    Raises
+    ------
+    InfeasibleManeuver
+        If the nominal vehicle cannot drive it, with the reason.
+    """
+    drive = family.drive(x, vehicle)
+    if isinstance(drive, Commands):
+        commands = _as_sent(drive)
+    else:
+        tracking = track(vehicle, drive)
+        if tracking.infeasible:
+            raise InfeasibleManeuver(tracking.infeasible)
+        commands = tracking.commands
+    motion = simulate(vehicle, commands, threads=1)
+    if not motion.feasibility.feasible[0]:
+        raise InfeasibleManeuver("; ".join(motion.feasibility.reasons(0)))
+    reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
+    return NominalRun(
+        commands=commands,
+        path=_rear_axle_path(vehicle, reference)
+        if isinstance(drive, Commands)
+        else np.column_stack([drive.x, drive.y]),
+        reference=reference,
+        nominal=_nominal_trajectory(vehicle, commands),
+    )
+
+
+def _as_sent(commands: Commands) -> Commands:
+    """Commands in the units of the protocol, as tracking gives them."""
+    return Commands(
+        commands.time,
+        np.round(commands.steering_motor_angle / ANGLE_UNIT) * ANGLE_UNIT,
+        np.round(commands.speed / SPEED_UNIT) * SPEED_UNIT,
+    )
+
+
+def _rear_axle_path(vehicle: Vehicle, motion: Reference) -> Floats:
+    """Path (m, 2) of the rear axle's ground point, a point every 0.1 s."""
+    b = vehicle.com_to_rear_axle
+    path = np.column_stack([motion.x - b * np.cos(motion.yaw), motion.y - b * np.sin(motion.yaw)])
+    return path[::10]
+
+
+def _nominal_trajectory(vehicle: Vehicle, commands: Commands) -> NominalTrajectory:
+    blocks: list[PlanarBlock] = []
+    simulate_planar(vehicle, commands, None, lambda _, block: blocks.append(block), threads=1)
+    (block,) = blocks
+    return NominalTrajectory(
+        block.time, block.x[0], block.y[0], block.vx_world[0], block.vy_world[0]
+    )
+
+
+@dataclass(frozen=True)
+class ReplayedTrajectoryError:
+    """The simulator f(x, p) = TE of the method (Eq. 2), for one vehicle and family.
+
+    Calling it with operation parameters x (l,) and unknown parameters (n, k) gives TE (n,) in m^2,
+    NaN where a vehicle rolled over; it raises `InfeasibleManeuver` where the nominal vehicle cannot
+    drive x.
+    """
+
+    vehicle: Vehicle
+    family: ManeuverFamily
+    _runs: OrderedDict[bytes, NominalRun] = field(
+        default_factory=OrderedDict, init=False, repr=False, compare=False
+    )
+
+    def __call__(self, x: Floats, parameters: Floats) -> Floats:
+        """TE (n,) of the samples."""
+        return replayed_errors(self.vehicle, self.nominal(x), parameters)
+
+    def nominal(self, x: Floats) -> NominalRun:
+        """The nominal run at x, kept for the next calls."""
+        key = np.asarray(x, dtype=float).tobytes()
+        if key not in self._runs:
+            self._runs[key] = nominal_run(self.vehicle, self.family, x)
+            if len(self._runs) > KEPT_RUNS:
+                self._runs.popitem(last=False)
+        return self._runs[key]

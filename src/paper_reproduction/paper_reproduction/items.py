@@ -1,0 +1,58 @@
+"""Every table and figure by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any
+
+from paper_reproduction import math_model
+from paper_reproduction.comparison import Item
+from paper_reproduction.first_stage import PaperBudget
+from paper_reproduction.tricycle import Tricycle
+
+Report = Callable[[int, int], None]
+
+NAMES = (
+    "table1",
+    *("fig5", "fig6", "fig8", "fig9"),
+    "screening",
+    *("fig13", "fig14", "fig15", "fig16", "fig17", "fig18"),
+)
+
+
+class Reproduction:
+    """The paper's tables and figures; what several of them need is computed once.
+
+    Parameters
+    ----------
+    executor
+        Where the long computations run.
+    budget
+        To do everything the paper's way as well, or None to leave that out.
+    maneuvers
+        Evaluated in each search on the tricycle.
+    """
+
+    def __init__(
+        self, executor: Executor, *, budget: PaperBudget | None = None, maneuvers: int = 100
+    ) -> None:
+        tricycle = Tricycle(executor, budget=budget, maneuvers=maneuvers)
+        self._items: dict[str, Callable[[Report], Item[Any]]] = {
+            "table1": lambda _: math_model.table_1(),
+            "fig5": lambda _: math_model.figure_5(budget),
+            "fig6": lambda _: math_model.figure_6(budget),
+            "fig8": lambda report: math_model.figure_8_or_9("p1", budget, executor, report),
+            "fig9": lambda report: math_model.figure_8_or_9("p3", budget, executor, report),
+            "screening": tricycle.screening,
+            "fig13": tricycle.figure_13,
+            "fig14": lambda report: tricycle.bars("circle", report),
+            "fig15": lambda report: tricycle.bars("double_lane_change", report),
+            "fig16": tricycle.figure_16,
+            "fig17": lambda report: tricycle.figure_17_or_18("circle", report),
+            "fig18": lambda report: tricycle.figure_17_or_18("double_lane_change", report),
+        }
+
+    def item(self, name: str, progress: Report) -> Item[Any]:
+        """Return the table or figure of that name (one of `NAMES`)."""
+        return self._items[name](progress)

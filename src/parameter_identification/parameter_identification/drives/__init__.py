@@ -1,0 +1,1 @@
+"""Drives as they were recorded: bags to signals."""

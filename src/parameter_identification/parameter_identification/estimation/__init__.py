@@ -1,0 +1,1 @@
+"""Least-squares estimation of parameters from recorded drives."""

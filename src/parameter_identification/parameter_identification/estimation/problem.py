@@ -1,0 +1,297 @@
+"""The least-squares problem of several drives, its minimisation and its noise.
+
+A variable vector (n,) holds the parameters in their ranges, then for each drive its nuisances in
+standard deviations of their priors.
+
+All that the minimisation needs of thousands of residuals r and their Jacobian J is the matrix
+[J r]ᵀ[J r] of size n + 1, to which every signal of every drive adds its part.
+"""
+
+import itertools
+import math
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from excitation_planner.box import sobol_sequence
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.model import DriveModel, Prediction
+from parameter_identification.estimation.noise import (
+    NoiseLevel,
+    Residuals,
+    Samples,
+    restricted_noise,
+    white_level,
+    whiten,
+)
+from parameter_identification.estimation.whiteness import resolution
+
+Array = NDArray[np.float64]
+
+CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
+STAMPS_ALIKE = 1.0  # s for which stamps err alike: as many samples tell of them no more than one
+OUTLYING = 3.0  # standard deviations from which samples lose weight under the robust loss
+MAX_STEPS = 50
+
+
+class Loss(Enum):
+    """What a residual costs."""
+
+    SQUARED = "squared"  # efficient for Gaussian noise
+    ROBUST = "robust"  # logarithmic beyond `OUTLYING` standard deviations: outliers hardly pull
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A minimum.
+
+    Attributes
+    ----------
+    at : (n,) variables
+    cost : squared residuals over their variances, with the priors' part
+    """
+
+    at: Array
+    cost: float
+
+
+class Problem:
+    """Least squares over all drives.
+
+    Parameters
+    ----------
+    models : one per drive
+    mean, information : (k,) and (k, k) of the prior of the parameters in ranges
+    loss : of the residuals
+    """
+
+    def __init__(
+        self, models: Sequence[DriveModel], mean: Array, information: Array, loss: Loss
+    ) -> None:
+        self.models, self.mean, self.information = models, mean, information
+        self.k = len(mean)
+        self._robust = loss is Loss.ROBUST
+        sizes = [len(model.nuisances) for model in models]
+        ends = self.k + np.cumsum([0, *sizes])
+        self.n = int(ends[-1])
+        self._at = [
+            np.concatenate([np.arange(self.k), np.arange(first, last)])
+            for first, last in itertools.pairwise(ends)
+        ]
+        self.floors = self._floors()
+        self.noise = {sensor: NoiseLevel(white) for sensor, white in self._white_levels().items()}
+        self._samples = [
+            {
+                sensor: Samples(_run_weights(s.values), np.zeros(len(s.time)))
+                for sensor, s in model.drive.signals.items()
+            }
+            for model in models
+        ]
+        self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+
+    def _floors(self) -> dict[Sensor, float]:
+        """Noise that rounding makes, at least, by sensor."""
+        floors: dict[Sensor, float] = {}
+        for model in self.models:
+            for sensor, signal in model.drive.signals.items():
+                step = max(resolution(column) for column in signal.values.T)
+                tiny = 1e-9 * (1.0 + float(np.ptp(signal.values)))
+                floors[sensor] = max(floors.get(sensor, 0.0), step / math.sqrt(12.0), tiny)
+        return floors
+
+    def _white_levels(self) -> dict[Sensor, float]:
+        levels = dict(self.floors)
+        for model in self.models:
+            for sensor, signal in model.drive.signals.items():
+                levels[sensor] = max(levels[sensor], white_level(signal.time, signal.values))
+        return levels
+
+    def predictions(self, v: Array) -> list[list[Prediction]]:
+        """Predictions of each drive at variables (n,)."""
+
+        def predict(pair: tuple[DriveModel, NDArray[np.int64]]) -> list[Prediction]:
+            model, at = pair
+            return model.predict(v[: self.k], v[at[self.k :]])
+
+        return list(self._pool.map(predict, zip(self.models, self._at, strict=True)))
+
+    def gram(self, v: Array) -> Array:
+        """[J r]ᵀ[J r], whitened and with the priors, (n + 1, n + 1)."""
+        total = self._prior_gram(v)
+        for predictions, samples, at in zip(
+            self.predictions(v), self._samples, self._at, strict=True
+        ):
+            total += self._signals_gram(predictions, samples, at, self.noise)
+        return total
+
+    def _prior_gram(self, v: Array) -> Array:
+        k, gram = self.k, np.zeros((self.n + 1, self.n + 1))
+        deviation = v[:k] - self.mean
+        pull = self.information @ deviation
+        gram[:k, :k] = self.information
+        gram[:k, -1] = gram[-1, :k] = pull
+        nuisances = v[k:]
+        gram[range(k, self.n), range(k, self.n)] = 1.0
+        gram[k:-1, -1] = gram[-1, k:-1] = nuisances
+        gram[-1, -1] = deviation @ pull + nuisances @ nuisances
+        return gram
+
+    def _signals_gram(
+        self,
+        predictions: Sequence[Prediction],
+        samples: dict[Sensor, Samples],
+        at: NDArray[np.int64],
+        noise: dict[Sensor, NoiseLevel],
+    ) -> Array:
+        gram = np.zeros((self.n + 1, self.n + 1))
+        place = np.append(at, self.n)
+        for p in predictions:
+            if p.sensor in noise:
+                for channel in range(p.residual.shape[1]):
+                    columns, _ = whiten(
+                        _columns(p, channel), p.time, noise[p.sensor], samples[p.sensor]
+                    )
+                    gram[np.ix_(place, place)] += columns.T @ columns
+        return gram
+
+    def candidates(self, count: int, seed: int) -> list[Array]:
+        """Variables (n,) to start from: the best of a Sobol' sequence and the prior's mean."""
+        Z = np.vstack([self.mean, sobol_sequence(CANDIDATES - 1, self.k, seed=seed)])
+        white = {sensor: level.white for sensor, level in self.noise.items()}
+        misfit = sum((model.misfits(Z, white) for model in self.models), np.zeros(len(Z)))
+        best = Z[np.argsort(misfit)[:count]]
+        return [np.concatenate([z, np.zeros(self.n - self.k)]) for z in best]
+
+    def minimise(
+        self, start: Array, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01
+    ) -> Fit:
+        """Minimum from a start, within the ranges.
+
+        Levenberg's and Marquardt's method; every step is a linear problem with bounds, so that a
+        parameter at the end of its range holds nobody up.
+
+        Parameters
+        ----------
+        start : (n,) variables
+        free : (n,) which of them may change; default: all
+        tolerance : what another step may still promise of the cost (an interval is where the cost
+            rises by some 4); that step is taken, its cost is the promised one
+        """
+        free = np.ones(self.n, dtype=bool) if free is None else free
+        kept = np.append(np.flatnonzero(free), self.n)
+        bounded = np.arange(self.n) < self.k
+        low, high = np.where(bounded, 0.0, -np.inf), np.where(bounded, 1.0, np.inf)
+        at = np.where(free, np.clip(start, low, high), start)
+        gram = self.gram(at)[np.ix_(kept, kept)]
+        damping = 0.0
+        for _ in range(MAX_STEPS):
+            factor = np.linalg.cholesky(gram[:-1, :-1] + damping * np.eye(len(kept) - 1))
+            wanted = np.linalg.solve(factor, -gram[:-1, -1])
+            bounds = (low[free] - at[free], high[free] - at[free])
+            step = lsq_linear(factor.T, wanted, bounds, method="bvls").x
+            promise = -float(step @ (2.0 * gram[:-1, -1] + gram[:-1, :-1] @ step))
+            following = at.copy()
+            following[free] += step
+            following = np.where(free, np.clip(following, low, high), following)
+            if promise < tolerance:
+                return Fit(following, float(gram[-1, -1]) - promise)
+            trial = self.gram(following)[np.ix_(kept, kept)]
+            if trial[-1, -1] < gram[-1, -1] - 0.1 * promise:
+                at, gram = following, trial
+                damping = damping / 10.0 if damping > 1.0 else 0.0
+            else:
+                damping = max(10.0 * damping, 1.0)
+        return Fit(at, float(gram[-1, -1]))
+
+    def estimate_noise(self, v: Array) -> None:
+        """Set what the samples are worth and the noise of each sensor from the residuals."""
+        predictions = self.predictions(v)
+        self._weigh(predictions)
+        grams = {
+            sensor: sum(
+                (
+                    self._signals_gram(p, s, at, {sensor: level})
+                    for p, s, at in zip(predictions, self._samples, self._at, strict=True)
+                ),
+                np.zeros((self.n + 1, self.n + 1)),
+            )
+            for sensor, level in self.noise.items()
+        }
+        whole = sum(grams.values(), self._prior_gram(v))
+
+        def estimate(sensor: Sensor) -> NoiseLevel:
+            channels = [
+                Residuals(p.time, _columns(p, channel), np.append(at, self.n), s[sensor])
+                for found, s, at in zip(predictions, self._samples, self._at, strict=True)
+                for p in found
+                if p.sensor is sensor
+                for channel in range(p.residual.shape[1])
+            ]
+            rest = whole - grams[sensor]
+            return restricted_noise(channels, rest, self.noise[sensor], floor=self.floors[sensor])
+
+        self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
+
+    def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
+        """Set what the samples are worth: less where stamps matter, and by the robust loss."""
+        for drive, (found, samples) in enumerate(zip(predictions, self._samples, strict=True)):
+            for p in found:
+                worth = samples[p.sensor] = self._worth(drive, p)
+                if self._robust:
+                    excess = np.maximum(1.0, self._innovations(drive, p) / OUTLYING) ** 2
+                    samples[p.sensor] = Samples(worth.weights / excess, worth.stamps * excess)
+
+    def _worth(self, drive: int, p: Prediction) -> Samples:
+        """What samples are worth that are rounded and whose stamps jitter."""
+        signal = self.models[drive].drive.signals[p.sensor]
+        slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
+        alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
+        return Samples(_run_weights(signal.values), alike * (slope * signal.jitter) ** 2)
+
+    def _innovations(self, drive: int, p: Prediction) -> Array:
+        """Largest innovation (m,) of each sample, in standard deviations."""
+        worth, noise = self._worth(drive, p), self.noise[p.sensor]
+        innovations, _ = whiten(p.residual, p.time, noise, worth)
+        size: Array = np.abs(innovations).max(axis=1)
+        return size
+
+    def outliers(self, predictions: Sequence[Sequence[Prediction]], limit: float) -> int:
+        """Number of samples with an innovation beyond so many standard deviations."""
+        return sum(
+            int(np.count_nonzero(self._innovations(drive, p) > limit))
+            for drive, found in enumerate(predictions)
+            for p in found
+        )
+
+    def weights(self, drive: int) -> dict[Sensor, Array]:
+        """What each sample (m,) of a drive counts beside a full one, by sensor."""
+        return {
+            sensor: 1.0 / (1.0 / s.weights + s.stamps / self.noise[sensor].white ** 2)
+            for sensor, s in self._samples[drive].items()
+        }
+
+    def close(self) -> None:
+        """End the threads."""
+        self._pool.shutdown()
+
+
+def _run_weights(values: Array) -> Array:
+    """Weights (m,) of readings (m, c): a run of equal ones has one rounding error, so counts once.
+
+    Where a slow signal hides in one step of the sensor, its many equal readings would else say with
+    confidence that it does not move.
+    """
+    runs = np.append(0, np.cumsum(np.any(np.diff(values, axis=0) != 0.0, axis=1)))
+    weights: Array = 1.0 / np.bincount(runs)[runs]
+    return weights
+
+
+def _columns(p: Prediction, channel: int) -> Array:
+    """Jacobian and residual of one channel, (m, k + q + 1)."""
+    return np.column_stack([p.jacobian[:, channel], p.residual[:, channel]])

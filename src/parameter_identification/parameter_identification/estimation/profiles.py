@@ -1,0 +1,84 @@
+"""Intervals by profile likelihood.
+
+A parameter is moved away from its estimate in steps, everything else is fitted anew at each, until
+the cost has risen beyond what the interval allows (Venzon and Moolgavkar, Applied Statistics 37,
+1988). Where the cost is not a parabola, e.g. at the end of a range of another parameter, this is
+what the linearised interval misses.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from parameter_identification.estimation.problem import Fit, Problem
+
+Array = NDArray[np.float64]
+
+STEPS = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
+TOLERANCE = 0.1  # of the cost; the interval's level is some 4
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileCurve:
+    """Profile of one parameter, in its range.
+
+    Attributes
+    ----------
+    z : (g,) increasing; the estimate is one of them
+    rise : (g,) of the cost above its minimum
+    interval : where it is as high as the level allows, within 0 to 1
+    """
+
+    z: Array
+    rise: Array
+    interval: tuple[float, float]
+
+
+def profile(problem: Problem, best: Fit, inverse: Array, i: int, level: float) -> ProfileCurve:
+    """Profile of parameter number `i`.
+
+    Parameters
+    ----------
+    problem, best : the problem and its minimum
+    inverse : (n, n) inverse information there
+    i : number of the parameter
+    level : probability of the interval
+    """
+    allowed = float(chi2.ppf(level, 1))
+    std = math.sqrt(inverse[i, i])
+    free = np.arange(problem.n) != i
+    sides = {}
+    for sign, bound in ((-1, 0.0), (1, 1.0)):
+        z, rise = [float(best.at[i])], [0.0]
+        for step in STEPS:
+            at = float(np.clip(best.at[i] + sign * step * std, 0.0, 1.0))
+            if at == z[-1]:
+                break
+            start = best.at + inverse[:, i] / inverse[i, i] * (at - best.at[i])
+            start[: problem.k] = np.clip(start[: problem.k], 0.0, 1.0)
+            start[i] = at
+            z.append(at)
+            cost = problem.minimise(start, free, tolerance=TOLERANCE).cost
+            rise.append(max(0.0, cost - best.cost))  # below the minimum by its tolerance at most
+            if rise[-1] > allowed or at == bound:
+                break
+        sides[sign] = (z, rise, _crossing(z, rise, allowed))
+    (z_low, rise_low, low), (z_high, rise_high, high) = sides[-1], sides[1]
+    return ProfileCurve(
+        np.array(z_low[:0:-1] + z_high), np.array(rise_low[:0:-1] + rise_high), (low, high)
+    )
+
+
+def _crossing(z: Sequence[float], rise: Sequence[float], allowed: float) -> float:
+    """Where the rise first reaches `allowed`; its root is nearly a straight line."""
+    root, wanted = np.sqrt(rise), math.sqrt(allowed)
+    above = np.flatnonzero(root >= wanted)
+    if not len(above):
+        return z[-1]
+    j = int(above[0])
+    share = (wanted - root[j - 1]) / (root[j] - root[j - 1])
+    return float(z[j - 1] + share * (z[j] - z[j - 1]))

@@ -1,0 +1,1 @@
+"""Trajectory error of recorded drives."""

@@ -1,0 +1,94 @@
+"""Judged drives as files for other tools, and as a figure."""
+
+from collections.abc import Sequence
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+
+from parameter_identification.judging.judgement import Array, Judgement, TimeSeries
+
+PICTURES = (".png", ".pdf", ".svg")
+
+
+class ExportFormat(Enum):
+    """Format of exported trajectories."""
+
+    TUM = "tum"  # two files, `time x y z qx qy qz qw`, as evo and others read them
+    CSV = "csv"  # one file with everything in `TimeSeries`, its names as header
+
+
+def export(
+    judgements: Sequence[Judgement], directory: Path, export_format: ExportFormat
+) -> list[Path]:
+    """Save each drive at the points of Eq. 14, in the frame of its reference.
+
+    Parameters
+    ----------
+    judgements : the files are named after their bags; after the first of a name, with a number
+    directory : created if need be; files of the same name are replaced
+    export_format : see `ExportFormat`; numbers are written with all their digits
+
+    Returns
+    -------
+    The files written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    written: list[Path] = []
+    names = [judgement.bag.resolve().stem for judgement in judgements]
+    for i, judgement in enumerate(judgements):
+        before = names[:i].count(names[i])
+        s, name = judgement.series, f"{names[i]}_{before + 1}" if before else names[i]
+        if export_format is ExportFormat.CSV:
+            tables = {f"{name}.csv": (np.column_stack(list(vars(s).values())), ",".join(vars(s)))}
+        else:
+            tables = {
+                f"{name}.tum": (_tum(s.time, s.x, s.y, s.heading), ""),
+                f"{name}_reference.tum": (
+                    _tum(s.time, s.reference_x, s.reference_y, s.reference_heading),
+                    "",
+                ),
+            }
+        for file, (table, header) in tables.items():
+            path = directory / file
+            delimiter = "," if header else " "
+            np.savetxt(path, table, "%.17g", delimiter, header=header, comments="")
+            written.append(path)
+    return written
+
+
+def _tum(time: Array, x: Array, y: Array, heading: Array) -> Array:
+    half = np.nan_to_num(heading) / 2
+    zero = np.zeros_like(time)
+    return np.column_stack([time, x, y, zero, zero, zero, np.sin(half), np.cos(half)])
+
+
+def plot(judgements: Sequence[Judgement], path: Path) -> None:
+    """Save a figure: the trajectories, and their deviations over time, one row per drive."""
+    # The backend is for files, and importing it takes a while: only who plots pays.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 4.2 * len(judgements)), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(len(judgements), 2, squeeze=False)
+    for (plane, deviation), judgement in zip(rows, judgements, strict=True):
+        s: TimeSeries = judgement.series
+        plane.plot(s.reference_x, s.reference_y, color="0.6", linewidth=3, label="reference")
+        plane.plot(s.x, s.y, color="C0", linewidth=1, label="measured")
+        error = f"TE {judgement.te:.4g} m², rms {1e3 * judgement.rms:.0f} mm"
+        plane.set(title=f"{judgement.bag.name}: {error}", xlabel="x / m", ylabel="y / m")
+        plane.set_aspect("equal", "datalim")
+        plane.legend()
+        deviation.plot(
+            s.time, 1e3 * s.along, color="C1", linewidth=0.8, label="along the reference"
+        )
+        deviation.plot(
+            s.time, 1e3 * s.cross, color="C2", linewidth=0.8, label="across, to the left"
+        )
+        deviation.plot(s.time, 1e3 * s.distance, color="0.3", linewidth=0.8, label="distance")
+        deviation.set(xlabel="time since the start event / s", ylabel="deviation / mm")
+        deviation.grid(alpha=0.3)
+        deviation.legend()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=120)

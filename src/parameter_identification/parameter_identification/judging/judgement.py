@@ -1,0 +1,397 @@
+"""Judge: the trajectory error of a recorded drive against its reference (Eq. 14), from its bag.
+
+In time, the recorded start event ties the measured poses to the reference. In space, the reference
+starts at the *anchor*, by default the mean measured pose of the standstill before the start
+event. Neither is fitted: what another anchor would give, and by how much the vehicle seems to lag
+behind the reference, is reported and not applied.
+
+The measured trajectory is interpolated linearly to the 10 000 points of Eq. 14 (at 100 Hz and
+0.5 m/s² of lateral acceleration that is wrong by 6 µm), the reference by a cubic spline.
+"""
+
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from excitation_planner.trajectory_error import POINTS, trajectory_error
+from parameter_identification.drives.recorded import (
+    Datum,
+    Drive,
+    JudgeError,
+    Path2D,
+    Topics,
+    read_drive,
+)
+
+__all__ = [
+    "Anchor", "Datum", "JudgeError", "Judgement", "Pose", "TimeSeries", "Topics", "judge",
+    "judge_drive",
+]  # fmt: skip
+
+Array = NDArray[np.float64]
+
+MAX_GAP = 0.2  # s between poses; points of Eq. 14 within a longer gap are not matched
+STANDSTILL = 1.0  # s before the start event that give the anchor
+MIN_STANDSTILL = 0.3  # s of them that must be recorded
+MAX_CREEP = 0.05  # m/s of a vehicle that stands
+STRAIGHT = 0.1  # rad of heading up to which the drive is straight, for the time offset
+
+
+class Anchor(Enum):
+    """Pose of the reference's origin in the frame of the measured poses."""
+
+    STANDSTILL = "standstill"  # mean pose before the start event
+    START = "start"  # the single pose at the start event
+    FIT = "fit"  # least squares over the whole drive
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Planar pose in the frame of the measured poses."""
+
+    x: float  # m
+    y: float  # m
+    heading: float  # rad, left positive
+
+
+@dataclass(frozen=True)
+class TimeSeries:
+    """The drive at the points of Eq. 14, in the frame of the reference (x: heading at the start).
+
+    Attributes
+    ----------
+    time : (j,) s since the start event
+    x, y, heading : (j,) measured, m and rad
+    reference_x, reference_y, reference_heading : (j,) m and rad
+    along, cross : (j,) deviation along the reference's heading and to its left, m
+    heading_error : (j,) rad, NaN for a sensor without heading
+    """
+
+    time: Array
+    x: Array
+    y: Array
+    heading: Array
+    reference_x: Array
+    reference_y: Array
+    reference_heading: Array
+    along: Array
+    cross: Array
+    heading_error: Array
+
+    @property
+    def distance(self) -> Array:
+        """Distance from the reference (j,), m."""
+        return np.hypot(self.along, self.cross)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Trajectory error of one drive, and what belongs to it.
+
+    Attributes
+    ----------
+    bag, plan_id : which drive
+    te : trajectory error, m² (Eq. 14), at the chosen anchor
+    te_corrected : less what the measurement noise adds on average, m²; it may come out negative
+    te_deviation : standard deviation of te from the noise of the anchor, m²
+    te_by_anchor : te at every anchor, m²
+    rms, max : root mean square and largest distance, m
+    rms_x, rms_y, rms_along, rms_cross : of the components, m
+    rms_heading : rad; NaN for a sensor without heading
+    points : number of points in Eq. 14
+    duration : of the reference, s
+    matched_fraction : of the points that lie between two poses not far apart in time
+    anchor : which, and
+    anchor_pose : where
+    noise : standard deviation of a measured position, per axis, m
+    time_offset : by how much the drive seems to lag behind the reference, s; NaN if unknown
+    time_offset_deviation : its standard deviation, s
+    series : the drive at the points of Eq. 14
+    """
+
+    bag: Path
+    plan_id: str
+    te: float
+    te_corrected: float
+    te_deviation: float
+    te_by_anchor: dict[Anchor, float]
+    rms: float
+    max: float
+    rms_x: float
+    rms_y: float
+    rms_along: float
+    rms_cross: float
+    rms_heading: float
+    points: int
+    duration: float
+    matched_fraction: float
+    anchor: Anchor
+    anchor_pose: Pose
+    noise: float
+    time_offset: float
+    time_offset_deviation: float
+    series: TimeSeries
+
+
+def judge(
+    bag: Path, *, topics: Topics | None = None, anchor: Anchor = Anchor.STANDSTILL
+) -> Judgement:
+    """Trajectory error of the drive in a bag.
+
+    Parameters
+    ----------
+    bag : rosbag2 directory, ``.mcap`` or ``.db3`` file
+    topics : names of the topics where they differ from the suite's
+    anchor : where the reference starts; `Anchor.FIT` aligns it with what was measured
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    JudgeError
+        If the bag holds no drive that can be judged, or not all of it.
+    """
+    return judge_drive(read_drive(bag, topics=topics), anchor=anchor)
+
+
+def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgement:
+    """Trajectory error of a drive; see `judge`."""
+    time = np.linspace(0.0, drive.duration, POINTS)
+    matched = _matched(drive, time)
+    reference = _interpolate_reference(drive.reference, time)
+    measured = _interpolate(drive.poses, time)
+    standing = _standstill(drive)
+    poses = {
+        Anchor.STANDSTILL: _mean_pose(standing),
+        Anchor.START: Pose(measured.x[0], measured.y[0], measured.heading[0]),
+        Anchor.FIT: _fit(measured, reference),
+    }
+    if np.isnan(poses[anchor].heading):
+        raise JudgeError(
+            f"{drive.bag}: the poses have no heading to anchor the reference by: use the anchor "
+            f"{Anchor.FIT.value!r}"
+        )
+    te_by_anchor = {}
+    for name, pose in poses.items():
+        path = _in_frame(measured, pose)
+        te_by_anchor[name] = trajectory_error(path.x, path.y, reference.x, reference.y)
+    series = _series(_in_frame(measured, poses[anchor]), reference)
+    te, distance = te_by_anchor[anchor], series.distance
+    noise = _noise_variance(drive, poses[anchor])
+    added, deviation = _noise_effect(drive.poses, standing, series, noise, anchor)
+    offset, offset_deviation = _time_offset(drive, poses[anchor])
+
+    def rms(values: Array) -> float:
+        return float(np.sqrt(np.mean(values**2)))
+
+    return Judgement(
+        bag=drive.bag,
+        plan_id=drive.plan_id,
+        te=te,
+        te_corrected=te - added,
+        te_deviation=deviation,
+        te_by_anchor=te_by_anchor,
+        rms=float(np.sqrt(te)),
+        max=float(np.max(distance)),
+        rms_x=rms(series.x - series.reference_x),
+        rms_y=rms(series.y - series.reference_y),
+        rms_along=rms(series.along),
+        rms_cross=rms(series.cross),
+        rms_heading=rms(series.heading_error),
+        points=len(time),
+        duration=drive.duration,
+        matched_fraction=matched,
+        anchor=anchor,
+        anchor_pose=poses[anchor],
+        noise=float(np.sqrt(noise / 2)),
+        time_offset=offset,
+        time_offset_deviation=offset_deviation,
+        series=series,
+    )
+
+
+def _matched(drive: Drive, time: Array) -> float:
+    """Fraction of the points between poses at most MAX_GAP apart; raises unless it is 1."""
+    known = drive.poses.time
+    after = np.searchsorted(known, time, side="left")
+    inside = (after > 0) & (after < len(known)) | np.isin(time, known)
+    gap = np.full(len(time), np.inf)
+    gap[inside] = known[after[inside]] - known[np.maximum(after[inside] - 1, 0)]
+    matched = gap <= MAX_GAP
+    if matched.all():
+        return 1.0
+    first = int(np.argmin(matched))
+    length = int(np.argmax(matched[first:])) or len(time) - first
+    raise JudgeError(
+        f"{drive.bag}: poses match {np.mean(matched):.1%} of the reference's "
+        f"{drive.duration:.2f} s; there are none between {time[first]:.2f} s and "
+        f"{time[first + length - 1]:.2f} s"
+    )
+
+
+def _standstill(drive: Drive) -> Path2D:
+    """Poses just before the start event; raises if there are none or the vehicle moves."""
+    time = drive.poses.time
+    standing = drive.poses.part((time >= -STANDSTILL) & (time < 0))
+    recorded = -standing.time[0] if len(standing.time) else 0.0
+    if recorded < MIN_STANDSTILL or len(standing.time) < 3:
+        raise JudgeError(
+            f"{drive.bag}: {recorded:.2f} s of standstill before the start event are recorded, "
+            f"{MIN_STANDSTILL} s are needed: start recording earlier"
+        )
+    t, x, y = standing.time, standing.x, standing.y
+    creep = np.hypot(_slope(t, x), _slope(t, y))
+    noise = np.hypot(_slope_deviation(t, x), _slope_deviation(t, y))
+    if creep > MAX_CREEP + 4 * noise:
+        raise JudgeError(
+            f"{drive.bag}: the vehicle moves at {creep:.2f} m/s before the start event: it must "
+            "stand still, for the anchor"
+        )
+    return standing
+
+
+def _slope(time: Array, values: Array) -> float:
+    centred = time - time.mean()
+    return float(centred @ values / (centred @ centred))
+
+
+def _slope_deviation(time: Array, values: Array) -> float:
+    """Standard deviation of a slope fitted to white noise."""
+    centred = time - time.mean()
+    rest = values - values.mean() - _slope(time, values) * centred
+    return float(np.sqrt(rest @ rest / max(len(time) - 2, 1) / (centred @ centred)))
+
+
+def _mean_pose(path: Path2D) -> Pose:
+    return Pose(float(path.x.mean()), float(path.y.mean()), float(path.heading.mean()))
+
+
+def _fit(measured: Path2D, reference: Path2D) -> Pose:
+    """Anchor of the smallest TE: least squares of a rotation and a translation (Umeyama 1991)."""
+    z = measured.x + 1j * measured.y
+    z0 = reference.x + 1j * reference.y
+    rotation = np.vdot(z0 - z0.mean(), z - z.mean())
+    heading = float(np.angle(rotation))
+    origin = z.mean() - z0.mean() * np.exp(1j * heading)
+    return Pose(float(origin.real), float(origin.imag), heading)
+
+
+def _in_frame(path: Path2D, anchor: Pose) -> Path2D:
+    """Path in the frame of the reference, whose origin lies at the anchor."""
+    c, s = np.cos(anchor.heading), np.sin(anchor.heading)
+    x, y = path.x - anchor.x, path.y - anchor.y
+    return Path2D(path.time, c * x + s * y, c * y - s * x, path.heading - anchor.heading)
+
+
+def _interpolate(path: Path2D, time: Array) -> Path2D:
+    x, y, heading = (np.interp(time, path.time, v) for v in (path.x, path.y, path.heading))
+    return Path2D(time, x, y, heading)
+
+
+def _interpolate_reference(path: Path2D, time: Array) -> Path2D:
+    x, y = (CubicSpline(path.time, v)(time) for v in (path.x, path.y))
+    return Path2D(time, x, y, np.interp(time, path.time, path.heading))
+
+
+def _series(measured: Path2D, reference: Path2D) -> TimeSeries:
+    c, s = np.cos(reference.heading), np.sin(reference.heading)
+    dx, dy = measured.x - reference.x, measured.y - reference.y
+    error = measured.heading - reference.heading
+    return TimeSeries(
+        time=reference.time,
+        x=measured.x,
+        y=measured.y,
+        heading=measured.heading,
+        reference_x=reference.x,
+        reference_y=reference.y,
+        reference_heading=reference.heading,
+        along=c * dx + s * dy,
+        cross=c * dy - s * dx,
+        heading_error=np.angle(np.exp(1j * error)),
+    )
+
+
+def _residual(drive: Drive, anchor: Pose) -> tuple[Path2D, Path2D]:
+    """Poses during the drive in the frame of the reference, and the reference at their times."""
+    during = (drive.poses.time >= 0) & (drive.poses.time <= drive.duration)
+    path = _in_frame(drive.poses.part(during), anchor)
+    return path, _interpolate_reference(drive.reference, path.time)
+
+
+def _noise_variance(drive: Drive, anchor: Pose) -> float:
+    """Variance of the white part of the position noise, both axes together, m².
+
+    From third differences of the deviation, which is smooth but for the noise: those of white
+    noise of variance σ² have variance 20 σ².
+    """
+    path, reference = _residual(drive, anchor)
+    if len(path.time) < 4:
+        return 0.0
+    return float(
+        sum(
+            np.mean(np.diff(a - b, 3) ** 2) / 20
+            for a, b in ((path.x, reference.x), (path.y, reference.y))
+        )
+    )
+
+
+def _noise_effect(
+    poses: Path2D, standing: Path2D, series: TimeSeries, noise: float, anchor: Anchor
+) -> tuple[float, float]:
+    """What white noise adds to TE on average, and TE's standard deviation from the anchor's noise.
+
+    A point between two poses with weights w and 1 - w has noise of variance (w² + (1-w)²) σ². An
+    anchor that is the mean of n poses moves all points alike by noise of variance σ²/n and turns
+    them by the heading's. A fitted anchor takes as much off as it adds, here neglected.
+    """
+    right = np.clip(np.searchsorted(poses.time, series.time), 1, len(poses.time) - 1)
+    step = poses.time[right] - poses.time[right - 1]
+    w = (series.time - poses.time[right - 1]) / step
+    added = noise * float(np.mean(w**2 + (1 - w) ** 2))
+    if anchor is Anchor.FIT:
+        return added, 0.0
+    n = len(standing.time) if anchor is Anchor.STANDSTILL else 1
+    heading = float(np.nan_to_num(np.var(standing.heading, ddof=1)))
+    radius = np.mean(series.reference_x**2 + series.reference_y**2)
+    added += (noise + heading * float(radius)) / n
+    dx, dy = series.x - series.reference_x, series.y - series.reference_y
+    gradient_x, gradient_y = 2 * np.mean(dx), 2 * np.mean(dy)
+    gradient_heading = 2 * np.mean(series.reference_x * dy - series.reference_y * dx)
+    variance = (gradient_x**2 + gradient_y**2) * noise / 2 + gradient_heading**2 * heading
+    return added, float(np.sqrt(variance / n))
+
+
+def _time_offset(drive: Drive, anchor: Pose) -> tuple[float, float]:
+    """Lag of the drive behind the reference and its standard deviation, s.
+
+    While the drive is straight, the unknown parameters hardly matter and a lag τ shows as a
+    deviation of -τ v along the way: a regression on the reference's speed v, with a constant for
+    the noise of the anchor. The standard deviation accounts for residuals correlated in time.
+    """
+    turned = np.flatnonzero(np.abs(drive.reference.heading - drive.reference.heading[0]) > STRAIGHT)
+    end = drive.reference.time[turned[0]] if len(turned) else drive.duration
+    path, reference = _residual(drive, anchor)
+    straight = path.time <= end
+    path, reference = path.part(straight), reference.part(straight)
+    if len(path.time) < 10:
+        return np.nan, np.nan
+    c, s = np.cos(reference.heading), np.sin(reference.heading)
+    along = c * (path.x - reference.x) + s * (path.y - reference.y)
+    vx, vy = (
+        CubicSpline(drive.reference.time, v)(path.time, 1)
+        for v in (drive.reference.x, drive.reference.y)
+    )
+    speed = np.hypot(vx, vy)
+    if np.ptp(speed) < 0.1:  # m/s; a lag does not show
+        return np.nan, np.nan
+    centred = speed - speed.mean()
+    slope = float(centred @ along / (centred @ centred))
+    rest = along - along.mean() - slope * centred
+    variance = rest @ rest / (len(rest) - 2) / (centred @ centred)
+    correlation = np.clip(rest[1:] @ rest[:-1] / max(rest @ rest, 1e-300), 0.0, 0.99)
+    inflation = (1 + correlation) / (1 - correlation)  # of a first-order autoregressive noise
+    return -slope, float(np.sqrt(variance * inflation))

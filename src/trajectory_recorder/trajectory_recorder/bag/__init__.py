@@ -1,0 +1,1 @@
+"""rosbag2 directories (MCAP): written, read and repaired without ROS."""

@@ -1,0 +1,530 @@
+"""Reading of bags without ROS, chunk by chunk, in memory that does not grow with the bag.
+
+MCAP files are read here: through their message indexes, so that wanted messages among many others
+cost no more than their chunks, and up to the tear where a recorder was killed. sqlite3 bags and
+compressed files of rosbag2 are read through `rosbags`.
+"""
+
+import io
+import os
+import re
+import struct
+import zlib
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Protocol, Self, cast
+
+import lz4.frame
+import yaml
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
+from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.rosbag2 import Reader as RosbagsReader
+from rosbags.rosbag2 import ReaderError
+from rosbags.rosbag2.metadata import parse_qos
+
+from trajectory_recorder.bag.topics import BagError, OfferedQos, Topic
+from trajectory_recorder.bag.writer import MAGIC, METADATA_RECORD
+
+__all__ = ["BagError", "BagReader", "Message"]
+
+_RECORD = struct.Struct("<BQ")  # opcode, length
+_CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, CRC, length of compression name
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_FOOTER_SIZE = _RECORD.size + 20 + len(MAGIC)
+
+_DAMAGED = (
+    *(struct.error, ValueError, RuntimeError, MemoryError, OverflowError),
+    *(zstandard.ZstdError, McapError),
+)
+
+Buffer = bytes | memoryview
+Damaged = Callable[[BagError], None]
+
+MAX_METADATA = 16_000_000  # bytes of metadata.yaml; a bag of thousands of files has a fifth
+MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
+
+
+class _YamlLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """YAML without merge keys, by which a small file describes an enormous document."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Leave `<<` as it stands; it is then refused."""
+
+
+class Message(NamedTuple):
+    """One recorded message."""
+
+    topic: str
+    stamp: int  # ns, clock of the recorder on receipt
+    data: bytes  # CDR
+
+
+class _Storage(Protocol):
+    """One file of a bag (or, for foreign formats, all of it)."""
+
+    complete: bool
+    metadata: dict[str, str]
+
+    @property
+    def topics(self) -> list[Topic]: ...
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]: ...
+
+    def close(self) -> None: ...
+
+
+class BagReader:
+    """An open bag: a rosbag2 directory, or a single ``.mcap`` or ``.db3`` file.
+
+    Parameters
+    ----------
+    path : the bag
+    damaged : called for each damaged chunk, which is then passed over; None: they raise
+
+    Attributes
+    ----------
+    path : the bag
+    topics : by name; counts are those of the whole bag
+    metadata : what the recorder noted about the drive
+    complete : False if a file was cut off, by a killed recorder for example; what is left is read
+
+    Raises
+    ------
+    BagError
+        If there is no bag, or it holds nothing that can be read.
+    """
+
+    def __init__(self, path: Path, *, damaged: Damaged | None = None) -> None:
+        self.path = path
+        self.topics: dict[str, Topic] = {}
+        information = _information(path)
+        # a file torn within its end holds no metadata record
+        self.metadata = _texts(information.get("custom_data"))
+        self.complete = True
+        self._storages: list[_Storage] = []
+        with ExitStack() as stack:
+            for storage in _open_storages(path, information, damaged):
+                stack.callback(storage.close)
+                self._storages.append(storage)
+                self.complete &= storage.complete
+                self.metadata |= storage.metadata
+                for topic in storage.topics:
+                    known = self.topics.get(topic.name, replace(topic, count=0))
+                    if known.type != topic.type:
+                        raise BagError(
+                            f"{path}: {topic.name} has two types, {known.type} and {topic.type}"
+                        )
+                    self.topics[topic.name] = replace(known, count=known.count + topic.count)
+            if not self.topics:
+                raise BagError(f"{path} is an empty bag: no topic was recorded")
+            self._closing = stack.pop_all()
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+        """Messages of the named topics (all, if None) in the order they were recorded.
+
+        Raises
+        ------
+        BagError
+            If the file is damaged where it should be whole.
+        """
+        wanted = self.topics.keys() if topics is None else topics
+        for storage in self._storages:
+            yield from storage.messages(wanted)
+
+    def close(self) -> None:
+        """Close the files."""
+        self._closing.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _open_storages(
+    path: Path, information: Mapping[str, Any], damaged: Damaged | None
+) -> Iterator[_Storage]:
+    """Files of a bag in the order of recording."""
+    if not path.exists():
+        raise BagError(f"{path}: no such bag")
+    if path.is_file():
+        if path.suffix == ".mcap":
+            yield _McapFile(path, damaged)
+        elif path.suffix == ".db3":
+            yield _RosbagsStorage(path)
+        else:
+            raise BagError(f"{path} is not a bag: want a rosbag2 directory, .mcap or .db3 file")
+        return
+    files = sorted(path.glob("*.mcap"), key=_part_number)
+    compression = information.get("compression_mode", "")
+    if information.get("storage_identifier", "mcap") != "mcap" or (
+        not isinstance(compression, str) or compression.lower() not in ("", "none")
+    ):
+        yield _RosbagsStorage(path)
+    elif files:
+        for file in files:
+            yield _McapFile(file, damaged, part=len(files) > 1)
+    else:
+        raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file")
+
+
+def _information(path: Path) -> dict[str, Any]:
+    """Content of a bag's metadata.yaml; empty where all that is needed is in the files."""
+    try:
+        return _metadata_yaml(path / "metadata.yaml")
+    except BagError:
+        if not any(path.glob("*.mcap")):
+            raise
+        return {}
+
+
+def _texts(pairs: object) -> dict[str, str]:
+    """Key and value pairs as text; empty for anything else."""
+    return {str(k): str(v) for k, v in pairs.items()} if isinstance(pairs, dict) else {}
+
+
+def _metadata_yaml(path: Path) -> dict[str, Any]:
+    """Content of metadata.yaml; empty if there is none, as after a crash of rosbag2."""
+    if not path.exists():
+        return {}
+    with path.open("rb") as file:
+        text = file.read(MAX_METADATA + 1)
+    if len(text) > MAX_METADATA:
+        raise BagError(f"{path}: larger than {MAX_METADATA} bytes; not a rosbag2 metadata file")
+    try:
+        content = yaml.load(text, Loader=_YamlLoader)  # noqa: S506 - a safe loader
+        information = dict(content["rosbag2_bagfile_information"])
+        files = [Path(name) for name in information.get("relative_file_paths") or []]
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BagError(f"{path} is not a rosbag2 metadata file: {_one_line(error)}") from error
+    if any(file.name != str(file) or file.name == ".." for file in files):
+        raise BagError(f"{path} names files outside of the bag")
+    return information
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def _part_number(path: Path) -> tuple[int, str]:
+    number = re.search(r"_(\d+)$", path.stem)
+    return (int(number[1]) if number else 0, path.name)
+
+
+@dataclass(frozen=True)
+class _Chunk:
+    """A chunk record, or a run of message records that are in no chunk (``indexes`` empty)."""
+
+    offset: int  # of the record in the file
+    length: int
+    plain: bool = False  # a run of message records
+    indexes: dict[int, int] = field(default_factory=dict)  # channel -> offset of its MessageIndex
+
+
+class _McapFile:
+    """An MCAP file, with or without its end."""
+
+    def __init__(self, path: Path, damaged: Damaged | None, *, part: bool = False) -> None:
+        self.path = path
+        self.metadata: dict[str, str] = {}
+        self._damaged = damaged
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._counts: Counter[int] = Counter()
+        self._chunks: list[_Chunk] = []
+        self._fd = os.open(path, os.O_RDONLY)
+        try:
+            self._size = os.fstat(self._fd).st_size
+            self.complete = False
+            if part and self._size < len(MAGIC):  # killed when it began this part
+                return
+            self._check_magic()
+            footer = self._read_footer()
+            self.complete = footer is not None
+            try:
+                indexed = footer is not None and self._read_summary(footer)
+            except _DAMAGED:
+                indexed = self.complete = False
+            if not indexed:
+                self._scan()
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def topics(self) -> list[Topic]:
+        topics = []
+        for channel in self._channels.values():
+            schema = self._schemas.get(channel.schema_id)
+            try:
+                profiles = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
+            except (ReaderError, KeyError, TypeError):  # of another vendor, or damaged
+                profiles = []
+            topics.append(
+                Topic(
+                    name=channel.topic,
+                    type=schema.name if schema else "",
+                    definition=schema.data.decode(errors="replace") if schema else "",
+                    type_hash=channel.metadata.get("topic_type_hash", ""),
+                    qos=tuple(OfferedQos.of_connection(qos) for qos in profiles),
+                    count=self._counts[channel.id],
+                )
+            )
+        return topics
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        names = {c.id: c.topic for c in self._channels.values() if c.topic in topics}
+        for chunk in self._chunks:
+            indexes = [offset for id_, offset in chunk.indexes.items() if id_ in names]
+            if chunk.indexes and not indexes:
+                continue
+            try:
+                record = self._read(chunk.offset, chunk.length)
+                data = record if chunk.plain else _uncompress(record)
+                # what recovers does without the indexes, which may be damaged too
+                indexed = indexes and self._damaged is None
+                found = self._indexed(data, indexes) if indexed else _messages(data)
+            except _DAMAGED as error:
+                told = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
+                if self._damaged is None:
+                    raise told from error
+                self._damaged(told)
+                continue
+            for channel_id, stamp, start, end in found:
+                if channel_id in names:
+                    yield Message(names[channel_id], stamp, bytes(data[start:end]))
+
+    def close(self) -> None:
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+    def _check_magic(self) -> None:
+        if self._read(0, len(MAGIC)) != MAGIC:
+            what = "is empty" if self._size == 0 else "is not an MCAP file"
+            raise BagError(f"{self.path} {what}")
+
+    def _read(self, offset: int, size: int) -> bytes:
+        """Bytes of the file, fewer at its end and none beyond it."""
+        size = min(size, self._size - offset)
+        if size <= 0:
+            return b""
+        data = os.pread(self._fd, size, offset)
+        while len(data) < size:
+            more = os.pread(self._fd, size - len(data), offset + len(data))
+            if not more:
+                break
+            data += more
+        return data
+
+    def _indexed(self, data: Buffer, indexes: list[int]) -> list[tuple[int, int, int, int]]:
+        """Messages of a chunk, as `_messages`, that MessageIndex records list."""
+        entries: list[tuple[int, int]] = []  # offset, stamp
+        for index in indexes:
+            _, length = _RECORD.unpack(self._read(index, _RECORD.size))
+            pairs = self._read(index + _RECORD.size + 6, length - 6)
+            entries += ((offset, stamp) for stamp, offset in struct.iter_unpack("<QQ", pairs))
+        found = []
+        for offset, stamp in sorted(entries):
+            opcode, length = _RECORD.unpack_from(data, offset)
+            start = offset + _RECORD.size
+            channel_id, _, log_time, _ = _MESSAGE.unpack_from(data, start)
+            if opcode != Opcode.MESSAGE or log_time != stamp or start + length > len(data):
+                raise ValueError("its message index is wrong")
+            found.append((channel_id, stamp, start + _MESSAGE.size, start + length))
+        return found
+
+    def _read_footer(self) -> Footer | None:
+        """Footer of a file that was finished."""
+        start = self._size - _FOOTER_SIZE
+        if start < len(MAGIC) or self._read(self._size - len(MAGIC), len(MAGIC)) != MAGIC:
+            return None
+        footer: Footer = Footer.read(_stream(self._read(start + _RECORD.size, 20)))
+        return footer
+
+    def _read_summary(self, footer: Footer) -> bool:
+        """Take channels and chunks from the summary; False if there is no complete one.
+
+        Raises
+        ------
+        One of _DAMAGED
+            If what is called the summary is none.
+        """
+        end = self._size - _FOOTER_SIZE
+        if not len(MAGIC) <= footer.summary_start < end:
+            return False
+        summary = self._read(footer.summary_start, end - footer.summary_start)
+        signed = summary + self._read(end, _RECORD.size + 16)
+        if footer.summary_crc and zlib.crc32(signed) != footer.summary_crc:
+            return False
+        statistics = None
+        for opcode, start, length in _records(summary):
+            stream = _stream(summary[start : start + length])
+            if opcode == Opcode.CHUNK_INDEX:
+                index = ChunkIndex.read(stream)
+                self._chunks.append(
+                    _Chunk(
+                        index.chunk_start_offset,
+                        index.chunk_length,
+                        indexes=index.message_index_offsets,
+                    )
+                )
+            elif opcode == Opcode.STATISTICS:
+                statistics = Statistics.read(stream)
+            elif opcode == Opcode.METADATA_INDEX:
+                metadata = MetadataIndex.read(stream)
+                if metadata.name == METADATA_RECORD:
+                    record = self._read(metadata.offset + _RECORD.size, metadata.length)
+                    self.metadata = Metadata.read(_stream(record)).metadata
+            else:
+                self._take_channel(opcode, stream)
+        if statistics is None or (statistics.message_count and not self._chunks):
+            return False
+        self._counts.update(statistics.channel_message_counts)
+        return True
+
+    def _scan(self) -> None:
+        """Take channels and chunks from the data, up to its end or to the first damage."""
+        self._chunks.clear()
+        offset = len(MAGIC)
+        while offset < self._size:
+            head = self._read(offset, _RECORD.size)
+            if len(head) < _RECORD.size:
+                return
+            opcode, length = _RECORD.unpack(head)
+            end = offset + _RECORD.size + length
+            if end > self._size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                return
+            try:
+                if opcode == Opcode.CHUNK:
+                    chunk = _Chunk(offset, end - offset)
+                    self._take_records(_uncompress(self._read(offset, end - offset)))
+                    self._chunks.append(chunk)
+                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                    self._take_records(self._read(offset, end - offset))
+                elif opcode == Opcode.MESSAGE:
+                    self._take_records(self._read(offset, end - offset))
+                    self._chunks.append(_Chunk(offset, end - offset, plain=True))
+            except _DAMAGED:
+                return
+            offset = end
+
+    def _take_records(self, data: Buffer) -> None:
+        for opcode, start, length in _records(data):
+            if opcode == Opcode.MESSAGE:
+                self._counts[int.from_bytes(data[start : start + 2], "little")] += 1
+            else:
+                self._take_channel(opcode, _stream(data[start : start + length]))
+
+    def _take_channel(self, opcode: int, stream: ReadDataStream) -> None:
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self._schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(stream)
+            self._channels[channel.id] = channel
+
+
+class _RosbagsStorage:
+    """A bag of a format that `rosbags` reads."""
+
+    complete = True
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.metadata: dict[str, str] = {}
+        try:
+            self._reader = RosbagsReader(path)
+            self._reader.open()
+            self.topics = [_rosbags_topic(c) for c in self._reader.connections]
+        except Exception as error:  # what is damaged comes up as an error of any kind
+            raise BagError(f"{path}: {_one_line(error)}") from error
+
+    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+        connections = [c for c in self._reader.connections if c.topic in topics]
+        if not connections:  # which would mean all to rosbags
+            return
+        try:
+            for connection, stamp, data in self._reader.messages(connections):
+                yield Message(connection.topic, stamp, bytes(memoryview(data)))
+        except Exception as error:
+            raise BagError(f"{self.path}: {_one_line(error)}") from error
+
+    def close(self) -> None:
+        self._reader.close()
+
+
+def _rosbags_topic(connection: Connection) -> Topic:
+    texts = (connection.topic, connection.msgtype, connection.digest)
+    if not isinstance(connection.msgcount, int) or not all(isinstance(t, str) for t in texts):
+        raise BagError("its topics need a name, a type and a message count")
+    return Topic(
+        name=connection.topic,
+        type=connection.msgtype,
+        definition=connection.msgdef.data,
+        type_hash=connection.digest,
+        qos=tuple(
+            OfferedQos.of_connection(qos)
+            for qos in cast(ConnectionExtRosbag2, connection.ext).offered_qos_profiles
+        ),
+        count=connection.msgcount,
+    )
+
+
+def _records(data: Buffer) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and length of the content of each record."""
+    offset, size = 0, len(data)
+    while offset < size:
+        opcode, length = _RECORD.unpack_from(data, offset)
+        offset += _RECORD.size
+        if offset + length > size:
+            raise struct.error(f"record of {length} bytes ends beyond its chunk")
+        yield opcode, offset, length
+        offset += length
+
+
+def _messages(data: Buffer) -> list[tuple[int, int, int, int]]:
+    """Channel, stamp, start and end of the data of each message in a chunk."""
+    found = []
+    for opcode, start, length in _records(data):
+        if opcode == Opcode.MESSAGE:
+            channel_id, _, stamp, _ = _MESSAGE.unpack_from(data, start)
+            found.append((channel_id, stamp, start + _MESSAGE.size, start + length))
+    return found
+
+
+def _stream(data: Buffer) -> ReadDataStream:
+    return ReadDataStream(io.BytesIO(data))
+
+
+def _uncompress(record: bytes) -> Buffer:
+    """Content of a chunk record, checked."""
+    _, _, size, crc, name_length = _CHUNK.unpack_from(record, _RECORD.size)
+    start = _RECORD.size + _CHUNK.size + name_length
+    compression = record[start - name_length : start]
+    data: Buffer = memoryview(record)[start + 8 :]
+    if size > MAX_CHUNK:
+        raise ValueError(f"a chunk of {size} bytes is beyond the limit of {MAX_CHUNK}")
+    if compression == b"zstd":
+        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    elif compression == b"lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+    elif compression:
+        raise ValueError(f"unknown compression {compression!r}")
+    if len(data) != size or (crc and zlib.crc32(data) != crc):
+        raise ValueError("checksum differs")
+    return data

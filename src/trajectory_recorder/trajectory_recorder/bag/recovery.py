@@ -1,0 +1,48 @@
+"""Recovery of torn and damaged bags."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from trajectory_recorder.bag.reader import BagError, BagReader
+from trajectory_recorder.bag.writer import BagWriter
+
+
+class Recovery(NamedTuple):
+    """What was recovered of a bag."""
+
+    messages: int
+    damage: tuple[BagError, ...]  # chunks that were left out
+
+
+def recover(
+    bag: Path, output: Path, *, progress: Callable[[int, int], None] | None = None
+) -> Recovery:
+    """Copy what is readable of a bag to a new, complete one; leave damaged chunks out.
+
+    `BagReader` reads torn bags as they are; this is for other readers, which want the summary that
+    a process killed within a write did not finish, and for bags damaged later.
+
+    Parameters
+    ----------
+    bag : rosbag2 directory or file
+    output : rosbag2 directory to create
+    progress : called with the messages copied and their number
+
+    Raises
+    ------
+    BagError
+        If nothing can be read, or the output exists.
+    """
+    damage: list[BagError] = []
+    with (
+        BagReader(bag, damaged=damage.append) as reader,
+        BagWriter(output, metadata=reader.metadata) as writer,
+    ):
+        ids = {name: writer.add_topic(topic) for name, topic in reader.topics.items()}
+        total = sum(topic.count for topic in reader.topics.values())
+        for done, message in enumerate(reader.messages(), start=1):
+            writer.write(ids[message.topic], message.stamp, message.data)
+            if progress is not None and (done % 1000 == 0 or done == total):
+                progress(done, total)
+        return Recovery(writer.messages, tuple(damage))

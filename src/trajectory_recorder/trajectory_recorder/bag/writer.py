@@ -1,0 +1,485 @@
+"""Writing of rosbag2 directories (``metadata.yaml`` and MCAP files) without ROS.
+
+A bag under construction is a complete one: every `BagWriter.flush` writes the chunks filled since
+the last one *and* the file's summary and footer behind them; the next flush overwrites that
+summary. A process that is killed thus leaves a bag that any reader opens, with everything up to
+the last flush in it. Only a process killed within the write itself leaves a torn summary;
+`bag_reader` reads such a file up to the tear.
+
+The records are those of https://mcap.dev/spec, the directory that of rosbag2 (metadata version 9).
+"""
+
+import os
+import struct
+import zlib
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from enum import Enum
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import lz4.frame
+import yaml
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    McapRecord,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+from trajectory_recorder.bag.topics import BagError, Topic
+
+MAGIC = b"\x89MCAP0\r\n"
+METADATA_RECORD = "tricycle"  # MCAP metadata record with plan id, vehicle hash, versions
+
+_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time
+_MESSAGE_FIELDS = _MESSAGE.size - 9  # bytes of the record that are not opcode, length or data
+_MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of entries
+_CHUNK = struct.Struct("<BQQQQI")  # opcode, length, start, end, uncompressed size, CRC
+_PENDING_BYTES = 8 * 2**20  # chunks kept before the file, and with it its summary, is written
+_PENDING_TAILS = 4  # and not before they are so much more than that summary, which grows
+_CACHED_BYTES = 2**27  # of a file that is being written are left in the machine's memory
+
+_BUFFERS = 64  # in one call to the operating system
+
+_YamlDumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # tens of times faster, where built
+
+
+class Compression(Enum):
+    """Compression of chunks."""
+
+    NONE = ""
+    LZ4 = "lz4"
+    ZSTD = "zstd"
+
+
+class BagWriter:
+    """A rosbag2 directory being written.
+
+    Parameters
+    ----------
+    path : directory to create; its parents are created too
+    compression : of the chunks
+    chunk_size : bytes of a chunk before compression
+    split_size : bytes after which the next file is begun, 0 for never
+    split_duration : seconds of stamps after which the next file is begun, 0 for never
+    metadata : what to record about the drive, e.g. plan id and versions; may be added to later
+
+    Latched topics (every publisher offers transient-local) are repeated at the beginning of each
+    further file, stamped with the time of the split, so that every file can be used alone.
+
+    Raises
+    ------
+    BagError
+        If the directory exists: no bag is ever overwritten.
+    OSError
+        From any method, when the disk fails or is full. The file then holds what was flushed
+        before and is a readable bag; the writer can only be closed.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        compression: Compression = Compression.ZSTD,
+        chunk_size: int = 2**20,
+        split_size: int = 0,
+        split_duration: float = 0.0,
+        metadata: Mapping[str, str] | None = None,
+    ) -> None:
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            raise BagError(
+                f"{path} exists: a bag is not overwritten, choose another name"
+            ) from None
+        self.path = path
+        self.metadata = dict(metadata or {})
+        self.messages = 0
+        self._compress = _compressor(compression)
+        self._compression = compression
+        self._chunk_size = chunk_size
+        self._split_size = split_size
+        self._split_duration = round(split_duration * 1e9)
+        self._topics: list[Topic] = []  # a topic's id is its place here + 1
+        self._latched: dict[int, deque[bytes]] = {}  # last messages, as many as offered
+        self._chunk: list[bytes] = []  # pieces: a large message is not copied until written
+        self._chunk_bytes = 0
+        self._index: dict[int, list[int]] = {}  # topic id -> stamp, offset, stamp, offset, ...
+        self._files = [_McapFile(self._next_path(0))]
+        self.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes of all files, finished chunks only."""
+        return sum(file.size for file in self._files)
+
+    def add_topic(self, topic: Topic) -> int:
+        """Begin a topic; the returned id is what `write` wants."""
+        self._topics.append(topic)
+        topic_id = len(self._topics)
+        if topic.latched:
+            depth = sum(max(qos.depth, 1) for qos in topic.qos)
+            self._latched[topic_id] = deque(maxlen=depth)
+        self._files[-1].add_channel(topic_id, topic)
+        return topic_id
+
+    def write(self, topic_id: int, stamp: int, data: bytes) -> None:
+        """Append a serialised (CDR) message received at ``stamp``, ns."""
+        if self._split_due(stamp):
+            self._split(stamp)
+        self._append(topic_id, stamp, data)
+        self.messages += 1
+        if topic_id in self._latched:
+            self._latched[topic_id].append(data)
+        if self._chunk_bytes >= self._chunk_size:
+            self._finish_chunk()
+            if self._files[-1].flush_due:
+                self._files[-1].flush(self.metadata)
+
+    def flush(self) -> None:
+        """Make the bag on disk complete; a process killed later loses what comes after this."""
+        self._finish_chunk()
+        self._files[-1].flush(self.metadata)
+        self._write_metadata_yaml()
+
+    def close(self) -> None:
+        """Flush and close; further calls do nothing."""
+        file = self._files[-1]
+        try:
+            if not file.closed:
+                self.flush()
+        finally:
+            file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _append(self, topic_id: int, stamp: int, data: bytes) -> None:
+        entries = self._index.get(topic_id)
+        if entries is None:
+            entries = self._index[topic_id] = []
+        entries += (stamp, self._chunk_bytes)
+        size = len(data)
+        self._chunk.append(
+            _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, topic_id, 0, stamp, stamp)
+        )
+        self._chunk.append(data)
+        self._chunk_bytes += _MESSAGE.size + size
+
+    def _finish_chunk(self) -> None:
+        if self._chunk:
+            chunk, index = self._chunk, self._index
+            self._chunk, self._chunk_bytes, self._index = [], 0, {}
+            self._files[-1].add_chunk(chunk, index, self._compression, self._compress)
+
+    def _next_path(self, number: int) -> Path:
+        return self.path / f"{self.path.name}_{number}.mcap"
+
+    def _split_due(self, stamp: int) -> bool:
+        file = self._files[-1]
+        return (0 < self._split_size <= file.size and file.messages > 0) or (
+            0 < self._split_duration <= (stamp - file.start if file.messages else 0)
+        )
+
+    def _split(self, stamp: int) -> None:
+        self.close()
+        self._files.append(_McapFile(self._next_path(len(self._files))))
+        for topic_id, topic in enumerate(self._topics, start=1):
+            self._files[-1].add_channel(topic_id, topic)
+        for topic_id, last in self._latched.items():
+            for data in last:
+                self._append(topic_id, stamp, data)
+        self.flush()
+
+    def _write_metadata_yaml(self) -> None:
+        files = [file for file in self._files if file.messages]
+        start = min((file.start for file in files), default=0)
+        end = max((file.end for file in files), default=0)
+        information = {
+            "version": 9,
+            "storage_identifier": "mcap",
+            "duration": {"nanoseconds": end - start},
+            "starting_time": {"nanoseconds_since_epoch": start},
+            "message_count": sum(file.messages for file in files),
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": {
+                        "name": topic.name,
+                        "type": topic.type,
+                        "serialization_format": "cdr",
+                        "offered_qos_profiles": [qos.to_yaml() for qos in topic.qos],
+                        "type_description_hash": topic.type_hash,
+                    },
+                    "message_count": sum(file.counts.get(topic_id, 0) for file in self._files),
+                }
+                for topic_id, topic in enumerate(self._topics, start=1)
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file.path.name for file in self._files],
+            "files": [
+                {
+                    "path": file.path.name,
+                    "starting_time": {"nanoseconds_since_epoch": file.start},
+                    "duration": {"nanoseconds": file.end - file.start},
+                    "message_count": file.messages,
+                }
+                for file in self._files
+            ],
+            "custom_data": dict(self.metadata) or None,
+            "ros_distro": "jazzy",
+        }
+        text = _to_yaml({"rosbag2_bagfile_information": information})
+        # a reader, or a process that is killed, finds the old text or the new one
+        new = self.path / ".metadata.yaml.new"
+        new.write_text(text, encoding="utf-8")
+        new.replace(self.path / "metadata.yaml")
+
+
+class _McapFile:
+    """One MCAP file, complete after each `flush`."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.start = 0  # ns, smallest stamp
+        self.end = 0
+        self.counts: dict[int, int] = {}  # channel id -> messages
+        self.closed = False
+        self._schemas: dict[str, Schema] = {}  # by type name
+        self._channels: list[Channel] = []
+        self._chunks = 0
+        self._chunk_indexes = bytearray()  # encoded: there may be many, and each tail has them all
+        header = MAGIC + _encode(Header(profile="ros2", library="trajectory_recorder"))
+        self._pending: list[bytes] = [header]
+        self.pending_bytes = len(header)
+        self._data_end = 0  # bytes on disk that are never touched again
+        self._tail = b""  # what follows them: summary, footer
+        self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+
+    @property
+    def size(self) -> int:
+        """Bytes written and pending, without the summary."""
+        return self._data_end + self.pending_bytes
+
+    @property
+    def messages(self) -> int:
+        """Messages in finished chunks."""
+        return sum(self.counts.values())
+
+    @property
+    def flush_due(self) -> bool:
+        """Whether enough is pending for the price of a new tail."""
+        return self.pending_bytes >= max(_PENDING_BYTES, _PENDING_TAILS * len(self._tail))
+
+    def add_channel(self, channel_id: int, topic: Topic) -> None:
+        """Add the schema, when it is new, and the channel of a topic."""
+        schema = self._schemas.get(topic.type)
+        if schema is None:
+            schema = Schema(
+                id=len(self._schemas) + 1,
+                name=topic.type,
+                encoding="ros2msg" if topic.definition else "",
+                data=topic.definition.encode(),
+            )
+            self._schemas[topic.type] = schema
+            self._add(_encode(schema))
+        channel = Channel(
+            id=channel_id,
+            schema_id=schema.id,
+            topic=topic.name,
+            message_encoding="cdr",
+            metadata={
+                "offered_qos_profiles": _to_yaml([qos.to_yaml() for qos in topic.qos]),
+                "topic_type_hash": topic.type_hash,
+            },
+        )
+        self._channels.append(channel)
+        self._add(_encode(channel))
+
+    def add_chunk(
+        self,
+        chunk: list[bytes],
+        index: Mapping[int, list[int]],
+        compression: Compression,
+        compress: Callable[[list[bytes]], list[bytes]],
+    ) -> None:
+        """Add a chunk of message records; index: channel id -> stamp, offset, stamp, offset, ..."""
+        if len(chunk) > _BUFFERS:
+            chunk = [b"".join(chunk)]
+        crc = 0
+        for piece in chunk:
+            crc = zlib.crc32(piece, crc)
+        data = compress(chunk)
+        size, compressed_size = sum(map(len, chunk)), sum(map(len, data))
+        start = min(min(entries[::2]) for entries in index.values())
+        end = max(max(entries[::2]) for entries in index.values())
+        name = compression.value.encode()
+        offset = self.size
+        length = _CHUNK.size - 9 + 4 + len(name) + 8 + compressed_size
+        self._add(
+            _CHUNK.pack(Opcode.CHUNK, length, start, end, size, crc)
+            + struct.pack("<I", len(name)) + name + struct.pack("<Q", compressed_size)
+        )  # fmt: skip
+        for piece in data:
+            self._add(piece)
+        chunk_end = self.size
+        index_offsets = {}
+        for channel_id, entries in index.items():
+            index_offsets[channel_id] = self.size
+            packed = struct.pack(f"<{len(entries)}Q", *entries)
+            self._add(
+                _MESSAGE_INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(packed), channel_id, len(packed))
+                + packed
+            )
+            self.counts[channel_id] = self.counts.get(channel_id, 0) + len(entries) // 2
+        self._chunk_indexes += _encode(
+            ChunkIndex(
+                chunk_start_offset=offset,
+                chunk_length=chunk_end - offset,
+                message_start_time=start,
+                message_end_time=end,
+                message_index_offsets=index_offsets,
+                message_index_length=self.size - chunk_end,
+                compression=compression.value,
+                compressed_size=compressed_size,
+                uncompressed_size=size,
+            )
+        )
+        self.start = min(start, self.start) if self._chunks else start
+        self.end = max(end, self.end)
+        self._chunks += 1
+
+    def flush(self, metadata: Mapping[str, str]) -> None:
+        """Write what is pending and a new tail behind it."""
+        if self.closed:
+            raise OSError(f"{self.path} is closed")
+        tail = self._make_tail(metadata)
+        if not self._pending and tail == self._tail:
+            return
+        try:
+            _write_at(self._fd, self._data_end, [*self._pending, tail])
+        except OSError:
+            # The disk is full: the old tail fits, it was there before.
+            with suppress(OSError):
+                _write_at(self._fd, self._data_end, [self._tail])
+                os.ftruncate(self._fd, self._data_end + len(self._tail))
+            self.close()
+            raise
+        if self.size + len(tail) < self._data_end + len(self._tail):
+            os.ftruncate(self._fd, self.size + len(tail))
+        self._data_end, self._tail = self.size, tail
+        self._pending, self.pending_bytes = [], 0
+        if self._data_end > _CACHED_BYTES:
+            # On to the disk, and its memory serves the next write: taking more and more memory
+            # would halve the rate, and push out what others have there.
+            written = self._data_end - _CACHED_BYTES
+            os.posix_fadvise(self._fd, 0, written, os.POSIX_FADV_DONTNEED)
+
+    def close(self) -> None:
+        """Close without flushing; further calls do nothing."""
+        if not self.closed:
+            self.closed = True
+            os.close(self._fd)
+
+    def _add(self, data: bytes) -> None:
+        self._pending.append(data)
+        self.pending_bytes += len(data)
+
+    def _make_tail(self, metadata: Mapping[str, str]) -> bytes:
+        """Metadata record, end of data, summary with its offsets, footer, magic."""
+        record = _encode(Metadata(name=METADATA_RECORD, metadata=dict(metadata)))
+        data_end = record + _encode(DataEnd(data_section_crc=0))
+        statistics = Statistics(
+            message_count=self.messages,
+            schema_count=len(self._schemas),
+            channel_count=len(self._channels),
+            attachment_count=0,
+            metadata_count=1,
+            chunk_count=self._chunks,
+            message_start_time=self.start,
+            message_end_time=self.end,
+            channel_message_counts=dict(self.counts),
+        )
+        metadata_index = MetadataIndex(offset=self.size, length=len(record), name=METADATA_RECORD)
+        groups: dict[Opcode, bytes | bytearray] = {
+            Opcode.SCHEMA: _encode(*self._schemas.values()),
+            Opcode.CHANNEL: _encode(*self._channels),
+            Opcode.STATISTICS: _encode(statistics),
+            Opcode.CHUNK_INDEX: self._chunk_indexes,
+            Opcode.METADATA_INDEX: _encode(metadata_index),
+        }
+        summary_start = self.size + len(data_end)
+        summary = bytearray()
+        offsets = []
+        for opcode, group in groups.items():
+            if group:
+                offsets.append(
+                    SummaryOffset(
+                        group_opcode=opcode,
+                        group_start=summary_start + len(summary),
+                        group_length=len(group),
+                    )
+                )
+                summary += group
+        offset_start = summary_start + len(summary)
+        summary += _encode(*offsets)
+        # the CRC includes the footer up to its own place
+        footer = Footer(
+            summary_start=summary_start, summary_offset_start=offset_start, summary_crc=0
+        )
+        footer.summary_crc = zlib.crc32(summary + _encode(footer)[:-4])
+        return data_end + bytes(summary) + _encode(footer) + MAGIC
+
+
+def _encode(*records: McapRecord) -> bytes:
+    builder = RecordBuilder()
+    for record in records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
+
+
+def _write_at(fd: int, offset: int, buffers: Sequence[bytes]) -> None:
+    """Write all the buffers, however many calls it takes."""
+    left = deque(memoryview(buffer) for buffer in buffers)
+    while left:
+        written = os.pwritev(fd, list(islice(left, _BUFFERS)), offset)
+        offset += written
+        while left and written >= len(left[0]):
+            written -= len(left.popleft())
+        if left:
+            left[0] = left[0][written:]
+
+
+def _compressor(compression: Compression) -> Callable[[list[bytes]], list[bytes]]:
+    if compression is Compression.ZSTD:
+        compressor = zstandard.ZstdCompressor(level=1)
+        return lambda chunk: [compressor.compress(b"".join(chunk))]
+    if compression is Compression.LZ4:
+        return lambda chunk: [bytes(lz4.frame.compress(b"".join(chunk)))]
+    return lambda chunk: chunk
+
+
+def _to_yaml(value: object) -> str:
+    return str(yaml.dump(value, Dumper=_YamlDumper, sort_keys=False)).strip()

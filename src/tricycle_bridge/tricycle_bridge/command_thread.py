@@ -1,0 +1,81 @@
+"""A thread that takes commands from their subscriptions, beside the node's executor.
+
+The executor builds a wait set of all that its node has, parameter services and event handlers
+included, each time that one message wakes it: for a hundred commands a second that is most of what
+the bridge would cost. This thread waits for its few subscriptions only.
+"""
+
+from __future__ import annotations
+
+import threading
+from contextlib import ExitStack
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from tricycle_core.nodes import NotTheExecutors
+
+WAIT = 100_000_000  # ns until the thread looks whether it is to end
+
+
+class CommandThread:
+    """Calls the callbacks of a node's subscriptions of one callback group.
+
+    Parameters
+    ----------
+    node
+        Whose subscriptions they are. Those made with `group` before `start` are served.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self.group = NotTheExecutors()
+        self._node = node
+        self._stopping = False
+        self._thread = threading.Thread(target=self._run, name="commands", daemon=True)
+
+    @property
+    def alive(self) -> bool:
+        """Whether the thread runs; what a callback raises ends it."""
+        return self._thread.is_alive()
+
+    def start(self) -> None:
+        """Begin to take messages."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Wait for the end of the thread; before the node is destroyed."""
+        self._stopping = True
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        node, group = self._node, self.group
+        subscriptions = [s for s in node.subscriptions if s.callback_group is group]
+        events = [w for w in node.waitables if w.callback_group is group]
+        context = node.context.handle
+        with ExitStack() as in_use:
+            for entity in (context, *(s.handle for s in subscriptions), *events):
+                in_use.enter_context(entity)
+            n = len(subscriptions)
+            waiting = rclpy_implementation.WaitSet(n, 0, 0, 0, 0, len(events), context)
+            while not self._stopping:
+                waiting.clear_entities()
+                for subscription in subscriptions:
+                    waiting.add_subscription(subscription.handle)
+                for event in events:
+                    event.add_to_wait_set(waiting)
+                waiting.wait(WAIT)
+                ready = waiting.get_ready_entities("subscription")
+                for subscription in subscriptions:
+                    if subscription.handle.pointer in ready:
+                        self._take(subscription)
+                for event in events:
+                    if event.is_ready(waiting) and (data := event.take_data()):
+                        event.callback(data)
+
+    @staticmethod
+    def _take(subscription: Subscription) -> None:
+        taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+        if taken is not None:
+            subscription.callback(taken[0])

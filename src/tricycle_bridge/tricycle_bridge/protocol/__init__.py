@@ -1,0 +1,1 @@
+"""The by-wire protocol (docs/protocol.md): messages, frames and the PLC's clock."""

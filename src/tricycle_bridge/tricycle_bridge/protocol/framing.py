@@ -1,0 +1,168 @@
+"""Frames of TBP v1: ``COBS(header payload crc32) 00`` to messages and back (sections 1 and 2)."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cobs import cobs  # type: ignore[import-untyped]
+
+from tricycle_bridge.protocol.messages import (
+    MAJOR,
+    MAX_PAYLOAD,
+    MESSAGES,
+    Board,
+    Hello,
+    HelloAck,
+    Message,
+    from_plc,
+    payload_struct,
+)
+
+DELIMITER = b"\0"
+_HEADER = struct.Struct("<BBBB")  # ver_node, id, seq, sess
+_CRC = struct.Struct("<I")
+_MIN_RAW = _HEADER.size + _CRC.size
+_MAX_RAW = _MIN_RAW + MAX_PAYLOAD
+_MAX_ENCODED = _MAX_RAW + 1  # COBS adds one byte to anything this short
+
+
+class Frame(NamedTuple):
+    """A message with its header."""
+
+    message: Message
+    board: Board
+    seq: int  # 0..255
+    session: int  # 0 = none
+    major: int  # protocol version of the sender
+
+
+@dataclass
+class DecoderCounters:
+    """What a decoder did with the segments between delimiters."""
+
+    ok: int = 0
+    length: int = 0  # too long, too short, or payload shorter than the table
+    cobs: int = 0
+    crc: int = 0
+    version: int = 0  # another major version
+    unknown: int = 0  # direction or board not ours, or id not in the table
+    session: int = 0
+
+    @property
+    def rejected(self) -> int:
+        """Segments that yielded no frame."""
+        return self.length + self.cobs + self.crc + self.version + self.unknown + self.session
+
+
+def encode(message: Message, *, board: Board, seq: int, session: int, major: int = MAJOR) -> bytes:
+    """Encode one frame with its closing delimiter.
+
+    Parameters
+    ----------
+    message
+        Its id decides the direction bit.
+    board
+        The PLC that sends or receives it; `Board.ANY` in a HELLO to whoever listens.
+    seq, session, major
+        Header fields.
+
+    Raises
+    ------
+    LinkError
+        A value does not fit its field.
+    """
+    ver_node = major << 5 | from_plc(message.ID) << 4 | board
+    raw = _HEADER.pack(ver_node, message.ID, seq, session) + message.payload()
+    return bytes(cobs.encode(raw + _CRC.pack(zlib.crc32(raw)))) + DELIMITER
+
+
+class FrameDecoder:
+    """Turns a stream of bytes, cut anywhere, into frames.
+
+    Never raises, and holds at most one segment of 50 bytes, whatever arrives. The first failing
+    rule of section 1 wins and is counted in `counters`.
+
+    Parameters
+    ----------
+    board
+        Whose link this is. A host accepts HELLO_ACK from any board (to report swapped ports), a
+        PLC accepts HELLO to `Board.ANY`.
+    host
+        True on the host (hears PLCs), False on a PLC (hears the host).
+    """
+
+    def __init__(self, board: Board, *, host: bool) -> None:
+        self.counters = DecoderCounters()
+        self.session = 0  # the current one; whoever owns the decoder keeps it
+        self._board = board
+        self._host = host
+        self._partial = b""
+        self._table: dict[int, tuple[int, Callable[[bytes], Message]]] = {
+            m.ID: (payload_struct(m).size, m.from_payload)
+            for m in MESSAGES
+            if from_plc(m.ID) == host and m.BOARD in (board, Board.ANY)
+        }
+        # The one message of another major, board or session that must get through (section 3).
+        self._greeting = HelloAck.ID if host else Hello.ID
+        self._greeting_boards = (Board.STEER, Board.DRIVE) if host else (Board.ANY,)
+
+    def reset(self) -> None:
+        """Forget a partial segment, after the port was opened anew."""
+        self._partial = b""
+
+    def feed(self, data: bytes) -> list[Frame]:
+        """Take bytes from the line; return the frames that they complete."""
+        segments = data.split(DELIMITER)
+        segments[0] = self._partial + segments[0]
+        # One byte more than a legal segment is enough to know that it is too long.
+        self._partial = segments.pop()[: _MAX_ENCODED + 1]
+        decoded = (self._decode(segment) for segment in segments if segment)
+        return [frame for frame in decoded if frame is not None]
+
+    def _decode(self, segment: bytes) -> Frame | None:
+        counters = self.counters
+        if len(segment) > _MAX_ENCODED:
+            counters.length += 1
+            return None
+        try:
+            raw = cobs.decode(segment)
+        except cobs.DecodeError:
+            counters.cobs += 1
+            return None
+        if len(raw) < _MIN_RAW:
+            counters.length += 1
+            return None
+        if zlib.crc32(raw[:-4]) != int.from_bytes(raw[-4:], "little"):
+            counters.crc += 1
+            return None
+
+        ver_node, message_id, seq, session = raw[:4]
+        major, sent_by_plc, board = ver_node >> 5, bool(ver_node & 0x10), ver_node & 0x0F
+        greeting = message_id == self._greeting
+        if major != MAJOR and not greeting:
+            counters.version += 1
+            return None
+        entry = self._table.get(message_id)
+        if (
+            entry is None
+            or sent_by_plc != self._host
+            or not (board == self._board or (greeting and board in self._greeting_boards))
+        ):
+            counters.unknown += 1
+            return None
+        # A host hears session 0 too: that is how a rebooted PLC shows. A PLC without a session
+        # obeys nobody.
+        heard = session in (self.session, 0) if self._host else session == self.session != 0
+        if not (heard or greeting):
+            counters.session += 1
+            return None
+        size, from_payload = entry
+        if len(raw) - _MIN_RAW < size:
+            counters.length += 1
+            return None
+        counters.ok += 1
+        return Frame(from_payload(raw[4:-4]), Board(board), seq, session, major)

@@ -1,0 +1,26 @@
+"""ament_python build of this package; without ROS the root pyproject.toml installs it."""
+
+from setuptools import find_packages, setup
+
+NAME = "tricycle_cli"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[f"{NAME}*"]),
+    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    zip_safe=False,
+    maintainer="The tricycle excitation maintainers",
+    maintainer_email="maintainers@example.org",
+    description="The command tricycle: plan, drive, record, judge, identify, report",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "tricycle = tricycle_cli.main:main",
+        ]
+    },
+)

@@ -1,0 +1,1 @@
+"""Campaigns: plan, drive and identify until the parameters are known."""

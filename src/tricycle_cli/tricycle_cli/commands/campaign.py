@@ -1,0 +1,208 @@
+"""`tricycle campaign`: plan, drive and identify in turns until the targets are known."""
+
+import argparse
+import contextlib
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from excitation_planner.design.store import replace_file
+from excitation_planner.maneuver import PlanError, family_by_name, family_names
+from excitation_planner.plan import Plan
+from excitation_planner.planning import PlanRequest
+from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest, Drive
+from tricycle_cli.operation.session import running_session, simulated_session
+from tricycle_cli.progress import Report, progress_bar
+from tricycle_cli.reports.figures import plot_campaign
+from tricycle_sim.rig.emulated import draw_truth
+from tricycle_sim.vehicle import load_vehicle
+
+EXAMPLE = """\
+examples:
+  tricycle campaign --targets cornering_stiffness,camber_stiffness --tolerance 5% \\
+      --output out/campaign --true-seed 1
+  tricycle campaign --targets cornering_stiffness --tolerance 2% --vehicle-nodes \\
+      --vehicle mine.yaml --output out/mine
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "campaign",
+        help="plan, drive and identify in turns until the targets are known well enough",
+        description="Plans the drive that will teach the least known target most, drives and "
+        "records it, identifies from all bags so far, and plans again with what is known, until "
+        "the 95 % interval of every target is within the tolerance. After an interruption the "
+        "same command goes on. With --vehicle-nodes it drives the nodes that vehicle.launch.py "
+        "has started, and asks for the vehicle to be at its start and armed before every drive.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--targets", required=True, metavar="NAME[,NAME…]", help="unknown parameters to be known")
+    add(
+        "--tolerance",
+        required=True,
+        metavar="5%",
+        help="half width of the 95 %% interval, as a share of the estimate",
+    )
+    add("--output", type=Path, required=True, metavar="DIR", help="the campaign's folder")
+    add(
+        "--maneuver",
+        default="circle,double_lane_change",
+        metavar="NAME[,NAME…]",
+        help=f"families to choose from: {', '.join(family_names())}",
+    )
+    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
+    add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
+    add("--seed", type=int, default=0, help="of the plans")
+    for option, unit, text in (
+        ("--noise-std", "M", "of the measured position per axis"),
+        ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
+        ("--drift-std", "M", "of a slow drift of the position"),
+    ):
+        default = getattr(PlanRequest, option[2:].replace("-", "_"))
+        add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
+    add("--true-seed", type=int, default=0, help="of the simulation's hidden true parameters")
+    add("--real-time-factor", type=float, default=10.0, help="largest; the nodes set the pace")
+    add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
+    add("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the campaign to its end; status 1 when a target is not within the tolerance then."""
+    vehicle = load_vehicle(args.vehicle)
+    request = CampaignRequest(
+        vehicle,
+        tuple(family_by_name(name) for name in args.maneuver.split(",")),
+        tuple(args.targets.split(",")),
+        _share(args.tolerance),
+        most_drives=args.most_drives,
+        budget=args.budget,
+        seed=args.seed,
+        noise_std=args.noise_std,
+        yaw_rate_std=args.yaw_rate_std,
+        drift_std=args.drift_std,
+        true_seed=None if args.vehicle_nodes else args.true_seed,
+    )
+    campaign = Campaign(args.output, request)
+    console = Console(stderr=True)
+    if campaign.steps:
+        console.print(f"{args.output}: going on after {len(campaign.steps)} planned drives")
+    if not campaign.finished:
+        with _session(args) as drive:
+            while not campaign.finished:
+                _step(campaign, drive, console)
+    truth = (
+        None
+        if request.true_seed is None
+        else draw_truth(vehicle, np.random.default_rng(request.true_seed))
+    )
+    report = campaign.report(truth)
+    replace_file(args.output / "report.json", json.dumps(report, indent=1) + "\n")
+    plot_campaign(campaign, truth, args.output / "report.png")
+    table = _table(campaign, truth)
+    with (args.output / "report.txt").open("w", encoding="utf-8") as file:
+        Console(file=file, width=120).print(table)
+    if args.json:
+        print(json.dumps(report))
+    else:
+        Console().print(table)
+    missing = campaign.missing()
+    console.print(
+        f"{len(campaign.steps)} drives, {report['driving_seconds']:.0f} s; "
+        + (
+            f"not within the tolerance: {', '.join(missing)}"
+            if missing
+            else "all targets are known"
+        ),
+        highlight=False,
+    )
+    console.print(
+        f"report: {args.output}/report.json, .txt, .png; bags: {args.output}/bags",
+        highlight=False,
+        soft_wrap=True,
+    )
+    return 1 if missing else 0
+
+
+def _share(text: str) -> float:
+    """Share from `5%` or `0.05`."""
+    try:
+        return float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
+    except ValueError:
+        raise PlanError(f"tolerance {text!r}: want a share, as 5% or 0.05") from None
+
+
+@contextlib.contextmanager
+def _session(args: argparse.Namespace) -> Iterator[Drive]:
+    """Nodes to drive on: a simulation of our own, or those of the vehicle."""
+    if not args.vehicle_nodes:
+        with simulated_session(
+            vehicle_file=str(args.vehicle.absolute()) if args.vehicle else "",
+            true_seed=args.true_seed,
+            real_time_factor=args.real_time_factor,
+            folder=args.output / "session",
+        ) as drive:
+            yield drive
+        return
+    with running_session() as drive:
+
+        def drive_when_ready(plan: Plan, bag: Path, progress: Report) -> None:
+            x, y = np.ptp(plan.path, axis=0)
+            try:
+                input(
+                    f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {x:.0f} m x "
+                    f"{y:.0f} m: vehicle at its start and armed? Enter drives, Ctrl-C leaves "
+                )
+            except EOFError:
+                raise PlanError("nobody is there to say that the vehicle is ready") from None
+            drive(plan, bag, progress)
+
+        yield drive_when_ready
+
+
+def _step(campaign: Campaign, drive: Drive, console: Console) -> None:
+    """Plan, drive and identify once, or what is left of that."""
+    number = len(campaign.steps) + (not campaign.steps or campaign.steps[-1].driven)
+    campaign.plan(progress_bar)
+    step = campaign.steps[-1]
+    values = ", ".join(f"{name} {value:.3g}" for name, value in step.operation.items())
+    console.print(f"drive {number}: {step.maneuver} ({values}) for {step.target}", highlight=False)
+    with progress_bar(f"driving {step.maneuver}, ms") as progress:
+        campaign.drive(drive, progress)
+    known = campaign.identify()
+    for name in campaign.request.targets:
+        console.print(
+            f"  {name}: {known[name].estimate:.4g} ± {known[name].share:.2%}", highlight=False
+        )
+
+
+def _table(campaign: Campaign, truth: dict[str, float] | None) -> Table:
+    table = Table(
+        title=f"95 % intervals, wanted: ± {100.0 * campaign.request.tolerance:g} % of the estimate"
+    )
+    table.add_column("after")
+    for name in campaign.request.targets:
+        table.add_column(name, justify="right")
+        table.add_column("expected", justify="right")
+    for number in range(len(campaign.steps) + 1):
+        known = campaign.known(number)
+        step = campaign.steps[number - 1] if number else None
+        cells = []
+        for name in campaign.request.targets:
+            cells.append(f"{known[name].estimate:.5g} ± {known[name].share:.2%}")
+            expected = step and HALF_WIDTH * step.predicted_std[name] / abs(known[name].estimate)
+            cells.append("" if expected is None else f"± {expected:.2%}")
+        table.add_row(f"{number}: {step.maneuver}" if step else "nothing: the ranges", *cells)
+    if truth is not None:
+        cells = [text for name in campaign.request.targets for text in (f"{truth[name]:.5g}", "")]
+        table.add_row("hidden truth", *cells)
+    return table

@@ -1,0 +1,67 @@
+"""`tricycle monitor`: a live run in the terminal."""
+
+import argparse
+import json
+import os
+import time
+
+from rich.console import Console
+from rich.live import Live
+
+from tricycle_cli.operation.dashboard import screen
+from tricycle_cli.operation.processes import NodeError
+
+EXAMPLE = """\
+examples:
+  tricycle monitor
+  ROS_DOMAIN_ID=7 tricycle monitor --namespace left
+  tricycle monitor --json
+"""
+
+REFRESH = 0.2  # s between pictures
+PATIENCE = 5.0  # s that --json waits for diagnostics and the maneuver's state
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "monitor",
+        help="show links, maneuver and speeds of a live run",
+        description="Listens on ROS_DOMAIN_ID and shows the state of the links and of the "
+        "maneuver, its progress, and the speeds, until Ctrl-C.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("--namespace", default="", metavar="NAME", help="of the tricycle (default: none)")
+    add("--json", action="store_true", help="print what is heard as one JSON object and end")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Show the run until Ctrl-C, or tell once what is heard."""
+    try:
+        from tricycle_cli.operation.monitor_node import Monitor
+    except ImportError as error:
+        raise NodeError(f"monitor needs ROS 2, sourced or from the extra `ros`: {error}") from error
+    text = os.environ.get("ROS_DOMAIN_ID") or "0"
+    if not text.isdigit() or int(text) > 232:
+        raise NodeError(f"ROS_DOMAIN_ID = {text}: must be a number from 0 to 232")
+    where = f"domain {text}" + (f", namespace {args.namespace}" if args.namespace else "")
+    with Monitor(domain=int(text), namespace=args.namespace) as monitor:
+        dashboard = monitor.dashboard
+        if args.json:
+            deadline = time.monotonic() + PATIENCE
+            while time.monotonic() < deadline and not (dashboard.statuses and dashboard.maneuver):
+                monitor.listen(REFRESH)
+            if dashboard.heard is None:
+                raise NodeError(f"{where}: nothing heard in {PATIENCE:.0f} s; is the run on it?")
+            print(json.dumps(dashboard.snapshot()))
+            return 0
+        try:
+            with Live(console=Console(), auto_refresh=False, screen=True) as live:
+                while True:
+                    live.update(screen(dashboard, now=time.monotonic(), where=where), refresh=True)
+                    monitor.listen(REFRESH)
+        except KeyboardInterrupt:
+            return 0

@@ -1,0 +1,224 @@
+"""`tricycle plan`: design excitation maneuvers, or show one."""
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.maneuver import PlanError, family_by_name, family_names, operation_point
+from excitation_planner.plan import Plan, load_plan, save_plan
+from excitation_planner.planning import PlanRequest, plan_at, plan_set
+from tricycle_cli.argument_types import seed
+from tricycle_cli.assignments import parse_assignments
+from tricycle_cli.progress import progress_bar
+from tricycle_cli.reports.figures import plot_plan
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
+
+MOST_MANEUVERS = 6  # of a set: twelve operation parameters are all that the search can do well
+
+EXAMPLE = """\
+examples:
+  tricycle plan --maneuver circle --target cornering_stiffness --output out/plan
+  tricycle plan --maneuver circle,double-lane-change --target camber_stiffness
+  tricycle plan --maneuver circle --maneuvers 2 --criterion a --yaw-rate-std 0.005
+  tricycle plan --criterion h --noise-std 0 --at radius=3 speed=0.8
+  tricycle plan show out/plan/plan.json
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "plan",
+        help="design the maneuvers that excite one parameter",
+        description="Searches maneuver families for the drives that will teach the target best, "
+        "and verifies them with fresh samples. Says beforehand how well each parameter will be "
+        "known.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("show", nargs="*", metavar="show FILE", help="print and plot a saved plan instead")
+    add(
+        "--maneuver",
+        default="circle",
+        metavar="NAME[,NAME…]",
+        help=f"families, driven one after the other: {', '.join(family_names())}",
+    )
+    add("--maneuvers", type=int, metavar="N", help="how many to drive, of these families in turn")
+    add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
+    add(
+        "--criterion",
+        choices=[criterion.value for criterion in Criterion],
+        help="what is minimised: h the paper's cost of the target (Eq. 11), c the expected "
+        "variance of the target, d the volume and a the sum of the variances of all parameters "
+        "(default: c; h with --noise-std 0)",
+    )
+    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
+    add("--seed", type=seed, default=0, help="same seed, same plan")
+    add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
+    add("--budget", type=int, default=PlanRequest.budget, help="largest number of simulations")
+    add(
+        "--noise-std",
+        type=float,
+        default=PlanRequest.noise_std,
+        metavar="M",
+        help="standard deviation of the measured position per axis; 0: the paper's cost",
+    )
+    for option, unit, text in (
+        ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
+        ("--drift-std", "M", "of a slow drift of the position"),
+        ("--start-position-std", "M", "of the start position per axis"),
+        ("--start-heading-std", "RAD", "of the start heading"),
+    ):
+        default = getattr(PlanRequest, option[2:].replace("-", "_"))
+        add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
+    add("--output", type=Path, default=Path("out/plan"), metavar="DIR")
+    add("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Plan or show, print the table, save plan and figure."""
+    if args.show:
+        if args.show[0] != "show" or len(args.show) != 2:
+            raise PlanError(
+                f"{' '.join(args.show)!r}: want `tricycle plan show FILE`, or options only"
+            )
+        plans = {Path(args.show[1]): load_plan(Path(args.show[1]))}
+    else:
+        plans = _planned(_request(args), args)
+        for file, plan in plans.items():
+            save_plan(plan, file)
+    for file, plan in plans.items():
+        plot_plan(plan, file.with_suffix(".png"))
+    first, *others = plans.values()
+    if args.json:
+        print(json.dumps(_as_json(first) | {"others": [_as_json(plan) for plan in others]}))
+    else:
+        for plan in plans.values():
+            _print(plan)
+        _print_set(first)
+    for file in plans:
+        print(f"plan: {file}   figure: {file.with_suffix('.png')}", file=sys.stderr)
+    return 0
+
+
+def _request(args: argparse.Namespace) -> PlanRequest:
+    families = [family_by_name(name) for name in args.maneuver.split(",")]
+    count = len(families) if args.maneuvers is None else args.maneuvers
+    if not len(families) <= count <= MOST_MANEUVERS:
+        raise PlanError(f"--maneuvers {count}: must be from {len(families)} to {MOST_MANEUVERS}")
+    first, *others = (families[i % len(families)] for i in range(count))
+    default = Criterion.C if args.noise_std > 0.0 else Criterion.H
+    return PlanRequest(
+        load_vehicle(args.vehicle),
+        first,
+        args.target,
+        criterion=default if args.criterion is None else Criterion(args.criterion),
+        others=tuple(others),
+        samples=args.samples,
+        budget=args.budget,
+        seed=args.seed,
+        noise_std=args.noise_std,
+        yaw_rate_std=args.yaw_rate_std,
+        drift_std=args.drift_std,
+        start_position_std=args.start_position_std,
+        start_heading_std=args.start_heading_std,
+    )
+
+
+def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]:
+    """Plans by the files they go to."""
+    for warning in request.vehicle.warnings():
+        print(f"warning: {warning}", file=sys.stderr)
+    if args.at:
+        if request.others:
+            raise PlanError("--at plans one maneuver; give one --maneuver")
+        x = operation_point(request.family, parse_assignments(args.at))
+        return {args.output / "plan.json": plan_at(request, x)}
+    names = ", ".join(family.name for family in request.families)
+    with progress_bar(f"planning {names} for {request.target}") as progress:
+        plans = plan_set(request, progress=progress)
+    if len(plans) == 1:
+        return {args.output / "plan.json": plans[0]}
+    return {args.output / f"plan-{plan.number}.json": plan for plan in plans}
+
+
+def _as_json(plan: Plan) -> dict[str, object]:
+    return {
+        "maneuver": plan.maneuver,
+        "target": plan.target,
+        "x": dict(plan.operation),
+        "cost": plan.cost,
+        "criterion": plan.criterion.value,
+        "criterion_cost": plan.criterion_cost,
+        "predicted_std": dict(plan.predicted_std),
+        "main": {name: index.value for name, index in plan.main.items()},
+        "total": {name: index.value for name, index in plan.total.items()},
+        "variance": plan.variance,
+        "leave_one_out_q2": plan.leave_one_out_q2,
+        "simulations": plan.simulations,
+        "seconds": plan.seconds,
+        "feasible": plan.feasible,
+        "verdict": plan.verdict,
+        "id": plan.id,
+    }
+
+
+def _print(plan: Plan) -> None:
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in plan.operation.items())
+    table = Table(title=f"{plan.maneuver}: {values}")
+    table.add_column("unknown parameter")
+    for heading in ("S", "95 %", "ST", "95 %"):
+        table.add_column(heading, justify="right")
+    for name, main in plan.main.items():
+        total = plan.total[name]
+        table.add_row(
+            f"{name}{' (target)' if name == plan.target else ''}",
+            f"{main.value:.4f}",
+            f"{main.low:.4f} … {main.high:.4f}",
+            f"{total.value:.4f}",
+            f"{total.low:.4f} … {total.high:.4f}",
+        )
+    console = Console()
+    console.print(table)
+    console.print(
+        f"H = {plan.cost:.4f}, Q² = {plan.leave_one_out_q2:.6f}, "
+        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}",
+        highlight=False,
+    )
+
+
+def _print_set(plan: Plan) -> None:
+    """What the drives of the plan's set will teach together, and how they were found."""
+    console = Console()
+    if plan.predicted_std:
+        drives = "the drive" if plan.drives == 1 else f"the {plan.drives} drives"
+        table = Table(title=f"expected after {drives}")
+        table.add_column("unknown parameter")
+        for heading in ("standard deviation", "of the range", "left of its spread"):
+            table.add_column(heading, justify="right")
+        for name, std in plan.predicted_std.items():
+            low, high = plan.unknown[name]
+            share = std / (high - low)
+            table.add_row(name, f"{std:.3g}", f"{share:.1%}", f"{share * math.sqrt(12.0):.0%}")
+        console.print(table)
+    predicted = (
+        ""
+        if plan.predicted_cost is None
+        else f" (the search had {plan.predicted_cost:.4g}), {plan.simulations} simulations"
+    )
+    console.print(
+        f"criterion {plan.criterion} = {plan.criterion_cost:.4g}{predicted} "
+        f"in {plan.seconds:.1f} s",
+        highlight=False,
+    )
+    if plan.verdict:
+        console.print(plan.verdict, highlight=False)

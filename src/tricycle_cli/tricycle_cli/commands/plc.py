@@ -1,0 +1,137 @@
+"""``tricycle plc``: what is on a serial port."""
+
+import argparse
+import dataclasses
+import json
+import math
+import sys
+from typing import Any
+
+from tricycle_bridge.link import LinkEvent, LinkEventKind, PlcLink, state_name
+from tricycle_bridge.probe import PortProbe
+from tricycle_bridge.protocol.messages import (
+    ANGLE_UNIT,
+    BAUD,
+    SPEED_UNIT,
+    DriveState,
+    SteerState,
+    fault_names,
+)
+
+EXAMPLE = """\
+examples:
+  tricycle plc probe /dev/ttyACM0
+  tricycle plc monitor /dev/ttyACM0 --seconds 10
+  tricycle plc stats /dev/ttyACM0 --json
+
+The handshake disarms the board; close the bridge first.
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "plc",
+        help="what is on a serial port: which PLC, its telemetry, its counters",
+        description="probe: who answers. monitor: telemetry and events as they come. "
+        "stats: limits and counters of both ends after a while.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("what", choices=["probe", "monitor", "stats"])
+    add("port", metavar="PORT", help="serial device")
+    add("--baud", type=int, default=BAUD, help=f"bits per second (default: {BAUD})")
+    add(
+        "--boot-wait",
+        type=float,
+        default=2.0,
+        metavar="S",
+        help="silence after opening, for a UNO's bootloader (default: 2)",
+    )
+    add(
+        "--seconds",
+        type=float,
+        metavar="S",
+        help="how long to watch (default: stats 2, monitor until Ctrl-C)",
+    )
+    add("--json", action="store_true", help="print one JSON object at the end")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Probe, watch or count."""
+    with PortProbe(args.port, baud=args.baud, boot_wait=args.boot_wait) as probe:
+        link = probe.handshake(timeout=args.boot_wait + 3.0)
+        if args.what == "monitor":
+            seconds = math.inf if args.seconds is None else args.seconds
+            _monitor(probe, seconds, file=sys.stderr if args.json else sys.stdout)
+        elif args.what == "stats":
+            for _ in probe.events(2.0 if args.seconds is None else args.seconds):
+                pass
+        result = _describe(link, counters=args.what != "probe")
+    if args.json:
+        print(json.dumps(result))
+    elif args.what != "monitor":
+        for name, value in result.items():
+            print(f"{name:22} {_readable(value)}")
+    return 0
+
+
+def _monitor(probe: PortProbe, seconds: float, *, file: Any) -> None:
+    try:
+        for count, event in enumerate(probe.events(seconds)):
+            # ten lines per second of telemetry are what a person can follow
+            if event.kind is not LinkEventKind.TELEMETRY:
+                print(event.text, file=file, flush=True)
+            elif count % 10 == 0 and event.state is not None:
+                print(_telemetry_line(event), file=file, flush=True)
+    except KeyboardInterrupt:
+        return
+
+
+def _telemetry_line(event: LinkEvent) -> str:
+    state = event.state
+    faults = fault_names(state.faults) if state else ""
+    if isinstance(state, SteerState):
+        values = (
+            f"angle {state.angle * ANGLE_UNIT:+.4f} rad, set-point "
+            f"{state.setpoint * ANGLE_UNIT:+.4f} rad, servo {state.servo} us, adc {state.adc}"
+        )
+    elif isinstance(state, DriveState):
+        values = (
+            f"speed {state.speed * SPEED_UNIT:+.3f} m/s, set-point "
+            f"{state.setpoint * SPEED_UNIT:+.3f} m/s, hall {state.hall_count}, "
+            f"gear {state.gear}, brake {state.brake / 2:.0f} %"
+        )
+    else:
+        return ""
+    return f"{state_name(state.state):8} {values}, {state.supply * 1e-3:.1f} V {faults}".rstrip()
+
+
+def _describe(link: PlcLink, *, counters: bool) -> dict[str, Any]:
+    identity = link.identity
+    result: dict[str, Any] = {"board": link.board.name.lower()}
+    if identity is not None:
+        version = (identity.version_major, identity.version_minor, identity.version_patch)
+        result |= {
+            "firmware": ".".join(map(str, version)),
+            "protocol_minor": identity.minor,
+            "boots": identity.boot_count,
+            "build": f"{identity.build_hash:08x}",
+        }
+    if counters:
+        result |= {
+            "round_trip_ms": None if link.clock.round_trip is None else link.clock.round_trip * 1e3,
+            "limits": None if link.limits is None else dataclasses.asdict(link.limits),
+            "plc": None if link.stats is None else dataclasses.asdict(link.stats),
+            "host_decoder": dataclasses.asdict(link.decoder.counters),
+            "host_link": dataclasses.asdict(link.counters),
+        }
+    return result
+
+
+def _readable(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{k} {v}" for k, v in value.items() if not k.startswith("reserved"))
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

@@ -1,0 +1,73 @@
+"""``tricycle replay``: publishes a bag's messages as they were recorded."""
+
+import argparse
+import json
+import re
+from pathlib import Path
+
+from trajectory_recorder.bag.reader import BagReader
+from tricycle_cli.commands.record import not_negative, run_in_foreground
+
+EXAMPLE = """\
+examples:
+  tricycle replay out/demo/bags/circle
+  tricycle replay out/demo/bags/circle --rate 4 --loop --topics /odom 'maneuver/*'
+  tricycle replay out/demo/bags/circle --remap /odom:=/recorded/odom
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "replay",
+        help="publish a bag's messages as they were recorded",
+        description="Starts the node bag_replayer; its services ~/pause, ~/resume and ~/step hold "
+        "and move it.",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add = parser.add_argument
+    add("bag", metavar="BAG", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("--rate", type=not_negative, default=1.0, help="recorded s per s; 0: as fast as taken")
+    add(
+        "--start", type=not_negative, default=0.0, metavar="S", help="skip so many recorded seconds"
+    )
+    add("--topics", nargs="+", metavar="TOPIC", help="names to play; * and ? match anything")
+    add(
+        "--remap",
+        nargs="+",
+        type=_remapping,
+        default=[],
+        metavar="/OLD:=/NEW",
+        help="publish under other names",
+    )
+    add("--loop", action="store_true", help="begin again at the end")
+    add("--paused", action="store_true", help="wait for ~/resume or ~/step")
+    add("--json", action="store_true", help="print one JSON object at the end")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Play to the end, or until Ctrl-C."""
+    with BagReader(args.bag):  # a bag that cannot be read is a mistake said at once
+        pass
+    parameters: dict[str, object] = {
+        name: getattr(args, name) for name in ("rate", "start", "loop", "paused")
+    }
+    parameters["bag"] = str(args.bag)
+    if args.topics:
+        parameters["topics"] = [_absolute(topic) for topic in args.topics]
+    status = run_in_foreground("bag_replayer", parameters, remappings=args.remap)
+    if args.json:
+        print(json.dumps({"bag": str(args.bag), "status": status}))
+    return status
+
+
+def _remapping(text: str) -> str:
+    if not re.fullmatch(r"(/\w+)+:=(/\w+)+", text):
+        raise argparse.ArgumentTypeError(f"{text!r}: want /old:=/new")
+    return text
+
+
+def _absolute(topic: str) -> str:
+    return topic if topic.startswith(("/", "*")) else "/" + topic

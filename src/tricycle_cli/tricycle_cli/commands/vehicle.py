@@ -1,0 +1,74 @@
+"""`tricycle vehicle`: check a vehicle file."""
+
+import argparse
+import json
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from tricycle_bridge.protocol.messages import TICK
+from tricycle_sim.vehicle import constants, load_vehicle
+from tricycle_sim.vehicle.stability import LIMIT, check_step, fastest_mode
+
+EXAMPLE = """\
+example:
+  tricycle vehicle check my_tricycle.yaml
+"""
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Add the subcommand."""
+    parser = subparsers.add_parser(
+        "vehicle",
+        help="check a vehicle file",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    check = verbs.add_parser(
+        "check",
+        help="validate a vehicle file and warn about what is physically impossible",
+        epilog=EXAMPLE,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    check.add_argument(
+        "file", nargs="?", type=Path, metavar="FILE", help="vehicle YAML (default: the packaged)"
+    )
+    check.add_argument("--json", action="store_true", help="print one JSON object")
+    check.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Validate, and print what is doubtful; a wrong file raises `VehicleError`."""
+    vehicle = load_vehicle(args.file)
+    check_step(vehicle, TICK)
+    fastest, _ = fastest_mode(vehicle)
+    warnings = vehicle.warnings()
+    loads = dict(zip(("left", "right", "rear"), vehicle.static_loads(), strict=True))
+    if args.json:
+        result = {
+            "name": vehicle.name,
+            "hash": vehicle.file_hash,
+            "unknown": {name: list(limits) for name, limits in vehicle.unknown.items()},
+            "nominal": vehicle.nominal,
+            "static_loads": loads,
+            "fastest_mode": fastest,
+            "warnings": list(warnings),
+        }
+        print(json.dumps(result))
+        return 0
+    console = Console(highlight=False)
+    console.print(f"{vehicle.name}: valid (hash {vehicle.file_hash})")
+    units = {constant.name: constant.metadata["unit"] for constant in constants()}
+    table = Table("unknown parameter", "low", "nominal", "high", "unit")
+    for name, (low, high) in vehicle.unknown.items():
+        table.add_row(name, f"{low:g}", f"{vehicle.nominal[name]:g}", f"{high:g}", units[name])
+    console.print(table)
+    console.print("wheel loads at rest: " + ", ".join(f"{w} {n:.1f} N" for w, n in loads.items()))
+    console.print(
+        f"fastest motion: {fastest:.0f} rad/s; steps of {1e3 * TICK:g} ms allow {LIMIT / TICK:.0f}"
+    )
+    for warning in warnings:
+        console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    return 0

@@ -1,0 +1,1 @@
+"""What the operator does: start nodes, arm, drive, record, watch."""

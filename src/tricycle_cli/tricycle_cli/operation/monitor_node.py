@@ -1,0 +1,109 @@
+"""Listens to a live run for `tricycle monitor`."""
+
+import math
+import os
+import time
+from types import TracebackType
+from typing import Self
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from excitation_planner.playback import JOINTS
+from tricycle_cli.operation.dashboard import Dashboard, Joints, Level, Motion, Status
+from tricycle_cli.operation.processes import interrupts_held
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Monitor:
+    """A node that only listens, and keeps what it heard in its `dashboard`.
+
+    Parameters
+    ----------
+    domain
+        ROS domain id.
+    namespace
+        Of the tricycle; empty for the root. Its diagnostics are in it too, as launched.
+    """
+
+    def __init__(self, *, domain: int, namespace: str = "") -> None:
+        self.dashboard = Dashboard()
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO
+        )
+        # several may listen to one run
+        self._node = rclpy.create_node(
+            f"monitor_{os.getpid()}", namespace=namespace, context=self._context
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        listen = self._node.create_subscription
+        listen(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
+        listen(DiagnosticStatus, "maneuver/state", self._on_maneuver, LATCHED)
+        listen(JointState, "joint_commands", self._on_commands, qos_profile_sensor_data)
+        listen(JointState, "joint_states", self._on_joints, qos_profile_sensor_data)
+        listen(Odometry, "odom", self._on_odom, qos_profile_sensor_data)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def listen(self, duration: float) -> None:
+        """Take what comes for `duration` seconds of wall time."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            with interrupts_held():
+                self._executor.spin_once(timeout_sec=left)
+
+    def _hear(self) -> float:
+        self.dashboard.heard = time.monotonic()
+        return self.dashboard.heard
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        now = self._hear()
+        for status in message.status:
+            level = Level(int.from_bytes(status.level, "little") & 3)
+            self.dashboard.statuses[status.name] = Status(level, status.message, now)
+
+    def _on_maneuver(self, message: DiagnosticStatus) -> None:
+        self._hear()
+        self.dashboard.maneuver = {pair.key: pair.value for pair in message.values}
+
+    def _on_commands(self, message: JointState) -> None:
+        self._hear()
+        self.dashboard.commanded = _joints(message) or self.dashboard.commanded
+
+    def _on_joints(self, message: JointState) -> None:
+        self._hear()
+        self.dashboard.measured = _joints(message) or self.dashboard.measured
+
+    def _on_odom(self, message: Odometry) -> None:
+        self._hear()
+        position, twist = message.pose.pose.position, message.twist.twist
+        speed = math.copysign(math.hypot(twist.linear.x, twist.linear.y), twist.linear.x)
+        self.dashboard.motion = Motion(position.x, position.y, speed, twist.angular.z)
+
+
+def _joints(message: JointState) -> Joints | None:
+    """The two joints; None where the message is of others."""
+    try:
+        steering, wheel = map(list(message.name).index, JOINTS)
+        return Joints(message.position[steering], message.velocity[wheel])
+    except (ValueError, IndexError):
+        return None

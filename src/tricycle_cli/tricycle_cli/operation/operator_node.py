@@ -1,0 +1,284 @@
+"""The operator of a running system: resets, arms, records and drives one plan after the other."""
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.client import Client
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+from std_srvs.srv import SetBool, Trigger
+
+from excitation_planner.plan import Plan
+from excitation_planner.plan_publisher import PlanPublisher
+from excitation_planner.playback import PlaybackState
+from tricycle_cli.operation.processes import NodeError, interrupts_held
+
+STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
+SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
+SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
+GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
+LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class ServiceCaller:
+    """Calls services of other nodes, each request once, without losing the answer.
+
+    The middleware drops an answer when the server has not found the client's reader within 100 ms,
+    as happens to a new client on a busy machine, and a request cannot be repeated for that: it may
+    have started something. So a greeting goes first, a question that may be repeated. Readers are
+    announced in the order in which they were made: a node that answers the greeting has found the
+    client made before it.
+
+    Parameters
+    ----------
+    node
+        Whose clients these are.
+    wait
+        `wait(condition, what)` spins the node until the condition holds, or raises.
+    """
+
+    def __init__(self, node: Node, wait: Callable[[Callable[[], bool], str], None]) -> None:
+        self._node = node
+        self._wait = wait
+        self._clients: dict[str, tuple[Client, Client]] = {}  # of the service, of the greeting
+
+    def call(self, service: str, kind: type, request: Any) -> Any:
+        """Return the answer to `request`; `service` is named `node/service`."""
+        if service not in self._clients:
+            greeting = f"{service.rpartition('/')[0]}/get_parameters"
+            self._clients[service] = (
+                self._node.create_client(kind, service),
+                self._node.create_client(GetParameters, greeting),
+            )
+        client, greeter = self._clients[service]
+        self._wait(lambda: client.service_is_ready() and greeter.service_is_ready(), service)
+        self._greet(greeter)
+        answer = client.call_async(request)
+        self._wait(answer.done, f"an answer of {service}")
+        return answer.result()
+
+    def _greet(self, greeter: Client) -> None:
+        answers: list[Future] = []
+        asked = -math.inf
+
+        def greeted() -> bool:
+            nonlocal asked
+            if time.monotonic() - asked > GREET_AGAIN:
+                asked = time.monotonic()
+                answers.append(greeter.call_async(GetParameters.Request()))
+            return any(answer.done() for answer in answers)
+
+        self._wait(greeted, f"an answer of {greeter.srv_name}")
+
+
+class Operator:
+    """A ROS node that does what the person at the vehicle would do by service calls.
+
+    Parameters
+    ----------
+    domain
+        ROS domain id.
+    check
+        Called while waiting; raises when waiting has become pointless (a node has died).
+    simulated
+        Whether times are those of `/clock`, and a drive begins with a reset and arming. On the
+        vehicle the person there has armed it.
+    namespace
+        Of the vehicle's nodes; in one, their clock is there too.
+    """
+
+    def __init__(
+        self,
+        *,
+        domain: int,
+        check: Callable[[], None],
+        simulated: bool = True,
+        namespace: str = "",
+    ) -> None:
+        self._check = check
+        self._simulated = simulated
+        self._context = rclpy.Context()
+        rclpy.init(
+            context=self._context,
+            domain_id=domain,
+            signal_handler_options=SignalHandlerOptions.NO,
+        )
+        self._node = rclpy.create_node(
+            "operator",
+            context=self._context,
+            namespace=namespace,
+            cli_args=["--ros-args", "-r", "/clock:=clock"] if namespace else None,
+            parameter_overrides=[Parameter("use_sim_time", value=simulated)],
+        )
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._plans = PlanPublisher(self._node)
+        self._state: dict[str, str] = {}
+        self._patience = SERVICE_TIMEOUT
+        self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
+        self._services = ServiceCaller(self._node, self._wait)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._executor.shutdown()
+        self._node.destroy_node()
+        rclpy.try_shutdown(context=self._context)
+
+    def drive(self, plan: Plan, bag: Path, *, progress: Callable[[int, int], None]) -> None:
+        """Drive the plan to its end and record it to `bag`.
+
+        Parameters
+        ----------
+        plan
+            What to drive.
+        bag
+            New rosbag2 directory.
+        progress
+            `progress(elapsed, duration)` in ms of ROS time.
+
+        Raises
+        ------
+        NodeError
+            If a node does not answer, refuses, or aborts the maneuver; with its reason. What was
+            started is aborted then, and its bag closed.
+        """
+        self._patience = SERVICE_TIMEOUT
+        if self._simulated:
+            self._trigger("tricycle_sim/reset")
+            clock = self._node.get_clock()
+            self._wait(lambda: clock.now().nanoseconds > 0, "/clock")  # for the plan's stamp
+        self._hand_over(plan)
+        if self._simulated:
+            self._arm()
+        with self._recording(bag):
+            self._sleep(STANDSTILL)
+            if self._state["plan_id"] != plan.id:  # a planner has published another one meanwhile
+                self._hand_over(plan)
+            with self._driving():
+                self._follow(plan, progress)
+        if self._simulated:
+            self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
+
+    def _hand_over(self, plan: Plan) -> None:
+        self._plans.publish(plan)
+        waiting = {"plan_id": plan.id, "state": PlaybackState.WAITING.value}
+
+        def taken() -> bool:
+            if self._state.get("state") == PlaybackState.RUNNING.value:
+                raise NodeError(
+                    f"maneuver_driver is driving plan {self._state['plan_id']}: wait for its end, "
+                    "or abort it (service maneuver_driver/abort)"
+                )
+            return waiting.items() <= self._state.items()
+
+        self._wait(taken, "maneuver_driver to take the plan")
+        # what the middleware sends again may come seconds later: after the start
+        self._wait(self._plans.received, "every subscriber of maneuver/* to take the plan")
+
+    @contextmanager
+    def _driving(self) -> Iterator[None]:
+        """Start the maneuver, abort it on any failure or interruption; then stand still."""
+        try:
+            self._trigger("maneuver_driver/start")
+            yield
+        except BaseException as error:
+            self._check()  # where the nodes end with a dead one, nobody is left to abort
+            try:  # refused where it has ended by itself
+                self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
+            except NodeError as unanswered:
+                raise NodeError(
+                    f"{str(error) or 'interrupted'}; the maneuver may still run, for the abort: "
+                    f"{unanswered}"
+                ) from error
+            self._sleep(STANDSTILL)
+            raise
+        self._sleep(STANDSTILL)
+
+    def _follow(self, plan: Plan, progress: Callable[[int, int], None]) -> None:
+        """Wait for the end of the maneuver started."""
+        self._wait(lambda: self._state["state"] != PlaybackState.WAITING.value, "the start")
+        if self._state["plan_id"] != plan.id:
+            raise NodeError(f"maneuver_driver started another plan, {self._state['plan_id']}")
+        ended = (PlaybackState.DONE.value, PlaybackState.ABORTED.value)
+        while self._state["state"] not in ended:
+            before = dict(self._state)
+            self._wait(lambda: self._state != before, "news of the running maneuver")  # noqa: B023
+            elapsed, duration = (float(self._state[key]) for key in ("elapsed", "duration"))
+            progress(round(1e3 * elapsed), round(1e3 * duration))
+        if self._state["state"] == PlaybackState.ABORTED.value:
+            raise NodeError(f"maneuver aborted: {self._state['reason']}")
+
+    @contextmanager
+    def _recording(self, bag: Path) -> Iterator[None]:
+        self._set_parameter("trajectory_recorder", "output", str(bag))
+        self._trigger("trajectory_recorder/start")
+        self._patience = SILENCE_TIMEOUT
+        try:
+            yield
+        except BaseException:
+            with suppress(NodeError):  # what came first is told
+                self._trigger("trajectory_recorder/stop")
+            raise
+        self._trigger("trajectory_recorder/stop")
+
+    def _arm(self) -> None:
+        """Ask for ARM until both PLCs are linked and hear the standstill stream."""
+        deadline = time.monotonic() + LINK_TIMEOUT
+        while True:
+            answer = self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True))
+            if answer.success:
+                return
+            if time.monotonic() > deadline:
+                raise NodeError(f"tricycle_bridge: {answer.message}")
+            self._sleep(0.1)
+
+    def _on_state(self, message: DiagnosticStatus) -> None:
+        self._state = {pair.key: pair.value for pair in message.values}
+
+    def _trigger(self, service: str) -> None:
+        answer = self._services.call(service, Trigger, Trigger.Request())
+        if not answer.success:
+            raise NodeError(f"{service}: {answer.message}")
+
+    def _set_parameter(self, node: str, name: str, value: str) -> None:
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        result = self._services.call(f"{node}/set_parameters", SetParameters, request).results[0]
+        if not result.successful:
+            raise NodeError(f"{node}: {name}: {result.reason}")
+
+    def _sleep(self, duration: float) -> None:
+        """Let `duration` seconds of ROS time pass."""
+        clock = self._node.get_clock()
+        end = clock.now().nanoseconds + round(duration * 1e9)
+        self._wait(lambda: clock.now().nanoseconds >= end, "the clock")
+
+    def _wait(self, condition: Callable[[], bool], what: str) -> None:
+        deadline = time.monotonic() + self._patience
+        while not condition():
+            self._check()
+            if time.monotonic() > deadline:
+                raise NodeError(f"waited {self._patience:.0f} s for {what}")
+            with interrupts_held():
+                self._executor.spin_once(timeout_sec=0.05)

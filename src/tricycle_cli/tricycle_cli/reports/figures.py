@@ -1,0 +1,168 @@
+"""Figures of a run, readable in print and by the colour-blind."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")  # files only: works without a display
+
+from matplotlib import pyplot as plt
+
+from excitation_planner.plan import Plan
+from parameter_identification.judging.judgement import Judgement
+from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign
+
+REFERENCE, MEASURED = "#0072B2", "#D55E00"  # Okabe and Ito's blue and vermillion
+MARKS = 5.0  # s between the lines that join equal times
+
+
+def plot_plan(plan: Plan, path: Path) -> None:
+    """Path, commands and Sobol' indices of a plan, and what the drives of its set will teach.
+
+    Parameters
+    ----------
+    plan
+        What to show.
+    path
+        Image to be written; its suffix gives the format.
+    """
+    right = "expected" if plan.predicted_std else "."
+    figure, panels = plt.subplot_mosaic(
+        [["track", "indices"], ["angle", right], ["speed", right]],
+        figsize=(10.4, 9.0),
+        height_ratios=(1.7, 0.8, 0.8),
+        layout="constrained",
+    )
+    track, indices, angle, speed = (panels[k] for k in ("track", "indices", "angle", "speed"))
+    values = ", ".join(f"{name} {value:.3g}" for name, value in plan.operation.items())
+    place = f", drive {plan.number} of {plan.drives}" if plan.drives > 1 else ""
+    figure.suptitle(f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}{place}")
+    track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
+    track.plot(plan.reference.x, plan.reference.y, color=REFERENCE, label="nominal trajectory")
+    track.set(xlabel="x / m", ylabel="y / m")
+    track.set_aspect("equal", adjustable="datalim")
+    track.legend(fontsize="small")
+    names = list(plan.main)
+    for offset, color, label, by_name in (
+        (-0.2, REFERENCE, "main index S", plan.main),
+        (0.2, MEASURED, "total index ST", plan.total),
+    ):
+        drawn = [by_name[name] for name in names]
+        spread = [[i.value - i.low for i in drawn], [i.high - i.value for i in drawn]]
+        at = [k + offset for k in range(len(names))]
+        indices.barh(at, [i.value for i in drawn], 0.38, xerr=spread, color=color, label=label)
+    indices.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+    indices.invert_yaxis()
+    indices.set(xlabel="share of the variance of TE", title=f"H = {plan.cost:.3g}", xlim=(0, 1))
+    indices.legend(fontsize="small")
+    commands = plan.commands
+    angle.step(commands.time, commands.steering_motor_angle, where="post", color=REFERENCE)
+    angle.set(xlabel="time / s", ylabel="steering motor angle / rad")
+    speed.step(commands.time, commands.speed, where="post", color=REFERENCE)
+    speed.set(xlabel="time / s", ylabel="speed set-point / (m/s)")
+    if plan.predicted_std:
+        expected = panels["expected"]
+        left = [
+            math.sqrt(12.0) * std / (plan.unknown[name][1] - plan.unknown[name][0])
+            for name, std in plan.predicted_std.items()
+        ]
+        bars = expected.barh(range(len(left)), left, 0.6, color=REFERENCE)
+        expected.bar_label(bars, [f"{share:.0%}" for share in left], padding=3)
+        expected.set_yticks(range(len(left)), [n.replace("_", " ") for n in plan.predicted_std])
+        expected.invert_yaxis()
+        drives = "the drive" if plan.drives == 1 else f"{plan.drives} drives"
+        expected.set(
+            xlabel="expected standard deviation / that of the range", xlim=(0, 1.15),
+            title=f"not known after {drives} (criterion {plan.criterion})",
+        )  # fmt: skip
+    for axes in panels.values():
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
+    """Nominal and driven trajectory of each drive, equal times joined, and the distance over time.
+
+    Parameters
+    ----------
+    drives
+        Judgement by title.
+    path
+        Image to be written; its suffix gives the format.
+    """
+    figure, axes = plt.subplots(
+        2, len(drives), figsize=(5.2 * len(drives), 7.6), height_ratios=(2.2, 1), squeeze=False,
+        layout="constrained",
+    )  # fmt: skip
+    highest = max(float(1e3 * judgement.max) for judgement in drives.values())
+    for (title, judgement), above, below in zip(drives.items(), axes[0], axes[1], strict=True):
+        s = judgement.series
+        above.plot(s.reference_x, s.reference_y, color=REFERENCE, label="nominal model")
+        above.plot(s.x, s.y, color=MEASURED, linewidth=0.9, label="driven, as measured")
+        step = round(MARKS / (s.time[1] - s.time[0]))
+        for k in range(step, len(s.time), step):
+            joined = ([s.reference_x[k], s.x[k]], [s.reference_y[k], s.y[k]])
+            above.plot(*joined, color="0.2", linewidth=1.2, marker="o", markersize=3.5, zorder=3)
+        label = f"same time, every {MARKS:g} s"
+        above.plot([], [], color="0.2", linewidth=1.2, marker="o", markersize=3.5, label=label)
+        above.set_title(f"{title}\nTE = {judgement.te:.4g} m²")
+        above.set_xlabel("x / m")
+        above.set_ylabel("y / m")
+        above.set_aspect("equal", adjustable="datalim")
+        above.grid(alpha=0.3)
+        above.legend(loc="best", fontsize="small")
+        below.plot(s.time, 1e3 * s.distance, color=MEASURED, linewidth=0.9)
+        below.set_ylim(0, 1.05 * highest)
+        below.set_xlabel("time since the start / s")
+        below.set_ylabel("distance / mm")
+        below.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:
+    """Estimate of each target drive by drive, and the half width of its 95 % interval.
+
+    Parameters
+    ----------
+    campaign
+        What to show.
+    truth
+        Hidden true values, where they are known.
+    path
+        Image to be written; its suffix gives the format.
+    """
+    targets, steps = campaign.request.targets, campaign.steps
+    figure, axes = plt.subplots(
+        2, len(targets), figsize=(5.6 * len(targets), 7.6), squeeze=False, sharex=True,
+        layout="constrained",
+    )  # fmt: skip
+    drives = range(len(steps) + 1)
+    for name, above, below in zip(targets, *axes, strict=True):
+        known = [campaign.known(number)[name] for number in drives]
+        above.errorbar(
+            drives, [k.estimate for k in known], yerr=[HALF_WIDTH * k.std for k in known],
+            fmt="o", capsize=4, color=REFERENCE, label="estimate, 95 % interval",
+        )  # fmt: skip
+        if truth is not None:
+            above.axhline(truth[name], color="0.2", linestyle="--", label="hidden truth")
+        above.set_title(name.replace("_", " "))
+        below.plot(drives, [100.0 * k.share for k in known], "o-", color=REFERENCE, label="came")
+        expected = [
+            100.0 * HALF_WIDTH * step.predicted_std[name] / abs(k.estimate)
+            for step, k in zip(steps, known[1:], strict=True)
+        ]
+        below.plot(drives[1:], expected, "x", color=MEASURED, label="expected when planned")
+        below.axhline(100.0 * campaign.request.tolerance, color="0.2", label="tolerance")
+        below.set_yscale("log")
+        below.set_xticks(drives, ["the range", *(s.maneuver.replace("_", "\n") for s in steps)])
+        for axis in (above, below):
+            axis.grid(alpha=0.3)
+            axis.legend(fontsize="small")
+    axes[0, 0].set_ylabel("value in the unit of the vehicle file")
+    axes[1, 0].set_ylabel("half width / % of the estimate")
+    figure.savefig(path, dpi=150)
+    plt.close(figure)

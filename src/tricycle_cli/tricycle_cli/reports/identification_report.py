@@ -1,0 +1,283 @@
+"""What an identification found, as a table, as figures and as one HTML page."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")  # files only: works without a display
+
+from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from scipy.stats import chi2
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.model import Prediction
+from parameter_identification.identification import DriveFit, Estimate, Identification
+from parameter_identification.identified_vehicle import identified_vehicle
+from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
+
+# Okabe and Ito's, told apart by the colour-blind
+BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
+
+HEADINGS = ("parameter", "unit", "range", "estimate", "interval", "truth")
+
+
+def parameter_rows(
+    found: Identification, truth: Mapping[str, float] | None = None
+) -> list[tuple[str, ...]]:
+    """Cells of the table of parameters, under `HEADINGS`.
+
+    Parameters
+    ----------
+    found : what was identified
+    truth : hidden true values where they are known; default: those that the bags tell
+    """
+    known = found.truth if truth is None else truth
+    return [
+        (
+            name,
+            "" if e.unit == "1" else e.unit,
+            f"{e.range[0]:.4g} – {e.range[1]:.4g}",
+            f"{e.estimate:.4g} ± {e.standard_deviation:.2g}" if e.identifiable else "not shown",
+            f"{_short(e.low)} – {_short(e.high)}",
+            _truth(e, known[name]) if name in known else "",
+        )
+        for name, e in found.parameters.items()
+    ]
+
+
+def _truth(e: Estimate, value: float) -> str:
+    return f"{value:.4g} {'✓' if e.low <= value <= e.high else '✗'}"
+
+
+def _short(value: float) -> str:
+    """Three digits, but no exponent for thousands."""
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.4g}"
+
+
+def parameter_table(found: Identification, truth: Mapping[str, float] | None = None) -> Table:
+    """The table of parameters, with the hidden truth beside the estimates where it is known."""
+    rows = parameter_rows(found, truth)
+    drives = ", ".join(drive.name for drive in found.drives)
+    title = f"identified from {drives}; {100 * found.level:g} % intervals"
+    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("parameter, range", no_wrap=True)  # below each other: it fits 80 columns
+    for heading in ("estimate", "interval", "truth" if any(row[-1] for row in rows) else ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, unit, span, *cells in rows:
+        table.add_row(f"{name}\n  {span} {unit}", *cells)
+    return table
+
+
+def _without_empty(
+    rows: list[tuple[str, ...]],
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Headings and rows without columns in which nothing stands."""
+    kept = [i for i in range(len(HEADINGS)) if any(row[i] for row in rows)]
+    return tuple(HEADINGS[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in rows)
+
+
+def remarks(found: Identification) -> list[str]:
+    """What a reader must know besides the table, a line each."""
+    lines = [
+        f"not shown by these drives: {combination} "
+        f"({combination.remaining:.0%} of its prior deviation is left)"
+        for combination in found.hidden
+    ]
+    if not any(found.identifiable.values()):
+        lines.append("these drives show none of the parameters: drive longer, or other maneuvers")
+    if not found.white:
+        worst = [t for t in found.whiteness if t.p * len(found.whiteness) < 0.01]
+        names = ", ".join(f"{t.drive} {t.channel}" for t in worst)
+        lines.append(
+            f"residuals are NOT white ({names}): the model lacks an effect or a sensor drifts. "
+            "The intervals count it as drifting noise; they do not cover a wrong model"
+        )
+    if found.rivals:
+        lines.append(
+            f"{len(found.rivals)} other set(s) of parameters fit as well; intervals hold them too"
+        )
+    if found.outliers:
+        lines.append(f"{found.outliers} samples lie beyond 6 standard deviations: try --robust")
+    lines += [
+        f"{held.name}, not used: predicted to {1e3 * held.rms_estimated:.1f} mm (rms; before "
+        f"{1e3 * held.rms_nominal:.1f} mm, noise alone {1e3 * held.noise:.1f} mm)"
+        for held in found.held_out
+    ]
+    return lines
+
+
+def trajectories_figure(found: Identification) -> Figure:
+    """Each drive as measured, with the nominal vehicle and with the estimates."""
+    figure = Figure(figsize=(5.6 * len(found.drives), 5.4), layout="constrained")
+    for axes, drive in zip(
+        figure.subplots(1, len(found.drives), squeeze=False)[0], found.drives, strict=True
+    ):
+        before, after = drive.before[Sensor.POSITION], drive.after[Sensor.POSITION]
+        measured = after.values + after.residual
+        axes.plot(*measured.T, ".", color="0.6", markersize=2, label="measured")
+        axes.plot(*before.values.T, color=BLUE, label=f"before, rms {_rms(drive.before)}")
+        axes.plot(*after.values.T, color=VERMILLION, label=f"after, rms {_rms(drive.after)}")
+        axes.set(title=drive.name, xlabel="x / m", ylabel="y / m")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.grid(alpha=0.3)
+        axes.legend(fontsize="small")
+    return figure
+
+
+def _rms(predictions: Mapping[Sensor, Prediction]) -> str:
+    residual = predictions[Sensor.POSITION].residual
+    return f"{1e3 * math.sqrt(float((residual**2).sum(axis=1).mean())):.0f} mm"
+
+
+def residuals_figure(found: Identification) -> Figure:
+    """Residuals over time, a row per channel and a column per drive."""
+    sensors = [s for s in Sensor if any(s in drive.after for drive in found.drives)]
+    channels = [(s, c) for s in sensors for c in range(len(s.channels))]
+    figure = Figure(
+        figsize=(5.6 * len(found.drives), 1.7 * len(channels) + 0.8), layout="constrained"
+    )
+    grid = figure.subplots(len(channels), len(found.drives), squeeze=False, sharex="col")
+    for column, drive in zip(grid.T, found.drives, strict=True):
+        tests = {t.channel: t for t in found.whiteness if t.drive == drive.name}
+        column[0].set_title(drive.name)
+        column[-1].set_xlabel("time since the start / s")
+        for axes, (sensor, c) in zip(column, channels, strict=True):
+            if sensor not in drive.after:
+                axes.axis("off")
+                continue
+            p, test = drive.after[sensor], tests[sensor.channels[c]]
+            axes.plot(p.time, p.residual[:, c], color=BLUE, linewidth=0.6)
+            verdict = "at the sensor's steps" if math.isnan(test.p) else f"p = {test.p:.2g}"
+            axes.set_ylabel(f"{sensor.channels[c]} / {sensor.unit}", fontsize="small")
+            axes.text(0.99, 0.95, verdict, transform=axes.transAxes, ha="right", va="top")
+            axes.grid(alpha=0.3)
+    return figure
+
+
+def profiles_figure(found: Identification) -> Figure:
+    """Profile likelihood of each parameter with its interval; the truth where it is known."""
+    profiled = {name: e for name, e in found.parameters.items() if e.profile is not None}
+    columns = min(3, len(profiled))
+    rows = math.ceil(len(profiled) / columns)
+    figure = Figure(figsize=(3.7 * columns, 2.9 * rows), layout="constrained")
+    allowed = float(chi2.ppf(found.level, 1))
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, (name, e) in zip(grid, profiled.items(), strict=False):
+        assert e.profile is not None
+        axes.plot(e.profile.values, e.profile.rise, "o-", color=BLUE, markersize=3)
+        axes.axhline(allowed, color="0.6", linewidth=0.8)
+        axes.axvspan(e.low, e.high, color=BLUE, alpha=0.12)
+        reach = 0.5 * (e.high - e.low)
+        seen = [e.low - reach, e.high + reach]
+        if name in found.truth:
+            seen = [min(seen[0], found.truth[name]), max(seen[1], found.truth[name])]
+            axes.axvline(found.truth[name], color=VERMILLION, linestyle="--", label="truth")
+            axes.legend(fontsize="small")
+        axes.set_xlim(max(seen[0], e.range[0]), min(seen[1], e.range[1]))
+        axes.set_ylim(0, 2 * allowed)
+        axes.locator_params(axis="x", nbins=5)
+        unit = "" if e.unit == "1" else f" / {e.unit}"
+        axes.set_xlabel(f"{name.replace('_', ' ')}{unit}", fontsize="small")
+    for axes in grid[len(profiled) :]:
+        axes.axis("off")
+    figure.supylabel("rise of the cost")
+    return figure
+
+
+def identification_page(found: Identification) -> str:
+    """The report as the text of one HTML file: the table first."""
+    names = found.names
+    correlation = TableBlock(
+        ("", *names),
+        tuple(
+            (name, *(f"{value:.2f}" for value in row))
+            for name, row in zip(names, found.correlation, strict=True)
+        ),
+        caption="correlation of the estimates",
+    )
+    noise = TableBlock(
+        ("sensor", "white", "drift", "correlation time", "unit"),
+        tuple(
+            (s.value, f"{n.white:.3g}", f"{n.drift:.2g}", f"{n.drift_time:.2g} s", s.unit)
+            for s, n in found.noise.items()
+        ),
+        caption="noise, estimated from the residuals",
+    )
+    tests = TableBlock(
+        ("drive", "channel", "rms", "correlation", "p"),
+        tuple(
+            (t.drive, t.channel, f"{t.rms:.3g}", _number(t.correlation, ".2f"), _number(t.p, ".2g"))
+            for t in found.whiteness
+        ),
+        caption="Ljung-Box test of the residuals; p is missing where a sensor's steps are coarser",
+    )
+    sections = [
+        Section(
+            "Parameters", (TableBlock(*_without_empty(parameter_rows(found))), *remarks(found))
+        ),
+        Section(
+            "Trajectories",
+            (_block(trajectories_figure(found), "measured; nominal and identified vehicle"),),
+        ),
+    ]
+    if any(e.profile is not None for e in found.parameters.values()):
+        caption = "profile likelihood; shaded: interval; grey: its level"
+        sections.append(Section("Profiles", (_block(profiles_figure(found), caption), correlation)))
+    sections += [
+        Section("Residuals", (_block(residuals_figure(found), "measured less predicted"), tests)),
+        Section("Noise and start", (noise, *(_start(drive) for drive in found.drives))),
+    ]
+    drives = ", ".join(drive.name for drive in found.drives)
+    return html_page(f"Identified from {drives}", sections, subtitle=f"vehicle {found.vehicle}")
+
+
+def _start(drive: DriveFit) -> TableBlock:
+    rows = tuple(
+        (name, f"{value:.4g} ± {std:.2g}", unit)
+        for name, (value, std, unit) in drive.nuisances.items()
+    )
+    return TableBlock(("nuisance", "estimate", "unit"), rows, caption=drive.name)
+
+
+def _number(value: float, form: str) -> str:
+    return "" if math.isnan(value) else format(value, form)
+
+
+def _block(figure: Figure, caption: str) -> FigureBlock:
+    return FigureBlock.of(figure, alt=caption, caption=caption)
+
+
+def save_identification(found: Identification, vehicle_file: Path | None, folder: Path) -> None:
+    """Write `identification.json`, `vehicle.yaml` with the estimates, figures and `report.html`.
+
+    Parameters
+    ----------
+    found : what was identified
+    vehicle_file : that was identified with; None for the packaged one
+    folder : made if it is not there
+
+    Raises
+    ------
+    OSError
+        If something cannot be written.
+    """
+    texts = {
+        "identification.json": json.dumps(found.to_json(), allow_nan=False) + "\n",
+        "vehicle.yaml": identified_vehicle(
+            found, vehicle_file, bags=[drive.name for drive in found.drives]
+        ),
+        "report.html": identification_page(found),
+    }
+    figures = {"trajectories": trajectories_figure(found), "residuals": residuals_figure(found)}
+    if any(e.profile is not None for e in found.parameters.values()):
+        figures["profiles"] = profiles_figure(found)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    for name, figure in figures.items():
+        figure.savefig(folder / f"{name}.png", dpi=150)

@@ -1,0 +1,276 @@
+"""Interactive figures of a report, in colours that read on light and on dark ground.
+
+Text that comes from files is escaped: Plotly takes labels for HTML.
+"""
+
+from html import escape
+
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
+from plotly.subplots import make_subplots
+from scipy.interpolate import griddata
+from scipy.stats import chi2
+
+from excitation_planner.plan import Plan, SearchHistory
+from parameter_identification.judging.judgement import Judgement
+from tricycle_cli.reports.run_data import IdentificationResult, Loads, Motion
+
+Floats = NDArray[np.float64]
+
+# Okabe and Ito's, told apart by the colour-blind
+BLUE, VERMILLION, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8A8A8A"
+
+POINTS = 1000  # of a curve; more cannot be told apart on a screen
+MARKS = 5.0  # s between the lines that join equal times
+HEIGHT = 400  # px
+_EDGE = {"width": 1, "color": "white"}  # of marks
+
+
+def trajectories(plan: Plan | None, judgement: Judgement | None) -> go.Figure:
+    """Path, nominal and driven trajectory, equal times of the last two joined."""
+    figure = _figure(height=520)
+    if plan is not None:
+        x, y = _thinned(*plan.path.T)
+        figure.add_scatter(x=x, y=y, name="path of the rear axle", line=_line(GREY, dash="dot"))
+    if judgement is not None:
+        s = judgement.series
+        time, x, y, x0, y0 = _thinned(s.time, s.x, s.y, s.reference_x, s.reference_y)
+        marks = np.searchsorted(time, np.arange(MARKS, time[-1], MARKS))
+        gap = np.full(len(marks), np.nan)
+        figure.add_scatter(
+            x=np.column_stack([x0[marks], x[marks], gap]).ravel(),
+            y=np.column_stack([y0[marks], y[marks], gap]).ravel(),
+            name=f"same time, every {MARKS:g} s", mode="lines", line=_line(GREY), hoverinfo="skip",
+        )  # fmt: skip
+        _over_time(figure, time, x0, y0, name="nominal model", line=_line(BLUE))
+        _over_time(figure, time, x, y, name="driven, as measured", line=_line(VERMILLION))
+    elif plan is not None:
+        reference = plan.reference
+        time, x, y = _thinned(reference.time, reference.x, reference.y)
+        _over_time(figure, time, x, y, name="nominal model", line=_line(BLUE))
+    figure.update_xaxes(title="x / m", constrain="domain")
+    figure.update_yaxes(title="y / m", scaleanchor="x")
+    return figure
+
+
+def commands(plan: Plan | None, motion: Motion | None) -> go.Figure:
+    """Commands of a plan and what the joints did, over the time since the start."""
+    figure = _figure(rows=2)
+    if plan is not None:
+        time = plan.commands.time
+        for row, value in ((1, plan.commands.steering_motor_angle), (2, plan.commands.speed)):
+            figure.add_scatter(
+                x=time, y=value, name="command", line=_line(BLUE, shape="hv"),
+                legendgroup="command", showlegend=row == 1, row=row, col=1,
+            )  # fmt: skip
+    if motion is not None:
+        time, angle, rate = _thinned(motion.time, motion.steering_motor_angle, motion.wheel_rate)
+        for row, value in ((1, angle), (2, rate if plan is None else rate * plan.tyre_radius)):
+            figure.add_scatter(
+                x=time, y=value, name="measured", line=_line(VERMILLION), legendgroup="measured",
+                showlegend=row == 1, row=row, col=1,
+            )  # fmt: skip
+    figure.update_yaxes(title="steering motor / rad", row=1, col=1)
+    speed = "rear wheel / (rad/s)" if plan is None else "speed / (m/s)"
+    figure.update_yaxes(title=speed, row=2, col=1)
+    return _in_time(figure)
+
+
+def error_over_time(judgement: Judgement) -> go.Figure:
+    """Distance from the reference, its parts, and the trajectory error up to each time."""
+    s = judgement.series
+    so_far = np.cumsum(s.distance**2) / np.arange(1, len(s.distance) + 1)
+    time, distance, along, cross, te = _thinned(s.time, s.distance, s.along, s.cross, so_far)
+    figure = _figure(rows=2)
+    for name, value, color in (
+        ("distance", distance, VERMILLION),
+        ("along the way", along, GREEN),
+        ("to the left", cross, PURPLE),
+    ):
+        figure.add_scatter(x=time, y=1e3 * value, name=name, line=_line(color), row=1, col=1)
+    figure.add_scatter(x=time, y=te, name="TE so far", line=_line(BLUE), row=2, col=1)
+    figure.update_yaxes(title="deviation / mm", row=1, col=1)
+    figure.update_yaxes(title="TE so far / m²", rangemode="tozero", row=2, col=1)
+    return _in_time(figure)
+
+
+def wheel_loads(loads: Loads) -> go.Figure:
+    """Vertical load of each wheel of the nominal vehicle."""
+    figure = _figure()
+    time, *values = _thinned(loads.time, loads.left, loads.right, loads.rear)
+    for name, value, color in zip(
+        ("left", "right", "rear"), values, (BLUE, VERMILLION, GREEN), strict=True
+    ):
+        figure.add_scatter(x=time, y=value, name=name, line=_line(color))
+    figure.update_yaxes(title="wheel load / N", rangemode="tozero")
+    return _in_time(figure)
+
+
+def indices(plan: Plan) -> go.Figure:
+    """Sobol' indices S and ST of every unknown parameter, with their 95 % intervals."""
+    figure = _figure(height=110 + 52 * len(plan.main))
+    for name, by_name, color in (
+        ("main index S", plan.main, BLUE),
+        ("total index ST", plan.total, VERMILLION),
+    ):
+        drawn = list(by_name.values())
+        figure.add_bar(
+            orientation="h", name=name, marker_color=color,
+            y=[escape(parameter.replace("_", " ")) for parameter in by_name],
+            x=[index.value for index in drawn],
+            error_x={
+                "type": "data", "color": GREY, "thickness": 1.5,
+                "array": [index.high - index.value for index in drawn],
+                "arrayminus": [index.value - index.low for index in drawn],
+            },
+        )  # fmt: skip
+    figure.update_layout(barmode="group")
+    figure.update_xaxes(title="share of the variance of TE", rangemode="tozero")
+    figure.update_yaxes(autorange="reversed")
+    return figure
+
+
+def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
+    """Cost over x: every maneuver that the search tried, and the best so far in its turn."""
+    names = [escape(name) for name in plan.operation]
+    chosen = list(plan.operation.values())
+    drivable = np.isfinite(search.cost)
+    order = np.arange(1, len(search.cost) + 1)
+    cost_name = plan.criterion.upper()
+    texts = np.array(
+        [f"no. {i}, {cost_name} = {cost:.4g}" for i, cost in zip(order, search.cost, strict=True)]
+    )
+    if len(names) != 2:
+        return _cost_by_axis(search, names, chosen, texts, cost_name)
+    figure = _figure(height=520)
+    x, y = search.x.T
+    cost = search.cost[drivable]
+    by_decades = bool(np.all(cost > 0.0))  # D is a logarithm already
+    found = search.x[drivable], np.log10(cost) if by_decades else cost
+    scale = f"log₁₀ {cost_name}" if by_decades else cost_name
+    if drivable.sum() > 3 and np.all(np.ptp(found[0], axis=0) > 0.0):
+        grid = [np.linspace(v.min(), v.max(), 80) for v in (x, y)]
+        surface = griddata(*found, tuple(np.meshgrid(*grid)), rescale=True)
+        figure.add_contour(
+            x=grid[0], y=grid[1], z=surface, colorscale="Cividis", reversescale=True, opacity=0.8,
+            line_width=0.5, hoverinfo="skip",
+            colorbar={"title": scale, "thickness": 14},
+        )  # fmt: skip
+    figure.add_scatter(
+        x=x[drivable], y=y[drivable], name="tried", mode="markers", text=texts[drivable],
+        hoverinfo="text+x+y", marker={"size": 6, "color": VERMILLION, "line": _EDGE},
+    )  # fmt: skip
+    best = search.cost <= np.minimum.accumulate(search.cost)
+    best &= drivable
+    figure.add_scatter(
+        x=x[best], y=y[best], name="best so far", mode="lines+markers", text=texts[best],
+        hoverinfo="text+x+y", line=_line(PURPLE), marker={"size": 8, "line": _EDGE},
+    )  # fmt: skip
+    if not drivable.all():
+        figure.add_scatter(
+            x=x[~drivable], y=y[~drivable], name="cannot be driven", mode="markers",
+            marker={"size": 8, "symbol": "x-thin", "line": {"width": 2, "color": GREY}},
+        )  # fmt: skip
+    figure.add_scatter(
+        x=chosen[:1], y=chosen[1:], name="the plan", mode="markers",
+        text=[f"{cost_name} = {plan.criterion_cost:.4g}"], hoverinfo="text+x+y",
+        marker={"size": 16, "symbol": "star", "color": PURPLE, "line": _EDGE},
+    )  # fmt: skip
+    figure.update_xaxes(title=names[0])
+    figure.update_yaxes(title=names[1])
+    return figure
+
+
+def profiles(identification: IdentificationResult) -> go.Figure:
+    """Profile likelihood of each parameter over its range, its interval, and the truth if known."""
+    profiled = [p for p in identification.parameters if p.profile is not None]
+    columns = min(3, len(profiled))
+    rows = -(-len(profiled) // columns)
+    figure = make_subplots(rows=rows, cols=columns, vertical_spacing=0.32 / rows)
+    figure.update_layout(_layout(60 + 260 * rows), showlegend=False)
+    allowed = float(chi2.ppf(identification.level, 1))
+    for k, parameter in enumerate(profiled):
+        where = {"row": k // columns + 1, "col": k % columns + 1}
+        values, rise = parameter.profile or (np.empty(0), np.empty(0))
+        figure.add_scatter(x=values, y=rise, mode="lines+markers", line=_line(BLUE), **where)
+        figure.add_vrect(parameter.low, parameter.high, fillcolor=BLUE, opacity=0.15, **where)
+        figure.add_hline(allowed, line={"color": GREY, "width": 1}, **where)
+        if parameter.truth is not None:
+            figure.add_vline(parameter.truth, line={"color": VERMILLION, "dash": "dash"}, **where)
+        unit = "" if parameter.unit in ("", "1") else f" / ({parameter.unit})"
+        label = escape(f"{parameter.name.replace('_', ' ')}{unit}")
+        figure.update_xaxes(title=label, range=parameter.range, exponentformat="power", **where)
+        figure.update_yaxes(range=(0.0, 3.0 * allowed), **where)
+    return figure
+
+
+def _cost_by_axis(
+    search: SearchHistory, names: list[str], chosen: list[float], texts: NDArray[np.str_], cost: str
+) -> go.Figure:
+    figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
+    figure.update_layout(_layout(HEIGHT))
+    for column, name in enumerate(names):
+        where = {"row": 1, "col": column + 1}
+        figure.add_scatter(
+            x=search.x[:, column], y=search.cost, name="tried", mode="markers",
+            marker={"size": 6, "color": VERMILLION}, text=texts, showlegend=column == 0, **where,
+        )  # fmt: skip
+        figure.add_vline(chosen[column], line={"color": PURPLE, "dash": "dash"}, **where)
+        figure.update_xaxes(title=name, **where)
+    if np.all(search.cost > 0.0):
+        figure.update_yaxes(type="log")
+    figure.update_yaxes(title=cost, row=1, col=1)
+    return figure
+
+
+def _layout(height: int) -> dict[str, object]:
+    return {
+        "template": "none",
+        "height": height,
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "margin": {"l": 70, "r": 20, "t": 30, "b": 50},
+        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
+        "hoverlabel": {"bgcolor": "white", "font": {"color": "black"}},
+        "font": {"family": "system-ui, sans-serif", "size": 13},
+    }
+
+
+def _figure(*, rows: int = 1, height: int = HEIGHT) -> go.Figure:
+    figure = make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    figure.update_layout(_layout(height))
+    figure.update_xaxes(showgrid=True, automargin=True)
+    figure.update_yaxes(showgrid=True, automargin=True)
+    return figure
+
+
+def _in_time(figure: go.Figure) -> go.Figure:
+    """Label the lowest axis; hovering shows all curves at that time."""
+    figure.update_layout(hovermode="x unified")
+    axes = list(figure.select_xaxes())
+    axes[-1].update(title="time since the start / s")
+    return figure
+
+
+def _over_time(figure: go.Figure, time: Floats, x: Floats, y: Floats, **style: object) -> None:
+    figure.add_scatter(
+        x=x,
+        y=y,
+        customdata=time,
+        hovertemplate="%{customdata:.2f} s: %{x:.3f}, %{y:.3f} m",
+        **style,
+    )
+
+
+def _line(
+    color: str, *, width: float = 1.8, dash: str = "solid", shape: str = "linear"
+) -> dict[str, object]:
+    return {"color": color, "width": width, "dash": dash, "shape": shape}
+
+
+def _thinned(*arrays: Floats) -> tuple[Floats, ...]:
+    """The same, at most `POINTS` long and with both ends, rounded to what a reader can use."""
+    size = len(arrays[0])
+    kept = np.unique(np.linspace(0, size - 1, min(size, POINTS)).round().astype(int))
+    return tuple(np.round(array[kept], 6) for array in arrays)

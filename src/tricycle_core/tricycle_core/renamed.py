@@ -1,0 +1,46 @@
+"""Modules under the names that the documentation of version 0.1 showed."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+RENAMED = {
+    "excitation_planner.steering_maneuver": "excitation_planner.maneuver.steering",
+    "parameter_identification.judge": "parameter_identification.judging.judgement",
+    "parameter_identification.measured_drive": "parameter_identification.drives.measured",
+    "tricycle_bridge.command_thread_node": "tricycle_bridge.command_thread",
+    "tricycle_bridge.framing": "tricycle_bridge.protocol.framing",
+    "tricycle_bridge.messages": "tricycle_bridge.protocol.messages",
+    "tricycle_bringup.cli": "tricycle_cli.main",
+    "tricycle_sim.firmware_plc": "tricycle_sim.plc.firmware",
+    "tricycle_sim.firmware_simulator": "tricycle_sim.rig.firmware",
+    "tricycle_sim.plc_pair": "tricycle_sim.plc.pair",
+    "tricycle_sim.simulated_avr": "tricycle_sim.plc.simulated_uno",
+}
+
+
+class _Loader(Loader):
+    """Puts the module of the present name in place of the one that is imported."""
+
+    def exec_module(self, module: ModuleType) -> None:
+        sys.modules[module.__name__] = importlib.import_module(RENAMED[module.__name__])
+
+
+class _Finder(MetaPathFinder):
+    """Finds the old names."""
+
+    def find_spec(
+        self, fullname: str, _path: Sequence[str] | None, _target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        return ModuleSpec(fullname, _Loader()) if fullname in RENAMED else None
+
+
+def install() -> None:
+    """Make the old names importable; the packages that had them call this."""
+    if not any(isinstance(finder, _Finder) for finder in sys.meta_path):
+        sys.meta_path.append(_Finder())

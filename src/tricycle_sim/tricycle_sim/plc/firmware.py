@@ -1,0 +1,150 @@
+"""The firmware's own logic, compiled for this machine, behind the interface of `plc`.
+
+`FirmwareSteerPlc` and `FirmwareDrivePlc` stand wherever `SteerPlc` and `DrivePlc` do. Build the
+libraries with ``make -C firmware host``.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+
+from tricycle_bridge.protocol.messages import (
+    ANGLE_UNIT,
+    BRAKE_UNIT,
+    SPEED_UNIT,
+    STEER_RATE_UNIT,
+    Board,
+    Fault,
+    LinkError,
+    PlcState,
+    ResetCause,
+)
+from tricycle_sim.plc.plc import (
+    ADC_CENTRE,
+    ADC_SCALE,
+    DriveMeasurement,
+    DriveOutput,
+    SteerMeasurement,
+    SteerOutput,
+)
+
+_LINE = 4096  # bytes that a board may send per call
+_MAX_TORQUE = 35.0  # N m at 1000 per mille PWM
+
+
+class _FirmwarePlc:
+    """One board of the compiled firmware.
+
+    Parameters
+    ----------
+    library
+        ``libsteer.so`` or ``libdrive.so``.
+    boot_count
+        Boots before this one.
+
+    Raises
+    ------
+    LinkError
+        The library is not there.
+    """
+
+    board: Board
+
+    def __init__(self, library: Path, *, boot_count: int = 0) -> None:
+        if not library.exists():
+            raise LinkError(f"{library} does not exist: build it with `make -C firmware host`")
+        self._c = ctypes.CDLL(str(library))
+        self._c.host_new.restype = ctypes.c_void_p
+        self._c.host_faults.restype = ctypes.c_uint16
+        self._c.host_state.restype = ctypes.c_uint8
+        self._c.host_session.restype = ctypes.c_uint8
+        self._host = ctypes.c_void_p(self._c.host_new())
+        self._boot_count = boot_count
+        self.reset(ResetCause.POWER_ON)
+
+    def __del__(self) -> None:
+        if hasattr(self, "_host"):
+            self._c.host_free(self._host)
+
+    @property
+    def state(self) -> PlcState:
+        """State of the board."""
+        return PlcState(self._c.host_state(self._host))
+
+    @property
+    def faults(self) -> Fault:
+        """Faults of the board."""
+        return Fault(self._c.host_faults(self._host))
+
+    @property
+    def session(self) -> int:
+        """Session given by the host; 0 = none."""
+        return int(self._c.host_session(self._host))
+
+    def reset(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
+        """Boot: everything but the boot count is forgotten."""
+        self._boot_count = (self._boot_count + 1) & 0xFFFF
+        self._c.host_reset(self._host, ctypes.c_uint8(cause), ctypes.c_uint16(self._boot_count))
+
+    def receive(self, data: bytes, now_us: int) -> bytes:
+        """Take bytes from the host at PLC time `now_us`; return the answers."""
+        self._c.host_receive(self._host, data, len(data), ctypes.c_uint32(now_us & 0xFFFFFFFF))
+        return self._take()
+
+    def drop_sent(self, frames: int) -> None:
+        """Count frames that the line did not take (STATS tx_drop)."""
+        self._c.host_drop(self._host, ctypes.c_uint16(frames))
+
+    def _take(self) -> bytes:
+        line = ctypes.create_string_buffer(_LINE)
+        length = self._c.host_take(self._host, line)
+        return line.raw[:length]
+
+
+class FirmwareSteerPlc(_FirmwarePlc):
+    """The steer PLC's firmware."""
+
+    board = Board.STEER
+
+    def tick(self, now_us: int, measurement: SteerMeasurement) -> tuple[bytes, SteerOutput]:
+        """Run one 10 ms control tick; return events and the state frame, and the outputs."""
+        outputs = (ctypes.c_int32 * 2)()
+        adc = measurement.adc
+        if adc is None:
+            adc = min(max(round(ADC_CENTRE + ADC_SCALE * measurement.angle), 0), 1023)
+        self._c.host_tick(
+            self._host,
+            ctypes.c_uint32(now_us & 0xFFFFFFFF),
+            ctypes.c_int16(round(measurement.angle / ANGLE_UNIT)),
+            ctypes.c_int16(round(measurement.rate / STEER_RATE_UNIT)),
+            ctypes.c_uint16(adc),
+            ctypes.c_uint16(round(measurement.supply * 1e3)),
+            ctypes.c_bool(measurement.estop_pressed),
+            outputs,
+        )
+        return self._take(), SteerOutput(bool(outputs[0]), outputs[1] / 100_000)
+
+
+class FirmwareDrivePlc(_FirmwarePlc):
+    """The drive PLC's firmware."""
+
+    board = Board.DRIVE
+
+    def tick(self, now_us: int, measurement: DriveMeasurement) -> tuple[bytes, DriveOutput]:
+        """Run one 10 ms control tick; return events and the state frame, and the outputs."""
+        outputs = (ctypes.c_int32 * 3)()
+        pwm = min(max(round(measurement.torque / _MAX_TORQUE * 1000), -1000), 1000)
+        self._c.host_tick(
+            self._host,
+            ctypes.c_uint32(now_us & 0xFFFFFFFF),
+            ctypes.c_int16(round(measurement.speed / SPEED_UNIT)),
+            ctypes.c_int32(measurement.hall_count),
+            ctypes.c_int16(pwm),
+            ctypes.c_uint16(round(measurement.current * 1e3)),
+            ctypes.c_uint16(round(measurement.supply * 1e3)),
+            ctypes.c_bool(measurement.estop_pressed),
+            outputs,
+        )
+        setpoint, brake = outputs[1] / 100_000, outputs[2] * BRAKE_UNIT
+        return self._take(), DriveOutput(bool(outputs[0]), setpoint, brake)

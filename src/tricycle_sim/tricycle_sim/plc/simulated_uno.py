@@ -1,0 +1,148 @@
+"""The real firmware on a simulated ATmega328P (libsimavr), one board per `SimulatedUno`.
+
+Build with ``make -C firmware avr simulator``. Time is the board's own: `run` moves it on.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from pathlib import Path
+
+from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE, LinkError
+from tricycle_sim.plc.plc import ADC_CENTRE, ADC_SCALE, HALL_PULSE
+
+_LINE = 16384  # bytes
+_MV_PER_COUNT = 5000.0 / 1024
+_SUPPLY_DIVIDER = 11.0
+_MAX_TORQUE = 35.0  # N m at full PWM
+# data memory addresses of the ATmega328P
+_PORTD, _TCCR1A, _OCR1A, _OCR1B = 0x2B, 0x80, 0x88, 0x8A
+_COM1A1, _COM1B1, _PD7 = 0x80, 0x20, 0x80
+_PWM_TOP = 799
+
+
+@dataclass(frozen=True)
+class SteerPins:
+    """What the steer board puts out."""
+
+    servo_on: bool
+    angle: float  # rad that the pulse asks for
+
+
+@dataclass(frozen=True)
+class DrivePins:
+    """What the drive board puts out."""
+
+    torque: float  # N m asked of the motor, forward positive
+    brake: float  # 0..1
+
+
+def check_build(build: Path) -> None:
+    """Tell whether the images and the simulator are in a directory.
+
+    Raises
+    ------
+    LinkError
+        Names the first file that is not there.
+    """
+    for name in ("steer.elf", "drive.elf", "libmachine.so"):
+        if not (build / name).exists():
+            raise LinkError(f"{build / name} does not exist: `make firmware` builds it")
+
+
+class SimulatedUno:
+    """One UNO running a firmware image.
+
+    Parameters
+    ----------
+    build
+        Directory of ``steer.elf``, ``drive.elf`` and ``libmachine.so``.
+    name
+        ``steer`` or ``drive``.
+
+    Raises
+    ------
+    LinkError
+        The image or the simulator is not there.
+    """
+
+    def __init__(self, build: Path, name: str) -> None:
+        check_build(build)
+        self._c = ctypes.CDLL(str(build / "libmachine.so"))
+        self._c.machine_new.restype = ctypes.c_void_p
+        self._c.machine_word.restype = ctypes.c_uint16
+        self._machine = ctypes.c_void_p(self._c.machine_new(str(build / f"{name}.elf").encode()))
+        self.supply(48.0 if name == "drive" else 12.0)
+        self.estop(pressed=False)
+        self._c.machine_pin(self._machine, 2, 0)  # the hall sensor, half a pulse before its edge
+
+    def close(self) -> None:
+        """Free the simulation."""
+        self._c.machine_free(self._machine)
+
+    def run(self, until_us: int) -> None:
+        """Run to a time on the board's clock.
+
+        Raises
+        ------
+        LinkError
+            The program crashed.
+        """
+        if not self._c.machine_run(self._machine, ctypes.c_uint64(until_us)):
+            raise LinkError("the firmware crashed")
+
+    def reset(self) -> None:
+        """Reset the board, as its button does."""
+        self._c.machine_reset(self._machine)
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the board; they arrive at the line's pace."""
+        self._c.machine_write(self._machine, data, len(data))
+
+    def read(self) -> bytes:
+        """Return what the board has sent."""
+        out = ctypes.create_string_buffer(_LINE)
+        length = self._c.machine_read(self._machine, out)
+        return out.raw[:length]
+
+    # ---- inputs ----
+
+    def estop(self, *, pressed: bool) -> None:
+        """Open or close the e-stop's contact."""
+        self._c.machine_pin(self._machine, 3, int(pressed))
+
+    def supply(self, volts: float) -> None:
+        """Set the supply voltage."""
+        self._adc(1, volts * 1e3 / _SUPPLY_DIVIDER)
+
+    def steering_angle(self, angle: float) -> None:
+        """Turn the potentiometer (rad)."""
+        self._adc(0, (ADC_CENTRE + ADC_SCALE * angle + 0.5) * _MV_PER_COUNT)
+
+    def wheel_speed(self, speed: float) -> None:
+        """Turn the hall sensor's wheel (m/s, forward positive)."""
+        self._c.machine_pin(self._machine, 4, int(speed >= 0.0))
+        self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / HALL_PULSE))
+
+    def _adc(self, channel: int, millivolts: float) -> None:
+        self._c.machine_adc(self._machine, channel, max(round(millivolts), 0))
+
+    # ---- outputs ----
+
+    def _word(self, address: int) -> int:
+        return int(self._c.machine_word(self._machine, ctypes.c_uint16(address)))
+
+    def steer_pins(self) -> SteerPins:
+        """Read the servo's pulse."""
+        on = bool(self._word(_TCCR1A) & _COM1A1)
+        pulse = self._word(_OCR1A) / 16  # us
+        return SteerPins(on, (pulse - 1500) * MAX_STEERING_ANGLE / 500 if on else 0.0)
+
+    def drive_pins(self) -> DrivePins:
+        """Read motor and brake."""
+        mode = self._word(_TCCR1A)
+        torque = self._word(_OCR1A) / _PWM_TOP * _MAX_TORQUE if mode & _COM1A1 else 0.0
+        backward = bool(self._word(_PORTD) & _PD7)
+        brake = self._word(_OCR1B) / _PWM_TOP if mode & _COM1B1 else 0.0
+        return DrivePins(-torque if backward else torque, brake)

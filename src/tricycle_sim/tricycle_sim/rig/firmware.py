@@ -1,0 +1,162 @@
+"""The simulated tricycle with the real firmware: two simulated UNOs and the live vehicle.
+
+As `tricycle_sim.rig.emulated`, but for the boards: theirs is the C code of `firmware/`, whose speed
+controller makes the motor's torque; the vehicle is the plant.
+"""
+
+from pathlib import Path
+
+from tricycle_bridge.protocol.framing import FrameDecoder
+from tricycle_bridge.protocol.messages import (
+    TICK,
+    Board,
+    DriveCommand,
+    DriveState,
+    Hello,
+    PlcState,
+    SteerCommand,
+    SteerState,
+)
+from tricycle_sim.plc.simulated_uno import SimulatedUno
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.live import LiveState, LiveVehicle
+
+_TICK_US = round(TICK * 1e6)
+# The boards were switched on so long before the vehicle's first tick: they have booted, and tick in
+# the middle of its ticks. A command that is sent at a tick then acts in it, as the emulation's do,
+# though it takes 1.7 ms on the line, and the state frame is sent in it too.
+_LEAD_US = 3 * _TICK_US // 2
+
+
+class _FirmwareBoard:
+    """One simulated UNO, and what its line tells of its state."""
+
+    def __init__(self, board: Board, build: Path) -> None:
+        self._board = board
+        self._build = build
+        self._boot()
+
+    def _boot(self) -> None:
+        self.uno = SimulatedUno(self._build, self._board.name.lower())
+        self._time = _LEAD_US
+        self.uno.run(self._time)
+        self.armed = False
+        self.heard = False  # a command since the last step
+        self._sent = FrameDecoder(self._board, host=False)
+        self._received = FrameDecoder(self._board, host=True)
+
+    def replace(self) -> None:
+        """Put another board in its place, fresh from the flashing."""
+        self.uno.close()
+        self._boot()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes of the host to the board."""
+        for frame in self._sent.feed(data):
+            if isinstance(frame.message, Hello):
+                self._sent.session = self._received.session = frame.session
+            self.heard |= isinstance(frame.message, SteerCommand | DriveCommand)
+        self.uno.write(data)
+
+    def step(self) -> bytes:
+        """Run for a tick; return what the board has sent."""
+        self._time += _TICK_US
+        self.uno.run(self._time)
+        self.heard = False
+        data = self.uno.read()
+        for frame in self._received.feed(data):
+            if isinstance(frame.message, SteerState | DriveState):
+                self.armed = frame.message.state == PlcState.ARMED
+        return data
+
+
+class FirmwareSimulator:
+    """Vehicle, steer board and drive board on one clock that `step` moves on by 10 ms.
+
+    Parameters
+    ----------
+    vehicle
+        With its true values.
+    build
+        Directory of the firmware's images and the simulator: `make -C firmware avr simulator`.
+
+    Raises
+    ------
+    LinkError
+        If they are not there.
+    """
+
+    def __init__(self, vehicle: Vehicle, build: Path) -> None:
+        self._vehicle = vehicle
+        self._boards = {b: _FirmwareBoard(b, build) for b in (Board.STEER, Board.DRIVE)}
+        self._ticks = 0
+        self._hall_travel = 0.0  # m that the hall sensor's wheel has turned
+        self._live = LiveVehicle(vehicle)
+
+    @property
+    def time(self) -> float:
+        """Simulated time in s; it never goes back."""
+        return self._ticks * TICK
+
+    @property
+    def state(self) -> LiveState:
+        """The vehicle's state at `time`."""
+        return self._live.state
+
+    @property
+    def armed(self) -> bool:
+        """Whether both boards' newest telemetry says so."""
+        return all(board.armed for board in self._boards.values())
+
+    @property
+    def answered(self) -> bool:
+        """Whether both boards were sent a command since the last step."""
+        return all(board.heard for board in self._boards.values())
+
+    def heard(self, board: Board) -> bool:
+        """Whether a board was sent a command since the last step."""
+        return self._boards[board].heard
+
+    def reset(self) -> None:
+        """Put the vehicle at rest at the origin and fresh boards into it; time goes on."""
+        self._live = LiveVehicle(self._vehicle)
+        self._hall_travel = 0.0
+        for board in self._boards.values():
+            board.replace()
+
+    def receive(self, board: Board, data: bytes) -> bytes:
+        """Hand bytes of the host to a board; its answers come with the telemetry of `step`."""
+        self._boards[board].write(data)
+        return b""
+
+    def step(self) -> dict[Board, bytes]:
+        """Run one tick: sensors, boards, vehicle. Return what the boards sent."""
+        state, steer, drive = self._live.state, *self._boards.values()
+        steer.uno.steering_angle(state.steering_motor_angle)
+        drive.uno.wheel_speed(self._hall_speed(state))
+        sent = {board: one.step() for board, one in self._boards.items()}
+        servo, motor = steer.uno.steer_pins(), drive.uno.drive_pins()
+        self._live.step(
+            steering=servo.angle if servo.servo_on else None,
+            torque=motor.torque,
+            brake=motor.brake,
+        )
+        self._ticks += 1
+        return sent
+
+    def _hall_speed(self, state: LiveState) -> float:
+        """Speed of the hall sensor's wheel in the coming tick, m/s.
+
+        The wheel's, and what brings the sensor to where the wheel is now by the boards' tick.
+        """
+        radius = self._vehicle.tyre_radius
+        speed = state.wheel_speeds[2] * radius
+        wanted = state.rear_wheel_angle * radius - speed * TICK / 2
+        speed += (wanted - self._hall_travel) / TICK
+        self._hall_travel += speed * TICK
+        return speed
+
+    def close(self) -> None:
+        """Free the simulated boards."""
+        for board in self._boards.values():
+            board.uno.close()

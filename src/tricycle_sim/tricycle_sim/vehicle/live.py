@@ -1,0 +1,203 @@
+"""One vehicle that is driven tick by tick: what the emulated PLCs and the simulation node own.
+
+It runs the compiled functions of the batch, with two Runge-Kutta steps per tick instead of one.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tricycle_bridge.protocol.messages import TICK
+from tricycle_sim.vehicle import kernel as dynamics
+from tricycle_sim.vehicle.batch import Feasibility, euler_angles, read_feasibility
+from tricycle_sim.vehicle.file import Vehicle
+from tricycle_sim.vehicle.kernel import LANES
+from tricycle_sim.vehicle.stability import check_step
+from tricycle_sim.vehicle.steering import run_servo, steering_constants
+
+
+@dataclass(frozen=True)
+class LiveState:
+    """What instruments would read at a tick. Body frame: origin at the COM, REP-103."""
+
+    time: float  # s since the start
+    x: float  # m, COM in the world
+    y: float
+    z: float
+    quaternion: tuple[float, float, float, float]  # (w, x, y, z), body to world
+    roll: float  # rad, ZYX angles
+    pitch: float
+    yaw: float
+    vx: float  # m/s, body frame
+    vy: float
+    vz: float
+    roll_rate: float  # rad/s, body frame
+    pitch_rate: float
+    yaw_rate: float
+    specific_force: tuple[float, float, float]  # m/s^2, body frame: what an accelerometer reads
+    wheel_speeds: tuple[float, float, float]  # rad/s, relative to the body: left, right, rear
+    rear_wheel_angle: float  # rad, turned relative to the body since the start (hall pulses)
+    steering_motor_angle: float  # rad
+    steering_motor_rate: float  # rad/s
+    loads: tuple[float, float, float]  # N: left, right, rear
+    motor_torque: float  # N m
+    motor_power: float  # W, electrical, estimated; negative: regenerating
+    motor_current: float  # A, at the battery
+    rolled_over: bool  # the vehicle is at rest where it is from then on
+
+
+class LiveVehicle:
+    """A vehicle at rest at the origin, heading +x, that `step` moves by one PLC tick of 10 ms.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+    parameters : shape (k,), optional
+        Values of `vehicle.unknown` in its order; by default the nominal ones.
+    substeps : int
+        Runge-Kutta steps per tick; 1 is what batches do.
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle is too stiff for the steps.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, *, parameters: ArrayLike | None = None, substeps: int = 2
+    ) -> None:
+        point = vehicle.nominal_point() if parameters is None else np.asarray(parameters, float)
+        if point.shape != (len(vehicle.unknown),):
+            raise ValueError(
+                f"parameters: shape {point.shape} instead of ({len(vehicle.unknown)},)"
+            )
+        check_step(vehicle, TICK / substeps)
+        self.vehicle = vehicle
+        self._substeps = substeps
+        pose = dynamics.equilibrium(vehicle)
+        self._groups = dynamics.pack(vehicle, point[np.newaxis], pose)
+        self._rows = self._groups.reshape(dynamics.ROWS, LANES)
+        self._constants = steering_constants(vehicle, 0.5 * TICK / substeps)
+        self._servo = np.zeros(2)
+        self._table = np.empty((2 * substeps + 1, 8))
+        self._angles = np.empty((2, 2))
+        self._lag = np.zeros(2)
+        self._drive = np.zeros((2, 3))
+        self._ticks = 0
+        self._rear_wheel_angle = 0.0
+        self._rear_wheel_speed = 0.0
+        run_servo(self._servo, np.empty(0), self._constants, 0, self._table, self._angles)
+        # the first state has its loads and slopes too
+        self._advance(self._table[:1], self._drive[:1])
+        self._state = self._read()
+
+    @property
+    def state(self) -> LiveState:
+        """The state at the present tick."""
+        return self._state
+
+    @property
+    def feasibility(self) -> Feasibility:
+        """What the drive has asked of the vehicle so far; arrays of shape (1,)."""
+        return read_feasibility(self._rows[np.newaxis], 1)
+
+    def step(
+        self,
+        *,
+        steering: float | None = None,
+        speed: float | None = None,
+        torque: float = 0.0,
+        brake: float = 0.0,
+    ) -> LiveState:
+        """Hold set-points for one tick of 10 ms and return the state after it.
+
+        Set-points come slewed (`tricycle_sim.setpoints.slew`): that is the PLC's part.
+
+        Parameters
+        ----------
+        steering : float or None
+            Motor angle [rad]; None: no servo pulse, the gear holds the angle.
+        speed : float or None
+            Speed mode: rear wheel speed times tyre radius [m/s], negative backwards. None: torque
+            mode.
+        torque : float
+            Torque mode: demand on the motor [N m], limited as the motor is.
+        brake : float
+            Share 0 to 1 of the friction brake.
+        """
+        speed_mode = speed is not None
+        if speed_mode and self._drive[0, dynamics.SPEED_MODE] == 0.0:
+            self._rows[dynamics.INTEGRATOR] = 0.0  # the controller starts anew
+        self._drive[:] = (speed_mode, torque if speed is None else speed, brake)
+        setpoint = np.array([math.nan if steering is None else steering])
+        half_steps = 2 * self._substeps
+        run_servo(self._servo, setpoint, self._constants, half_steps, self._table, self._angles)
+        self._advance(self._table, self._drive)
+        self._ticks += 1
+        self._state = self._read()
+        return self._state
+
+    def _advance(self, table: NDArray[np.float64], drive: NDArray[np.float64]) -> None:
+        dynamics.advance(
+            self._groups,
+            table,
+            self._lag,
+            drive,
+            self._substeps,
+            self._ticks,
+            dynamics.NO_ROWS,
+            dynamics.NO_OUTPUT,
+        )
+
+    def _read(self) -> LiveState:
+        values: NDArray[np.float64] = self._rows[:, 0]
+        x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = values[: dynamics.R + 1].tolist()
+        left, right, rear = values[dynamics.SPIN_LEFT : dynamics.SPIN_REAR + 1].tolist()
+        slopes = values[dynamics.SLOPE : dynamics.SLOPE + dynamics.STATES]
+        du, dv, dw = slopes[dynamics.U : dynamics.W + 1].tolist()
+        axles = self._table[-1].tolist()
+        wheel_speeds = (
+            left - (p * axles[0] + q * axles[1] + r * axles[2]),
+            right - (p * axles[4] + q * axles[5] + r * axles[6]),
+            rear - q,
+        )
+        self._rear_wheel_angle += 0.5 * TICK * (self._rear_wheel_speed + wheel_speeds[2])
+        self._rear_wheel_speed = wheel_speeds[2]
+        gravity = self.vehicle.gravity
+        specific_force = (
+            du + q * w - r * v + gravity * 2.0 * (q1 * q3 - q0 * q2),
+            dv + r * u - p * w + gravity * 2.0 * (q2 * q3 + q0 * q1),
+            dw + p * v - q * u + gravity * (1.0 - 2.0 * (q1 * q1 + q2 * q2)),
+        )
+        roll, pitch, yaw = euler_angles(np.array([q0, q1, q2, q3]))
+        torque = float(values[dynamics.TORQUE])
+        power = torque * wheel_speeds[2] + self.vehicle.motor_copper_loss * torque**2
+        load_left, load_right, load_rear = values[dynamics.LOAD : dynamics.LOAD + 3].tolist()
+        return LiveState(
+            time=self._ticks * TICK,
+            x=x,
+            y=y,
+            z=z,
+            quaternion=(q0, q1, q2, q3),
+            roll=float(roll),
+            pitch=float(pitch),
+            yaw=float(yaw),
+            vx=u,
+            vy=v,
+            vz=w,
+            roll_rate=p,
+            pitch_rate=q,
+            yaw_rate=r,
+            specific_force=specific_force,
+            wheel_speeds=wheel_speeds,
+            rear_wheel_angle=self._rear_wheel_angle,
+            steering_motor_angle=float(self._servo[0]),
+            steering_motor_rate=float(self._servo[1]),
+            loads=(load_left, load_right, load_rear),
+            motor_torque=torque,
+            motor_power=power,
+            motor_current=power / self.vehicle.battery_voltage,
+            rolled_over=bool(values[dynamics.ALIVE] == 0.0),
+        )

@@ -1,0 +1,79 @@
+"""How fast a vehicle's own motions are, and whether the integration's steps are short enough.
+
+A vehicle file may hold numbers that are plausible and still too stiff for steps of 10 ms: a current
+loop of a millisecond, hard tyres, hardly any mass. Such a vehicle is refused, not simulated into
+nonsense.
+"""
+
+import numpy as np
+from scipy.linalg import eig
+
+from tricycle_bridge.protocol.messages import MAX_SPEED
+from tricycle_sim.vehicle import kernel as dynamics
+from tricycle_sim.vehicle.file import Vehicle, VehicleError
+from tricycle_sim.vehicle.kernel import LANES, ROWS, STATES
+
+LIMIT = 2.5
+"""Largest rate times step: RK4 is stable to 2.78 for decay and to 2.83 for oscillation."""
+
+# what to change, by the state that takes the largest part in a mode
+_CAUSES = {
+    dynamics.X: "vertical_stiffness, vertical_damping, mass or inertia",
+    dynamics.SPIN_LEFT: "slip_stiffness, rolling_smoothing_speed or the wheels' inertia",
+    dynamics.KAPPA_LEFT: "longitudinal_relaxation_length or slip_stiffness",
+    dynamics.ALPHA_LEFT: "lateral_relaxation_length or cornering_stiffness",
+    dynamics.TORQUE: "motor_lag or the gains of the speed controller",
+}
+
+_checked: set[tuple[str, float]] = set()
+
+
+def check_step(vehicle: Vehicle, step: float) -> None:
+    """Raise unless Runge-Kutta steps of `step` [s] are short enough for a vehicle.
+
+    Raises
+    ------
+    VehicleError
+        Naming the rate of the fastest mode and the constants behind it.
+    """
+    key = vehicle.file_hash, step
+    if key in _checked:
+        return
+    rate, state = fastest_mode(vehicle)
+    if not rate * step < LIMIT:
+        cause = next(_CAUSES[first] for first in sorted(_CAUSES, reverse=True) if first <= state)
+        raise VehicleError(
+            f"{vehicle.name}: moves at rates of up to {rate:.0f} rad/s, steps of {1e3 * step:g} ms "
+            f"allow {LIMIT / step:.0f}: change {cause}"
+        )
+    _checked.add(key)
+
+
+def fastest_mode(vehicle: Vehicle) -> tuple[float, int]:
+    """Return the largest rate [rad/s] of the nominal vehicle, standing and at the highest speed.
+
+    The rate is the absolute value of an eigenvalue of the equations linearised about rolling
+    straight on. Second comes the row of the state that takes the largest part in that mode.
+    """
+    return max(_fastest_at(vehicle, speed) for speed in (0.0, MAX_SPEED))
+
+
+def _fastest_at(vehicle: Vehicle, speed: float) -> tuple[float, int]:
+    variation = 1e-6
+    samples = np.tile(vehicle.nominal_point(), (2 * STATES, 1))
+    pose, speeds = dynamics.equilibrium(vehicle), np.full(len(samples), speed)
+    groups = dynamics.pack(vehicle, samples, pose, speeds)
+    rows = groups.reshape(-1, ROWS, LANES)
+    for state in range(STATES):  # central differences in neighbouring lanes
+        for sample, sign in ((2 * state, 1.0), (2 * state + 1, -1.0)):
+            rows[sample // LANES, state, sample % LANES] += sign * variation
+    straight = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
+    drive = np.array([[1.0, speed, 0.0]])
+    nothing = (dynamics.NO_ROWS, dynamics.NO_OUTPUT)
+    dynamics.advance(groups, straight, np.zeros(1), drive, 1, 0, *nothing)
+    slopes = rows[:, dynamics.SLOPE : dynamics.SLOPE + STATES].transpose(1, 0, 2)
+    slopes = slopes.reshape(STATES, 2 * STATES)
+    jacobian = (slopes[:, ::2] - slopes[:, 1::2]) / (2.0 * variation)
+    rates, left, right = eig(jacobian, left=True)
+    fastest = int(np.argmax(np.abs(rates)))
+    return float(np.abs(rates[fastest])), int(np.argmax(np.abs(left * right)[:, fastest]))

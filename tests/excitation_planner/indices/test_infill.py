@@ -1,0 +1,49 @@
+"""Infill points against brute force."""
+
+import numpy as np
+import pytest
+
+from excitation_planner import Infill, Kriging
+from excitation_planner.box import training_points
+from excitation_planner.indices.infill import infill_points
+
+
+@pytest.fixture(scope="module")
+def model():
+    U = training_points(25, 2, seed=0)
+    return Kriging(length_scale_bounds=(0.2, 0.5)).fit(U, np.sin(5 * U[:, 0]) * U[:, 1])
+
+
+def grid():
+    t = np.linspace(0, 1, 61)
+    return np.stack(np.meshgrid(t, t), axis=-1).reshape(-1, 2)
+
+
+def test_largest_variance_is_the_largest_on_a_fine_grid(model):
+    (point,) = infill_points(model, by=Infill.LARGEST_VARIANCE)
+    _, here = model.predict(point[None], return_std=True)
+    _, everywhere = model.predict(grid(), return_std=True)
+    assert here[0] >= everywhere.max() * 0.999
+
+
+def test_integrated_variance_beats_largest_variance_on_the_integral(model):
+    def integral(new):
+        U = np.vstack([model.X_train_, new])
+        K = model.kernel_(U)
+        cross = model.kernel_(grid(), U)
+        return 1 - np.mean(np.sum(cross * np.linalg.solve(K, cross.T).T, axis=1))
+
+    by_integral = integral(infill_points(model, by=Infill.INTEGRATED_VARIANCE, batch=3))
+    by_largest = integral(infill_points(model, by=Infill.LARGEST_VARIANCE, batch=3))
+    assert by_integral < by_largest
+
+
+@pytest.mark.parametrize("by", Infill)
+def test_points_of_a_batch_keep_apart_and_away_from_failures(model, by):
+    first = infill_points(model, by=by)
+    batch = infill_points(model, by=by, batch=4)
+    assert np.array_equal(batch[0], first[0])
+    gaps = np.linalg.norm(batch[:, None] - batch, axis=2)[np.triu_indices(4, 1)]
+    assert gaps.min() > 0.05
+    elsewhere = infill_points(model, by=by, avoid=first)
+    assert np.linalg.norm(elsewhere - first) > 0.05

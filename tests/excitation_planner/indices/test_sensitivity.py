@@ -1,0 +1,173 @@
+"""First stage against exactly known indices."""
+
+import numpy as np
+import pytest
+
+from excitation_planner import DesignError, Infill, monte_carlo_indices, sensitivity
+from excitation_planner.box import sobol_sequence
+from excitation_planner.indices.analytic import (
+    ISHIGAMI_UNKNOWN,
+    MATH_MODEL_UNKNOWN,
+    g_function,
+    g_function_indices,
+    ishigami,
+    ishigami_indices,
+    math_model,
+    quadrature_indices,
+)
+from excitation_planner.indices.sobol import effects
+
+TABLE_1 = np.array([-2.0, -0.5, -2.0, -0.5])
+
+
+def largest_error(result, exact):
+    return max(np.abs(result.main - exact.main).max(), np.abs(result.total - exact.total).max())
+
+
+def test_quadrature_gives_the_papers_table_1():
+    exact = quadrature_indices(lambda P: math_model(TABLE_1, P), MATH_MODEL_UNKNOWN)
+    assert np.allclose(exact.main, [0.0033, 0.0033, 0.2063, 0.2063], atol=5e-5)
+    assert np.allclose(exact.total, [0.5798, 0.5798, 0.2220, 0.2220], atol=5e-5)
+
+
+def test_quadrature_agrees_with_the_closed_form_of_ishigami():
+    assert largest_error(quadrature_indices(ishigami, ISHIGAMI_UNKNOWN), ishigami_indices()) < 1e-12
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_math_model_with_300_samples(seed):
+    exact = quadrature_indices(lambda P: math_model(TABLE_1, P), MATH_MODEL_UNKNOWN)
+    result = sensitivity(
+        lambda P: math_model(TABLE_1, P), MATH_MODEL_UNKNOWN, samples=300, seed=seed
+    )
+    assert largest_error(result, exact) < 6e-4
+    assert result.variance == pytest.approx(exact.variance, rel=1e-3)
+    assert result.leave_one_out_q2 > 0.999
+    assert result.simulations == 300
+    assert np.all(result.main_interval[:, 0] <= result.main)
+    assert np.all(result.main <= result.main_interval[:, 1])
+
+
+def test_metamodel_predicts_in_the_users_units():
+    result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=400)
+    P = ISHIGAMI_UNKNOWN.from_unit(np.random.default_rng(0).uniform(size=(100, 3)))
+    assert np.allclose(result.predict(P), ishigami(P), atol=0.1)
+
+
+def test_ishigami_with_400_samples():
+    result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=400)
+    assert largest_error(result, ishigami_indices()) < 2e-3
+
+
+def test_more_than_six_parameters():
+    """A function of 20 parameters, with interactions; exact by its own closed form."""
+    k = 20
+    weight = 1.0 / np.arange(1, k + 1)
+
+    def f(P):
+        return P @ weight + P[:, 0] * P[:, 1]
+
+    # variances of p_i (w_i + 1/2) for the two that interact, w_i p_i for the rest, and 1/144
+    slope = weight + np.r_[0.5, 0.5, np.zeros(k - 2)]
+    variance = np.sum(slope**2) / 12 + 1 / 144
+    main = slope**2 / 12 / variance
+    total = main + np.r_[1, 1, np.zeros(k - 2)] / 144 / variance
+    result = sensitivity(f, {f"p{i}": (0.0, 1.0) for i in range(k)}, samples=200)
+    assert np.allclose(result.main, main, atol=2e-3)
+    assert np.allclose(result.total, total, atol=2e-3)
+
+
+def test_g_function_is_hard_but_ranked_rightly():
+    a = np.array([0.0, 1.0, 4.5, 9.0])
+    box = {f"p{i}": (0.0, 1.0) for i in range(4)}
+    result = sensitivity(lambda P: g_function(P, a), box, samples=300)
+    assert largest_error(result, g_function_indices(a)) < 0.05
+    assert np.array_equal(np.argsort(-result.main), [0, 1, 2, 3])
+
+
+@pytest.mark.parametrize("infill_by", Infill)
+@pytest.mark.parametrize("batch", [5, 8])
+def test_infill_helps(infill_by, batch):
+    exact = ishigami_indices()
+    before = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=100)
+    after = sensitivity(
+        ishigami, ISHIGAMI_UNKNOWN, samples=100, infill=20, infill_by=infill_by, batch=batch
+    )
+    assert after.simulations == 120
+    assert largest_error(after, exact) < largest_error(before, exact)
+
+
+def test_failed_simulations_are_counted_and_left_out():
+    counted = 0
+
+    def f(P):
+        nonlocal counted
+        m = ishigami(P)
+        m[3::50] = np.nan
+        m[7] = np.inf
+        counted += int(np.sum(~np.isfinite(m)))
+        return m
+
+    result = sensitivity(f, ISHIGAMI_UNKNOWN, samples=400)
+    assert (result.simulations, result.failed) == (400, counted)
+    assert counted > 8
+    assert largest_error(result, ishigami_indices()) < 5e-3
+
+
+def test_the_last_third_of_the_samples_goes_where_the_indices_gain():
+    """The box is filled first, then f is called once more."""
+    errors = []
+    rng = np.random.default_rng(0)
+    for seed in range(6):
+        x = rng.uniform(-5.0, 0.0, size=4)
+        exact = quadrature_indices(lambda P, x=x: math_model(x, P), MATH_MODEL_UNKNOWN, nodes=14)
+        calls = []
+
+        def f(P, x=x, calls=calls):
+            calls.append(len(P))
+            return math_model(x, P)
+
+        errors.append(largest_error(sensitivity(f, MATH_MODEL_UNKNOWN, seed=seed), exact))
+        assert calls == [133, 67]
+    assert np.median(errors) < 5e-4
+    assert max(errors) < 2e-3
+
+
+def test_effects_are_those_that_the_indices_measure():
+    """Integrated squares of main and total effects, by quasi-random points."""
+    result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=200)
+    parts = effects(result.model, sobol_sequence(2**13, 3))
+    squares = np.mean(parts**2, axis=1)
+    assert squares[0] == pytest.approx(result.variance, rel=0.02)
+    assert squares[1::2] / squares[0] == pytest.approx(result.main, abs=0.02)
+    assert squares[2::2] / squares[0] == pytest.approx(result.total, abs=0.02)
+
+
+def test_one_parameter_has_all_the_variance():
+    result = sensitivity(lambda P: np.exp(P[:, 0]), {"p": (0.0, 1.0)}, samples=20)
+    assert result.main == pytest.approx([1.0])
+    assert result.total == pytest.approx([1.0])
+
+
+@pytest.mark.parametrize(
+    ("f", "arguments", "message"),
+    [
+        (lambda P: np.ones(len(P)), {}, "the output is constant"),
+        (lambda P: P[:, 0], {"samples": 4}, "samples = 4: 3 unknown parameters need 5"),
+        (lambda P: np.full(len(P), np.nan), {}, "133 of 133 simulations failed"),
+        (lambda P: P, {}, r"shape \(133, 3\)"),
+        (lambda P: 1.0, {}, r"shape \(\)"),
+        (lambda P: P[:, 9], {}, "f raised IndexError: index 9 is out of bounds"),
+        (ishigami, {"infill": 3, "batch": 0}, "batch = 0"),
+    ],
+)
+def test_mistakes_are_named(f, arguments, message):
+    with pytest.raises(DesignError, match=message):
+        sensitivity(f, ISHIGAMI_UNKNOWN, **arguments)
+
+
+def test_monte_carlo_converges_to_the_exact_indices():
+    exact = quadrature_indices(lambda P: math_model(TABLE_1, P), MATH_MODEL_UNKNOWN)
+    result = monte_carlo_indices(lambda U: math_model(TABLE_1, U), 4, samples=2**15)
+    assert largest_error(result, exact) < 0.05
+    assert result.variance == pytest.approx(exact.variance, rel=1e-2)

@@ -1,0 +1,69 @@
+"""Steering inputs against their definitions, and as the nominal vehicle drives them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from excitation_planner.errors import InfeasibleManeuver
+from excitation_planner.maneuver.family import ACCELERATION, SETTLING_TIME
+from excitation_planner.maneuver.steering import SineSweep, StepSteer
+from excitation_planner.planning.replay import nominal_run
+from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_sim.vehicle import load_vehicle
+
+VEHICLE = load_vehicle()
+
+
+@given(angle=st.floats(0.05, 0.6), speed=st.floats(0.8, 2.5))
+def test_step_steer_is_straight_then_as_steep_as_the_slew_then_constant(angle, speed):
+    family = StepSteer()
+    commands = family.drive(np.array([angle, speed]), VEHICLE)
+    step = speed / ACCELERATION + SETTLING_TIME
+    steering = commands.steering_motor_angle
+    assert np.all(steering[commands.time < step] == 0.0)
+    held = commands.time > step + angle / VEHICLE.steering_slew
+    assert np.all(steering[held] == angle)
+    rising = ~held & (commands.time > step)
+    assert np.allclose(steering[rising], VEHICLE.steering_slew * (commands.time[rising] - step))
+    assert np.all(commands.speed[commands.time > step] == speed)
+    assert commands.duration == pytest.approx(step + family.duration, abs=0.02)
+
+
+def test_sweep_crosses_zero_as_often_as_its_phase_says():
+    family = SineSweep()
+    commands = family.drive(np.array([0.1, 2.0]), VEHICLE)
+    after = commands.time - (family.speed / ACCELERATION + SETTLING_TIME)
+    steering = commands.steering_motor_angle[after > 0.0]
+    # the mean of 0.2 and 2 Hz for 15 s are 16.5 periods, two crossings each
+    assert np.count_nonzero(np.diff(np.sign(steering))) == pytest.approx(33, abs=1)
+    assert np.abs(steering).max() == pytest.approx(0.1, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("family", "x"), [(StepSteer(), (0.3, 2.0)), (StepSteer(), (0.6, 0.8)), (SineSweep(), (0.1, 1))]
+)
+def test_the_nominal_vehicle_drives_it_within_all_limits(family, x):
+    run = nominal_run(VEHICLE, family, np.array(x, dtype=float))
+    for values, unit in (
+        (run.commands.steering_motor_angle, ANGLE_UNIT),
+        (run.commands.speed, SPEED_UNIT),
+    ):
+        assert np.allclose(values / unit, np.round(values / unit), atol=1e-6)
+    # the path is that of the rear axle: behind the reference by its distance
+    assert run.path[0] == pytest.approx([-VEHICLE.com_to_rear_axle, 0.0], abs=1e-9)
+    distance = np.hypot(*(run.path - np.column_stack([run.reference.x, run.reference.y])[::10]).T)
+    assert np.allclose(distance, VEHICLE.com_to_rear_axle)
+
+
+def test_a_sweep_faster_than_the_slew_is_infeasible():
+    with pytest.raises(InfeasibleManeuver, match="steering saturated"):
+        nominal_run(VEHICLE, SineSweep(), np.array([0.4, 2.0]))
+
+
+def test_a_slower_vehicle_steps_more_slowly():
+    slow = dataclasses.replace(VEHICLE, steering_slew=0.5)
+    run = nominal_run(slow, StepSteer(), np.array([0.3, 1.0]))
+    assert np.abs(np.diff(run.commands.steering_motor_angle)).max() <= 0.5 * 0.02 + ANGLE_UNIT

@@ -1,0 +1,79 @@
+"""Tracking: the nominal vehicle stays on the path, its commands within what PLCs do at once."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from excitation_planner.maneuver.family import Circle, DoubleLaneChange
+from excitation_planner.maneuver.tracking import COMMAND_TICKS, track
+from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT, TICK
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+VEHICLE = load_vehicle()
+PERIOD = COMMAND_TICKS * TICK
+MANEUVERS = [
+    (Circle(), (3.0, 0.8)),
+    (Circle(), (6.0, 1.0)),
+    (DoubleLaneChange(), (4.0, 4.0)),
+    (DoubleLaneChange(), (0.0, 8.0)),
+]
+
+
+def tracked(family, x):
+    drive = family.drive(np.array(x), VEHICLE)
+    return drive, track(VEHICLE, drive)
+
+
+@pytest.mark.parametrize(("family", "x"), MANEUVERS)
+def test_the_rear_axle_stays_on_the_path(family, x):
+    drive, tracking = tracked(family, x)
+    assert tracking.infeasible == ""
+    motion = simulate(VEHICLE, tracking.commands)
+    b = VEHICLE.com_to_rear_axle
+    rear = np.column_stack(
+        [motion.x[0] - b * np.cos(motion.yaw[0]), motion.y[0] - b * np.sin(motion.yaw[0])]
+    )
+    path = np.column_stack([drive.x, drive.y])
+    distance = np.min(np.linalg.norm(rear[::10, None] - path[None], axis=2), axis=1)
+    assert distance.max() < 0.25
+    assert np.sqrt(np.mean(distance**2)) < 0.1
+
+
+@pytest.mark.parametrize(("family", "x"), MANEUVERS)
+def test_no_limiter_acts_on_the_commands(family, x):
+    _, tracking = tracked(family, x)
+    commands = tracking.commands
+    assert np.allclose(np.diff(commands.time), PERIOD)
+    steps = np.abs(np.diff(commands.steering_motor_angle))
+    assert steps.max() <= VEHICLE.steering_slew * PERIOD + ANGLE_UNIT
+    assert np.abs(np.diff(commands.speed)).max() <= VEHICLE.acceleration * PERIOD + SPEED_UNIT
+    feasibility = simulate(VEHICLE, commands).feasibility
+    assert feasibility.feasible[0]
+    assert not feasibility.steering_saturated.happened[0]
+
+
+@pytest.mark.parametrize(("family", "x"), MANEUVERS)
+def test_commands_are_what_the_protocol_can_say(family, x):
+    commands = tracked(family, x)[1].commands
+    for values, unit in ((commands.steering_motor_angle, ANGLE_UNIT), (commands.speed, SPEED_UNIT)):
+        assert np.allclose(values / unit, np.round(values / unit), atol=1e-6)
+
+
+def test_a_circle_that_full_lock_cannot_hold_is_infeasible():
+    _, tracking = tracked(Circle(operation=Circle().operation), (1.5, 1.0))
+    assert tracking.infeasible.startswith("the steering saturates at ")
+
+
+def test_the_vehicle_starts_at_rest_and_reaches_its_speed():
+    _, tracking = tracked(Circle(), (3.0, 0.8))
+    assert tracking.commands.speed[0] == pytest.approx(VEHICLE.acceleration * PERIOD)
+    assert tracking.commands.speed[-1] == pytest.approx(0.8)
+
+
+def test_another_vehicle_needs_other_commands():
+    slow = dataclasses.replace(VEHICLE, steering_slew=0.3)
+    drive = Circle().drive(np.array([3.0, 0.8]), slow)
+    commands = track(slow, drive).commands
+    assert np.abs(np.diff(commands.steering_motor_angle)).max() <= 0.3 * PERIOD + ANGLE_UNIT

@@ -1,0 +1,235 @@
+"""Foreign bags, torn bags, and what is no bag."""
+
+import resource
+import shutil
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.writer import CompressionType, IndexType, Writer
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
+from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
+
+from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.recovery import recover
+from trajectory_recorder.bag.topics import BagError, Topic, decode, jazzy
+from trajectory_recorder.bag.writer import BagWriter, Compression
+
+STRING = "std_msgs/msg/String"
+DEFINITION = b"string data"
+MESSAGES = [Message(f"/chatter{i % 3}", i, bytes([i % 256]) * (i % 50)) for i in range(300)]
+
+
+def write_own(path: Path, compression: Compression = Compression.ZSTD) -> Path:
+    with BagWriter(path, compression=compression, chunk_size=500) as bag:
+        ids = [bag.add_topic(Topic.of_type(f"/chatter{i}", STRING)) for i in range(3)]
+        for i, message in enumerate(MESSAGES):
+            bag.write(ids[i % 3], message.stamp, message.data)
+    return path
+
+
+def write_with_rosbags(path: Path, plugin: StoragePlugin, mode: CompressionMode) -> None:
+    writer = RosbagsWriter(path, version=9, storage_plugin=plugin)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        connections = [
+            writer.add_connection(f"/chatter{i}", STRING, typestore=jazzy()) for i in range(3)
+        ]
+        for i, message in enumerate(MESSAGES):
+            writer.write(connections[i % 3], message.stamp, message.data)
+
+
+@pytest.mark.parametrize(
+    ("plugin", "mode"),
+    [
+        (plugin, mode)
+        for plugin in StoragePlugin
+        for mode in CompressionMode
+        # compression by the storage plugin exists for MCAP only
+        if (plugin, mode) != (StoragePlugin.SQLITE3, CompressionMode.STORAGE)
+    ],
+)
+def test_bags_of_rosbags_are_read(
+    tmp_path: Path, plugin: StoragePlugin, mode: CompressionMode
+) -> None:
+    write_with_rosbags(tmp_path / "bag", plugin, mode)
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == MESSAGES
+        assert list(reader.messages({"/chatter1"})) == MESSAGES[1::3]
+        assert list(reader.messages({"/nothing"})) == []
+        assert reader.topics["/chatter2"].count == 100
+        assert reader.topics["/chatter2"].type == STRING
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
+@pytest.mark.parametrize("chunks", [True, False])
+def test_files_of_mcaps_own_writer_are_read(
+    tmp_path: Path, compression: CompressionType, index: IndexType, chunks: bool
+) -> None:
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(
+            stream, chunk_size=700, compression=compression, index_types=index, use_chunking=chunks
+        )
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
+        ids = [writer.register_channel(f"/chatter{i}", "cdr", schema) for i in range(3)]
+        for i, message in enumerate(MESSAGES):
+            writer.add_message(ids[i % 3], message.stamp, message.data, message.stamp)
+        writer.finish()
+    with BagReader(path) as reader:
+        assert reader.complete
+        assert list(reader.messages()) == MESSAGES
+        assert list(reader.messages({"/chatter1"})) == MESSAGES[1::3]
+        assert {name: topic.count for name, topic in reader.topics.items()} == {
+            "/chatter0": 100, "/chatter1": 100, "/chatter2": 100,
+        }  # fmt: skip
+
+
+@given(data=st.data(), compression=st.sampled_from(Compression))
+def test_a_bag_torn_at_any_byte_is_read_up_to_there(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, compression: Compression
+) -> None:
+    path = write_own(tmp_path_factory.mktemp("torn") / "bag", compression) / "bag_0.mcap"
+    whole = path.read_bytes()
+    size = data.draw(st.integers(0, len(whole) - 1))
+    path.write_bytes(whole[:size])
+    try:
+        with BagReader(path) as reader:
+            found = list(reader.messages())
+            assert not reader.complete
+    except BagError as error:
+        assert size < 1000, error  # noqa: PT017 - no topic before the tear
+        found = []
+    assert found == MESSAGES[: len(found)]
+    # what is missing is no more than a chunk, when the tear is in the data
+    if size > 0.9 * len(whole):
+        assert found
+
+
+@given(data=st.data())
+def test_damage_is_told_or_harmless(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """A flipped byte never yields messages that were not recorded."""
+    path = write_own(tmp_path_factory.mktemp("damaged") / "bag", Compression.NONE) / "bag_0.mcap"
+    content = bytearray(path.read_bytes())
+    start = content.index(b"string data") + 20  # behind the first schema
+    position = data.draw(st.integers(start, len(content) - 1))
+    content[position] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(content)
+    try:
+        with BagReader(path) as reader:
+            found = list(reader.messages())
+    except BagError:
+        return
+    known = {(m.stamp, m.data) for m in MESSAGES}
+    assert {(m.stamp, m.data) for m in found} <= known
+
+
+def test_a_bag_without_metadata_yaml_is_read(tmp_path: Path) -> None:
+    write_own(tmp_path / "bag")
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == MESSAGES
+
+
+def test_a_torn_bag_still_says_what_was_driven(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", metadata={"plan_id": "abc"}) as bag:
+        bag.write(bag.add_topic(Topic.of_type("/chatter", STRING)), 1, bytes(8))
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    file.write_bytes(file.read_bytes().partition(b"plan_id")[0])
+    with BagReader(file) as reader:
+        assert not reader.metadata
+    recover(tmp_path / "bag", tmp_path / "whole")
+    for path in (tmp_path / "bag", tmp_path / "whole"):
+        with BagReader(path) as reader:
+            assert reader.metadata == {"plan_id": "abc"}, path
+
+
+def test_parts_are_read_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", split_size=200, chunk_size=100) as bag:
+        topic = bag.add_topic(Topic.of_type("/chatter", STRING))
+        for stamp in range(60):
+            bag.write(topic, stamp, b"x" * 20)
+    assert (tmp_path / "bag" / "bag_10.mcap").exists()
+    with BagReader(tmp_path / "bag") as reader:
+        assert [m.stamp for m in reader.messages()] == list(range(60))
+
+
+def test_a_part_that_was_only_begun_hides_no_other(tmp_path: Path) -> None:
+    write_own(tmp_path / "bag")
+    (tmp_path / "bag" / "bag_1.mcap").touch()
+    with BagReader(tmp_path / "bag") as reader:
+        assert list(reader.messages()) == MESSAGES
+        assert not reader.complete
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, "no such bag"),
+        (lambda path: path.mkdir(), "holds no metadata.yaml and no .mcap file"),
+        (lambda path: path.write_text("hello"), "want a rosbag2 directory, .mcap or .db3 file"),
+        (lambda path: BagWriter(path).close(), "empty bag: no topic was recorded"),
+    ],
+    ids=["missing", "no bag", "text", "empty"],
+)
+def test_what_is_no_bag_is_named(tmp_path: Path, make, message: str) -> None:  # type: ignore[no-untyped-def]
+    make(tmp_path / "bag")
+    with pytest.raises(BagError, match=message) as error:
+        BagReader(tmp_path / "bag")
+    assert "\n" not in str(error.value)
+
+
+def test_files_that_are_not_what_they_are_called(tmp_path: Path) -> None:
+    for name in ("a.mcap", "a.db3"):
+        (tmp_path / name).write_text("no bag at all, whatever its name says")
+        with pytest.raises(BagError, match=name):
+            BagReader(tmp_path / name)
+    (tmp_path / "empty.mcap").touch()
+    with pytest.raises(BagError, match="is empty"):
+        BagReader(tmp_path / "empty.mcap")
+    write_own(tmp_path / "bag")
+    (tmp_path / "bag" / "metadata.yaml").write_text("- a\n- b\n")
+    with BagReader(tmp_path / "bag") as reader:  # the files have all that is needed
+        assert list(reader.messages()) == MESSAGES
+    (tmp_path / "bag" / "bag_0.mcap").unlink()
+    with pytest.raises(BagError, match="not a rosbag2 metadata file"):
+        BagReader(tmp_path / "bag")
+
+
+def test_a_topic_of_two_types_is_refused(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic(Topic.of_type("/chatter", STRING))
+        bag.add_topic(Topic.of_type("/chatter", "std_msgs/msg/Header"))
+    with pytest.raises(BagError, match="two types"):
+        BagReader(tmp_path / "bag")
+
+
+def test_decode_tells_unknown_types_and_wrong_bytes() -> None:
+    with pytest.raises(BagError, match="unknown type 'a/msg/B'"):
+        decode("a/msg/B", b"")
+    with pytest.raises(BagError, match="2 bytes are not a message nav_msgs/msg/Odometry"):
+        decode("nav_msgs/msg/Odometry", b"\0\1")
+
+
+def test_a_foreign_directory_with_missing_files(tmp_path: Path) -> None:
+    write_with_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
+    shutil.move(tmp_path / "bag" / "bag.db3", tmp_path / "elsewhere.db3")
+    with pytest.raises(BagError, match="missing"):
+        BagReader(tmp_path / "bag")
+
+
+def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", compression=Compression.NONE) as bag:
+        topic = bag.add_topic(Topic.of_type("/chatter", STRING))
+        for stamp in range(150):
+            bag.write(topic, stamp, bytes(10**6))
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with BagReader(tmp_path / "bag") as reader:
+        assert sum(len(message.data) for message in reader.messages()) == 150 * 10**6
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 30_000  # KiB

@@ -1,0 +1,51 @@
+"""A PLC's clock in the host's time."""
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tricycle_bridge.protocol.clock import PlcClock, elapsed_us
+
+WRAP = 1 << 32
+
+
+def _reading(t: float, *, start: int, drift: float = 0.0) -> int:
+    return (start + round(t * 1e6 * (1.0 + drift))) % WRAP
+
+
+@given(st.integers(0, WRAP - 1), st.integers(0, WRAP - 1))
+def test_elapsed_time_holds_across_the_wrap(earlier, step):
+    assert elapsed_us((earlier + step) % WRAP, earlier) == step
+
+
+def test_without_a_ping_a_stamp_is_the_time_of_reception():
+    assert PlcClock().to_host(123, received=5.0) == 5.0
+
+
+def test_stamps_are_right_across_wrap_drift_and_asymmetric_delays():
+    rng = random.Random(0)
+    start, drift = WRAP - 30_000_000, 2e-3  # a resonator, 30 s before the wrap
+    clock = PlcClock()
+    worst, last = 0.0, -1.0
+    for tick in range(12_000):
+        t = tick * 0.01
+        if tick % 50 == 0:
+            there, back = rng.expovariate(1000.0), rng.expovariate(1000.0)
+            at = _reading(t + there, start=start, drift=drift)
+            clock.add_ping(t, at, at + 100, t + there + 100e-6 + back)
+            assert clock.round_trip == pytest.approx(there + back, abs=3e-6)
+        stamp = clock.to_host(_reading(t, start=start, drift=drift), received=t + 0.02)
+        assert stamp > last
+        last = stamp
+        if tick > 2000:
+            worst = max(worst, abs(stamp - t))
+    # the believed ping is up to 16 pings (8 s) old: 8 s of 2e-3 drift
+    assert worst < 0.018
+
+
+def test_a_stamp_is_never_in_the_future():
+    clock = PlcClock()
+    clock.add_ping(10.0, 0, 0, 10.0)
+    assert clock.to_host(500_000, received=10.2) == 10.2

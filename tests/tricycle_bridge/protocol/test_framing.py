@@ -1,0 +1,221 @@
+"""Framing against the vectors of the specification and against damaged lines."""
+
+import dataclasses
+import random
+import zlib
+
+import pytest
+from cobs import cobs
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tricycle_bridge.protocol import messages as m
+from tricycle_bridge.protocol.framing import DecoderCounters, Frame, FrameDecoder, encode
+from tricycle_bridge.protocol.messages import Board, DriveCommand, Pong, SteerCommand
+
+# (wire bytes, message, board, seq, session), section 8 of the specification
+VECTORS = [
+    ("032f01025a0a0f785634128e5d7bc100", m.Hello(0, 15, 0x12345678), Board.ANY, 0, 0x5A),
+    ("052101015a0a0178563412c2d328ac00", m.Hello(0, 1, 0x12345678), Board.STEER, 1, 0x5A),
+    ("0d2102025a04030201f3a11f3000", m.Ping(0x01020304), Board.STEER, 2, 0x5A),
+    ("062203035a0107fea52af9918f00", m.Control.of(m.Op.ARM), Board.DRIVE, 3, 0x5A),
+    ("062103045a0207fda55c32832500", m.Control.of(m.Op.ESTOP), Board.STEER, 4, 0x5A),
+    ("062110055a0106b80be803310534e5d1cd00",
+     SteerCommand(1, 0, 3000, 1000, 0x31), Board.STEER, 5, 0x5A),
+    ("032110010101010101010101053395b75600", SteerCommand(0, 0, 0, 0, 0), Board.STEER, 0, 0),
+    ("0b2220065a0101e803e80301023105be116dd900",
+     DriveCommand(1, 1, 1000, 1000, 0, 0, 0x31), Board.DRIVE, 6, 0x5A),
+    ("092205075a6f544be900", m.StatsRequest(), Board.DRIVE, 7, 0x5A),
+    ("0b3182095a0403020150c30103ccc301056de6824600",
+     Pong(0x01020304, 50000, 50124), Board.STEER, 9, 0x5A),
+    ("0731830a5a01030602f930771200", m.Ack(1, 3, 0, 2), Board.STEER, 10, 0x5A),
+]  # fmt: skip
+
+
+def _decoder_for(wire_id: int, board: m.Board, session: int) -> FrameDecoder:
+    ours = m.Board.STEER if board is m.Board.ANY else board
+    decoder = FrameDecoder(ours, host=m.from_plc(wire_id))
+    decoder.session = session
+    return decoder
+
+
+def _all_decoders() -> list[FrameDecoder]:
+    decoders = [FrameDecoder(b, host=h) for b in (m.Board.STEER, m.Board.DRIVE) for h in (0, 1)]
+    for decoder in decoders:
+        decoder.session = 0x5A
+    return decoders
+
+
+@pytest.mark.parametrize(("wire", "message", "board", "seq", "session"), VECTORS)
+def test_vectors_encode(wire, message, board, seq, session):
+    assert encode(message, board=board, seq=seq, session=session).hex() == wire
+
+
+@pytest.mark.parametrize(("wire", "message", "board", "seq", "session"), VECTORS)
+def test_vectors_decode(wire, message, board, seq, session):
+    frames = _decoder_for(message.ID, board, session).feed(bytes.fromhex(wire))
+    if session == 0:
+        assert frames == []  # a PLC without a session obeys nobody
+    else:
+        assert frames == [Frame(message, board, seq, session, 1)]
+
+
+TELEMETRY_VECTORS = [
+    "0731900b5a58c3010302010113ae0bb80bf4ff9b068202e02e0501a3a23bab00",
+    "0732a00c5a58c301030201010aeb03e80390eefefff806b004c05d01070601b9a0291c00",
+    "053181045a020102010301010aefbeadde785634120302c805e8b4ee7900",
+    "0b3282055a040302010c800103708001056488ad1700",
+]
+
+
+def test_telemetry_vectors_have_the_documented_values():
+    steer, drive = _all_decoders()[1], _all_decoders()[3]
+    (state,) = steer.feed(bytes.fromhex(TELEMETRY_VECTORS[0]))
+    assert state.message == m.SteerState(
+        50008, m.PlcState.ARMED, 1, 0, 2990, 3000, -12, 1691, 642, 12000, 5, 1
+    )
+    (state,) = drive.feed(bytes.fromhex(TELEMETRY_VECTORS[1]))
+    assert state.message == m.DriveState(
+        50008, m.PlcState.ARMED, 1, 0, 1003, 1000, -70000, 248, 1200, 24000, 1, 0, 6, 1
+    )
+    (ack,) = steer.feed(bytes.fromhex(TELEMETRY_VECTORS[2]))
+    assert ack.message == m.HelloAck(0, 1, 0, 1, 0, 1, 1, 0xDEADBEEF, 0x12345678, 3, 200)
+    (pong,) = drive.feed(bytes.fromhex(TELEMETRY_VECTORS[3]))
+    assert pong.message == m.Pong(0x01020304, 32780, 32880)
+
+
+@pytest.mark.parametrize("wire", TELEMETRY_VECTORS)
+def test_telemetry_vectors_encode_back(wire):
+    (frame,) = [f for d in _all_decoders() for f in d.feed(bytes.fromhex(wire))][:1]
+    again = encode(frame.message, board=frame.board, seq=frame.seq, session=frame.session)
+    assert again.hex() == wire
+
+
+ALL_WIRES = [bytes.fromhex(v[0]) for v in VECTORS] + [bytes.fromhex(w) for w in TELEMETRY_VECTORS]
+
+
+def test_no_damaged_vector_yields_a_frame():
+    for wire in ALL_WIRES:
+        for bit in range(8 * len(wire)):
+            damaged = bytearray(wire)
+            damaged[bit // 8] ^= 1 << bit % 8
+            for decoder in _all_decoders():
+                assert decoder.feed(b"\0" + damaged + b"\0") == []
+        for length in range(len(wire)):
+            for decoder in _all_decoders():
+                assert decoder.feed(wire[:length]) == []
+                if length < len(wire) - 1:
+                    assert decoder.feed(b"\0") == []
+
+
+def test_another_major_is_heard_only_in_the_greeting():
+    plc = FrameDecoder(m.Board.STEER, host=False)
+    plc.session = 7
+    assert plc.feed(encode(m.Ping(1), board=m.Board.STEER, seq=0, session=7, major=2)) == []
+    assert plc.counters == DecoderCounters(version=1)
+    hello = m.Hello(0, 1, 5)
+    (frame,) = plc.feed(encode(hello, board=m.Board.STEER, seq=0, session=9, major=2))
+    assert (frame.message, frame.major) == (hello, 2)
+
+
+_WRONG = {
+    "length": [b"\x01" * 50 + b"\0", cobs.encode(b"1234567") + b"\0"],
+    "cobs": [b"\x09abc\0"],
+    "crc": [cobs.encode(b"12345678") + b"\0"],
+    "unknown": [
+        encode(m.Ping(1), board=m.Board.DRIVE, seq=0, session=7),  # another board
+        encode(m.Pong(1, 2, 3), board=m.Board.STEER, seq=0, session=7),  # another direction
+        encode(m.DriveCommand(0, 0, 0, 0, 0, 0, 0), board=m.Board.STEER, seq=0, session=7),
+        encode(m.Ping(1), board=m.Board.ANY, seq=0, session=7),  # only HELLO may go to any
+    ],
+    "session": [
+        encode(m.Ping(1), board=m.Board.STEER, seq=0, session=8),
+        encode(m.Ping(1), board=m.Board.STEER, seq=0, session=0),
+    ],
+}
+
+
+@pytest.mark.parametrize(("counter", "wire"), [(k, w) for k, ws in _WRONG.items() for w in ws])
+def test_each_rule_has_its_counter(counter, wire):
+    plc = FrameDecoder(m.Board.STEER, host=False)
+    plc.session = 7
+    assert plc.feed(b"\0\0" + wire) == []
+    assert plc.counters == DecoderCounters(**{counter: 1})
+
+
+def test_a_shorter_payload_is_counted_and_a_longer_one_accepted():
+    def wire(payload: bytes) -> bytes:
+        raw = bytes([0x21, m.Ping.ID, 0, 7]) + payload
+        return cobs.encode(raw + zlib.crc32(raw).to_bytes(4, "little")) + b"\0"
+
+    plc = FrameDecoder(m.Board.STEER, host=False)
+    plc.session = 7
+    assert plc.feed(wire(b"abc")) == []
+    assert plc.counters == DecoderCounters(length=1)
+    (frame,) = plc.feed(wire(b"\x04\x03\x02\x01 newer"))
+    assert frame.message == m.Ping(0x01020304)
+
+
+def test_a_host_hears_a_plc_that_lost_its_session():
+    host = FrameDecoder(m.Board.STEER, host=True)
+    host.session = 7
+    event = m.Event(0, 0, 1, 0)
+    (frame,) = host.feed(encode(event, board=m.Board.STEER, seq=0, session=0))
+    assert frame.session == 0
+
+
+def _messages(cls):
+    fields = {n: st.integers(w.low, w.high) for n, w in m.layout(cls).items()}
+    return st.builds(cls, **fields)
+
+
+any_message = st.sampled_from(m.MESSAGES).flatmap(_messages)
+
+
+@given(any_message, st.integers(0, 255), st.integers(1, 255), st.randoms(use_true_random=False))
+def test_every_message_survives_the_line_however_it_is_cut(message, seq, session, rng):
+    board = m.Board.DRIVE if message.BOARD is m.Board.ANY else message.BOARD
+    wire = encode(message, board=board, seq=seq, session=session)
+    assert wire.count(0) == 1
+    assert len(wire) == len(message.payload()) + 10
+    decoder = _decoder_for(message.ID, board, session)
+    frames = []
+    while wire:
+        cut = rng.randint(1, len(wire))
+        frames += decoder.feed(wire[:cut])
+        wire = wire[cut:]
+    assert frames == [Frame(message, board, seq, session, 1)]
+
+
+@given(st.binary(max_size=300), st.binary(max_size=300))
+def test_noise_never_raises_is_bounded_and_loses_no_delimited_frame(before, after):
+    decoder = FrameDecoder(m.Board.DRIVE, host=False)
+    decoder.session = 7
+    good = encode(m.Ping(5), board=m.Board.DRIVE, seq=3, session=7)
+    frames = decoder.feed(before + b"\0" + good + after)
+    assert frames == [Frame(m.Ping(5), m.Board.DRIVE, 3, 7, 1)]
+    assert len(decoder._partial) <= 50
+    segments = [s for s in (before + b"\0" + after).split(b"\0")[:-1] if s]
+    assert decoder.counters.rejected == len(segments)
+
+
+def test_wire_sizes_are_those_of_the_specification():
+    sizes = {
+        "Hello": 6, "Ping": 4, "Control": 4, "LimitsRequest": 0, "StatsRequest": 0,
+        "SteerCommand": 8, "DriveCommand": 10, "HelloAck": 20, "Pong": 12, "Ack": 4,
+        "SteerLimits": 16, "DriveLimits": 16, "Stats": 32, "Event": 8, "SteerState": 22,
+        "DriveState": 26,
+    }  # fmt: skip
+    assert {cls.__name__: m.payload_struct(cls).size for cls in m.MESSAGES} == sizes
+
+
+def test_a_value_that_does_not_fit_names_its_field():
+    command = dataclasses.replace(m.SteerCommand(0, 0, 0, 0, 0), angle=40000)
+    with pytest.raises(m.LinkError, match=r"SteerCommand.angle = 40000 does not fit i16"):
+        encode(command, board=m.Board.STEER, seq=0, session=1)
+
+
+def test_random_noise_yields_no_frame():
+    rng = random.Random(0)
+    for decoder in _all_decoders():
+        assert decoder.feed(rng.randbytes(200_000)) == []

@@ -1,0 +1,154 @@
+"""Campaigns: they end within the tolerance, go on after a kill, and refuse what does not fit."""
+
+import contextlib
+import json
+
+import numpy as np
+import pytest
+
+from excitation_planner.maneuver import Circle, DoubleLaneChange, PlanError
+from excitation_planner.plan import load_plan
+from parameter_identification.drives.measured import (
+    Motion,
+    Sensor,
+    SensorNoise,
+    StartPose,
+    measure,
+)
+from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest
+from tricycle_cli.main import main
+from tricycle_sim.rig.emulated import draw_truth
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+VEHICLE = load_vehicle()
+TRUTH = draw_truth(VEHICLE, np.random.default_rng(3))
+TARGETS = ("cornering_stiffness", "camber_stiffness")
+
+
+def request(**changes):
+    settings = {"tolerance": 0.05, "budget": 2600, "yaw_rate_std": 0.005, "true_seed": 3}
+    families = (Circle(duration=8.0), DoubleLaneChange())
+    return CampaignRequest(VEHICLE, families, TARGETS, **(settings | changes))
+
+
+@contextlib.contextmanager
+def silent(_):
+    yield lambda done, total: None
+
+
+class Track:
+    """Stands in for the nodes: a bag is a folder with its plan; reading it drives the truth."""
+
+    def __init__(self, fails_at=0):
+        self.driven, self.fails_at = 0, fails_at
+
+    def drive(self, plan, bag, progress):
+        self.driven += 1
+        bag.mkdir()
+        (bag / "half.mcap").touch()
+        if self.driven == self.fails_at:
+            raise KeyboardInterrupt
+        (bag / "plan").write_text(plan.id)
+
+    def read(self, bag, vehicle):
+        assert (bag / "plan").exists()
+        plan = load_plan(bag.parents[1] / "plans" / f"{bag.name}.json")
+        parameters = np.array([list(TRUTH.values())])
+        return measure(
+            Motion.of(simulate(vehicle, plan.commands, parameters, threads=1)),
+            plan.commands,
+            {Sensor.POSITION: SensorNoise(0.01), Sensor.YAW_RATE: SensorNoise(0.005)},
+            rng=np.random.default_rng(int(bag.name)),
+            name=bag.name,
+            standstill=1.0,
+            start=StartPose(0.0, 0.0, 0.0, 0.02, 0.0175),
+        )
+
+
+def go_on(campaign, track):
+    while not campaign.finished:
+        campaign.plan(silent)
+        campaign.drive(track.drive, lambda done, total: None)
+        campaign.identify(track.read)
+
+
+@pytest.mark.slow
+def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
+    track = Track(fails_at=1)
+    with pytest.raises(KeyboardInterrupt):
+        go_on(Campaign(tmp_path / "c", request()), track)
+    campaign = Campaign(tmp_path / "c", request())
+    planned = campaign.steps[0].plan_id
+    assert not campaign.steps[0].driven
+    go_on(campaign, track)
+    assert campaign.steps[0].plan_id == planned  # not planned again, but driven again
+    assert track.driven == len(campaign.steps) + 1
+    assert campaign.missing() == ()
+    for name in TARGETS:
+        known = campaign.known()[name]
+        assert HALF_WIDTH * known.std <= 0.05 * known.estimate
+        assert abs(known.estimate - TRUTH[name]) < 4.0 * known.std
+    # as it was when it is opened again; a finished one has nothing left to do
+    again = Campaign(tmp_path / "c", request())
+    assert again.finished
+    assert again.known() == campaign.known()
+    report = again.report(TRUTH)
+    assert report["targets"]["camber_stiffness"]["within_tolerance"]
+    assert len(report["steps"]) == report["drives"] == len(campaign.steps)
+    # a finer tolerance goes on from there, with what is known as the prior
+    finer = Campaign(tmp_path / "c", request(tolerance=0.002, most_drives=len(campaign.steps) + 1))
+    before = finer.known()
+    go_on(finer, track)
+    assert len(finer.steps) == len(campaign.steps) + 1
+    target = finer.steps[-1].target
+    assert finer.steps[-1].predicted_std[target] < before[target].std
+    assert finer.known()[target].std < before[target].std
+
+
+def test_other_settings_do_not_continue_a_campaign(tmp_path):
+    Campaign(tmp_path / "c", request())
+    with pytest.raises(PlanError, match=r"other settings \(different: noise_std, true_seed\)"):
+        Campaign(tmp_path / "c", request(noise_std=0.02, true_seed=4))
+
+
+def test_a_foreign_folder_or_a_damaged_state_is_left_alone(tmp_path):
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(PlanError, match="holds something else"):
+        Campaign(tmp_path, request())
+    state = tmp_path / "c" / "campaign.json"
+    Campaign(state.parent, request())
+    for text in ("{", "[]", json.dumps({"schema": 9}), json.dumps({"schema": 1, "settings": {}})):
+        state.write_text(text)
+        with pytest.raises(PlanError, match=str(state)):
+            Campaign(state.parent, request())
+        assert state.read_text() == text
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tolerance": 0.0}, "tolerance 0 must be"),
+        ({"most_drives": 0}, "most drives 0"),
+        ({"noise_std": 0.0}, "criterion c needs noise_std above 0"),
+    ],
+)
+def test_impossible_requests_are_refused(changes, message):
+    with pytest.raises(PlanError, match=message):
+        request(**changes)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("--targets mass --tolerance 5%", "unknown target 'mass'"),
+        ("--targets camber_stiffness --tolerance five", "tolerance 'five': want a share"),
+        ("--targets camber_stiffness --tolerance 500%", "tolerance 5 must be"),
+        ("--targets camber_stiffness --tolerance 5% --maneuver loop", "unknown maneuver 'loop'"),
+    ],
+)
+def test_a_mistake_is_one_line_and_leaves_nothing(line, message, capsys, tmp_path):
+    output = tmp_path / "campaign"
+    assert main(["campaign", *line.split(), "--output", str(output)]) == 2
+    assert message in capsys.readouterr().err
+    assert not output.exists()

@@ -1,0 +1,60 @@
+"""The screen of a live run says what was heard, and what was not."""
+
+import io
+import json
+
+import pytest
+from rich.console import Console
+
+from tricycle_cli.operation.dashboard import Dashboard, Joints, Level, Motion, Status, screen
+
+RUNNING = {"state": "running", "plan_id": "p1", "elapsed": "5.0", "duration": "20.0", "reason": ""}
+
+
+def text_of(dashboard, now=100.0):
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(screen(dashboard, now=now, where="domain 7"))
+    return console.export_text()
+
+
+def test_before_anything_was_heard_it_says_so():
+    text = text_of(Dashboard())
+    assert "domain 7: nothing heard yet" in text
+    assert "no maneuver_driver heard" in text
+
+
+def test_a_running_maneuver_shows_progress_speeds_and_links():
+    dashboard = Dashboard(
+        statuses={
+            "tricycle_bridge: steer PLC": Status(Level.OK, "active", 99.5),
+            "tricycle_bridge: drive PLC": Status(Level.ERROR, "e-stop", 99.5),
+        },
+        maneuver=RUNNING,
+        commanded=Joints(0.7854, 2.5),
+        measured=Joints(0.7511, 2.4),
+        motion=Motion(1.0, -2.0, 0.93, 0.41),
+        heard=99.9,
+    )
+    text = text_of(dashboard)
+    for part in ("running", "plan p1", "5.0 of 20.0 s", "0.7854", "0.7511", "0.93", "e-stop"):
+        assert part in text
+    assert "silent" not in text
+
+
+@pytest.mark.parametrize(("age", "silent"), [(2.9, False), (3.1, True)])
+def test_a_source_that_fell_silent_is_told(age, silent):
+    dashboard = Dashboard(statuses={"a: b": Status(Level.OK, "fine", 100.0 - age)}, heard=99.9)
+    assert ("silent for 3 s" in text_of(dashboard)) == silent
+
+
+@pytest.mark.parametrize("damage", [{"elapsed": "soon"}, {"duration": "0"}, {"duration": None}])
+def test_values_of_another_software_do_not_end_it(damage):
+    assert "running" in text_of(Dashboard(maneuver=RUNNING | damage))
+
+
+def test_a_snapshot_is_json():
+    dashboard = Dashboard({"a: b": Status(Level.WARN, "hm", 1.0)}, RUNNING, Joints(0.1, 0.2))
+    told = json.loads(json.dumps(dashboard.snapshot()))
+    assert told["diagnostics"] == {"a: b": {"level": "warn", "message": "hm"}}
+    assert told["commanded"] == {"steering_motor_angle": 0.1, "wheel_rate": 0.2}
+    assert told["odom"] is None

@@ -1,0 +1,150 @@
+"""The vehicle driven by the real firmware: it does what the emulated PLCs do, within a wheel."""
+
+import random
+
+import numpy as np
+import pytest
+
+from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
+from tricycle_bridge.protocol.messages import Board, Fault, LinkError, PlcState
+from tricycle_sim.rig.emulated import Simulator
+from tricycle_sim.rig.firmware import FirmwareSimulator
+from tricycle_sim.vehicle import load_vehicle
+
+STEER, DRIVE = Board.STEER, Board.DRIVE
+VEHICLE = load_vehicle()
+
+
+class Drive:
+    """A bridge that answers every tick of a simulator."""
+
+    def __init__(self, simulator):
+        self.simulator = simulator
+        self.bridge = Bridge(BridgeSettings(), rng=random.Random(0))
+        self.bridge.active = True
+        self.target = (0.0, 0.0)
+        self.said = []
+        for board in (STEER, DRIVE):
+            self.bridge.opened(board, self.now)
+
+    @property
+    def now(self):
+        return 100.0 + self.simulator.time
+
+    def tick(self):
+        bridge, now = self.bridge, self.now
+        if self.target is not None:
+            setpoint = Setpoint(*self.target)
+            bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+        bridge.poll(now)
+        for board, frames in bridge.take_frames().items():
+            bridge.receive(board, self.simulator.receive(board, b"".join(frames)), now)
+        for board, data in self.simulator.step().items():
+            bridge.receive(board, data, self.now)
+        self.said += bridge.take_messages()
+
+    def run(self, seconds):
+        for _ in range(round(100 * seconds)):
+            self.tick()
+
+    def arm(self):
+        outcomes = []
+        self.run(0.3)
+        self.bridge.arm(self.now, lambda *outcome: outcomes.append(outcome))
+        self.run(0.5)
+        assert outcomes == [(True, "armed")]
+        assert self.simulator.armed
+
+    def states(self):
+        return [PlcState(link.telemetry.state) for link in self.bridge.links.values()]
+
+
+@pytest.fixture
+def simulator(firmware_images):
+    simulator = FirmwareSimulator(VEHICLE, firmware_images)
+    yield simulator
+    simulator.close()
+
+
+def slalom(drive, seconds):
+    """Positions (n, 2), steering angles (n,) and wheel travel (n,) under the same commands."""
+    drive.arm()
+    rows = []
+    for tick in range(round(100 * seconds)):
+        t = 0.01 * tick
+        drive.target = (0.3 * np.sin(t) * (t > 3.0), min(t, 1.2))
+        drive.tick()
+        state = drive.simulator.state
+        rows.append((state.x, state.y, state.steering_motor_angle, state.rear_wheel_angle * 0.335))
+    return np.split(np.array(rows), [2, 3], axis=1)
+
+
+def test_the_firmware_drives_what_the_emulation_drives(simulator):
+    for _ in range(7):
+        simulator.step()
+    simulator.reset()  # which leaves the boards' ticks where they were between ours
+    drive = Drive(simulator)
+    position, angle, travel = slalom(drive, 9.0)
+    emulated_position, emulated_angle, emulated_travel = slalom(Drive(Simulator(VEHICLE)), 9.0)
+    # set-points on the wire are 0.1 mrad, a step of the servo's pulse likewise
+    assert np.abs(angle - emulated_angle).max() < 2e-4
+    # from rest on the wheel is unseen for up to a hall pulse of 15 mm
+    assert np.abs(travel - emulated_travel).max() < 0.03
+    assert np.linalg.norm(position - emulated_position, axis=1).max() < 0.04
+    for link in drive.bridge.links.values():
+        assert (link.decoder.counters.rejected, link.counters.seq_gaps) == (0, 0)
+        assert (link.stats.stale, link.stats.crc, link.stats.seq_gap) == (0, 0, 0)
+        assert (link.stats.rx_overrun, link.stats.tick_overrun) == (0, 0)
+        assert link.stats.max_tick < 5_000  # us, half of a tick
+
+
+def test_the_host_has_answered_when_both_boards_were_sent_a_command(simulator):
+    drive = Drive(simulator)
+    drive.arm()
+    assert not simulator.answered
+    drive.bridge.set_command(
+        Setpoint(0.0, 0.0), stamp=drive.now, now=drive.now, source=Source.JOINT_COMMANDS
+    )
+    frames = drive.bridge.take_frames()
+    simulator.receive(STEER, b"".join(frames[STEER]))
+    assert simulator.heard(STEER)
+    assert not simulator.answered
+    simulator.receive(DRIVE, b"".join(frames[DRIVE]))
+    assert simulator.answered
+    simulator.step()
+    assert not simulator.answered
+
+
+def test_a_silent_host_stops_the_vehicle(simulator):
+    drive = Drive(simulator)
+    drive.arm()
+    drive.target = (0.0, 1.0)
+    drive.run(2.5)
+    assert simulator.state.vx > 0.9
+    drive.target = None
+    drive.run(4.0)
+    assert drive.states() == [PlcState.SAFE] * 2
+    assert drive.bridge.links[DRIVE].telemetry.faults == Fault.CMD_TIMEOUT
+    assert abs(simulator.state.vx) < 0.01
+
+
+def test_reset_puts_fresh_boards_in_and_time_goes_on(simulator):
+    drive = Drive(simulator)
+    drive.arm()
+    drive.target = (0.2, 1.0)
+    drive.run(2.0)
+    before = simulator.time
+    simulator.reset()
+    assert simulator.time == before
+    assert not simulator.armed
+    assert (simulator.state.x, simulator.state.vx) == pytest.approx((0.0, 0.0), abs=1e-3)
+    drive.target = (0.0, 0.0)
+    drive.run(1.0)
+    assert drive.states() == [PlcState.SAFE] * 2
+    assert any("rebooted" in text for _, text in drive.said)
+    drive.arm()  # by the operator, not by itself
+
+
+def test_images_that_are_missing_are_named(tmp_path):
+    with pytest.raises(LinkError, match=r"steer.elf does not exist: `make firmware`"):
+        FirmwareSimulator(VEHICLE, tmp_path)

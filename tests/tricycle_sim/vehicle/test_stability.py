@@ -1,0 +1,53 @@
+"""Vehicles that are too stiff for the steps are refused by name of the cause."""
+
+import numpy as np
+import pytest
+
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import VehicleError, load_vehicle
+from tricycle_sim.vehicle import kernel as dynamics
+from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.live import LiveVehicle
+from tricycle_sim.vehicle.stability import check_step, fastest_mode
+
+VEHICLE = load_vehicle()
+
+
+def test_the_fastest_mode_is_that_of_the_prototype():
+    rate, _ = fastest_mode(VEHICLE)
+    assert rate == pytest.approx(112.0, abs=1.0)
+
+
+def test_a_short_motor_lag_is_its_own_mode():
+    rate, state = fastest_mode(VEHICLE.replace(motor_lag=0.002, speed_gain_proportional=1e-3))
+    assert rate == pytest.approx(500.0, rel=1e-3)
+    assert state == dynamics.TORQUE
+
+
+@pytest.mark.parametrize(
+    ("values", "cause"),
+    [
+        ({"motor_lag": 0.001}, "change motor_lag"),
+        ({"vertical_stiffness": 1e7}, "change vertical_stiffness"),
+        ({"lateral_relaxation_length": 0.001}, "change lateral_relaxation_length"),
+        ({"slip_stiffness": 1e6}, "slip_stiffness"),
+        ({"front_wheel_inertia": 1e-5}, "the wheels' inertia"),
+    ],
+)
+def test_vehicles_that_are_too_stiff_are_refused(values, cause):
+    vehicle = VEHICLE.replace(**values)
+    with pytest.raises(VehicleError, match=r"steps of 10 ms allow 250: change ") as error:
+        simulate(vehicle, Commands([0.0, 1.0], [0.0, 0.0], [1.0, 1.0]))
+    assert cause in str(error.value)
+    with pytest.raises(VehicleError, match="steps of 5 ms allow 500"):
+        LiveVehicle(vehicle)
+
+
+def test_vehicles_just_within_the_limit_stay_bounded():
+    vehicle = VEHICLE.replace(motor_lag=0.0045)
+    check_step(vehicle, 0.01)
+    time = np.arange(0.0, 10.0, 0.1)
+    commands = Commands(time, 0.3 * np.sign(np.sin(time)), 1.5 + np.sign(np.sin(2.0 * time)))
+    trajectory = simulate(vehicle, commands)
+    assert np.abs(trajectory.vx).max() < 4.0
+    assert np.all(np.isfinite(trajectory.x))
