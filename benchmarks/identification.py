@@ -25,7 +25,8 @@ from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import Motion, Sensor, SensorNoise, Signal, measure
 from parameter_identification.identification import identify
-from tricycle_bridge.protocol.messages import SPEED_UNIT, TICK
+from tricycle_bridge.protocol.messages import SPEED_UNIT
+from tricycle_core.quantities import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import load_vehicle

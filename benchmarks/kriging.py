@@ -13,9 +13,10 @@ import time
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from excitation_planner import Box, InfeasibleManeuver, monte_carlo_indices, sensitivity
+from excitation_planner import Box, monte_carlo_indices, sensitivity
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.planning.replay import ReplayedTrajectoryError
+from tricycle_core.errors import InfeasibleManeuver
 from tricycle_sim.vehicle import load_vehicle
 
 

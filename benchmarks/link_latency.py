@@ -24,8 +24,9 @@ from rclpy.executors import SingleThreadedExecutor
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool
 
-from tricycle_bridge.protocol.messages import TICK, SteerCommand
+from tricycle_bridge.protocol.messages import SteerCommand
 from tricycle_cli.operation.processes import own_domain, ros_environment
+from tricycle_core.quantities import TICK
 from tricycle_sim.plc.pair import PlcPair
 
 

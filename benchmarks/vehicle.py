@@ -27,7 +27,6 @@ from excitation_planner.maneuver import DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
 from tricycle_bridge.protocol.framing import encode
 from tricycle_bridge.protocol.messages import (
-    TICK,
     Board,
     Control,
     DriveCommand,
@@ -38,6 +37,7 @@ from tricycle_bridge.protocol.messages import (
     SteerCommand,
     echo_of,
 )
+from tricycle_core.quantities import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import Simulator
 from tricycle_sim.setpoints import command_rows, slew_all

@@ -113,7 +113,7 @@ def protocol_page() -> str:
 
 def _constants(module: Any) -> Iterator[tuple[str, object, str]]:
     names = ("MAX_STEERING_ANGLE", "MAX_STEERING_RATE", "MAX_SPEED", "MAX_ACCELERATION")
-    for name in (*names, "WATCHDOG", "STALE_TICKS", "ECHO_TICK", "TICK", "ARMING_COMMANDS"):
+    for name in (*names, "WATCHDOG", "STALE_TICKS", "ECHO_TICK", "ARMING_COMMANDS"):
         comment = re.search(rf"^{name} = .*?# (.*)$", inspect.getsource(module), re.MULTILINE)
         yield f"`{name}`", getattr(module, name), comment[1] if comment else ""
 

@@ -17,15 +17,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from excitation_planner import DesignError, Study
-from excitation_planner.maneuver import Circle, PlanError
+from excitation_planner import Study
+from excitation_planner.maneuver import Circle
 from excitation_planner.plan import load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at
-from trajectory_recorder.bag.reader import BagError, BagReader
+from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import Topic, decode, jazzy, message_class
 from trajectory_recorder.bag.writer import BagWriter, Compression
-from tricycle_sim.commands import CommandsError, load_commands
-from tricycle_sim.vehicle import VehicleError, load_vehicle
+from tricycle_core.errors import BagError, CommandsError, DesignError, PlanError, VehicleError
+from tricycle_sim.commands import load_commands
+from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = (files("tricycle_sim") / "tricycle.yaml").read_bytes()
 COMMANDS = b"time,steering_motor_angle,speed\n0,0,0\n1,0.1,0.5\n2,0,1\n"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from excitation_planner.box import Box, sobol_sequence, training_points
-from excitation_planner.errors import DesignError
+from tricycle_core.errors import DesignError
 
 
 def test_order_of_names_is_kept():

@@ -11,7 +11,6 @@ import pytest
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import (
-    IdentificationError,
     MeasuredDrive,
     Motion,
     Sensor,
@@ -24,6 +23,7 @@ from parameter_identification.drives.recorded import Path2D
 from parameter_identification.estimation.problem import Loss
 from parameter_identification.identification import Prior, identify
 from parameter_identification.identified_vehicle import identified_vehicle
+from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate

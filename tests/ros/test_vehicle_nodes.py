@@ -15,10 +15,11 @@ from std_srvs.srv import SetBool, Trigger
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
-from parameter_identification.judging.judgement import JudgeError, judge
+from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
 from tricycle_cli.operation.operator_node import LATCHED, ServiceCaller
 from tricycle_cli.operation.session import simulated_session
+from tricycle_core.errors import JudgeError
 from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
-from tricycle_bridge.diagnosis import Level, diagnose
-from tricycle_bridge.protocol.messages import Board, Fault, LinkError, PlcState
+from tricycle_bridge.diagnosis import diagnose
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState
+from tricycle_core.diagnostics import Level
+from tricycle_core.errors import LinkError
 from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 STEER, DRIVE = Board.STEER, Board.DRIVE

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE
-from tricycle_sim.commands import Commands, CommandsError, load_commands
+from tricycle_core.errors import CommandsError
+from tricycle_sim.commands import Commands, load_commands
 
 HEADER = "time,steering_motor_angle,speed\n"
 

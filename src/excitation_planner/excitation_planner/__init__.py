@@ -7,11 +7,11 @@ from excitation_planner.design.excitation import Design, Verdict, design_excitat
 from excitation_planner.design.information import ManeuverSet, Prior, TrajectoryNoise
 from excitation_planner.design.search import Search
 from excitation_planner.design.study import Proposal, Study
-from excitation_planner.errors import DesignError, InfeasibleManeuver
 from excitation_planner.indices.infill import Infill
 from excitation_planner.indices.kriging import Kriging
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.indices.sobol import Indices, monte_carlo_indices, sobol_indices
+from tricycle_core.errors import DesignError, InfeasibleManeuver
 from tricycle_core.renamed import install
 
 __all__ = [

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import qmc
 
-from excitation_planner.errors import DesignError
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
 
-FloatArray = NDArray[np.float64]
 Bounds = Mapping[str, tuple[float, float]]  # name -> (low, high)
 
 

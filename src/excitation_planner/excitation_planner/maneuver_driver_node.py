@@ -15,7 +15,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from excitation_planner.playback import JOINTS, Playback, PlaybackState, Pose, Schedule
+from excitation_planner.playback import Playback, PlaybackState, Pose, Schedule
+from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import declare, overridable, run_node
 
 PERIOD = 0.01  # s

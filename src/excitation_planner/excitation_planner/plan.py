@@ -14,13 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.maneuver import PlanError
-from tricycle_sim.commands import Commands, CommandsError
-
-Floats = NDArray[np.float64]
+from tricycle_core.errors import CommandsError, PlanError
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.commands import Commands
 
 SCHEMA = 2  # docs/reference-files.md
 MAX_BYTES = 64_000_000  # a plan of an hour has a tenth of this
@@ -45,10 +43,10 @@ class Reference:
         (t,) s from the start of the maneuver, m, m, rad; it starts at the origin, heading +x.
     """
 
-    time: Floats
-    x: Floats
-    y: Floats
-    yaw: Floats
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,8 @@ class SearchHistory:
         (s,) H there; infinite where the maneuver cannot be driven or judged.
     """
 
-    x: Floats
-    cost: Floats
+    x: FloatArray
+    cost: FloatArray
 
 
 @dataclass(frozen=True)
@@ -151,7 +149,7 @@ class Plan:
     tyre_radius: float
     software: str
     commands: Commands
-    path: Floats
+    path: FloatArray
     reference: Reference
     search: SearchHistory | None = None
 
@@ -242,7 +240,7 @@ class _Reader:
 
     def numbers(
         self, name: str, shape: tuple[int | None, ...] = (None,), *, finite: bool = True
-    ) -> Floats:
+    ) -> FloatArray:
         try:
             array = np.array(self._take(name, list, "a list"), dtype=float)
         except (TypeError, ValueError, OverflowError):

@@ -12,7 +12,7 @@ from rclpy.time import Time
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from excitation_planner.plan import Plan
-from excitation_planner.playback import JOINTS
+from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import overridable
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -16,13 +16,13 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.errors import DesignError
-from excitation_planner.maneuver import PlanError, family_by_name, family_names
+from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.planning import PlanRequest, plan_maneuver
+from tricycle_core.errors import DesignError, PlanError, VehicleError
 from tricycle_core.nodes import declare, overridable, run_node
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, VehicleError, load_vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
 POLL = 0.2  # s between looks at the planning process
 DIAGNOSTICS_PERIOD = 1.0  # s

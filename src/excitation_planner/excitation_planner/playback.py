@@ -9,11 +9,9 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from tricycle_core.quantities import FloatArray
 
-JOINTS = ("steering_motor_joint", "rear_wheel_joint")  # of every command, in this order
 STANDSTILL_SPEED = 0.05  # m/s, above which a maneuver does not start
 PATHS_KEPT = 8  # of several planners, until commands say which is theirs
 
@@ -46,9 +44,9 @@ class Schedule:
         If the rows are not finite, do not start at 0, or their times do not increase.
     """
 
-    time: Floats
-    steering_motor_angle: Floats
-    wheel_rate: Floats
+    time: FloatArray
+    steering_motor_angle: FloatArray
+    wheel_rate: FloatArray
 
     def __post_init__(self) -> None:
         if self.time.size < 2 or self.time[0] != 0.0 or not np.all(np.diff(self.time) > 0.0):
@@ -101,8 +99,8 @@ class Playback:
     elapsed: float = 0.0  # s since then, of the newest tick of the run
     _schedule: Schedule | None = None
     _stamp: int = 0  # of the schedule
-    _paths: deque[tuple[int, Floats]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
-    _path: Floats | None = None  # (m, 2) from the pose at the start, of the maneuver running
+    _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
+    _path: FloatArray | None = None  # (m, 2) from the pose at the start, of the maneuver running
     _pose: Pose | None = None
     _pose_time: float = -math.inf
     _anchor: Pose | None = None
@@ -123,7 +121,7 @@ class Playback:
         self._set(PlaybackState.WAITING, "")
         self.start_time, self.elapsed = None, 0.0
 
-    def load_path(self, points: Floats, stamp: int = 0) -> None:
+    def load_path(self, points: FloatArray, stamp: int = 0) -> None:
         """Path (m, 2) in m, relative to the start pose, for the deviation limit.
 
         It is that of the schedule with the same stamp, whichever comes first.

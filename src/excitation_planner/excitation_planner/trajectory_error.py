@@ -16,12 +16,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tricycle_core.quantities import FloatArray
 
 POINTS = 10_000  # t in Eq. 14
 
 
-def trajectory_error(x: Array, y: Array, x0: Array, y0: Array) -> float:
+def trajectory_error(x: FloatArray, y: FloatArray, x0: FloatArray, y0: FloatArray) -> float:
     """Trajectory error of matched points, Eq. 14.
 
     Parameters
@@ -45,8 +45,13 @@ def trajectory_error(x: Array, y: Array, x0: Array, y0: Array) -> float:
 
 
 def hermite(
-    time: Array, value: Array, rate: Array, at: Array | None = None, *, points: int = POINTS
-) -> Array:
+    time: FloatArray,
+    value: FloatArray,
+    rate: FloatArray,
+    at: FloatArray | None = None,
+    *,
+    points: int = POINTS,
+) -> FloatArray:
     """Cubic Hermite interpolation of values whose time derivatives are known.
 
     Parameters
@@ -62,7 +67,7 @@ def hermite(
     if at is None:
         at = np.linspace(time[0], time[-1], points)
     i, w = _weights(time, at)
-    result: Array = (
+    result: FloatArray = (
         w[0] * value[..., i] + w[1] * value[..., i + 1]
         + w[2] * rate[..., i] + w[3] * rate[..., i + 1]
     )  # fmt: skip
@@ -81,14 +86,14 @@ class NominalTrajectory:
     points : number of points in Eq. 14
     """
 
-    time: Array
-    x: Array
-    y: Array
-    vx: Array
-    vy: Array
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    vy: FloatArray
     points: int = POINTS
     _interval: NDArray[np.int64] = field(init=False, repr=False)
-    _weight: Array = field(init=False, repr=False)
+    _weight: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         shape = np.shape(self.time)
@@ -102,7 +107,7 @@ class NominalTrajectory:
         object.__setattr__(self, "_interval", interval)
         object.__setattr__(self, "_weight", weight)
 
-    def error(self, x: Array, y: Array, vx: Array, vy: Array) -> Array:
+    def error(self, x: FloatArray, y: FloatArray, vx: FloatArray, vy: FloatArray) -> FloatArray:
         """Trajectory error (Eq. 14) of each sample of a block.
 
         Parameters
@@ -115,7 +120,7 @@ class NominalTrajectory:
         """
         if {np.shape(values) for values in (x, y, vx, vy)} != {(len(x), len(self.time))}:
             raise ValueError(f"x, y, vx, vy must be (n, {len(self.time)}); got {np.shape(x)}")
-        result: Array = np.zeros(len(x))
+        result: FloatArray = np.zeros(len(x))
         for values, rates, nominal, nominal_rate in (
             (x, vx, self.x, self.vx),
             (y, vy, self.y, self.vy),
@@ -126,7 +131,7 @@ class NominalTrajectory:
         return result
 
 
-def _weights(time: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
+def _weights(time: FloatArray, at: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
     """Interval (j,) of each point and the weights (4, j) of value, next value, rate, next rate."""
     interval = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 2)
     step = time[interval + 1] - time[interval]

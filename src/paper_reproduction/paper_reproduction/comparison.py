@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from excitation_planner.box import FloatArray
+from tricycle_core.quantities import FloatArray
 
 Data = TypeVar("Data")
 

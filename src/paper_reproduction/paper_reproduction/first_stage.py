@@ -10,13 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Box, FloatArray, sobol_sequence
+from excitation_planner.box import Box, sobol_sequence
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
 from excitation_planner.indices.sensitivity import sensitivity
 from excitation_planner.indices.sobol import Indices, monte_carlo_indices
 from excitation_planner.indices.threads import THREADPOOLS
 from paper_reproduction import published
+from tricycle_core.quantities import FloatArray
 
 _FITTED_ON = 500  # samples that the hyperparameters of a large model are fitted on
 _BLOCK = 2000  # points predicted at once

@@ -10,8 +10,7 @@ from paper_reproduction import math_model
 from paper_reproduction.comparison import Item
 from paper_reproduction.first_stage import PaperBudget
 from paper_reproduction.tricycle import Tricycle
-
-Report = Callable[[int, int], None]
+from tricycle_core.quantities import Progress
 
 NAMES = (
     "table1",
@@ -38,7 +37,7 @@ class Reproduction:
         self, executor: Executor, *, budget: PaperBudget | None = None, maneuvers: int = 100
     ) -> None:
         tricycle = Tricycle(executor, budget=budget, maneuvers=maneuvers)
-        self._items: dict[str, Callable[[Report], Item[Any]]] = {
+        self._items: dict[str, Callable[[Progress], Item[Any]]] = {
             "table1": lambda _: math_model.table_1(),
             "fig5": lambda _: math_model.figure_5(budget),
             "fig6": lambda _: math_model.figure_6(budget),
@@ -53,6 +52,6 @@ class Reproduction:
             "fig18": lambda report: tricycle.figure_17_or_18("double_lane_change", report),
         }
 
-    def item(self, name: str, progress: Report) -> Item[Any]:
+    def item(self, name: str, progress: Progress) -> Item[Any]:
         """Return the table or figure of that name (one of `NAMES`)."""
         return self._items[name](progress)

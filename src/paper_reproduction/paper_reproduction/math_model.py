@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import direct
 
-from excitation_planner.box import Box, FloatArray, sobol_sequence
+from excitation_planner.box import Box, sobol_sequence
 from excitation_planner.design.criteria import excitation_cost
 from excitation_planner.design.excitation import Design, design_excitation
 from excitation_planner.design.search import modelled_cost
@@ -31,8 +31,7 @@ from paper_reproduction.comparison import (
     error_statistics,
 )
 from paper_reproduction.first_stage import FirstStage, PaperBudget, faithful, fast
-
-Report = Callable[[int, int], None]
+from tricycle_core.quantities import FloatArray, Progress
 
 _RANDOM_REPEATS = 200  # repetitions of the estimator with random numbers
 _SAMPLES = 200  # runs of f per operating point of the second stage
@@ -292,7 +291,7 @@ class Verification:
 
 
 def figure_8_or_9(
-    target: str, budget: PaperBudget | None, executor: Executor, progress: Report
+    target: str, budget: PaperBudget | None, executor: Executor, progress: Progress
 ) -> Item[Verification]:
     """DIRECT on exact indices, DIRECT on Kriging models of them, and ours, for p1 or p3."""
     axis = MATH_MODEL_UNKNOWN.index(target)

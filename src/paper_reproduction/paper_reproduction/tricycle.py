@@ -7,7 +7,7 @@ here is done with those two (k = 2) and with all six (k = 6).
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass
 from functools import partial
@@ -16,11 +16,10 @@ from typing import TypeVar
 import numpy as np
 from scipy.optimize import direct
 
-from excitation_planner.box import Box, FloatArray
+from excitation_planner.box import Box
 from excitation_planner.design.criteria import excitation_cost
 from excitation_planner.design.excitation import Design, Verdict, design_excitation
 from excitation_planner.design.search import Search, modelled_cost
-from excitation_planner.errors import InfeasibleManeuver
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.indices.sobol import Indices
 from excitation_planner.maneuver import Circle, DoubleLaneChange, ManeuverFamily
@@ -29,11 +28,12 @@ from paper_reproduction import published
 from paper_reproduction.comparison import Agreement, Comparison, Item
 from paper_reproduction.first_stage import FirstStage, PaperBudget, faithful, fast
 from paper_reproduction.math_model import Predictions, predictions
+from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 T = TypeVar("T")
-Report = Callable[[int, int], None]
 
 TARGETS = ("cornering_stiffness", "camber_stiffness")
 NUMBERS = (2, 6)  # k
@@ -170,7 +170,7 @@ class Tricycle:
                 continue
             yield x
 
-    def screening(self, progress: Report) -> Item[Screening]:
+    def screening(self, progress: Progress) -> Item[Screening]:
         """All six parameters at the paper's and at random maneuvers of both families."""
         maneuvers = [("double_lane_change", np.array(published.FIG_13_X))]
         for family in FAMILIES:
@@ -212,7 +212,7 @@ class Tricycle:
             Screening(names, rows),
         )
 
-    def figure_13(self, progress: Report) -> Item[Predictions]:
+    def figure_13(self, progress: Progress) -> Item[Predictions]:
         """Kriging of TE for the double lane change x = (2, 2), validated on 10 000 simulations."""
         x, futures = np.array(published.FIG_13_X), {}
         for k in NUMBERS:
@@ -262,7 +262,7 @@ class Tricycle:
             data,
         )
 
-    def bars(self, family: str, progress: Report) -> Item[dict[tuple[str, int], Bars]]:
+    def bars(self, family: str, progress: Progress) -> Item[dict[tuple[str, int], Bars]]:
         """Figs. 14 (circle) and 15 (double lane change): random beside designed maneuver."""
         costs = self._designs(family, progress)
         random = next(self.random_maneuvers(family))
@@ -306,7 +306,7 @@ class Tricycle:
         title = f"Fig. {number}: indices of a random and the designed {_words(family)}"
         return Item(f"fig{number}", title, tuple(comparisons), tuple(findings), data)
 
-    def figure_16(self, progress: Report) -> Item[dict[tuple[str, str], Trajectories]]:
+    def figure_16(self, progress: Progress) -> Item[dict[tuple[str, str], Trajectories]]:
         """Trajectories of two models under a random and the maneuver designed for cornering."""
         data, comparisons = {}, []
         target = TARGETS[0]
@@ -349,7 +349,7 @@ class Tricycle:
         title = "Fig. 16: trajectories of two models under a random and a designed maneuver"
         return Item("fig16", title, tuple(comparisons), findings, data)
 
-    def figure_17_or_18(self, family: str, progress: Report) -> Item[Costs]:
+    def figure_17_or_18(self, family: str, progress: Progress) -> Item[Costs]:
         """DIRECT on H over x for both targets (17: circle, 18: double lane change)."""
         costs = self._designs(family, progress)
         comparisons, findings = [], []
@@ -372,7 +372,7 @@ class Tricycle:
         title = f"Fig. {number}: DIRECT on the cost H, {_words(family)}"
         return Item(f"fig{number}", title, tuple(comparisons), tuple(findings), costs)
 
-    def _designs(self, family: str, progress: Report) -> Costs:
+    def _designs(self, family: str, progress: Progress) -> Costs:
         if family not in self._costs:
             keys = [(t, k, s) for t in TARGETS for k in NUMBERS for s in _SEARCHES]
             futures = [
@@ -475,7 +475,7 @@ def _faithful_or_none(
         return None
 
 
-def _in_order(futures: list[Future[T]], progress: Report) -> list[T]:
+def _in_order(futures: list[Future[T]], progress: Progress) -> list[T]:
     """Results of the futures, told as they come."""
     for done, _ in enumerate(as_completed(futures), start=1):
         progress(done, len(futures))

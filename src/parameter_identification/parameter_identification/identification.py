@@ -21,32 +21,24 @@ Letters of shapes: `k` parameters, `n` variables with the nuisances of all drive
 import itertools
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, norm
 from threadpoolctl import threadpool_limits
 
-from parameter_identification.drives.measured import (
-    IdentificationError,
-    MeasuredDrive,
-    Sensor,
-    Signal,
-    StartPose,
-)
+from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
 from parameter_identification.estimation.model import DriveModel, Prediction, restrict
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.problem import Fit, Loss, Problem
 from parameter_identification.estimation.profiles import ProfileCurve, profile
 from parameter_identification.estimation.whiteness import Whiteness, all_white, whiteness
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.vehicle import Vehicle, constants
 from tricycle_sim.vehicle.batch import simulate
-
-Array = NDArray[np.float64]
-Progress = Callable[[int, int], None]
 
 PRIOR_VARIANCE = 1.0 / 12.0  # of a uniform parameter, in its range
 IDENTIFIABLE = 0.5  # of the prior's standard deviation: what the drives must at least reach
@@ -72,8 +64,8 @@ class Prior:
     """
 
     names: tuple[str, ...]
-    mean: Array
-    covariance: Array
+    mean: FloatArray
+    covariance: FloatArray
 
     def __post_init__(self) -> None:
         k = len(self.names)
@@ -93,8 +85,8 @@ class Profile:
     rise : (g,) of twice the negative log-likelihood above its minimum, all else refitted
     """
 
-    values: Array
-    rise: Array
+    values: FloatArray
+    rise: FloatArray
 
 
 @dataclass(frozen=True)
@@ -159,7 +151,7 @@ class DriveFit:
     nuisances: Mapping[str, tuple[float, float, str]]
     before: Mapping[Sensor, Prediction]
     after: Mapping[Sensor, Prediction]
-    weights: Mapping[Sensor, Array]
+    weights: Mapping[Sensor, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -207,7 +199,7 @@ class Identification:
     vehicle: str
     vehicle_hash: str
     parameters: Mapping[str, Estimate]
-    covariance: Array
+    covariance: FloatArray
     fixed: Mapping[str, float]
     hidden: tuple[Combination, ...]
     noise: Mapping[Sensor, NoiseLevel]
@@ -215,7 +207,7 @@ class Identification:
     drives: tuple[DriveFit, ...]
     held_out: tuple[HeldOut, ...]
     outliers: int
-    rivals: tuple[Array, ...]
+    rivals: tuple[FloatArray, ...]
     starts: tuple[int, int]
     truth: Mapping[str, float]
     level: float
@@ -228,25 +220,25 @@ class Identification:
         return tuple(self.parameters)
 
     @property
-    def estimates(self) -> Array:
+    def estimates(self) -> FloatArray:
         """Estimates (k,) in their units."""
         return np.array([e.estimate for e in self.parameters.values()])
 
     @property
-    def standard_deviations(self) -> Array:
+    def standard_deviations(self) -> FloatArray:
         """Standard deviations (k,)."""
         return np.array([e.standard_deviation for e in self.parameters.values()])
 
     @property
-    def intervals(self) -> Array:
+    def intervals(self) -> FloatArray:
         """Lower and upper ends, (k, 2)."""
         return np.array([(e.low, e.high) for e in self.parameters.values()])
 
     @property
-    def correlation(self) -> Array:
+    def correlation(self) -> FloatArray:
         """Correlation (k, k) of the estimates."""
         std = np.sqrt(np.diag(self.covariance))
-        correlation: Array = self.covariance / np.outer(std, std)
+        correlation: FloatArray = self.covariance / np.outer(std, std)
         return correlation
 
     @property
@@ -404,7 +396,9 @@ def _identify(
         if _same_noise(before, problem.noise):
             break
     best, rivals, agreed = _compare(problem, fits, best, level)
-    inverse: Array = np.asarray(np.linalg.inv(problem.gram(best.at)[:-1, :-1]), dtype=np.float64)
+    inverse: FloatArray = np.asarray(
+        np.linalg.inv(problem.gram(best.at)[:-1, :-1]), dtype=np.float64
+    )
     curves: dict[int, ProfileCurve] = {}
     for i in range(problem.k if profiles else 0):
         curves[i] = profile(problem, best, inverse, i, level)
@@ -508,7 +502,7 @@ def _same_truth(drives: Sequence[MeasuredDrive]) -> bool:
 def _drive_fits(
     problem: Problem,
     best: Fit,
-    inverse: Array,
+    inverse: FloatArray,
     predictions: Sequence[Sequence[Prediction]],
 ) -> list[DriveFit]:
     """Each drive with the nominal vehicle, from the same start, and with the estimates."""
@@ -560,7 +554,7 @@ def _hold_out(
     )
 
 
-def _prior_in_ranges(vehicle: Vehicle, prior: Prior | None) -> tuple[Array, Array]:
+def _prior_in_ranges(vehicle: Vehicle, prior: Prior | None) -> tuple[FloatArray, FloatArray]:
     """Mean (k,) and information (k, k) of the parameters in their ranges."""
     names = tuple(vehicle.unknown)
     low, high = np.array(list(vehicle.unknown.values())).T
@@ -586,14 +580,14 @@ def _same_noise(a: Mapping[Sensor, NoiseLevel], b: Mapping[Sensor, NoiseLevel]) 
 
 def _compare(
     problem: Problem, fits: Sequence[Fit], best: Fit, level: float
-) -> tuple[Fit, list[Array], int]:
+) -> tuple[Fit, list[FloatArray], int]:
     """Refit other basins with the final noise: the best of all, its rivals (k,), and the agreement.
 
     A rival is a different minimum whose cost is within what the interval allows.
     """
     allowed = float(chi2.ppf(level, 1))
     k, agreed = problem.k, 0
-    rivals: list[Array] = []
+    rivals: list[FloatArray] = []
     for fit in fits:
         if _near(fit, best, k):
             agreed += 1
@@ -616,8 +610,8 @@ def _estimates(
     vehicle: Vehicle,
     problem: Problem,
     best: Fit,
-    inverse: Array,
-    rivals: Sequence[Array],
+    inverse: FloatArray,
+    rivals: Sequence[FloatArray],
     curves: Mapping[int, ProfileCurve],
     level: float,
 ) -> dict[str, Estimate]:
@@ -651,7 +645,7 @@ def _estimates(
     return found
 
 
-def _hidden(problem: Problem, inverse: Array, names: Sequence[str]) -> tuple[Combination, ...]:
+def _hidden(problem: Problem, inverse: FloatArray, names: Sequence[str]) -> tuple[Combination, ...]:
     """Directions whose standard deviation the drives left above half of the prior's.
 
     Eigenvectors of the posterior covariance in units of the prior's.

@@ -26,10 +26,11 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from trajectory_recorder.bag.topics import BagError, OfferedQos, Topic, message_class
+from trajectory_recorder.bag.topics import OfferedQos, Topic, message_class
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from trajectory_recorder.receipt_clock import ReceiptClock
 from tricycle_core import __version__
+from tricycle_core.errors import BagError
 from tricycle_core.nodes import NotTheExecutors, declare, overridable, run_node
 
 DISCOVERY_PERIOD = 0.1  # s

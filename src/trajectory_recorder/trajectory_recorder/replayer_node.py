@@ -20,8 +20,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag.reader import BagReader, Message
-from trajectory_recorder.bag.topics import BagError, OfferedQos, message_class
+from trajectory_recorder.bag.topics import OfferedQos, message_class
 from trajectory_recorder.player import Player
+from tricycle_core.errors import BagError
 from tricycle_core.nodes import declare, run_node
 
 ACKNOWLEDGE = Duration(seconds=0.05)  # to wait at a time for reliable subscribers

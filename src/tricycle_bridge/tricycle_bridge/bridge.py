@@ -33,7 +33,6 @@ from tricycle_bridge.protocol.messages import (
     MAX_STEERING_RATE,
     SPEED_UNIT,
     STEER_RATE_UNIT,
-    TICK,
     Board,
     CommandFlag,
     DriveCommand,
@@ -41,7 +40,6 @@ from tricycle_bridge.protocol.messages import (
     DriveState,
     Fault,
     Gear,
-    LinkError,
     Op,
     PlcState,
     Result,
@@ -50,6 +48,9 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
     fault_names,
 )
+from tricycle_core.errors import LinkError
+from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
+from tricycle_core.quantities import TICK
 
 INPUT_AGE = 0.1  # s; older input moves nothing
 # s between commands on average. The protocol's most is 100 Hz; were this just that, the jitter of a
@@ -529,21 +530,20 @@ class Bridge:
             self._report(stamp, reading, _at(partner, measured, stamp))
 
     def _report(self, stamp: float, *joints: JointReading) -> None:
-        # steering_motor_joint, rear_wheel_joint
         ordered = sorted(joints, key=lambda joint: joint.name, reverse=True)
         self._readings.append(JointReadings(stamp, tuple(ordered)))
 
     def _reading(self, state: SteerState | DriveState) -> JointReading | None:
         if isinstance(state, SteerState):
             return JointReading(
-                "steering_motor_joint", state.angle * ANGLE_UNIT, state.rate * STEER_RATE_UNIT
+                STEERING_JOINT, state.angle * ANGLE_UNIT, state.rate * STEER_RATE_UNIT
             )
         limits = self.links[Board.DRIVE].limits
         if not isinstance(limits, DriveLimits):
             return None  # not told yet how far a hall pulse is
         radius = self.settings.tyre_radius
         return JointReading(
-            "rear_wheel_joint",
+            REAR_WHEEL_JOINT,
             state.hall_count * limits.pulse * 1e-6 / radius,
             state.speed * SPEED_UNIT / radius,
         )

@@ -47,9 +47,10 @@ from tricycle_bridge.protocol.messages import (
     MAX_STEERING_RATE,
     Board,
     DriveState,
-    LinkError,
 )
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_core.errors import LinkError
+from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.nodes import declare, overridable, run_node
 
 POLL_PERIOD = 0.05  # s, wall time; what is due while neither PLC nor commander says anything
@@ -61,8 +62,6 @@ LIVE_PARAMETERS = (
 )
 # set while the bridge is not configured
 CONFIGURED_PARAMETERS = ("steer_port", "drive_port", "baud", "boot_wait", "tyre_radius")
-STEERING_JOINT = "steering_motor_joint"
-WHEEL_JOINT = "rear_wheel_joint"
 
 
 class BridgeNode(LifecycleNode):
@@ -318,11 +317,11 @@ class BridgeNode(LifecycleNode):
     def _on_joint_commands(self, message: JointState) -> None:
         try:
             angle = message.position[message.name.index(STEERING_JOINT)]
-            wheel_rate = message.velocity[message.name.index(WHEEL_JOINT)]
+            wheel_rate = message.velocity[message.name.index(REAR_WHEEL_JOINT)]
         except (ValueError, IndexError):
             self._refuse(
                 f"joint_commands must give position and velocity of {STEERING_JOINT} and "
-                f"{WHEEL_JOINT}"
+                f"{REAR_WHEEL_JOINT}"
             )
             return
         bridge = self._bridge  # another thread may clean it up

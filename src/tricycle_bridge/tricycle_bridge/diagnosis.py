@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.link import DEGRADED_AGE, LinkState, state_name
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, fault_names
-
-
-class Level(enum.IntEnum):
-    """Levels of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
+from tricycle_core.diagnostics import Level
 
 
 @dataclass(frozen=True)

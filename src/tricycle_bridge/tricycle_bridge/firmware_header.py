@@ -13,6 +13,7 @@ import sys
 
 from tricycle_bridge.protocol import messages
 from tricycle_bridge.protocol.messages import MESSAGES, Board, Message, layout
+from tricycle_core.quantities import TICK
 
 _ENUMS: tuple[type[enum.IntEnum] | type[enum.IntFlag], ...] = (
     messages.Board,
@@ -61,7 +62,7 @@ def _constants() -> dict[str, int]:
         "MAX_BRAKE": round(1 / messages.BRAKE_UNIT),  # 0.5 %
         "WATCHDOG_MS": round(messages.WATCHDOG * 1e3),
         "STALE_TICKS": messages.STALE_TICKS,  # 1.024 ms
-        "TICK_US": round(messages.TICK * 1e6),
+        "TICK_US": round(TICK * 1e6),
         "ARMING_COMMANDS": messages.ARMING_COMMANDS,
     }
 

@@ -27,7 +27,6 @@ from tricycle_bridge.protocol.messages import (
     Hello,
     HelloAck,
     LimitsRequest,
-    LinkError,
     Message,
     Op,
     Ping,
@@ -43,6 +42,7 @@ from tricycle_bridge.protocol.messages import (
     echo_of,
     fault_names,
 )
+from tricycle_core.errors import LinkError
 
 HELLO_PERIOD = 0.2  # s
 HELLO_PATIENCE = 3.0  # s without an answer until it is reported

@@ -10,8 +10,9 @@ from types import TracebackType
 from typing import Self
 
 from tricycle_bridge.link import LinkEvent, PlcLink
-from tricycle_bridge.protocol.messages import BAUD, Board, LinkError
+from tricycle_bridge.protocol.messages import BAUD, Board
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_core.errors import LinkError
 
 _POLL = 0.01  # s
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from excitation_planner.maneuver import PlanError
+from tricycle_core.errors import PlanError
 
 
 def parse_assignments(pairs: Sequence[str]) -> dict[str, float]:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from tricycle_core import __version__
+from tricycle_core.errors import ExcitationError
 
 COMMANDS = (
     "demo",
@@ -26,25 +27,6 @@ COMMANDS = (
     "vehicle",
     "plc",
 )
-
-
-def user_errors() -> tuple[type[Exception], ...]:
-    """Exceptions that tell of a user's mistake; imported late, so that Ctrl-C is heard before."""
-    from excitation_planner import DesignError
-    from excitation_planner.maneuver import PlanError
-    from parameter_identification.drives.measured import IdentificationError
-    from parameter_identification.judging.judgement import JudgeError
-    from trajectory_recorder.bag.reader import BagError
-    from tricycle_bridge.protocol.messages import LinkError
-    from tricycle_cli.operation.processes import NodeError
-    from tricycle_cli.reports.run_data import ReportError
-    from tricycle_sim.commands import CommandsError
-    from tricycle_sim.vehicle import VehicleError
-
-    return (
-        *(BagError, CommandsError, DesignError, IdentificationError, JudgeError, LinkError),
-        *(NodeError, PlanError, ReportError, VehicleError, OSError),
-    )
 
 
 def parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
@@ -77,9 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("tricycle: interrupted", file=sys.stderr)
         return 130
-    except Exception as error:
-        if not isinstance(error, user_errors()):
-            raise
+    except (ExcitationError, OSError) as error:
         # what files say of themselves may hold line breaks or terminal escapes
         line = "".join(c if c.isprintable() else " " for c in str(error))
         print(f"tricycle: {line}", file=sys.stderr)

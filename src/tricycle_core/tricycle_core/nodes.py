@@ -1,4 +1,4 @@
-"""What all nodes share: how one runs, declares its parameters and lets QoS be overridden.
+"""What all nodes share: how one runs, declares its parameters and offers its topics.
 
 A node ends quickly and silently, with one line for a user's mistake.
 """
@@ -16,6 +16,7 @@ from typing import Any
 
 import rclpy
 import rclpy.logging
+from builtin_interfaces.msg import Time
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.callback_groups import CallbackGroup
 from rclpy.exceptions import (
@@ -25,9 +26,14 @@ from rclpy.exceptions import (
 )
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+
+from tricycle_core.stamps import split_seconds
+
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Quality of service of topics whose newest message reaches who subscribes later."""
 
 _MISTAKES = (
     ValueError,
@@ -59,6 +65,18 @@ def _is_unknown(mistake: Exception) -> bool:
     return type(mistake).__name__ == "UnknownROSArgsError"
 
 
+def time_message(seconds: float) -> Time:
+    """Return a stamp for a message.
+
+    Parameters
+    ----------
+    seconds : float
+        Time [s].
+    """
+    sec, nanosec = split_seconds(seconds)
+    return Time(sec=sec, nanosec=nanosec)
+
+
 def overridable(qos: QoSProfile | int) -> dict[str, Any]:
     """Arguments of a publisher or subscription whose quality of service a user can override.
 
@@ -67,8 +85,8 @@ def overridable(qos: QoSProfile | int) -> dict[str, Any]:
 
     Parameters
     ----------
-    qos
-        What it is unless overridden, or its depth; left as it is, where rclpy would change it.
+    qos : QoSProfile or int
+        Profile unless overridden, or its depth; copied, because rclpy changes what it is given.
     """
     profile = QoSProfile(depth=qos) if isinstance(qos, int) else copy.copy(qos)
     options = QoSOverridingOptions.with_default_policies()
@@ -88,16 +106,18 @@ def declare(
 
     Parameters
     ----------
-    node
-        Whose it is.
-    name, default
-        The default decides the type.
-    description
+    node : Node
+        Node that has the parameter.
+    name : str
+        Of the parameter.
+    default : bool, int, float, str or list of str
+        Value unless set; it decides the type.
+    description : str
         For `ros2 param describe`, with the unit.
-    span
+    span : (float, float), optional
         Smallest and largest value of a number.
-    read_only
-        Whether it is set at the start and then stays.
+    read_only : bool
+        Whether it can be set at the start only.
     """
     descriptor = ParameterDescriptor(description=description, read_only=read_only)
     if span is not None and isinstance(default, int):
@@ -119,8 +139,8 @@ def run_node(factory: Callable[[], Node]) -> None:
 
     Parameters
     ----------
-    factory
-        Makes the node; rclpy is initialised then.
+    factory : callable
+        Makes the node, after rclpy is initialised.
     """
     stopped = False
 

@@ -8,17 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE, TICK
+from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_core.errors import CommandsError
+from tricycle_core.quantities import TICK, FloatArray
 
 COLUMNS = ("time", "steering_motor_angle", "speed")
 MAX_BYTES = 64_000_000  # of a file; an hour at 100 Hz has a fifth of this
 LONGEST = 86_400.0  # s; times beyond a day are taken for another unit or clock
-
-
-class CommandsError(ValueError):
-    """Commands are unusable; the message names row and column."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,9 +40,9 @@ class Commands:
         what the PLCs accept.
     """
 
-    time: NDArray[np.float64]
-    steering_motor_angle: NDArray[np.float64]
-    speed: NDArray[np.float64]
+    time: FloatArray
+    steering_motor_angle: FloatArray
+    speed: FloatArray
 
     def __init__(self, time: ArrayLike, steering_motor_angle: ArrayLike, speed: ArrayLike) -> None:
         for name, values in zip(COLUMNS, (time, steering_motor_angle, speed), strict=True):

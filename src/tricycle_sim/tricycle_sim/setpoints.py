@@ -6,7 +6,7 @@ The batch, the live vehicle's callers and the emulated PLCs all slew through `sl
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_bridge.protocol.messages import TICK
+from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 
@@ -32,9 +32,7 @@ def command_rows(commands: Commands) -> NDArray[np.int64]:
 
 
 @compiled
-def slew_all(
-    targets: NDArray[np.float64], rate: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def slew_all(targets: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Slew from 0 through the target of each tick.
 
     Returns

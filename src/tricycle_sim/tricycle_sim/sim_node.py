@@ -17,12 +17,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
-from tricycle_bridge.protocol.messages import TICK, Board
+from tricycle_bridge.protocol.messages import Board
+from tricycle_core.errors import VehicleError
 from tricycle_core.nodes import declare, overridable, run_node
+from tricycle_core.quantities import TICK
 from tricycle_sim.plc.pty_port import PtyPort
 from tricycle_sim.rig.emulated import PoseNoise, Simulator, draw_truth, measure_pose
 from tricycle_sim.rig.firmware import FirmwareSimulator
-from tricycle_sim.vehicle import VehicleError, load_vehicle
+from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.live import LiveState
 
 try:  # in a ROS installation, but not among the wheels

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from mcap.writer import Writer
-from numpy.typing import NDArray
 
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import Trajectory
 
@@ -25,7 +25,7 @@ def save_trajectory(
     path: Path,
     *,
     vehicle: Vehicle,
-    parameters: NDArray[np.float64] | None = None,
+    parameters: FloatArray | None = None,
 ) -> int:
     """Write a trajectory in the format of the file's suffix; return the number of rows.
 
@@ -71,8 +71,8 @@ def _appearing(path: Path) -> Iterator[Path]:
 
 
 def _rows(
-    trajectory: Trajectory, vehicle: Vehicle, parameters: NDArray[np.float64] | None
-) -> dict[str, NDArray[np.float64]]:
+    trajectory: Trajectory, vehicle: Vehicle, parameters: FloatArray | None
+) -> dict[str, FloatArray]:
     """Return the columns one sample after the other, each of shape (n * t,)."""
     n, t = trajectory.x.shape
     columns = trajectory.columns()
@@ -84,20 +84,20 @@ def _rows(
     return {name: np.ravel(column) for name, column in columns.items()}
 
 
-def _save_csv(columns: dict[str, NDArray[np.float64]], path: Path) -> None:
+def _save_csv(columns: dict[str, FloatArray], path: Path) -> None:
     formats = ["%.2f" if name == "time" else "%.10g" for name in columns]
     table = np.column_stack(list(columns.values()))
     np.savetxt(path, table, fmt=formats, delimiter=",", header=",".join(columns), comments="")
 
 
-def _save_parquet(columns: dict[str, NDArray[np.float64]], path: Path) -> None:
+def _save_parquet(columns: dict[str, FloatArray], path: Path) -> None:
     import pyarrow as pa  # type: ignore[import-untyped]
     from pyarrow import parquet
 
     parquet.write_table(pa.table(columns), path)
 
 
-def _save_mcap(columns: dict[str, NDArray[np.float64]], path: Path, *, samples: int) -> None:
+def _save_mcap(columns: dict[str, FloatArray], path: Path, *, samples: int) -> None:
     """Write JSON messages, which Foxglove plots as they are; a topic for each sample."""
     schema = {
         "type": "object",

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from excitation_planner import Criterion, DesignError, TrajectoryErrorNoise
+from excitation_planner import Criterion, TrajectoryErrorNoise
 from excitation_planner.design.criteria import excitation_cost
+from tricycle_core.errors import DesignError
 
 
 def test_cost_by_hand():

@@ -6,20 +6,13 @@ from functools import partial
 import numpy as np
 import pytest
 
-from excitation_planner import (
-    Box,
-    Design,
-    DesignError,
-    InfeasibleManeuver,
-    Search,
-    Verdict,
-    design_excitation,
-)
+from excitation_planner import Box, Design, Search, Verdict, design_excitation
 from excitation_planner.indices.analytic import (
     MATH_MODEL_OPERATION,
     MATH_MODEL_UNKNOWN,
     math_model,
 )
+from tricycle_core.errors import DesignError, InfeasibleManeuver
 
 OPERATION = {"a": (-1.0, 1.0), "b": (0.0, 2.0)}
 UNKNOWN = {"p": (0.0, 1.0), "q": (0.0, 1.0), "r": (0.0, 1.0)}

@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from excitation_planner import DesignError, design_excitation
+from excitation_planner import design_excitation
 from excitation_planner.indices.analytic import MATH_MODEL_UNKNOWN, math_model
+from tricycle_core.errors import DesignError
 
 OPERATION = {f"x{i}": (-2.0, -0.2) for i in (1, 2, 3, 4)}
 

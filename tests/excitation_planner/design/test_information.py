@@ -6,7 +6,6 @@ import pytest
 from excitation_planner import (
     Box,
     Criterion,
-    DesignError,
     ManeuverSet,
     Prior,
     TrajectoryNoise,
@@ -19,6 +18,7 @@ from excitation_planner.design.information import (
     information_costs,
     posterior_covariance,
 )
+from tricycle_core.errors import DesignError
 
 TIME = np.arange(40) * 0.05
 UNIT = {"p": (0.0, 1.0), "q": (0.0, 1.0)}

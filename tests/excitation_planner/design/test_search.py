@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from excitation_planner import Criterion, DesignError, Search, design_excitation
+from excitation_planner import Criterion, Search, design_excitation
 from excitation_planner.design.search import adaptive_search, direct_search
+from tricycle_core.errors import DesignError
 
 
 @dataclass

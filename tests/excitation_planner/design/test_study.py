@@ -6,14 +6,8 @@ import json
 import numpy as np
 import pytest
 
-from excitation_planner import (
-    Design,
-    DesignError,
-    InfeasibleManeuver,
-    Study,
-    TrajectoryErrorNoise,
-    design_excitation,
-)
+from excitation_planner import Design, Study, TrajectoryErrorNoise, design_excitation
+from tricycle_core.errors import DesignError, InfeasibleManeuver
 
 OPERATION = {"a": (-1.0, 1.0), "b": (0.0, 2.0)}
 UNKNOWN = {"p": (0.0, 1.0), "q": (10.0, 20.0)}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from excitation_planner import DesignError, Infill, monte_carlo_indices, sensitivity
+from excitation_planner import Infill, monte_carlo_indices, sensitivity
 from excitation_planner.box import sobol_sequence
 from excitation_planner.indices.analytic import (
     ISHIGAMI_UNKNOWN,
@@ -16,6 +16,7 @@ from excitation_planner.indices.analytic import (
     quadrature_indices,
 )
 from excitation_planner.indices.sobol import effects
+from tricycle_core.errors import DesignError
 
 TABLE_1 = np.array([-2.0, -0.5, -2.0, -0.5])
 

@@ -12,12 +12,12 @@ from excitation_planner.maneuver.family import (
     Circle,
     DoubleLaneChange,
     Drive,
-    PlanError,
     Slalom,
     family_by_name,
     family_names,
     operation_point,
 )
+from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()

@@ -9,14 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from excitation_planner.maneuver.family import (
-    PlanError,
-    family_by_name,
-    family_names,
-    operation_point,
-)
+from excitation_planner.maneuver.family import family_by_name, family_names, operation_point
 from excitation_planner.planning.replay import ReplayedTrajectoryError
 from tricycle_cli import main as cli
+from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import load_vehicle
 
 PAGE = Path(__file__).parents[3] / "docs" / "how-to-maneuver-family.md"

@@ -7,7 +7,8 @@ import pytest
 
 from excitation_planner.maneuver.family import Circle, DoubleLaneChange
 from excitation_planner.maneuver.tracking import COMMAND_TICKS, track
-from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT, TICK
+from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_core.quantities import TICK
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import qmc
 
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.maneuver import Circle, DoubleLaneChange, PlanError
+from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import SearchHistory, load_plan, save_plan
 from excitation_planner.planning.planner import (
     PlanRequest,
@@ -18,6 +18,7 @@ from excitation_planner.planning.planner import (
     random_feasible_point,
 )
 from excitation_planner.planning.replay import nominal_run, replayed_errors
+from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from excitation_planner import Box, DesignError, InfeasibleManeuver, TrajectoryNoise
+from excitation_planner import Box, TrajectoryNoise
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.prediction import (
     PERIOD,
@@ -12,6 +12,7 @@ from excitation_planner.planning.prediction import (
     predicted_covariance,
 )
 from excitation_planner.planning.replay import nominal_run
+from tricycle_core.errors import DesignError, InfeasibleManeuver
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()

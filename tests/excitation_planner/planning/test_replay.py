@@ -5,10 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
-from excitation_planner.errors import InfeasibleManeuver
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run, replayed_errors
 from excitation_planner.trajectory_error import POINTS, trajectory_error
+from tricycle_core.errors import InfeasibleManeuver
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 

@@ -12,7 +12,6 @@ import pytest
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import (
-    IdentificationError,
     Motion,
     Sensor,
     SensorNoise,
@@ -22,6 +21,7 @@ from parameter_identification.drives.measured import (
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.main import main
+from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.batch import simulate

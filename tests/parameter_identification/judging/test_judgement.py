@@ -16,10 +16,11 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from parameter_identification.drives.recorded import read_drive
 from parameter_identification.judging.export import ExportFormat, export, plot
-from parameter_identification.judging.judgement import Anchor, Datum, JudgeError, Topics, judge
-from trajectory_recorder.bag.topics import BagError, OfferedQos, Topic, jazzy
+from parameter_identification.judging.judgement import Anchor, Datum, Topics, judge
+from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.commands.judge import add_parser
+from tricycle_core.errors import BagError, JudgeError
 
 Array = NDArray[np.float64]
 TYPES = jazzy().types

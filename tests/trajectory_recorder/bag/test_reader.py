@@ -14,8 +14,9 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from trajectory_recorder.bag.reader import BagReader, Message
 from trajectory_recorder.bag.recovery import recover
-from trajectory_recorder.bag.topics import BagError, Topic, decode, jazzy
+from trajectory_recorder.bag.topics import Topic, decode, jazzy
 from trajectory_recorder.bag.writer import BagWriter, Compression
+from tricycle_core.errors import BagError
 
 STRING = "std_msgs/msg/String"
 DEFINITION = b"string data"

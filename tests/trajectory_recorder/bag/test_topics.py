@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from trajectory_recorder.bag.topics import BagError, OfferedQos, Topic
+from trajectory_recorder.bag.topics import OfferedQos, Topic
+from tricycle_core.errors import BagError
 
 
 def test_definition_and_hash_of_a_type_of_jazzy() -> None:

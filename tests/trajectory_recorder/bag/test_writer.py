@@ -16,8 +16,9 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 
 from trajectory_recorder.bag import writer as bag_writer
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import BagError, OfferedQos, Topic, jazzy
+from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter, Compression
+from tricycle_core.errors import BagError
 
 SENSOR = (OfferedQos(depth=5, reliability="best_effort"),)
 LATCHED = (OfferedQos(depth=1, durability="transient_local"),)

@@ -12,12 +12,12 @@ from tricycle_bridge.protocol.messages import (
     Board,
     Control,
     DriveState,
-    LinkError,
     Ping,
     SteerCommand,
     echo_of,
     layout,
 )
+from tricycle_core.errors import LinkError
 
 
 def frame(payload_bytes):

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from excitation_planner.maneuver import Circle, DoubleLaneChange, PlanError
+from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import load_plan
 from parameter_identification.drives.measured import (
     Motion,
@@ -17,6 +17,7 @@ from parameter_identification.drives.measured import (
 )
 from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest
 from tricycle_cli.main import main
+from tricycle_core.errors import PlanError
 from tricycle_sim.rig.emulated import draw_truth
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate

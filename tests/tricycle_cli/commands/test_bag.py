@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from parameter_identification.judging.judgement import JudgeError
-from trajectory_recorder.bag.topics import BagError, OfferedQos, Topic
+from trajectory_recorder.bag.topics import OfferedQos, Topic
 from trajectory_recorder.bag.writer import BagWriter, Compression
+from tricycle_core.errors import BagError, JudgeError
 
 
 def tricycle(*arguments: object) -> int:

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from excitation_planner.maneuver import PlanError
 from tricycle_cli.commands import simulate, vehicle
-from tricycle_sim.commands import Commands, CommandsError
-from tricycle_sim.vehicle import VehicleError
+from tricycle_core.errors import CommandsError, PlanError, VehicleError
+from tricycle_sim.commands import Commands
 
 CARGO = Path(str(resources.files("tricycle_sim") / "cargo_tricycle.yaml"))
 

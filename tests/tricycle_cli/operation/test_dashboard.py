@@ -6,7 +6,8 @@ import json
 import pytest
 from rich.console import Console
 
-from tricycle_cli.operation.dashboard import Dashboard, Joints, Level, Motion, Status, screen
+from tricycle_cli.operation.dashboard import Dashboard, Joints, Motion, Status, screen
+from tricycle_core.diagnostics import Level
 
 RUNNING = {"state": "running", "plan_id": "p1", "elapsed": "5.0", "duration": "20.0", "reason": ""}
 

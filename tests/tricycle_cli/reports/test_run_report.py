@@ -16,8 +16,9 @@ from trajectory_recorder.bag.topics import Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.main import main
 from tricycle_cli.reports import run_figures as report_figures
-from tricycle_cli.reports.run_data import Maneuver, ReportError, Run, read_run, wheel_loads
+from tricycle_cli.reports.run_data import Maneuver, Run, read_run, wheel_loads
 from tricycle_cli.reports.run_report import report_page
+from tricycle_core.errors import ReportError
 from tricycle_sim.vehicle import load_vehicle
 
 TYPES = jazzy().types

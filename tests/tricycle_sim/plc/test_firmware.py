@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from tricycle_bridge.protocol.framing import DecoderCounters, FrameDecoder, encode
-from tricycle_bridge.protocol.messages import MESSAGES, Board, LinkError, from_plc, layout
+from tricycle_bridge.protocol.messages import MESSAGES, Board, from_plc, layout
+from tricycle_core.errors import LinkError
 from tricycle_sim.plc.firmware import FirmwareSteerPlc
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"

@@ -5,7 +5,8 @@ import random
 import pytest
 
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
-from tricycle_bridge.protocol.messages import Board, Fault, LinkError, PlcState
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState
+from tricycle_core.errors import LinkError
 from tricycle_sim.plc.simulated_uno import DrivePins, SimulatedUno
 
 STEER, DRIVE = Board.STEER, Board.DRIVE

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
-from tricycle_bridge.protocol.messages import Board, Fault, LinkError, PlcState
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState
+from tricycle_core.errors import LinkError
 from tricycle_sim.rig.emulated import Simulator
 from tricycle_sim.rig.firmware import FirmwareSimulator
 from tricycle_sim.vehicle import load_vehicle

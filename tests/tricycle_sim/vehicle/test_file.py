@@ -6,7 +6,8 @@ from importlib import resources
 import pytest
 import yaml
 
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, VehicleError, load_vehicle
+from tricycle_core.errors import VehicleError
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
 TEXT = (resources.files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")
 

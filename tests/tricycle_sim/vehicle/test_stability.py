@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from tricycle_core.errors import VehicleError
 from tricycle_sim.commands import Commands
-from tricycle_sim.vehicle import VehicleError, load_vehicle
 from tricycle_sim.vehicle import kernel as dynamics
+from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.live import LiveVehicle
 from tricycle_sim.vehicle.stability import check_step, fastest_mode

@@ -8,9 +8,9 @@ from enum import StrEnum
 
 import numpy as np
 
-from excitation_planner.box import FloatArray
-from excitation_planner.errors import DesignError
 from excitation_planner.indices.sensitivity import Sensitivity, half_width
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
 
 
 class Criterion(StrEnum):

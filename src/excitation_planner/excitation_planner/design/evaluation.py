@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Box, FloatArray
+from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion, cost_interval, excitation_cost
 from excitation_planner.design.information import (
     Prior,
@@ -22,7 +22,6 @@ from excitation_planner.design.information import (
     posterior_covariance,
 )
 from excitation_planner.design.search import Search
-from excitation_planner.errors import DesignError, InfeasibleManeuver
 from excitation_planner.indices.sensitivity import (
     Sensitivity,
     fit_metamodel,
@@ -31,6 +30,8 @@ from excitation_planner.indices.sensitivity import (
 )
 from excitation_planner.indices.sobol import sobol_indices
 from excitation_planner.indices.threads import THREADPOOLS
+from tricycle_core.errors import DesignError, InfeasibleManeuver
+from tricycle_core.quantities import FloatArray
 
 Trajectories = FloatArray | tuple[FloatArray, ...]  # (n, t, c), of each maneuver of a set
 Simulator = Callable[[FloatArray, FloatArray], Trajectories]  # x (l,), P (n, k) -> (n,) or those

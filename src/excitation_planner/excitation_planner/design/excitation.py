@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from excitation_planner.box import Bounds, Box, FloatArray
+from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.evaluation import (
     VERIFIED,
@@ -28,9 +28,10 @@ from excitation_planner.design.executors import Result, running
 from excitation_planner.design.information import PRIOR_INFORMATION, Prior, TrajectoryNoise
 from excitation_planner.design.search import Search, search_steps
 from excitation_planner.design.store import Store
-from excitation_planner.errors import DesignError, InfeasibleManeuver
 from excitation_planner.indices.sensitivity import Sensitivity
 from excitation_planner.indices.threads import THREADPOOLS
+from tricycle_core.errors import DesignError, InfeasibleManeuver
+from tricycle_core.quantities import FloatArray, Progress
 
 __all__ = [
     "Design",
@@ -126,7 +127,7 @@ def design_excitation(
     executor: Executor | None = None,
     workers: int | None = None,
     store: Path | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Design:
     """Find the maneuver that excites the parameter ``target`` best.
 

@@ -12,9 +12,9 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
-from excitation_planner.box import FloatArray
 from excitation_planner.design.evaluation import Outcome, Problem, Simulator, Verified, evaluate
-from excitation_planner.errors import DesignError
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
 
 # x (l,), whether for verification, and its outcome if that is known already
 Task = tuple[FloatArray, bool, Outcome | None]

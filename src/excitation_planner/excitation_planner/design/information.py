@@ -14,9 +14,10 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ndtri
 
-from excitation_planner.box import Box, FloatArray, sobol_sequence
+from excitation_planner.box import Box, sobol_sequence
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.errors import DesignError
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
 
 PRIOR_INFORMATION = 12.0  # of each unknown parameter, uniform on its range
 

@@ -18,10 +18,11 @@ import cobyqa
 import numpy as np
 from scipy.optimize import direct
 
-from excitation_planner.box import FloatArray, sobol_sequence
+from excitation_planner.box import sobol_sequence
 from excitation_planner.design.criteria import Criterion, excitation_cost
-from excitation_planner.errors import DesignError
 from excitation_planner.indices.kriging import Kriging
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
 
 if TYPE_CHECKING:
     from excitation_planner.design.evaluation import Evaluation, Problem

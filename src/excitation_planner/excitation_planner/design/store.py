@@ -26,12 +26,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from excitation_planner.box import Box, FloatArray
+from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion, TrajectoryErrorNoise
 from excitation_planner.design.evaluation import NoiseVariance, Outcome, Problem
 from excitation_planner.design.information import TrajectoryNoise
 from excitation_planner.design.search import Search
-from excitation_planner.errors import DesignError
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
 
 VERSION = 1
 MAX_BYTES = 256_000_000  # of a file; a result takes about 30

@@ -22,7 +22,7 @@ from typing import Self
 
 import numpy as np
 
-from excitation_planner.box import Bounds, Box, FloatArray
+from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import TrajectoryErrorNoise
 from excitation_planner.design.evaluation import Verified, judge_outcome
 from excitation_planner.design.excitation import Design, search_design
@@ -36,8 +36,9 @@ from excitation_planner.design.store import (
     read_limited,
     replace_file,
 )
-from excitation_planner.errors import DesignError
 from excitation_planner.indices.threads import THREADPOOLS
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from excitation_planner.box import Box, FloatArray
+from excitation_planner.box import Box
 from excitation_planner.indices.sobol import Indices
+from tricycle_core.quantities import FloatArray
 
 MATH_MODEL_OPERATION = Box.of({f"x{i}": (-5.0, 0.0) for i in (1, 2, 3, 4)})
 MATH_MODEL_UNKNOWN = Box.of({f"p{i}": (0.0, 1.0) for i in (1, 2, 3, 4)})

@@ -9,9 +9,10 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
-from excitation_planner.box import FloatArray, sobol_sequence, training_points
+from excitation_planner.box import sobol_sequence, training_points
 from excitation_planner.indices.kriging import Kriging
 from excitation_planner.indices.sobol import effects
+from tricycle_core.quantities import FloatArray
 
 _CANDIDATES = 1024
 _REFERENCE = 2048  # points of the integrals of the criterion by index variance

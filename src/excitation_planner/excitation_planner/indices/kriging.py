@@ -16,7 +16,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, Sum, WhiteKernel
 from sklearn.utils.validation import check_X_y
 
-from excitation_planner.box import FloatArray
+from tricycle_core.quantities import FloatArray
 
 _STARTS = (0.15, 0.3, 0.6, 1.2, 2.4)  # length scales that the fit may start from
 _IMPOSSIBLE = 1e25  # negative log-likelihood of a matrix that cannot be factorised

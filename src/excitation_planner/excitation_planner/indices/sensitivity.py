@@ -10,12 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Bounds, Box, FloatArray, training_points
-from excitation_planner.errors import DesignError, InfeasibleManeuver
+from excitation_planner.box import Bounds, Box, training_points
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
 from excitation_planner.indices.sobol import Indices, sobol_indices
 from excitation_planner.indices.threads import THREADPOOLS
+from tricycle_core.errors import DesignError, InfeasibleManeuver
+from tricycle_core.quantities import FloatArray
 
 _FOLDS = 5
 # Half width of a 95 % interval, in root mean squares of what changes when a fifth of the samples is

@@ -15,8 +15,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.box import FloatArray, sobol_sequence
+from excitation_planner.box import sobol_sequence
 from excitation_planner.indices.kriging import Kriging
+from tricycle_core.quantities import FloatArray
 
 _TERMS = 1000  # basis products kept per half of the axes: 10 degrees on each of 3 axes
 _DEGREES = 32  # highest Legendre degree + 1 on any axis

@@ -5,13 +5,13 @@ from excitation_planner.maneuver.family import (
     DoubleLaneChange,
     Drive,
     ManeuverFamily,
-    PlanError,
     Slalom,
     evenly_spaced,
     family_by_name,
     family_names,
     operation_point,
 )
+from tricycle_core.errors import PlanError
 
 __all__ = [
     "Circle",

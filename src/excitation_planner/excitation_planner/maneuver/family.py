@@ -14,14 +14,13 @@ from importlib.metadata import entry_points
 from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from excitation_planner.box import Box
 from tricycle_bridge.protocol.messages import MAX_SPEED
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
 
 ENTRY_POINTS = "excitation_planner.maneuvers"  # group: family name = module:class
 
@@ -33,10 +32,6 @@ LEAD_OUT = 6.0  # m of path beyond its end, so that the look-ahead point always 
 CIRCLE_OPERATION = Box.of({"radius": (2.0, 6.0), "speed": (0.6, 1.0)})  # m, m/s
 LANE_CHANGE_OPERATION = Box.of({"d1": (0.0, 8.0), "d2": (0.0, 8.0)})  # m
 SLALOM_OPERATION = Box.of({"spacing": (2.0, 6.0), "offset": (0.1, 1.0)})  # m
-
-
-class PlanError(ValueError):
-    """A maneuver or plan that cannot be made, read or driven."""
 
 
 @dataclass(frozen=True)
@@ -59,8 +54,8 @@ class Drive:
         If that is not what they are.
     """
 
-    x: Floats
-    y: Floats
+    x: FloatArray
+    y: FloatArray
     speed: float
     length: float
 
@@ -91,7 +86,7 @@ class ManeuverFamily(Protocol):
         """The box of the operation parameters, in their order."""
         ...
 
-    def drive(self, x: Floats, vehicle: Vehicle) -> Drive | Commands:
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> Drive | Commands:
         """What to drive for the operation parameters x (l,), from rest.
 
         A path starts where the rear axle is, at (-vehicle.com_to_rear_axle, 0), along +x.
@@ -103,14 +98,14 @@ def _run_in_length(speed: float) -> float:
     return 0.5 * speed**2 / ACCELERATION + SETTLING_TIME * speed
 
 
-def evenly_spaced(x: Floats, y: Floats) -> tuple[Floats, Floats]:
+def evenly_spaced(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Resample a dense polyline (m,) at `PATH_SPACING` of its arc length."""
     arc = np.concatenate(([0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))))
     wanted = np.arange(0.0, arc[-1], PATH_SPACING)
     return np.interp(wanted, arc, x), np.interp(wanted, arc, y)
 
 
-def _bezier(points: Floats, n: int) -> Floats:
+def _bezier(points: FloatArray, n: int) -> FloatArray:
     """Cubic Bézier curve with control points (4, 2), at n parameter values: (n, 2)."""
     t = np.linspace(0.0, 1.0, n)[:, None]
     p0, p1, p2, p3 = points
@@ -130,7 +125,7 @@ class Circle:
     duration: float = 20.0  # s on the circle
     name: ClassVar[str] = "circle"
 
-    def drive(self, x: Floats, vehicle: Vehicle) -> Drive:
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> Drive:
         """Run-in along +x, then the circle to the left at its end."""
         radius, speed = (float(v) for v in x)
         run_in = _run_in_length(speed)
@@ -155,7 +150,7 @@ class DoubleLaneChange:
     lead_out: float = 2.0  # m, driven straight on after the second change
     name: ClassVar[str] = "double_lane_change"
 
-    def drive(self, x: Floats, vehicle: Vehicle) -> Drive:
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> Drive:
         """Run-in along +x, the two lane changes, and straight on."""
         d1, d2 = (float(v) for v in x)
         if self.length < d1 + d2 - np.sqrt(d1 * d2):
@@ -192,7 +187,7 @@ class Slalom:
     lead_out: float = 2.0  # m, driven straight on after the last gate
     name: ClassVar[str] = "slalom"
 
-    def drive(self, x: Floats, vehicle: Vehicle) -> Drive:
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> Drive:
         """Run-in along +x, the gates, and straight on."""
         spacing, offset = (float(v) for v in x)
         gate = np.linspace(0.0, self.gates + 1.0, 400 * (self.gates + 1))
@@ -236,7 +231,7 @@ def family_by_name(name: str) -> ManeuverFamily:
     return family
 
 
-def operation_point(family: ManeuverFamily, values: Mapping[str, float]) -> Floats:
+def operation_point(family: ManeuverFamily, values: Mapping[str, float]) -> FloatArray:
     """Operation parameters (l,) in the family's order.
 
     Raises

@@ -12,9 +12,9 @@ from typing import ClassVar
 import numpy as np
 
 from excitation_planner.box import Box
-from excitation_planner.maneuver.family import ACCELERATION, SETTLING_TIME, Floats
+from excitation_planner.maneuver.family import ACCELERATION, SETTLING_TIME
 from excitation_planner.maneuver.tracking import COMMAND_TICKS
-from tricycle_bridge.protocol.messages import TICK
+from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
@@ -23,7 +23,7 @@ SWEEP_OPERATION = Box.of({"amplitude": (0.05, 0.4), "frequency": (0.4, 2.0)})  #
 
 
 def steered(
-    vehicle: Vehicle, speed: float, angle: Callable[[Floats], Floats], *, duration: float
+    vehicle: Vehicle, speed: float, angle: Callable[[FloatArray], FloatArray], *, duration: float
 ) -> Commands:
     """Run-in straight ahead to a speed, then a steering input.
 
@@ -61,7 +61,7 @@ class StepSteer:
     duration: float = 8.0  # s from the step to the end
     name: ClassVar[str] = "step_steer"
 
-    def drive(self, x: Floats, vehicle: Vehicle) -> Commands:
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> Commands:
         """Run-in, ramp at the vehicle's slew, hold."""
         angle, speed = (float(v) for v in x)
         return steered(
@@ -85,12 +85,12 @@ class SineSweep:
     speed: float = 2.0  # m/s
     name: ClassVar[str] = "sine_sweep"
 
-    def drive(self, x: Floats, vehicle: Vehicle) -> Commands:
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> Commands:
         """Run-in, then the sweep."""
         amplitude, frequency = (float(v) for v in x)
         rise = (frequency - self.first_frequency) / self.duration  # Hz/s
 
-        def angle(t: Floats) -> Floats:
+        def angle(t: FloatArray) -> FloatArray:
             phase = 2.0 * np.pi * (self.first_frequency * t + 0.5 * rise * t**2)
             return np.asarray(amplitude * np.sin(phase))
 

@@ -9,18 +9,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from excitation_planner.maneuver.family import ACCELERATION, PATH_SPACING, Drive
-from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT, TICK
+from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 from tricycle_sim.setpoints import slew
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.kernel import LANES, Q0, X, advance_tick, equilibrium, pack
 from tricycle_sim.vehicle.steering import motor_angle_for, steering_constants
-
-Floats = NDArray[np.float64]
 
 COMMAND_TICKS = 2  # PLC ticks per command: 50 Hz
 LOOK_AHEAD = 0.6  # m, of pure pursuit ...
@@ -47,11 +45,11 @@ class Tracking:
 
 @compiled
 def _track(
-    vehicle: Floats,
-    servo: Floats,
-    steering: Floats,
-    path_x: Floats,
-    path_y: Floats,
+    vehicle: FloatArray,
+    servo: FloatArray,
+    steering: FloatArray,
+    path_x: FloatArray,
+    path_y: FloatArray,
     length: float,
     wheelbase: float,
     com_to_rear_axle: float,
@@ -59,7 +57,7 @@ def _track(
     slew_rate: float,
     acceleration: float,
     lock: float,
-    commands: Floats,
+    commands: FloatArray,
 ) -> tuple[int, int, int]:
     """Drive the path.
 

@@ -2,33 +2,25 @@
 
 import dataclasses
 import time
-from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion, excitation_cost
-from excitation_planner.design.excitation import (
-    Design,
-    InfeasibleManeuver,
-    Verdict,
-    design_excitation,
-)
+from excitation_planner.design.excitation import Design, Verdict, design_excitation
 from excitation_planner.design.information import ManeuverSet, Prior, TrajectoryNoise
 from excitation_planner.design.search import Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
-from excitation_planner.maneuver import ManeuverFamily, PlanError
+from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.prediction import ReplayedTrajectories, predicted_covariance
 from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run
 from tricycle_core import __version__
+from tricycle_core.errors import InfeasibleManeuver, PlanError
+from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.vehicle import Vehicle
-
-Floats = NDArray[np.float64]
-Report = Callable[[int, int], None]
 
 DELAY_STD = 0.05  # s, of each sensor's clock, and
 GYRO_BIAS_STD = 0.02  # rad/s: what identification does not take for granted either
@@ -145,7 +137,7 @@ class PlanRequest:
         """TE of this vehicle and family as a function of x and p."""
         return ReplayedTrajectoryError(self.vehicle, self.family)
 
-    def noise_variance(self, te: Floats) -> float:
+    def noise_variance(self, te: FloatArray) -> float:
         """Variance of a measured TE, m^4, when the position noise is a constant offset.
 
         The worst case of slow noise of standard deviation sigma per axis:
@@ -160,7 +152,7 @@ class PlanRequest:
 
 
 def plan_maneuver(
-    request: PlanRequest, *, executor: Executor | None = None, progress: Report | None = None
+    request: PlanRequest, *, executor: Executor | None = None, progress: Progress | None = None
 ) -> Plan:
     """Search the family for its best maneuver: `plan_set` of a single one."""
     (plan,) = plan_set(request, executor=executor, progress=progress)
@@ -168,7 +160,7 @@ def plan_maneuver(
 
 
 def plan_set(
-    request: PlanRequest, *, executor: Executor | None = None, progress: Report | None = None
+    request: PlanRequest, *, executor: Executor | None = None, progress: Progress | None = None
 ) -> tuple[Plan, ...]:
     """Search the families for the maneuvers that are best by the criterion, driven as one set.
 
@@ -235,7 +227,7 @@ def plan_set(
     return _plans(request, judged, design, began)
 
 
-def plan_at(request: PlanRequest, x: Floats) -> Plan:
+def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
     """Plan the maneuver with operation parameters x (l,), as it is.
 
     Raises
@@ -252,7 +244,7 @@ def plan_at(request: PlanRequest, x: Floats) -> Plan:
     return plan
 
 
-def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Floats:
+def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> FloatArray:
     """Draw operation parameters (l,), uniform over what the nominal vehicle can drive.
 
     Raises
@@ -276,17 +268,17 @@ def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Flo
 class _Maneuver:
     """Operation parameters (l,), the Sobol' indices of TE there, and H of the target."""
 
-    x: Floats
+    x: FloatArray
     sensitivity: Sensitivity
     cost: float
 
 
-def _judge(request: PlanRequest, family: ManeuverFamily, x: Floats) -> _Maneuver:
+def _judge(request: PlanRequest, family: ManeuverFamily, x: FloatArray) -> _Maneuver:
     """Indices of TE and H of the maneuver x (l,)."""
     simulate = ReplayedTrajectoryError(request.vehicle, family)
-    outputs: list[Floats] = []
+    outputs: list[FloatArray] = []
 
-    def simulate_and_keep(parameters: Floats) -> Floats:
+    def simulate_and_keep(parameters: FloatArray) -> FloatArray:
         outputs.append(simulate(x, parameters))
         return outputs[-1]
 
@@ -381,7 +373,7 @@ def _plans(
     return tuple(plans)
 
 
-def _indices(names: tuple[str, ...], values: Floats, intervals: Floats) -> dict[str, Index]:
+def _indices(names: tuple[str, ...], values: FloatArray, intervals: FloatArray) -> dict[str, Index]:
     return {
         name: Index(float(value), float(low), float(high))
         for name, value, (low, high) in zip(names, values, intervals, strict=True)

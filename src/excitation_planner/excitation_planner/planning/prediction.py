@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from excitation_planner.box import Box
 from excitation_planner.design.information import (
@@ -17,14 +16,12 @@ from excitation_planner.design.information import (
     information,
     posterior_covariance,
 )
-from excitation_planner.errors import DesignError
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.replay import nominal_run
-from tricycle_bridge.protocol.messages import TICK
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
-
-Floats = NDArray[np.float64]
 
 PERIOD = 0.05  # s between the time points: 20 Hz, as localisations give poses
 STANDSTILL = 1.0  # s before the start that are measured too: they tell start and gyro bias
@@ -50,7 +47,7 @@ class ReplayedTrajectories:
     family: ManeuverFamily
     columns: tuple[str, ...] = ("x", "y")
 
-    def __call__(self, x: Floats, parameters: Floats) -> Floats:
+    def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
         """Trajectories (n, t, c) of the samples, with the standstill before them."""
         commands = nominal_run(self.vehicle, self.family, x).commands
         every = round(PERIOD / TICK)
@@ -66,14 +63,14 @@ class ReplayedTrajectories:
 
 
 def predicted_covariance(
-    simulators: tuple[Callable[[Floats, Floats], Floats], ...],
-    points: tuple[Floats, ...],
+    simulators: tuple[Callable[[FloatArray, FloatArray], FloatArray], ...],
+    points: tuple[FloatArray, ...],
     unknown: Box,
     noise: TrajectoryNoise,
     *,
     seed: int,
     prior: Prior | None = None,
-) -> Floats:
+) -> FloatArray:
     """Expected posterior covariance (k, k) in squared ranges, after drives one after the other.
 
     Parameters
@@ -99,5 +96,5 @@ def predicted_covariance(
     F = F[np.isfinite(F).all(axis=(1, 2))]
     if len(F) == 0:
         raise DesignError("every vehicle drawn rolled over in this maneuver")
-    covariance: Floats = posterior_covariance(F, prior).mean(axis=0)
+    covariance: FloatArray = posterior_covariance(F, prior).mean(axis=0)
     return covariance

@@ -4,19 +4,17 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from excitation_planner.errors import InfeasibleManeuver
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
 from excitation_planner.trajectory_error import NominalTrajectory
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import PlanarBlock, simulate, simulate_planar
-
-Floats = NDArray[np.float64]
 
 KEPT_RUNS = 4  # nominal runs kept: the search asks for the same x once per batch of samples
 
@@ -38,12 +36,12 @@ class NominalRun:
     """
 
     commands: Commands
-    path: Floats
+    path: FloatArray
     reference: Reference
     nominal: NominalTrajectory
 
 
-def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: Floats) -> Floats:
+def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: FloatArray) -> FloatArray:
     """TE (n,) in m^2 of vehicles with unknown parameters (n, k), replaying the run's commands.
 
     NaN where a vehicle rolled over.
@@ -60,7 +58,7 @@ def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: Floats) -> Fl
     return errors
 
 
-def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: Floats) -> NominalRun:
+def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> NominalRun:
     """Replay the maneuver with operation parameters x (l,); a path is tracked first.
 
     Raises
@@ -99,7 +97,7 @@ def _as_sent(commands: Commands) -> Commands:
     )
 
 
-def _rear_axle_path(vehicle: Vehicle, motion: Reference) -> Floats:
+def _rear_axle_path(vehicle: Vehicle, motion: Reference) -> FloatArray:
     """Path (m, 2) of the rear axle's ground point, a point every 0.1 s."""
     b = vehicle.com_to_rear_axle
     path = np.column_stack([motion.x - b * np.cos(motion.yaw), motion.y - b * np.sin(motion.yaw)])
@@ -130,11 +128,11 @@ class ReplayedTrajectoryError:
         default_factory=OrderedDict, init=False, repr=False, compare=False
     )
 
-    def __call__(self, x: Floats, parameters: Floats) -> Floats:
+    def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
         """TE (n,) of the samples."""
         return replayed_errors(self.vehicle, self.nominal(x), parameters)
 
-    def nominal(self, x: Floats) -> NominalRun:
+    def nominal(self, x: FloatArray) -> NominalRun:
         """The nominal run at x, kept for the next calls."""
         key = np.asarray(x, dtype=float).tobytes()
         if key not in self._runs:

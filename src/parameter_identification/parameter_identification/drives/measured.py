@@ -14,23 +14,18 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from parameter_identification.drives.recorded import JudgeError, Path2D, Topics, read_drive
+from parameter_identification.drives.recorded import Path2D, Topics, read_drive
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import decode
-from tricycle_sim.commands import Commands, CommandsError
+from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
+from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle
 from tricycle_sim.vehicle.batch import Trajectory
 
-Array = NDArray[np.float64]
-
 STANDSTILL = 1.0  # s before the start event that are used
-WHEEL_JOINT, STEERING_JOINT = "rear_wheel_joint", "steering_motor_joint"
-
-
-class IdentificationError(ValueError):
-    """Drives from which nothing can be identified; the message says why, in one line."""
 
 
 class Sensor(Enum):
@@ -67,8 +62,8 @@ class Signal:
     jitter : standard deviation of the stamps, s: noise where the values change quickly
     """
 
-    time: Array
-    values: Array
+    time: FloatArray
+    values: FloatArray
     jitter: float = 0.0
 
     def __post_init__(self) -> None:
@@ -164,7 +159,7 @@ class SensorNoise:
                 f"noise: {self}: needs white, drift >= 0 and drift_time, rate > 0"
             )
 
-    def draw(self, m: int, rng: np.random.Generator) -> Array:
+    def draw(self, m: int, rng: np.random.Generator) -> FloatArray:
         """Noise (m,) of samples at `rate`."""
         noise = self.white * rng.standard_normal(m)
         if self.drift > 0:
@@ -182,12 +177,12 @@ class SensorNoise:
 class Motion:
     """Motion of one vehicle, as sensors see it; arrays (t,), SI, from the start event on."""
 
-    time: Array
-    x: Array
-    y: Array
-    heading: Array
-    yaw_rate: Array
-    wheel_speed: Array
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
+    yaw_rate: FloatArray
+    wheel_speed: FloatArray
 
     @classmethod
     def of(cls, trajectory: Trajectory, sample: int = 0) -> "Motion":
@@ -294,8 +289,8 @@ def read_measured_drive(
             nanoseconds = int(stamp.sec) * 10**9 + int(stamp.nanosec) - drive.start
             if wanted[topic] == topics.imu:
                 rows[Sensor.YAW_RATE].append((nanoseconds, message.angular_velocity.z))
-            elif WHEEL_JOINT in message.name:
-                speed = message.velocity[message.name.index(WHEEL_JOINT)]
+            elif REAR_WHEEL_JOINT in message.name:
+                speed = message.velocity[message.name.index(REAR_WHEEL_JOINT)]
                 rows[Sensor.WHEEL_SPEED].append((nanoseconds, speed))
     poses = drive.poses
     signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
@@ -324,7 +319,7 @@ def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
     return truth
 
 
-def _signal(samples: Array, bag: Path, sensor: Sensor) -> Signal:
+def _signal(samples: FloatArray, bag: Path, sensor: Sensor) -> Signal:
     """Signal of (m, 2) stamps in ns since the start event and values, in the order of time."""
     time, first = np.unique(samples[:, 0] * 1e-9, return_index=True)
     values = samples[first, 1]
@@ -338,7 +333,7 @@ def _commands(message: object, vehicle: Vehicle, bag: Path) -> Commands:
     points = message.points  # type: ignore[attr-defined]
     names = list(message.joint_names)  # type: ignore[attr-defined]
     try:
-        steer, wheel = names.index(STEERING_JOINT), names.index(WHEEL_JOINT)
+        steer, wheel = names.index(STEERING_JOINT), names.index(REAR_WHEEL_JOINT)
         return Commands(
             [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points],
             [p.positions[steer] for p in points],

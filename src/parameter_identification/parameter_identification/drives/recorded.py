@@ -16,18 +16,14 @@ from numpy.typing import NDArray
 
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import decode
-
-Array = NDArray[np.float64]
+from tricycle_core.errors import JudgeError
+from tricycle_core.joints import JOINTS
+from tricycle_core.quantities import FloatArray
 
 DURATION_TOLERANCE = 0.05  # s between the reference's end and the driver's
-JOINTS = ("steering_motor_joint", "rear_wheel_joint")
 COMMANDS_TOLERANCE = 1e-6  # rad and rad/s between a set-point planned and played
 QUATERNION_TOLERANCE = 0.01  # of the squared length of an orientation from 1
 COMMANDS_FRACTION = 0.9  # of the set-points that must be those planned: some may be lost
-
-
-class JudgeError(ValueError):
-    """A bag that cannot be judged; the message says why, in one line."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +74,10 @@ class Path2D:
     heading : (t,) rad, left positive, continuous; NaN where the sensor has none
     """
 
-    time: Array
-    x: Array
-    y: Array
-    heading: Array
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
 
     def part(self, selected: NDArray[np.bool_]) -> "Path2D":
         """Poses where ``selected`` (t,) is true."""

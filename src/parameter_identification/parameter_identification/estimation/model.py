@@ -15,21 +15,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from parameter_identification.drives.measured import (
-    IdentificationError,
-    MeasuredDrive,
-    Sensor,
-    Signal,
-    StartPose,
-)
-from tricycle_bridge.protocol.messages import TICK
+from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import Replay
 from tricycle_sim.vehicle.kernel import LANES, Q0, Q1, Q2, Q3, SPIN_REAR, Q, R, X, Y, pack
-
-Array = NDArray[np.float64]
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
@@ -54,13 +46,13 @@ _ROWS = np.array([X, Y, Q0, Q1, Q2, Q3, Q, R, SPIN_REAR])
 class _Motions:
     """Motions of n vehicles from the origin, each (n, t) on the ticks."""
 
-    x: Array
-    y: Array
-    heading: Array
-    yaw_rate: Array
-    wheel_speed: Array
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
+    yaw_rate: FloatArray
+    wheel_speed: FloatArray
 
-    def channels(self, sensor: Sensor) -> tuple[Array, ...]:
+    def channels(self, sensor: Sensor) -> tuple[FloatArray, ...]:
         """What a sensor sees, one array per channel."""
         if sensor is Sensor.POSITION:
             return self.x, self.y
@@ -68,7 +60,7 @@ class _Motions:
             return (self.heading,)
         return (self.yaw_rate if sensor is Sensor.YAW_RATE else self.wheel_speed,)
 
-    def sensed(self, sensor: Sensor, time: Array) -> tuple[Array, Array]:
+    def sensed(self, sensor: Sensor, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What a sensor sees at times (m,): values (c, n, m), slopes (c, m) of the first motion."""
         held = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
         seen = [_interpolate(rows, time, held=held) for rows in self.channels(sensor)]
@@ -110,10 +102,10 @@ class Prediction:
     """
 
     sensor: Sensor
-    time: Array
-    values: Array
-    residual: Array
-    jacobian: Array
+    time: FloatArray
+    values: FloatArray
+    residual: FloatArray
+    jacobian: FloatArray
 
 
 class DriveModel:
@@ -174,12 +166,12 @@ class DriveModel:
         y = float(origin.imag) if start.y is None else start.y
         return x, y, heading
 
-    def parameters(self, z: Array) -> Array:
+    def parameters(self, z: FloatArray) -> FloatArray:
         """Parameters in their units of those in ranges, (..., k)."""
-        values: Array = self.low + self.width * z
+        values: FloatArray = self.low + self.width * z
         return values
 
-    def _motion(self, parameters: Array, speeds: Array | None = None) -> "_Motions":
+    def _motion(self, parameters: FloatArray, speeds: FloatArray | None = None) -> "_Motions":
         """Motions of vehicles with parameters (n, k) from start speeds (n,)."""
         groups = pack(self.vehicle, parameters, self._replay.pose, speeds)
         out = np.empty((len(_ROWS), len(groups) * LANES, len(self._replay.time)))
@@ -188,7 +180,7 @@ class DriveModel:
         heading = np.unwrap(np.arctan2(2.0 * (w * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2)))
         return _Motions(x, y, heading, yaw_rate, spin - pitch_rate)
 
-    def predict(self, z: Array, nuisances: Array) -> list[Prediction]:
+    def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
 
         Parameters
@@ -219,10 +211,10 @@ class DriveModel:
         self,
         sensor: Sensor,
         signal: Signal,
-        values: Array,
-        slopes: Array,
-        derivatives: Array,
-        b: Array,
+        values: FloatArray,
+        slopes: FloatArray,
+        derivatives: FloatArray,
+        b: FloatArray,
     ) -> Prediction:
         """Put start pose, delay and bias on a motion.
 
@@ -257,7 +249,7 @@ class DriveModel:
         jacobian[:, :, k + at["start speed"]] = by_motion[:, :, k]
         return Prediction(sensor, signal.time, values.T, signal.values - values.T, -jacobian)
 
-    def misfits(self, Z: Array, white: dict[Sensor, float]) -> Array:
+    def misfits(self, Z: FloatArray, white: dict[Sensor, float]) -> FloatArray:
         """Rough misfit (n,) of parameters in ranges (n, k), for the choice of starts.
 
         Squared residuals of some samples over the white noise, with the nuisances that fit best: a
@@ -290,7 +282,9 @@ def _thinned(signal: Signal) -> Signal:
     return Signal(signal.time[::step], signal.values[::step])
 
 
-def _interpolate(rows: Array, time: Array, *, held: bool) -> tuple[Array, Array]:
+def _interpolate(
+    rows: FloatArray, time: FloatArray, *, held: bool
+) -> tuple[FloatArray, FloatArray]:
     """Values of rows (n, t) on the ticks at times (m,), linearly, and the first row's slope.
 
     Before the start positions go on with their first slope and rates, `held`, do not change.

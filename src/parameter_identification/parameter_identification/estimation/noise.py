@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -40,14 +39,14 @@ class NoiseLevel:
 
 @compiled
 def _whiten(
-    columns: Array,
-    time: Array,
-    weights: Array,
-    stamps: Array,
+    columns: FloatArray,
+    time: FloatArray,
+    weights: FloatArray,
+    stamps: FloatArray,
     white: float,
     drift: float,
     drift_time: float,
-    out: Array,
+    out: FloatArray,
 ) -> float:
     """Write whitened columns (m, c) to `out`; return the log-determinant of the covariance."""
     m, c = columns.shape
@@ -73,8 +72,8 @@ def _whiten(
 
 
 def whiten(
-    columns: Array, time: Array, noise: NoiseLevel, samples: "Samples | None" = None
-) -> tuple[Array, float]:
+    columns: FloatArray, time: FloatArray, noise: NoiseLevel, samples: "Samples | None" = None
+) -> tuple[FloatArray, float]:
     """Make the noise of columns white and of unit variance.
 
     Parameters
@@ -113,8 +112,8 @@ class Samples:
     stamps : (m,) variance that their stamps' errors add, in the sensor's unit squared
     """
 
-    weights: Array
-    stamps: Array
+    weights: FloatArray
+    stamps: FloatArray
 
     @classmethod
     def alike(cls, m: int) -> "Samples":
@@ -134,13 +133,13 @@ class Residuals:
     samples : what they are worth
     """
 
-    time: Array
-    columns: Array
+    time: FloatArray
+    columns: FloatArray
     at: NDArray[np.int64]
     samples: Samples
 
 
-def white_level(time: Array, values: Array) -> float:
+def white_level(time: FloatArray, values: FloatArray) -> float:
     """Standard deviation of the white part of a smooth signal (m, c).
 
     Third differences of white noise of variance σ² have variance 20 σ²; their median absolute value
@@ -157,7 +156,7 @@ def white_level(time: Array, values: Array) -> float:
 
 def restricted_noise(
     channels: Sequence[Residuals],
-    others: Array,
+    others: FloatArray,
     start: NoiseLevel,
     *,
     floor: float,
@@ -174,7 +173,7 @@ def restricted_noise(
     span = max(float(np.ptp(channel.time)) for channel in channels)
     step = min(float(np.median(np.diff(channel.time))) for channel in channels)
 
-    def criterion(theta: Array) -> float:
+    def criterion(theta: FloatArray) -> float:
         white, drift, drift_time = np.exp(theta)
         noise = NoiseLevel(white, drift, drift_time)
         gram, log_determinant = others.copy(), 0.0

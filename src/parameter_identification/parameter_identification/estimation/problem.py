@@ -31,8 +31,7 @@ from parameter_identification.estimation.noise import (
     whiten,
 )
 from parameter_identification.estimation.whiteness import resolution
-
-Array = NDArray[np.float64]
+from tricycle_core.quantities import FloatArray
 
 CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: as many samples tell of them no more than one
@@ -57,7 +56,7 @@ class Fit:
     cost : squared residuals over their variances, with the priors' part
     """
 
-    at: Array
+    at: FloatArray
     cost: float
 
 
@@ -72,7 +71,7 @@ class Problem:
     """
 
     def __init__(
-        self, models: Sequence[DriveModel], mean: Array, information: Array, loss: Loss
+        self, models: Sequence[DriveModel], mean: FloatArray, information: FloatArray, loss: Loss
     ) -> None:
         self.models, self.mean, self.information = models, mean, information
         self.k = len(mean)
@@ -112,7 +111,7 @@ class Problem:
                 levels[sensor] = max(levels[sensor], white_level(signal.time, signal.values))
         return levels
 
-    def predictions(self, v: Array) -> list[list[Prediction]]:
+    def predictions(self, v: FloatArray) -> list[list[Prediction]]:
         """Predictions of each drive at variables (n,)."""
 
         def predict(pair: tuple[DriveModel, NDArray[np.int64]]) -> list[Prediction]:
@@ -121,7 +120,7 @@ class Problem:
 
         return list(self._pool.map(predict, zip(self.models, self._at, strict=True)))
 
-    def gram(self, v: Array) -> Array:
+    def gram(self, v: FloatArray) -> FloatArray:
         """[J r]ᵀ[J r], whitened and with the priors, (n + 1, n + 1)."""
         total = self._prior_gram(v)
         for predictions, samples, at in zip(
@@ -130,7 +129,7 @@ class Problem:
             total += self._signals_gram(predictions, samples, at, self.noise)
         return total
 
-    def _prior_gram(self, v: Array) -> Array:
+    def _prior_gram(self, v: FloatArray) -> FloatArray:
         k, gram = self.k, np.zeros((self.n + 1, self.n + 1))
         deviation = v[:k] - self.mean
         pull = self.information @ deviation
@@ -148,7 +147,7 @@ class Problem:
         samples: dict[Sensor, Samples],
         at: NDArray[np.int64],
         noise: dict[Sensor, NoiseLevel],
-    ) -> Array:
+    ) -> FloatArray:
         gram = np.zeros((self.n + 1, self.n + 1))
         place = np.append(at, self.n)
         for p in predictions:
@@ -160,7 +159,7 @@ class Problem:
                     gram[np.ix_(place, place)] += columns.T @ columns
         return gram
 
-    def candidates(self, count: int, seed: int) -> list[Array]:
+    def candidates(self, count: int, seed: int) -> list[FloatArray]:
         """Variables (n,) to start from: the best of a Sobol' sequence and the prior's mean."""
         Z = np.vstack([self.mean, sobol_sequence(CANDIDATES - 1, self.k, seed=seed)])
         white = {sensor: level.white for sensor, level in self.noise.items()}
@@ -169,7 +168,7 @@ class Problem:
         return [np.concatenate([z, np.zeros(self.n - self.k)]) for z in best]
 
     def minimise(
-        self, start: Array, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01
+        self, start: FloatArray, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01
     ) -> Fit:
         """Minimum from a start, within the ranges.
 
@@ -209,7 +208,7 @@ class Problem:
                 damping = max(10.0 * damping, 1.0)
         return Fit(at, float(gram[-1, -1]))
 
-    def estimate_noise(self, v: Array) -> None:
+    def estimate_noise(self, v: FloatArray) -> None:
         """Set what the samples are worth and the noise of each sensor from the residuals."""
         predictions = self.predictions(v)
         self._weigh(predictions)
@@ -254,11 +253,11 @@ class Problem:
         alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
         return Samples(_run_weights(signal.values), alike * (slope * signal.jitter) ** 2)
 
-    def _innovations(self, drive: int, p: Prediction) -> Array:
+    def _innovations(self, drive: int, p: Prediction) -> FloatArray:
         """Largest innovation (m,) of each sample, in standard deviations."""
         worth, noise = self._worth(drive, p), self.noise[p.sensor]
         innovations, _ = whiten(p.residual, p.time, noise, worth)
-        size: Array = np.abs(innovations).max(axis=1)
+        size: FloatArray = np.abs(innovations).max(axis=1)
         return size
 
     def outliers(self, predictions: Sequence[Sequence[Prediction]], limit: float) -> int:
@@ -269,7 +268,7 @@ class Problem:
             for p in found
         )
 
-    def weights(self, drive: int) -> dict[Sensor, Array]:
+    def weights(self, drive: int) -> dict[Sensor, FloatArray]:
         """What each sample (m,) of a drive counts beside a full one, by sensor."""
         return {
             sensor: 1.0 / (1.0 / s.weights + s.stamps / self.noise[sensor].white ** 2)
@@ -281,17 +280,17 @@ class Problem:
         self._pool.shutdown()
 
 
-def _run_weights(values: Array) -> Array:
+def _run_weights(values: FloatArray) -> FloatArray:
     """Weights (m,) of readings (m, c): a run of equal ones has one rounding error, so counts once.
 
     Where a slow signal hides in one step of the sensor, its many equal readings would else say with
     confidence that it does not move.
     """
     runs = np.append(0, np.cumsum(np.any(np.diff(values, axis=0) != 0.0, axis=1)))
-    weights: Array = 1.0 / np.bincount(runs)[runs]
+    weights: FloatArray = 1.0 / np.bincount(runs)[runs]
     return weights
 
 
-def _columns(p: Prediction, channel: int) -> Array:
+def _columns(p: Prediction, channel: int) -> FloatArray:
     """Jacobian and residual of one channel, (m, k + q + 1)."""
     return np.column_stack([p.jacobian[:, channel], p.residual[:, channel]])

@@ -11,12 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from parameter_identification.estimation.problem import Fit, Problem
-
-Array = NDArray[np.float64]
+from tricycle_core.quantities import FloatArray
 
 STEPS = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
 TOLERANCE = 0.1  # of the cost; the interval's level is some 4
@@ -33,12 +31,12 @@ class ProfileCurve:
     interval : where it is as high as the level allows, within 0 to 1
     """
 
-    z: Array
-    rise: Array
+    z: FloatArray
+    rise: FloatArray
     interval: tuple[float, float]
 
 
-def profile(problem: Problem, best: Fit, inverse: Array, i: int, level: float) -> ProfileCurve:
+def profile(problem: Problem, best: Fit, inverse: FloatArray, i: int, level: float) -> ProfileCurve:
     """Profile of parameter number `i`.
 
     Parameters

@@ -7,10 +7,9 @@ or a sensor that drifts. One drive cannot tell which.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2
 
-Array = NDArray[np.float64]
+from tricycle_core.quantities import FloatArray
 
 LONGEST_LAG = 1.0  # s
 SIGNIFICANCE = 0.01  # of all channels together: the smallest p value is multiplied by their number
@@ -39,7 +38,7 @@ class Whiteness:
     p: float
 
 
-def ljung_box(residuals: Array, lags: int) -> tuple[float, float]:
+def ljung_box(residuals: FloatArray, lags: int) -> tuple[float, float]:
     """Statistic and p value of residuals (m,) for lags 1 to `lags`."""
     m = len(residuals)
     size = 1 << (2 * m - 1).bit_length()  # zero padding: no wrap-around
@@ -51,7 +50,7 @@ def ljung_box(residuals: Array, lags: int) -> tuple[float, float]:
 
 
 def whiteness(
-    drive: str, channel: str, time: Array, measured: Array, residuals: Array
+    drive: str, channel: str, time: FloatArray, measured: FloatArray, residuals: FloatArray
 ) -> Whiteness:
     """Test one channel.
 
@@ -73,7 +72,7 @@ def whiteness(
     return Whiteness(drive, channel, rms, correlation, statistic, lags, p)
 
 
-def resolution(values: Array) -> float:
+def resolution(values: FloatArray) -> float:
     """Smallest step between values (m,) that repeat; 0 if hardly any repeat."""
     levels = np.unique(np.round(values, 12))
     if len(levels) < 2 or len(levels) > 0.8 * len(values):

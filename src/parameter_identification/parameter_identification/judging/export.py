@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from parameter_identification.judging.judgement import Array, Judgement, TimeSeries
+from parameter_identification.judging.judgement import Judgement, TimeSeries
+from tricycle_core.quantities import FloatArray
 
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -57,7 +58,7 @@ def export(
     return written
 
 
-def _tum(time: Array, x: Array, y: Array, heading: Array) -> Array:
+def _tum(time: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray) -> FloatArray:
     half = np.nan_to_num(heading) / 2
     zero = np.zeros_like(time)
     return np.column_stack([time, x, y, zero, zero, zero, np.sin(half), np.cos(half)])

@@ -14,25 +14,18 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from excitation_planner.trajectory_error import POINTS, trajectory_error
-from parameter_identification.drives.recorded import (
-    Datum,
-    Drive,
-    JudgeError,
-    Path2D,
-    Topics,
-    read_drive,
-)
+from parameter_identification.drives.recorded import Datum, Drive, Path2D, Topics, read_drive
+from tricycle_core.errors import JudgeError
+from tricycle_core.quantities import FloatArray
 
 __all__ = [
     "Anchor", "Datum", "JudgeError", "Judgement", "Pose", "TimeSeries", "Topics", "judge",
     "judge_drive",
 ]  # fmt: skip
 
-Array = NDArray[np.float64]
 
 MAX_GAP = 0.2  # s between poses; points of Eq. 14 within a longer gap are not matched
 STANDSTILL = 1.0  # s before the start event that give the anchor
@@ -71,19 +64,19 @@ class TimeSeries:
     heading_error : (j,) rad, NaN for a sensor without heading
     """
 
-    time: Array
-    x: Array
-    y: Array
-    heading: Array
-    reference_x: Array
-    reference_y: Array
-    reference_heading: Array
-    along: Array
-    cross: Array
-    heading_error: Array
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
+    reference_x: FloatArray
+    reference_y: FloatArray
+    reference_heading: FloatArray
+    along: FloatArray
+    cross: FloatArray
+    heading_error: FloatArray
 
     @property
-    def distance(self) -> Array:
+    def distance(self) -> FloatArray:
         """Distance from the reference (j,), m."""
         return np.hypot(self.along, self.cross)
 
@@ -185,7 +178,7 @@ def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgemen
     added, deviation = _noise_effect(drive.poses, standing, series, noise, anchor)
     offset, offset_deviation = _time_offset(drive, poses[anchor])
 
-    def rms(values: Array) -> float:
+    def rms(values: FloatArray) -> float:
         return float(np.sqrt(np.mean(values**2)))
 
     return Judgement(
@@ -214,7 +207,7 @@ def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgemen
     )
 
 
-def _matched(drive: Drive, time: Array) -> float:
+def _matched(drive: Drive, time: FloatArray) -> float:
     """Fraction of the points between poses at most MAX_GAP apart; raises unless it is 1."""
     known = drive.poses.time
     after = np.searchsorted(known, time, side="left")
@@ -254,12 +247,12 @@ def _standstill(drive: Drive) -> Path2D:
     return standing
 
 
-def _slope(time: Array, values: Array) -> float:
+def _slope(time: FloatArray, values: FloatArray) -> float:
     centred = time - time.mean()
     return float(centred @ values / (centred @ centred))
 
 
-def _slope_deviation(time: Array, values: Array) -> float:
+def _slope_deviation(time: FloatArray, values: FloatArray) -> float:
     """Standard deviation of a slope fitted to white noise."""
     centred = time - time.mean()
     rest = values - values.mean() - _slope(time, values) * centred
@@ -287,12 +280,12 @@ def _in_frame(path: Path2D, anchor: Pose) -> Path2D:
     return Path2D(path.time, c * x + s * y, c * y - s * x, path.heading - anchor.heading)
 
 
-def _interpolate(path: Path2D, time: Array) -> Path2D:
+def _interpolate(path: Path2D, time: FloatArray) -> Path2D:
     x, y, heading = (np.interp(time, path.time, v) for v in (path.x, path.y, path.heading))
     return Path2D(time, x, y, heading)
 
 
-def _interpolate_reference(path: Path2D, time: Array) -> Path2D:
+def _interpolate_reference(path: Path2D, time: FloatArray) -> Path2D:
     x, y = (CubicSpline(path.time, v)(time) for v in (path.x, path.y))
     return Path2D(time, x, y, np.interp(time, path.time, path.heading))
 

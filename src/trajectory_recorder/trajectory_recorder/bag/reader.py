@@ -30,8 +30,9 @@ from rosbags.rosbag2 import Reader as RosbagsReader
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.metadata import parse_qos
 
-from trajectory_recorder.bag.topics import BagError, OfferedQos, Topic
+from trajectory_recorder.bag.topics import OfferedQos, Topic
 from trajectory_recorder.bag.writer import MAGIC, METADATA_RECORD
+from tricycle_core.errors import BagError
 
 __all__ = ["BagError", "BagReader", "Message"]
 

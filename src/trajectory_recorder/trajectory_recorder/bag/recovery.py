@@ -1,11 +1,12 @@
 """Recovery of torn and damaged bags."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-from trajectory_recorder.bag.reader import BagError, BagReader
+from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.writer import BagWriter
+from tricycle_core.errors import BagError
+from tricycle_core.quantities import Progress
 
 
 class Recovery(NamedTuple):
@@ -15,9 +16,7 @@ class Recovery(NamedTuple):
     damage: tuple[BagError, ...]  # chunks that were left out
 
 
-def recover(
-    bag: Path, output: Path, *, progress: Callable[[int, int], None] | None = None
-) -> Recovery:
+def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Recovery:
     """Copy what is readable of a bag to a new, complete one; leave damaged chunks out.
 
     `BagReader` reads torn bags as they are; this is for other readers, which want the summary that

@@ -14,10 +14,7 @@ from rosbags.interfaces import Qos, QosTime
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-
-class BagError(ValueError):
-    """A bag that cannot be read or written; the message says which, why, and what would do."""
-
+from tricycle_core.errors import BagError
 
 FOREVER = 2**63 - 1  # ns; how ROS 2 writes an infinite deadline, lifespan or lease
 

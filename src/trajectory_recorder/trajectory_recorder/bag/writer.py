@@ -40,7 +40,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from trajectory_recorder.bag.topics import BagError, Topic
+from trajectory_recorder.bag.topics import Topic
+from tricycle_core.errors import BagError
 
 MAGIC = b"\x89MCAP0\r\n"
 METADATA_RECORD = "tricycle"  # MCAP metadata record with plan id, vehicle hash, versions

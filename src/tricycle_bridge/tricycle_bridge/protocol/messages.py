@@ -13,6 +13,8 @@ import struct
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Self, get_type_hints
 
+from tricycle_core.errors import LinkError
+
 MAJOR = 1  # protocol versions this suite speaks
 MINOR = 0
 BAUD = 115_200  # 8N1
@@ -34,12 +36,7 @@ MAX_ACCELERATION = 2.0  # m/s^2
 WATCHDOG = 0.2  # s without an accepted command until STOPPING
 STALE_TICKS = 150  # of ECHO_TICK: an older echo marks a stale command
 ECHO_TICK = 1024e-6  # s
-TICK = 0.01  # s; control tick and state frame period
 ARMING_COMMANDS = 5  # good commands in a row before ARM is accepted
-
-
-class LinkError(ValueError):
-    """A by-wire link was asked for something that it cannot do."""
 
 
 class Board(enum.IntEnum):

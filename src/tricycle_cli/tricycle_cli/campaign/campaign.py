@@ -20,19 +20,19 @@ import numpy as np
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.information import Prior
 from excitation_planner.design.store import replace_file
-from excitation_planner.errors import DesignError
-from excitation_planner.maneuver import ManeuverFamily, PlanError
+from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_maneuver
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.identification import identify
+from tricycle_core.errors import DesignError, PlanError
+from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
 SCHEMA = 1
 HALF_WIDTH = 1.96  # standard deviations of a 95 % interval
 
-Report = Callable[[int, int], None]
-Drive = Callable[[Plan, Path, Report], None]  # drives a plan, records the bag
+Drive = Callable[[Plan, Path, Progress], None]  # drives a plan, records the bag
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ class Campaign:
             return False
         return not self.missing() or len(self.steps) >= self.request.most_drives
 
-    def plan(self, progress: Callable[[str], AbstractContextManager[Report]]) -> Plan:
+    def plan(self, progress: Callable[[str], AbstractContextManager[Progress]]) -> Plan:
         """The plan of the next drive: made now, unless the last one is not done with.
 
         Parameters
@@ -301,7 +301,7 @@ class Campaign:
         covariance = np.array(found["covariance"]) / np.outer(high - low, high - low)
         return Prior((estimates - low) / (high - low), 0.5 * (covariance + covariance.T))
 
-    def drive(self, drive: Drive, progress: Report) -> None:
+    def drive(self, drive: Drive, progress: Progress) -> None:
         """Drive the last plan, unless its bag is complete."""
         step = self.steps[-1]
         if step.driven:

@@ -11,13 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 from excitation_planner.design.store import replace_file
-from excitation_planner.maneuver import PlanError, family_by_name, family_names
+from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.plan import Plan
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest, Drive
 from tricycle_cli.operation.session import running_session, simulated_session
-from tricycle_cli.progress import Report, progress_bar
+from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.figures import plot_campaign
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import Progress
 from tricycle_sim.rig.emulated import draw_truth
 from tricycle_sim.vehicle import load_vehicle
 
@@ -155,7 +157,7 @@ def _session(args: argparse.Namespace) -> Iterator[Drive]:
         return
     with running_session() as drive:
 
-        def drive_when_ready(plan: Plan, bag: Path, progress: Report) -> None:
+        def drive_when_ready(plan: Plan, bag: Path, progress: Progress) -> None:
             x, y = np.ptp(plan.path, axis=0)
             try:
                 input(

@@ -12,16 +12,9 @@ from rich.console import Console
 from rich.table import Table
 
 from parameter_identification.judging.export import PICTURES, ExportFormat, export, plot
-from parameter_identification.judging.judgement import (
-    Anchor,
-    Datum,
-    JudgeError,
-    Judgement,
-    Topics,
-    judge,
-)
-from trajectory_recorder.bag.reader import BagError
+from parameter_identification.judging.judgement import Anchor, Datum, Judgement, Topics, judge
 from tricycle_cli.progress import progress_bar
+from tricycle_core.errors import BagError, JudgeError
 
 EXAMPLE = """\
 examples:

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.live import Live
 
 from tricycle_cli.operation.dashboard import screen
-from tricycle_cli.operation.processes import NodeError
+from tricycle_core.errors import NodeError
 
 EXAMPLE = """\
 examples:

@@ -10,13 +10,14 @@ from rich.console import Console
 from rich.table import Table
 
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.maneuver import PlanError, family_by_name, family_names, operation_point
+from excitation_planner.maneuver import family_by_name, family_names, operation_point
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_set
 from tricycle_cli.argument_types import seed
 from tricycle_cli.assignments import parse_assignments
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.figures import plot_plan
+from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
 MOST_MANEUVERS = 6  # of a set: twelve operation parameters are all that the search can do well

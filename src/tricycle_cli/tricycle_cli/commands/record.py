@@ -11,8 +11,8 @@ from datetime import datetime
 from pathlib import Path
 
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import BagError
 from tricycle_cli.operation.processes import executable
+from tricycle_core.errors import BagError
 
 STOP_PERIOD = 0.1  # s between signals to a node that is to end
 

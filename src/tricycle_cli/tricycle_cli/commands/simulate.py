@@ -10,16 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from excitation_planner.errors import InfeasibleManeuver
-from excitation_planner.maneuver import PlanError, family_by_name, family_names, operation_point
+from excitation_planner.maneuver import family_by_name, family_names, operation_point
 from excitation_planner.planning.replay import nominal_run
-from tricycle_bridge.protocol.messages import TICK
 from tricycle_cli.argument_types import seed
 from tricycle_cli.assignments import parse_assignments
 from tricycle_cli.progress import progress_bar
-from tricycle_sim.commands import Commands, CommandsError, load_commands
+from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
+from tricycle_core.quantities import TICK, FloatArray
+from tricycle_sim.commands import Commands, load_commands
 from tricycle_sim.setpoints import tick_count
 from tricycle_sim.trajectory_files import PICTURES, SUFFIXES, plot_trajectory, save_trajectory
 from tricycle_sim.vehicle import Vehicle, load_vehicle
@@ -155,7 +154,7 @@ def _feasibility(feasibility: Feasibility) -> dict[str, Any]:
 
 
 def _worst(
-    event: Event, worst: Callable[[NDArray[np.float64]], np.intp] = np.argmax
+    event: Event, worst: Callable[[FloatArray], np.intp] = np.argmax
 ) -> dict[str, float] | None:
     """Return the event of the sample to which the worst happened; None if it never did."""
     if not event.happened.any():
@@ -191,7 +190,7 @@ def _print(result: Mapping[str, Any]) -> None:
         print(f"... and {len(reasons) - 10} more (--json lists all)", file=sys.stderr)
 
 
-def _draw(vehicle: Vehicle, samples: int, seed: int) -> NDArray[np.float64]:
+def _draw(vehicle: Vehicle, samples: int, seed: int) -> FloatArray:
     """Uniform samples (n, k) of the unknown parameters."""
     rng = np.random.default_rng(seed)
     low, high = np.array(list(vehicle.unknown.values())).reshape(-1, 2).T

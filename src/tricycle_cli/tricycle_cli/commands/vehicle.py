@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from tricycle_bridge.protocol.messages import TICK
+from tricycle_core.quantities import TICK
 from tricycle_sim.vehicle import constants, load_vehicle
 from tricycle_sim.vehicle.stability import LIMIT, check_step, fastest_mode
 

@@ -14,9 +14,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from excitation_planner.playback import JOINTS
-from tricycle_cli.operation.dashboard import Dashboard, Joints, Level, Motion, Status
+from tricycle_cli.operation.dashboard import Dashboard, Joints, Motion, Status
 from tricycle_cli.operation.processes import interrupts_held
+from tricycle_core.diagnostics import Level
+from tricycle_core.joints import JOINTS
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -23,7 +23,9 @@ from std_srvs.srv import SetBool, Trigger
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.playback import PlaybackState
-from tricycle_cli.operation.processes import NodeError, interrupts_held
+from tricycle_cli.operation.processes import interrupts_held
+from tricycle_core.errors import NodeError
+from tricycle_core.quantities import Progress
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
@@ -144,7 +146,7 @@ class Operator:
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def drive(self, plan: Plan, bag: Path, *, progress: Callable[[int, int], None]) -> None:
+    def drive(self, plan: Plan, bag: Path, *, progress: Progress) -> None:
         """Drive the plan to its end and record it to `bag`.
 
         Parameters
@@ -214,7 +216,7 @@ class Operator:
             raise
         self._sleep(STANDSTILL)
 
-    def _follow(self, plan: Plan, progress: Callable[[int, int], None]) -> None:
+    def _follow(self, plan: Plan, progress: Progress) -> None:
         """Wait for the end of the maneuver started."""
         self._wait(lambda: self._state["state"] != PlaybackState.WAITING.value, "the start")
         if self._state["plan_id"] != plan.id:

@@ -15,11 +15,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from tricycle_core.errors import NodeError
+
 STOP_TIMEOUT = 5.0  # s a node gets to close its bag or port before it is killed
-
-
-class NodeError(RuntimeError):
-    """A node process could not be started, or ended when it should not have."""
 
 
 def own_domain(number: int = 0) -> int:

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.plan import Plan
-from trajectory_recorder.bag.reader import BagError
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
+from tricycle_core.errors import BagError
+from tricycle_core.quantities import Progress
 from tricycle_sim.rig.emulated import draw_truth
 from tricycle_sim.vehicle import Vehicle, load_vehicle
-
-Report = Callable[[int, int], None]
 
 
 @contextmanager
@@ -26,7 +25,7 @@ def simulated_session(
     real_time_factor: float,
     folder: Path,
     firmware: Path | None = None,
-) -> Iterator[Callable[[Plan, Path, Report], None]]:
+) -> Iterator[Callable[[Plan, Path, Progress], None]]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
 
     Parameters
@@ -87,7 +86,7 @@ def simulated_session(
         nodes.start("trajectory_recorder", config=config, parameters={"metadata": told})
         with Operator(domain=domain, check=nodes.check) as operator:
 
-            def drive(plan: Plan, bag: Path, progress: Report) -> None:
+            def drive(plan: Plan, bag: Path, progress: Progress) -> None:
                 operator.drive(plan, bag.absolute(), progress=progress)
 
             yield drive
@@ -101,7 +100,7 @@ def _hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 
 @contextmanager
-def running_session(namespace: str = "") -> Iterator[Callable[[Plan, Path, Report], None]]:
+def running_session(namespace: str = "") -> Iterator[Callable[[Plan, Path, Progress], None]]:
     """Drive plans on nodes that run already, of the real vehicle; arming stays the operator's.
 
     Parameters
@@ -121,7 +120,7 @@ def running_session(namespace: str = "") -> Iterator[Callable[[Plan, Path, Repor
         domain=domain, check=lambda: None, simulated=False, namespace=namespace
     ) as operator:
 
-        def drive(plan: Plan, bag: Path, progress: Report) -> None:
+        def drive(plan: Plan, bag: Path, progress: Progress) -> None:
             operator.drive(plan, bag.absolute(), progress=progress)
 
         yield drive

@@ -12,26 +12,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from excitation_planner.maneuver import PlanError
 from excitation_planner.plan import Plan, load_plan
-from excitation_planner.playback import JOINTS
-from parameter_identification.drives.recorded import Drive, JudgeError, read_drive
+from parameter_identification.drives.recorded import Drive, read_drive
 from parameter_identification.judging.judgement import Judgement, judge_drive
-from trajectory_recorder.bag.reader import BagError, BagReader
+from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import decode
+from tricycle_core.errors import BagError, JudgeError, PlanError, ReportError
+from tricycle_core.joints import JOINTS
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 
-Floats = NDArray[np.float64]
-
 MAX_BYTES = 64_000_000  # of a JSON file
 IDENTIFIED = "identification.json"
-
-
-class ReportError(ValueError):
-    """A directory of which no report can be made."""
 
 
 @dataclass(frozen=True)
@@ -46,19 +40,19 @@ class Motion:
         (t,) rad and rad/s; the wheel is the rear one.
     """
 
-    time: Floats
-    steering_motor_angle: Floats
-    wheel_rate: Floats
+    time: FloatArray
+    steering_motor_angle: FloatArray
+    wheel_rate: FloatArray
 
 
 @dataclass(frozen=True)
 class Loads:
     """Vertical loads (t,) of the wheels, N, over time (t,), s."""
 
-    time: Floats
-    left: Floats
-    right: Floats
-    rear: Floats
+    time: FloatArray
+    left: FloatArray
+    right: FloatArray
+    rear: FloatArray
 
 
 @dataclass(frozen=True)
@@ -109,7 +103,7 @@ class IdentifiedParameter:
     high: float
     identifiable: bool
     truth: float | None
-    profile: tuple[Floats, Floats] | None
+    profile: tuple[FloatArray, FloatArray] | None
 
 
 @dataclass(frozen=True)
@@ -205,7 +199,7 @@ def _parameter(
             raise ReportError(f"{file}: {name}: {what} must be a number")
         return value
 
-    def numbers(of: object, what: str, size: int | None = None) -> Floats:
+    def numbers(of: object, what: str, size: int | None = None) -> FloatArray:
         values = [number(v) for v in of] if isinstance(of, list) else []
         if not values or None in values or size not in (None, len(values)):
             raise ReportError(f"{file}: {name}: {what} must be a list of numbers")

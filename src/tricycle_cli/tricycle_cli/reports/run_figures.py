@@ -15,8 +15,7 @@ from scipy.stats import chi2
 from excitation_planner.plan import Plan, SearchHistory
 from parameter_identification.judging.judgement import Judgement
 from tricycle_cli.reports.run_data import IdentificationResult, Loads, Motion
-
-Floats = NDArray[np.float64]
+from tricycle_core.quantities import FloatArray
 
 # Okabe and Ito's, told apart by the colour-blind
 BLUE, VERMILLION, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8A8A8A"
@@ -253,7 +252,9 @@ def _in_time(figure: go.Figure) -> go.Figure:
     return figure
 
 
-def _over_time(figure: go.Figure, time: Floats, x: Floats, y: Floats, **style: object) -> None:
+def _over_time(
+    figure: go.Figure, time: FloatArray, x: FloatArray, y: FloatArray, **style: object
+) -> None:
     figure.add_scatter(
         x=x,
         y=y,
@@ -269,7 +270,7 @@ def _line(
     return {"color": color, "width": width, "dash": dash, "shape": shape}
 
 
-def _thinned(*arrays: Floats) -> tuple[Floats, ...]:
+def _thinned(*arrays: FloatArray) -> tuple[FloatArray, ...]:
     """The same, at most `POINTS` long and with both ends, rounded to what a reader can use."""
     size = len(arrays[0])
     kept = np.unique(np.linspace(0, size - 1, min(size, POINTS)).round().astype(int))

@@ -2,19 +2,18 @@
 
 from collections.abc import Callable
 
-from excitation_planner.maneuver import PlanError
 from excitation_planner.plan import Plan
 from tricycle_cli.reports import run_figures as figures
 from tricycle_cli.reports.html_page import PlotBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.run_data import IdentificationResult, Maneuver, Run, wheel_loads
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
 Block = str | TableBlock | PlotBlock
 
 
-def report_page(
-    run: Run, *, vehicle: Vehicle, progress: Callable[[int, int], None] | None = None
-) -> str:
+def report_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) -> str:
     """Return the report of a run as the text of an HTML file.
 
     Parameters

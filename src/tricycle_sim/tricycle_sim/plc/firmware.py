@@ -16,10 +16,10 @@ from tricycle_bridge.protocol.messages import (
     STEER_RATE_UNIT,
     Board,
     Fault,
-    LinkError,
     PlcState,
     ResetCause,
 )
+from tricycle_core.errors import LinkError
 from tricycle_sim.plc.plc import (
     ADC_CENTRE,
     ADC_SCALE,

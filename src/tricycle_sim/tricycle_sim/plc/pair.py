@@ -10,7 +10,8 @@ import time
 from types import TracebackType
 from typing import Self
 
-from tricycle_bridge.protocol.messages import TICK, Board, ResetCause
+from tricycle_bridge.protocol.messages import Board, ResetCause
+from tricycle_core.quantities import TICK
 from tricycle_sim.plc.plc import (
     HALL_PULSE,
     DriveMeasurement,

@@ -30,7 +30,6 @@ from tricycle_bridge.protocol.messages import (
     SPEED_UNIT,
     STALE_TICKS,
     STEER_RATE_UNIT,
-    TICK,
     WATCHDOG,
     Ack,
     Board,
@@ -62,6 +61,7 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
     echo_of,
 )
+from tricycle_core.quantities import TICK
 from tricycle_sim.setpoints import slew
 
 HALL_PULSE = 0.015253  # m of travel per hall pulse: 23 pole pairs x 6 edges on a 0.335 m wheel

@@ -9,7 +9,8 @@ import ctypes
 from dataclasses import dataclass
 from pathlib import Path
 
-from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE, LinkError
+from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE
+from tricycle_core.errors import LinkError
 from tricycle_sim.plc.plc import ADC_CENTRE, ADC_SCALE, HALL_PULSE
 
 _LINE = 16384  # bytes

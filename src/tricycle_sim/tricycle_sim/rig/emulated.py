@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tricycle_bridge.protocol.messages import TICK, Board, PlcState
+from tricycle_bridge.protocol.messages import Board, PlcState
+from tricycle_core.quantities import TICK
 from tricycle_sim.plc.plc import (
     HALL_PULSE,
     DriveMeasurement,

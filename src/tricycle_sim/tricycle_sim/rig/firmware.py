@@ -8,7 +8,6 @@ from pathlib import Path
 
 from tricycle_bridge.protocol.framing import FrameDecoder
 from tricycle_bridge.protocol.messages import (
-    TICK,
     Board,
     DriveCommand,
     DriveState,
@@ -17,6 +16,7 @@ from tricycle_bridge.protocol.messages import (
     SteerCommand,
     SteerState,
 )
+from tricycle_core.quantities import TICK
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState, LiveVehicle

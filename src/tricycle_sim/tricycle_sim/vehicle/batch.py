@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tricycle_bridge.protocol.messages import TICK
+from tricycle_core.quantities import TICK, FloatArray, Progress
+from tricycle_core.rotations import euler_angles
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import kernel as dynamics
@@ -33,10 +34,10 @@ class Event:
     All of shape (n,). Where it did not happen, time and place are NaN.
     """
 
-    value: NDArray[np.float64]
-    time: NDArray[np.float64]  # s from the start
-    x: NDArray[np.float64]  # m, COM in the world
-    y: NDArray[np.float64]  # m
+    value: FloatArray
+    time: FloatArray  # s from the start
+    x: FloatArray  # m, COM in the world
+    y: FloatArray  # m
 
     @property
     def happened(self) -> NDArray[np.bool_]:
@@ -94,29 +95,29 @@ class Trajectory:
     relative to the body, as encoders see them; the yaw angle is continuous.
     """
 
-    time: NDArray[np.float64]  # s, shape (t,)
-    x: NDArray[np.float64]  # m, COM in the world
-    y: NDArray[np.float64]
-    z: NDArray[np.float64]
-    roll: NDArray[np.float64]  # rad
-    pitch: NDArray[np.float64]
-    yaw: NDArray[np.float64]
-    vx: NDArray[np.float64]  # m/s
-    vy: NDArray[np.float64]
-    vz: NDArray[np.float64]
-    roll_rate: NDArray[np.float64]  # rad/s
-    pitch_rate: NDArray[np.float64]
-    yaw_rate: NDArray[np.float64]
-    wheel_speed_left: NDArray[np.float64]  # rad/s
-    wheel_speed_right: NDArray[np.float64]
-    wheel_speed_rear: NDArray[np.float64]
-    steering_motor_angle: NDArray[np.float64]  # rad
-    load_left: NDArray[np.float64]  # N
-    load_right: NDArray[np.float64]
-    load_rear: NDArray[np.float64]
+    time: FloatArray  # s, shape (t,)
+    x: FloatArray  # m, COM in the world
+    y: FloatArray
+    z: FloatArray
+    roll: FloatArray  # rad
+    pitch: FloatArray
+    yaw: FloatArray
+    vx: FloatArray  # m/s
+    vy: FloatArray
+    vz: FloatArray
+    roll_rate: FloatArray  # rad/s
+    pitch_rate: FloatArray
+    yaw_rate: FloatArray
+    wheel_speed_left: FloatArray  # rad/s
+    wheel_speed_right: FloatArray
+    wheel_speed_rear: FloatArray
+    steering_motor_angle: FloatArray  # rad
+    load_left: FloatArray  # N
+    load_right: FloatArray
+    load_rear: FloatArray
     feasibility: Feasibility
 
-    def columns(self) -> dict[str, NDArray[np.float64]]:
+    def columns(self) -> dict[str, FloatArray]:
         """Return all columns by name, `time` first, in the order of the class."""
         names = [entry.name for entry in dataclasses.fields(self) if entry.name != "feasibility"]
         return {name: getattr(self, name) for name in names}
@@ -126,11 +127,11 @@ class Trajectory:
 class PlanarBlock:
     """Path of a block of b samples: position and velocity of the COM in the world."""
 
-    time: NDArray[np.float64]  # s, shape (t,)
-    x: NDArray[np.float64]  # m, shape (b, t)
-    y: NDArray[np.float64]
-    vx_world: NDArray[np.float64]  # m/s, shape (b, t)
-    vy_world: NDArray[np.float64]
+    time: FloatArray  # s, shape (t,)
+    x: FloatArray  # m, shape (b, t)
+    y: FloatArray
+    vx_world: FloatArray  # m/s, shape (b, t)
+    vy_world: FloatArray
     feasibility: Feasibility
 
 
@@ -141,7 +142,7 @@ def simulate(
     *,
     speed: ArrayLike = 0.0,
     threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Trajectory:
     """Replay commands on vehicles that differ in their unknown parameters.
 
@@ -194,7 +195,7 @@ def simulate_planar(
     reduce: Callable[[int, PlanarBlock], None],
     *,
     threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Replay commands block by block of samples, without keeping the trajectories.
 
@@ -243,14 +244,12 @@ class Replay:
         constants = steering_constants(vehicle, 0.5 * TICK)
         run_servo(np.zeros(2), setpoints, constants, 2, self.table, self.angles)
 
-    def run(
-        self, groups: NDArray[np.float64], rows: NDArray[np.int64], out: NDArray[np.float64]
-    ) -> None:
+    def run(self, groups: FloatArray, rows: NDArray[np.int64], out: FloatArray) -> None:
         """Advance groups from their start to the end; see `dynamics.advance`."""
         dynamics.advance(groups, self.table, self._lag, self._drive, 1, 0, rows, out)
 
 
-def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> NDArray[np.float64]:
+def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArray:
     if parameters is None:
         return vehicle.nominal_point()[np.newaxis]
     samples = np.asarray(parameters, dtype=float)
@@ -266,10 +265,10 @@ def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> NDArray
 
 
 def _run_blocks(
-    run: Callable[[int, int], None],
+    run: Progress,
     n: int,
     threads: int | None,
-    progress: Callable[[int, int], None] | None,
+    progress: Progress | None,
 ) -> None:
     """Call `run(first, last)` for blocks of whole groups that cover n samples."""
     workers = threads or len(os.sched_getaffinity(0))
@@ -285,7 +284,7 @@ def _run_blocks(
                 progress(done, n)
 
 
-def read_feasibility(groups: NDArray[np.float64], n: int) -> Feasibility:
+def read_feasibility(groups: FloatArray, n: int) -> Feasibility:
     """Read the events of n samples; `groups` of shape (b, ROWS, LANES)."""
 
     def event(row: int) -> Event:
@@ -312,9 +311,7 @@ def _where_lifted(load: Event) -> Event:
     return dataclasses.replace(load, time=np.where(never, np.nan, load.time))
 
 
-def _trajectory(
-    replay: Replay, states: NDArray[np.float64], feasibility: Feasibility
-) -> Trajectory:
+def _trajectory(replay: Replay, states: FloatArray, feasibility: Feasibility) -> Trajectory:
     """Turn recorded rows, shape (rows, n, t), into the columns of a trajectory."""
     roll, pitch, yaw = euler_angles(states[dynamics.Q0 : dynamics.Q3 + 1])
     p, q, r = states[dynamics.P : dynamics.R + 1]
@@ -346,14 +343,3 @@ def _trajectory(
         load_rear=load_rear,
         feasibility=feasibility,
     )
-
-
-def euler_angles(
-    quaternion: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return ZYX angles roll, pitch, yaw [rad] of quaternions (w, x, y, z), shape (4, ...)."""
-    w, x, y, z = quaternion
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw

@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
+
+from tricycle_core.errors import VehicleError
+from tricycle_core.quantities import FloatArray
 
 UNKNOWN_PARAMETERS: tuple[str, ...] = (
     "cornering_stiffness",
@@ -34,10 +36,6 @@ UNKNOWN_PARAMETERS: tuple[str, ...] = (
 
 
 MAX_BYTES = 1_000_000  # of a vehicle file
-
-
-class VehicleError(ValueError):
-    """A vehicle file or a vehicle's value is wrong; the message names the place."""
 
 
 class Basis(enum.Enum):
@@ -185,7 +183,7 @@ class Vehicle:
         content = json.dumps([values, dict(self.unknown)])
         return hashlib.sha256(content.encode()).hexdigest()[:16]
 
-    def nominal_point(self) -> NDArray[np.float64]:
+    def nominal_point(self) -> FloatArray:
         """Nominal values of the unknown parameters, shape (k,)."""
         return np.array(list(self.nominal.values()))
 

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_bridge.protocol.messages import TICK
+from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.rotations import attitude_quaternion
 from tricycle_sim.compilation import compiled, inlined
 from tricycle_sim.vehicle.file import Vehicle
 from tricycle_sim.vehicle.steering import run_servo
@@ -111,7 +112,7 @@ def _arctan(t: float) -> float:
 
 @inlined
 def _wheel(
-    g: NDArray[np.float64],
+    g: FloatArray,
     i: int,
     wheel: int,
     e: tuple[float, float, float],
@@ -213,7 +214,7 @@ def _wheel(
 
 @inlined
 def _slopes(
-    g: NDArray[np.float64],
+    g: FloatArray,
     i: int,
     steering: tuple[float, float, float, float, float, float, float, float],
     speed_mode: float,
@@ -321,11 +322,11 @@ def _slopes(
 
 @inlined
 def _evaluate(
-    g: NDArray[np.float64],
+    g: FloatArray,
     lanes: int,
-    table: NDArray[np.float64],
+    table: FloatArray,
     row: int,
-    drive: NDArray[np.float64],
+    drive: FloatArray,
 ) -> None:
     """Write the slopes of a whole group, with row `row` of the steering table."""
     steering = (
@@ -344,7 +345,7 @@ def _evaluate(
 
 
 @inlined
-def _note(g: NDArray[np.float64], i: int, event: int, new: bool, value: float, tick: float) -> None:
+def _note(g: FloatArray, i: int, event: int, new: bool, value: float, tick: float) -> None:
     """Keep value, tick and place of an event of vehicle `i` if it is `new`."""
     g[event * LANES + i] = value if new else g[event * LANES + i]
     g[(event + 1) * LANES + i] = tick if new else g[(event + 1) * LANES + i]
@@ -353,7 +354,7 @@ def _note(g: NDArray[np.float64], i: int, event: int, new: bool, value: float, t
 
 
 @inlined
-def _watch(g: NDArray[np.float64], i: int, tick: float, steering_lag: float) -> None:
+def _watch(g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
     """Note what happens to vehicle `i` at a tick; end its run if it has rolled over."""
     for wheel in range(3):
         load, event = g[(LOAD + wheel) * LANES + i], LEAST_LOAD_LEFT + 4 * wheel
@@ -372,7 +373,7 @@ def _watch(g: NDArray[np.float64], i: int, tick: float, steering_lag: float) -> 
 
 
 @inlined
-def _watch_group(g: NDArray[np.float64], lanes: int, tick: float, steering_lag: float) -> bool:
+def _watch_group(g: FloatArray, lanes: int, tick: float, steering_lag: float) -> bool:
     """Note what happens to a group at a tick; return whether a vehicle has rolled over by now."""
     for i in range(lanes):
         _watch(g, i, tick, steering_lag)
@@ -383,7 +384,7 @@ def _watch_group(g: NDArray[np.float64], lanes: int, tick: float, steering_lag: 
 
 
 @inlined
-def _halt(g: NDArray[np.float64], lanes: int) -> None:
+def _halt(g: FloatArray, lanes: int) -> None:
     """Bring the vehicles that have rolled over to rest."""
     for i in range(lanes):
         if g[ALIVE * LANES + i] == 0.0:
@@ -395,14 +396,14 @@ def _halt(g: NDArray[np.float64], lanes: int) -> None:
 
 @compiled
 def advance(
-    groups: NDArray[np.float64],
-    table: NDArray[np.float64],
-    steering_lag: NDArray[np.float64],
-    drive: NDArray[np.float64],
+    groups: FloatArray,
+    table: FloatArray,
+    steering_lag: FloatArray,
+    drive: FloatArray,
     substeps: int,
     first_tick: int,
     rows: NDArray[np.int64],
-    out: NDArray[np.float64],
+    out: FloatArray,
 ) -> None:
     """Advance groups of vehicles by t ticks under the same commands; 0 ticks evaluate the slopes.
 
@@ -469,9 +470,9 @@ def advance(
 
 @compiled
 def advance_tick(
-    groups: NDArray[np.float64],
-    servo: NDArray[np.float64],
-    constants: NDArray[np.float64],
+    groups: FloatArray,
+    servo: FloatArray,
+    constants: FloatArray,
     steering_setpoint: float,
     drive: tuple[float, float, float],
     substeps: int,
@@ -505,10 +506,10 @@ def advance_tick(
 
 def pack(
     vehicle: Vehicle,
-    parameters: NDArray[np.float64],
+    parameters: FloatArray,
     pose: tuple[float, float, float],
-    speed: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+    speed: FloatArray | None = None,
+) -> FloatArray:
     """Put vehicles at the origin, heading +x, into groups.
 
     Parameters
@@ -544,20 +545,6 @@ def pack(
         groups[:, U] = speed[sample]
         groups[:, SPIN_LEFT : SPIN_REAR + 1] = (groups[:, U] / vehicle.tyre_radius)[:, np.newaxis]
     return groups.reshape(len(groups), GROUP_SIZE)
-
-
-def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Return the unit quaternion (w, x, y, z) of ZYX angles [rad]."""
-    (a, b, c), (s, t, u) = (
-        (math.cos(0.5 * roll), math.cos(0.5 * pitch), math.cos(0.5 * yaw)),
-        (math.sin(0.5 * roll), math.sin(0.5 * pitch), math.sin(0.5 * yaw)),
-    )
-    return (
-        a * b * c + s * t * u,
-        s * b * c - a * t * u,
-        a * t * c + s * b * u,
-        a * b * u - s * t * c,
-    )
 
 
 def equilibrium(vehicle: Vehicle) -> tuple[float, float, float]:

@@ -7,11 +7,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from tricycle_bridge.protocol.messages import TICK
+from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.rotations import euler_angles
 from tricycle_sim.vehicle import kernel as dynamics
-from tricycle_sim.vehicle.batch import Feasibility, euler_angles, read_feasibility
+from tricycle_sim.vehicle.batch import Feasibility, read_feasibility
 from tricycle_sim.vehicle.file import Vehicle
 from tricycle_sim.vehicle.kernel import LANES
 from tricycle_sim.vehicle.stability import check_step
@@ -139,7 +140,7 @@ class LiveVehicle:
         self._state = self._read()
         return self._state
 
-    def _advance(self, table: NDArray[np.float64], drive: NDArray[np.float64]) -> None:
+    def _advance(self, table: FloatArray, drive: FloatArray) -> None:
         dynamics.advance(
             self._groups,
             table,
@@ -152,7 +153,7 @@ class LiveVehicle:
         )
 
     def _read(self) -> LiveState:
-        values: NDArray[np.float64] = self._rows[:, 0]
+        values: FloatArray = self._rows[:, 0]
         x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = values[: dynamics.R + 1].tolist()
         left, right, rear = values[dynamics.SPIN_LEFT : dynamics.SPIN_REAR + 1].tolist()
         slopes = values[dynamics.SLOPE : dynamics.SLOPE + dynamics.STATES]

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.linalg import eig
 
 from tricycle_bridge.protocol.messages import MAX_SPEED
+from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle import kernel as dynamics
-from tricycle_sim.vehicle.file import Vehicle, VehicleError
+from tricycle_sim.vehicle.file import Vehicle
 from tricycle_sim.vehicle.kernel import LANES, ROWS, STATES
 
 LIMIT = 2.5

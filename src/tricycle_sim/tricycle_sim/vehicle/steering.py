@@ -8,8 +8,8 @@ import cmath
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
 from tricycle_sim.vehicle.file import Vehicle
 
@@ -17,7 +17,7 @@ from tricycle_sim.vehicle.file import Vehicle
 (_PHI, _LIMIT, _RATIO_STRAIGHT, _RATIO_FULL, _SMOOTHING, _SINE, _COSINE) = (0, 4, 5, 6, 7, 8, 9)
 
 
-def steering_constants(vehicle: Vehicle, half_step: float) -> NDArray[np.float64]:
+def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
     """Pack what the compiled functions of this module need, for servo steps of `half_step` [s]."""
     # Transition over a step of theta'' = omega^2 (command - theta) - 2 zeta omega theta'
     frequency = vehicle.servo_natural_frequency
@@ -42,9 +42,7 @@ def steering_constants(vehicle: Vehicle, half_step: float) -> NDArray[np.float64
 
 
 @compiled
-def wheel_angles(
-    motor_angle: float, constants: NDArray[np.float64]
-) -> tuple[float, float, float, float]:
+def wheel_angles(motor_angle: float, constants: FloatArray) -> tuple[float, float, float, float]:
     """Return the angles about the king-pins left, right [rad], and their slopes by motor angle."""
     slope = (constants[_RATIO_STRAIGHT] - constants[_RATIO_FULL]) / constants[_LIMIT]
     ratio = constants[_RATIO_STRAIGHT] - slope * abs(motor_angle)  # outer to inner
@@ -65,7 +63,7 @@ def wheel_angles(
 
 
 @compiled
-def road_angle(motor_angle: float, constants: NDArray[np.float64]) -> float:
+def road_angle(motor_angle: float, constants: FloatArray) -> float:
     """Return the angle on the road [rad] of the one front wheel that would do for both."""
     left, right, _, _ = wheel_angles(motor_angle, constants)
     cosine = constants[_COSINE]
@@ -74,7 +72,7 @@ def road_angle(motor_angle: float, constants: NDArray[np.float64]) -> float:
 
 
 @compiled
-def motor_angle_for(angle: float, constants: NDArray[np.float64]) -> float:
+def motor_angle_for(angle: float, constants: FloatArray) -> float:
     """Return the motor angle [rad] within its limit whose `road_angle` comes closest to `angle`."""
     low, high = -constants[_LIMIT], constants[_LIMIT]
     for _ in range(50):  # road_angle rises with the motor angle: halve to round-off
@@ -88,7 +86,7 @@ def motor_angle_for(angle: float, constants: NDArray[np.float64]) -> float:
 
 @compiled
 def _write_axles(
-    table: NDArray[np.float64], row: int, angle: float, rate: float, constants: NDArray[np.float64]
+    table: FloatArray, row: int, angle: float, rate: float, constants: FloatArray
 ) -> None:
     left, right, left_slope, right_slope = wheel_angles(angle, constants)
     sine, cosine = constants[_SINE], constants[_COSINE]
@@ -104,12 +102,12 @@ def _write_axles(
 
 @compiled
 def run_servo(
-    servo: NDArray[np.float64],
-    setpoints: NDArray[np.float64],
-    constants: NDArray[np.float64],
+    servo: FloatArray,
+    setpoints: FloatArray,
+    constants: FloatArray,
     half_steps: int,
-    table: NDArray[np.float64],
-    angles: NDArray[np.float64],
+    table: FloatArray,
+    angles: FloatArray,
 ) -> None:
     """Run the servo through its set-points, one per tick.
 

@@ -1,0 +1,174 @@
+"""Files that the suite writes whole and reads as untrusted input.
+
+A JSON document is a tree of frozen dataclasses. `encode` and `decode` (msgspec) turn it into plain
+JSON values and back; whatever does not fit its type is refused with the place where it stands.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from tricycle_core.errors import ExcitationError
+
+DocumentT = TypeVar("DocumentT")
+
+
+def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]) -> bytes:
+    """Return the content of a file that is not larger than expected.
+
+    Parameters
+    ----------
+    path : Path
+        File to read.
+    limit : int
+        Largest size [bytes].
+    what : str
+        What the file should be, for the message: "a plan".
+    error : type
+        Raised when the file is larger.
+
+    Raises
+    ------
+    ExcitationError
+        Of the type `error`, if the file is larger than `limit`.
+    OSError
+        If the file cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        content = file.read(limit + 1)
+    if len(content) > limit:
+        raise error(f"{path}: larger than {limit} bytes; not {what}")
+    return content
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give a path to write to; the file takes the place of `path` when the block ends well.
+
+    Missing folders are made. When the block raises, `path` is as it was and nothing is left behind.
+
+    Parameters
+    ----------
+    path : Path
+        File to appear or to be replaced.
+
+    Yields
+    ------
+    partial : Path
+        File beside it, with the same suffix.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".{os.getpid()}.{path.name}")  # keeps the suffix
+    try:
+        yield partial
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file that is complete or not there; an old one is replaced at once.
+
+    Parameters
+    ----------
+    path : Path
+        File; missing folders are made.
+    content : str or bytes
+        A text is written in UTF-8.
+    """
+    with replacing(path) as partial:
+        partial.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
+    """Return the values of a JSON text in UTF-8; infinite numbers are allowed, NaN is not.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the file.
+    where : str
+        Named first in the message, usually the file.
+    error : type
+        Raised when the content is not JSON.
+
+    Raises
+    ------
+    ExcitationError
+        Of the type `error`, if it is not JSON.
+    """
+    try:
+        return json.loads(content.decode(), parse_constant=_infinity)
+    except (ValueError, RecursionError) as problem:
+        raise error(f"{where}: is not JSON: {problem}") from problem
+
+
+def encode(document: object) -> Any:
+    """Return a document as plain JSON values: dict, list, str, numbers, None.
+
+    Parameters
+    ----------
+    document : dataclass
+        May hold dataclasses, mappings, sequences, enumerations and arrays.
+    """
+    return msgspec.to_builtins(document, enc_hook=_plain)
+
+
+def decode(
+    kind: type[DocumentT], values: object, where: str, error: type[ExcitationError]
+) -> DocumentT:
+    """Return the document of a type that JSON values describe.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass; fields that are `FloatArray` take (nested) lists of numbers.
+    values : object
+        From `parse_json`. Entries that the type does not know are ignored.
+    where : str
+        Named first in the message.
+    error : type
+        Raised when the values do not fit.
+
+    Raises
+    ------
+    ExcitationError
+        Of the type `error`; the message names the first entry that does not fit and what would.
+    """
+    try:
+        return msgspec.convert(values, kind, dec_hook=_special)
+    except (msgspec.ValidationError, ExcitationError) as problem:
+        raise error(f"{where}: {problem}") from problem
+
+
+def _infinity(text: str) -> float:
+    if text == "NaN":
+        raise ValueError("NaN is no number of a document")
+    return float(text)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise NotImplementedError(f"{type(value).__name__} has no JSON form")
+
+
+def _special(kind: type, value: object) -> object:
+    if getattr(kind, "__origin__", kind) is np.ndarray:
+        try:
+            array = np.array(value, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            array = None
+        if isinstance(value, list) and array is not None:
+            return array
+        raise ValueError("Expected a list of numbers")
+    raise NotImplementedError(f"{kind} has no JSON form")

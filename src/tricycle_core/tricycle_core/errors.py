@@ -1,0 +1,74 @@
+"""The exceptions of all packages: what a user can mend, told in one line.
+
+::
+
+    ExcitationError
+    ├── VehicleError         a vehicle file, or a value of a vehicle
+    ├── CommandsError        a table of commands
+    ├── LinkError            a by-wire link, a serial port, a message that cannot be sent
+    ├── DesignError          a sensitivity analysis, a design or a study
+    ├── PlanError            a maneuver family, a request or a file of a plan
+    ├── BagError             a bag
+    ├── JudgeError           a recorded drive that cannot be judged
+    ├── IdentificationError  drives from which nothing can be identified
+    ├── NodeError            a node that did not start, answer or do as it was asked
+    └── ReportError          a folder of results
+
+    InfeasibleManeuver       outcome of a simulation, not a mistake
+"""
+
+from __future__ import annotations
+
+
+class ExcitationError(ValueError):
+    """Something that the user can mend; the message says what, where, and what would be right."""
+
+
+class VehicleError(ExcitationError):
+    """A vehicle file or a vehicle's value is wrong; the message names the place."""
+
+
+class CommandsError(ExcitationError):
+    """Commands are unusable; the message names row and column."""
+
+
+class LinkError(ExcitationError):
+    """A by-wire link was asked for something that it cannot do."""
+
+
+class DesignError(ExcitationError):
+    """A sensitivity analysis or a design cannot be made as asked."""
+
+
+class PlanError(ExcitationError):
+    """A plan cannot be made, read or driven as asked."""
+
+
+class BagError(ExcitationError):
+    """A bag cannot be written, read or repaired."""
+
+
+class JudgeError(ExcitationError):
+    """A recorded drive cannot be judged."""
+
+
+class IdentificationError(ExcitationError):
+    """Parameters cannot be identified from these drives."""
+
+
+class NodeError(ExcitationError):
+    """A node did not start, did not answer, or did not do what it was asked."""
+
+
+class ReportError(ExcitationError):
+    """A folder holds no results that can be reported."""
+
+
+class InfeasibleManeuver(Exception):  # noqa: N818  (an outcome of a simulation, not a mistake)
+    """Raised by ``f(x, P)`` when the maneuver x cannot be driven, whatever the parameters.
+
+    Parameters
+    ----------
+    reason : str
+        What makes it infeasible, e.g. ``"steering saturates at 3.2 s"``.
+    """

@@ -1,0 +1,8 @@
+"""Colours of all figures: those of Okabe and Ito (2008), told apart by colour-blind readers too."""
+
+BLUE = "#0072B2"
+VERMILLION = "#D55E00"
+GREEN = "#009E73"
+ORANGE = "#E69F00"
+PURPLE = "#CC79A7"
+GREY = "#8A8A8A"

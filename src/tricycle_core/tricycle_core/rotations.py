@@ -1,0 +1,74 @@
+"""Attitude as quaternion (w, x, y, z), body to world, and as ZYX angles (REP-103)."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tricycle_core.quantities import FloatArray
+
+
+class Quaternion(Protocol):
+    """A geometry_msgs/Quaternion, or anything with its fields."""
+
+    x: float
+    y: float
+    z: float
+    w: float
+
+
+def yaw_of(q: Quaternion) -> float:
+    """Return the yaw angle [rad] of a quaternion, from -pi to pi.
+
+    Parameters
+    ----------
+    q : Quaternion
+        Unit quaternion, body to world.
+    """
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+
+
+def euler_angles(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return roll, pitch and yaw.
+
+    Parameters
+    ----------
+    quaternion : array_like of float, shape (4, ...)
+        Unit quaternions (w, x, y, z).
+
+    Returns
+    -------
+    roll, pitch, yaw : ndarray of float, shape (...)
+        ZYX angles [rad]; positive pitch is nose down.
+    """
+    w, x, y, z = np.asarray(quaternion, dtype=float)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Return the unit quaternion (w, x, y, z) of ZYX angles.
+
+    Parameters
+    ----------
+    roll, pitch, yaw : float
+        Angles [rad]; positive pitch is nose down.
+
+    Examples
+    --------
+    >>> attitude_quaternion(0.0, 0.0, math.pi)[3]
+    1.0
+    """
+    (a, b, c), (s, t, u) = (
+        (math.cos(0.5 * roll), math.cos(0.5 * pitch), math.cos(0.5 * yaw)),
+        (math.sin(0.5 * roll), math.sin(0.5 * pitch), math.sin(0.5 * yaw)),
+    )
+    return (
+        a * b * c + s * t * u,
+        s * b * c - a * t * u,
+        a * t * c + s * b * u,
+        a * b * u - s * t * c,
+    )
