@@ -24,9 +24,9 @@ setup(
             "maneuver_driver = excitation_planner.maneuver_driver_node:main",
         ],
         "excitation_planner.maneuvers": [
-            "circle = excitation_planner.maneuver.family:Circle",
-            "double_lane_change = excitation_planner.maneuver.family:DoubleLaneChange",
-            "slalom = excitation_planner.maneuver.family:Slalom",
+            "circle = excitation_planner.maneuver:Circle",
+            "double_lane_change = excitation_planner.maneuver:DoubleLaneChange",
+            "slalom = excitation_planner.maneuver:Slalom",
             "step_steer = excitation_planner.maneuver.steering:StepSteer",
             "sine_sweep = excitation_planner.maneuver.steering:SineSweep",
         ],
