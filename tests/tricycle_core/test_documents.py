@@ -1,0 +1,132 @@
+"""Documents are complete or not there, and what does not fit is refused with its place."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tricycle_core.documents import (
+    decode,
+    encode,
+    parse_json,
+    read_bounded,
+    replacing,
+    write_whole,
+)
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
+
+
+class Kind(StrEnum):
+    PATH = "path"
+    COMMANDS = "commands"
+
+
+@dataclass(frozen=True)
+class Interval:
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    kind: Kind
+    samples: FloatArray
+    intervals: Mapping[str, Interval]
+    ranges: Mapping[str, tuple[float, float]]
+    comment: str | None = None
+
+
+numbers = st.floats(allow_nan=False)
+
+
+@given(
+    st.sampled_from(Kind),
+    st.lists(st.tuples(numbers, numbers), min_size=1),
+    st.dictionaries(st.text(), st.builds(Interval, numbers, numbers)),
+    st.dictionaries(st.text(), st.tuples(numbers, numbers)),
+    st.none() | st.text(),
+)
+def test_a_document_comes_back_as_it_was(kind, samples, intervals, ranges, comment):
+    document = Document(kind, np.array(samples), intervals, ranges, comment)
+    text = json.dumps(encode(document)).encode()
+    back = decode(Document, parse_json(text, "file", PlanError), "file", PlanError)
+    assert np.array_equal(back.samples, document.samples)
+    assert (back.kind, back.intervals, back.ranges, back.comment) == (
+        *(kind, intervals, ranges, comment),
+    )
+
+
+GOOD = {
+    "kind": "path",
+    "samples": [[0, 1.5]],
+    "intervals": {"mass": {"low": 0, "high": 1.0}},
+    "ranges": {"mass": [0.0, 1.0]},
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "place"),
+    [
+        ({"kind": "circle"}, "kind"),
+        ({"kind": None}, "kind"),
+        ({"samples": 3.0}, "samples"),
+        ({"samples": [1.0, "x"]}, "samples"),
+        ({"samples": [[1.0], [1.0, 2.0]]}, "samples"),
+        ({"intervals": {"mass": {"low": True, "high": 1.0}}}, "low"),
+        ({"intervals": {"mass": {"low": 0.0}}}, "high"),
+        ({"ranges": {"mass": [1.0]}}, "ranges"),
+    ],
+)
+def test_what_does_not_fit_is_named(change, place):
+    with pytest.raises(PlanError, match=rf"^plan\.json: .*{place}"):
+        decode(Document, GOOD | change, "plan.json", PlanError)
+
+
+def test_entries_of_a_newer_version_are_ignored():
+    document = decode(Document, GOOD | {"newer": 1}, "plan.json", PlanError)
+    assert document.intervals["mass"] == Interval(0.0, 1.0)
+
+
+def test_infinity_is_a_number_and_nan_is_not():
+    assert parse_json(b"[Infinity, -Infinity]", "f", PlanError) == [math.inf, -math.inf]
+    with pytest.raises(PlanError, match="f: is not JSON"):
+        parse_json(b"[NaN]", "f", PlanError)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"[" * 100_000])
+def test_what_is_not_json_is_one_line(content):
+    with pytest.raises(PlanError) as refusal:
+        parse_json(content, "f", PlanError)
+    assert "\n" not in str(refusal.value)
+
+
+def test_a_file_larger_than_expected_is_not_read(tmp_path):
+    (tmp_path / "plan.json").write_bytes(b"12345")
+    assert read_bounded(tmp_path / "plan.json", 5, "a plan", PlanError) == b"12345"
+    with pytest.raises(PlanError, match=r"larger than 4 bytes; not a plan"):
+        read_bounded(tmp_path / "plan.json", 4, "a plan", PlanError)
+
+
+def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path):
+    path = tmp_path / "new" / "table.csv"
+    write_whole(path, "old")
+
+    def fail_half_way():
+        with replacing(path) as partial:
+            assert partial.suffix == ".csv"
+            partial.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail_half_way()
+    assert [p.name for p in path.parent.iterdir()] == ["table.csv"]
+    assert path.read_text() == "old"
+    write_whole(path, b"new")
+    assert path.read_bytes() == b"new"
