@@ -25,6 +25,7 @@ from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_maneuver
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.identification import identify
+from parameter_identification.identification_file import document_of
 from tricycle_core.errors import DesignError, PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
@@ -138,7 +139,7 @@ class Step:
     driven
         Whether the bag is complete.
     identification
-        What is known after it, as `Identification.to_json` gives it; None: not yet identified.
+        What is known after it (`IdentificationDocument.to_json`); None: not yet identified.
     """
 
     target: str
@@ -322,7 +323,7 @@ class Campaign:
             vehicle = self.request.vehicle
             drives = [read(self.folder / s.bag, vehicle) for s in self.steps]
             found = identify(drives, vehicle, seed=self.request.seed)
-            identified = dataclasses.replace(step, identification=found.to_json())
+            identified = dataclasses.replace(step, identification=document_of(found).to_json())
             self._keep((*self.steps[:-1], identified))
         return self.known()
 

@@ -10,6 +10,7 @@ from rich.console import Console
 from parameter_identification.drives.measured import read_measured_drive
 from parameter_identification.estimation.problem import Loss
 from parameter_identification.identification import identify
+from parameter_identification.identification_file import document_of
 from tricycle_cli.argument_types import seed
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.identification_report import (
@@ -90,5 +91,5 @@ def run(args: argparse.Namespace) -> int:
         save_identification(found, args.vehicle, args.output)
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:
-        print(json.dumps(found.to_json(), allow_nan=False))
+        print(json.dumps(document_of(found).to_json(), allow_nan=False))
     return 0

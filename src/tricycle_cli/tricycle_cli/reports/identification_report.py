@@ -1,6 +1,5 @@
 """What an identification found, as a table, as figures and as one HTML page."""
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from scipy.stats import chi2
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Estimate, Identification
+from parameter_identification.identification_file import document_of, save_identification_file
 from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 
@@ -238,8 +238,8 @@ def identification_page(found: Identification) -> str:
 
 def _start(drive: DriveFit) -> TableBlock:
     rows = tuple(
-        (name, f"{value:.4g} ± {std:.2g}", unit)
-        for name, (value, std, unit) in drive.nuisances.items()
+        (name, f"{n.estimate:.4g} ± {n.standard_deviation:.2g}", n.unit)
+        for name, n in drive.nuisances.items()
     )
     return TableBlock(("nuisance", "estimate", "unit"), rows, caption=drive.name)
 
@@ -267,7 +267,6 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         If something cannot be written.
     """
     texts = {
-        "identification.json": json.dumps(found.to_json(), allow_nan=False) + "\n",
         "vehicle.yaml": identified_vehicle(
             found, vehicle_file, bags=[drive.name for drive in found.drives]
         ),
@@ -276,7 +275,7 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
     figures = {"trajectories": trajectories_figure(found), "residuals": residuals_figure(found)}
     if any(e.profile is not None for e in found.parameters.values()):
         figures["profiles"] = profiles_figure(found)
-    folder.mkdir(parents=True, exist_ok=True)
+    save_identification_file(document_of(found), folder / "identification.json")
     for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     for name, figure in figures.items():
