@@ -73,7 +73,7 @@ def main() -> int:
         frames: list[Frame] = []
         for at in range(0, len(chunk), 4096):  # as read from a port
             frames += decoder.feed(chunk[at : at + 4096])
-            held = max(held, len(decoder._partial))  # noqa: SLF001 - all that it keeps
+            held = max(held, decoder.pending)
         seconds += time.perf_counter() - start
         total += len(chunk)
         decoded = [frame.message for frame in frames]

@@ -20,8 +20,10 @@ from numpy.typing import NDArray
 
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.replay import nominal_run
-from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault
+from tricycle_bridge.settings import BridgeSettings
 from tricycle_sim.commands import Commands
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 from tricycle_sim.rig.emulated import Simulator
@@ -54,10 +56,10 @@ class Loop:
             self.bridge.receive(board, uno.read(), self.now)
         self.bridge.poll(self.now)
         self.bridge.take_readings()
-        self.bridge.take_messages()
+        self.bridge.take_log()
         if commanding and self.ms % 10 == 0:
             self.bridge.set_command(
-                Setpoint(0.0, 0.0), stamp=self.now, now=self.now, source=Source.JOINT_COMMANDS
+                VehicleCommand(0.0, 0.0), stamp=self.now, now=self.now, source=Source.JOINT_COMMANDS
             )
         for board, frames in self.bridge.take_frames().items():
             self.unos[board].write(b"".join(frames))
@@ -66,7 +68,7 @@ class Loop:
         """Stream standstill until both boards are armed."""
         while not self.bridge.armed:
             if self.ms % 500 == 0 and not self.bridge.refusal(self.now):
-                self.bridge.arm(self.now, lambda *_: None)
+                self.bridge.arm(self.now, lambda _: None)
             self.step(commanding=True)
 
 
@@ -79,19 +81,19 @@ def drive(simulator: Simulator | FirmwareSimulator, commands: Commands) -> NDArr
 
     def tick(angle: float, speed: float) -> None:
         now = simulator.time
-        setpoint = Setpoint(angle, speed)
-        bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+        command = VehicleCommand(angle, speed)
+        bridge.set_command(command, stamp=now, now=now, source=Source.JOINT_COMMANDS)
         bridge.poll(now)
         for board, frames in bridge.take_frames().items():
             bridge.receive(board, simulator.receive(board, b"".join(frames)), now)
         for board, data in simulator.step().items():
             bridge.receive(board, data, simulator.time)
         bridge.take_readings()
-        bridge.take_messages()
+        bridge.take_log()
 
     for k in range(200):
         if k == 100:
-            bridge.arm(simulator.time, lambda *_: None)
+            bridge.arm(simulator.time, lambda _: None)
         tick(0.0, 0.0)
     rows = []
     for row in command_rows(commands):

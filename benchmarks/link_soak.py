@@ -14,8 +14,10 @@ import math
 import random
 import time
 
-from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, echo_of
+from tricycle_bridge.settings import BridgeSettings
 from tricycle_sim.plc.plc import (
     DriveMeasurement,
     DriveOutput,
@@ -33,7 +35,7 @@ class Line:
 
     def __init__(self, rng: random.Random, damage: float) -> None:
         self._rng = rng
-        self._damage = damage
+        self.damage = damage
         self.frames = 0
         self.damaged = 0
 
@@ -42,7 +44,7 @@ class Line:
         passed = []
         for frame in data.split(b"\0")[:-1]:
             self.frames += bool(frame)
-            if frame and self._rng.random() < self._damage:
+            if frame and self._rng.random() < self.damage:
                 self.damaged += 1
                 k = self._rng.randrange(len(frame))
                 other = self._rng.choice([v for v in range(1, 256) if v != frame[k]])
@@ -84,12 +86,12 @@ class Rig:
         """PLC time."""
         return self.start_us + self.ticks * TICK_US
 
-    def step(self, setpoint: Setpoint | None) -> None:
+    def step(self, command: VehicleCommand | None) -> None:
         """One tick of everything."""
         self.ticks += 1
         now = self.now
-        if setpoint is not None:
-            self.bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+        if command is not None:
+            self.bridge.set_command(command, stamp=now, now=now, source=Source.JOINT_COMMANDS)
         self.bridge.poll(now)
         for board, frames in self.bridge.take_frames().items():
             data = self.down[board].carry(b"".join(frames))
@@ -98,7 +100,7 @@ class Rig:
         for board, telemetry in self._tick_plcs().items():
             self.bridge.receive(board, self.up[board].carry(telemetry), now)
         self.bridge.take_readings()
-        self.bridge.take_messages()
+        self.bridge.take_log()
         for board, link in self.bridge.links.items():
             if link.wants_reopen(now):
                 self.bridge.closed(board, "reopened")
@@ -141,19 +143,19 @@ def soak(minutes: float, rng: random.Random) -> bool:
             armed_ticks += 1
             waiting = 0
             speed = 1.0 + 0.8 * math.sin(0.5 * t)
-            rig.step(Setpoint(0.3 * math.sin(1.3 * t), speed))
+            rig.step(VehicleCommand(0.3 * math.sin(1.3 * t), speed))
         else:
             stops += waiting == 0 and tick > 100
             waiting += 1
-            rig.step(Setpoint(0.0, 0.0))
+            rig.step(VehicleCommand(0.0, 0.0))
             if waiting % 100 == 0 and not rig.bridge.refusal(rig.now):
                 arms += 1
-                rig.bridge.arm(rig.now, lambda *_: None)
+                rig.bridge.arm(rig.now, lambda _: None)
         unsafe += bool(rig.unsafe())
     for line in (*rig.down.values(), *rig.up.values()):
-        line._damage = 0.0  # noqa: SLF001 - the last counters must come through
+        line.damage = 0.0  # the last counters must come through
     for _ in range(150):
-        rig.step(Setpoint(0.0, 0.0))
+        rig.step(VehicleCommand(0.0, 0.0))
     seconds = time.perf_counter() - started
 
     print(f"{minutes:g} min driven in {seconds:.0f} s ({minutes * 60 / seconds:.0f} x real time)")
@@ -193,12 +195,15 @@ def watchdog_trips(trips: int, rng: random.Random) -> bool:
         drive = rig.plcs[Board.DRIVE]
         while drive.state is not PlcState.ARMED:
             if rig.ticks % 20 == 10:
-                rig.bridge.arm(rig.now, lambda *_: None)
-            rig.step(Setpoint(0.0, 0.0))
+                rig.bridge.arm(rig.now, lambda _: None)
+            rig.step(VehicleCommand(0.0, 0.0))
         # the last command comes at any moment between two ticks
         last_us = rig.now_us + rng.randrange(TICK_US)
         rig.bridge.set_command(
-            Setpoint(0.001, 0.0), stamp=rig.now, now=rig.now + 0.01, source=Source.JOINT_COMMANDS
+            VehicleCommand(0.001, 0.0),
+            stamp=rig.now,
+            now=rig.now + 0.01,
+            source=Source.JOINT_COMMANDS,
         )
         frames = rig.bridge.take_frames()
         assert frames[Board.DRIVE]

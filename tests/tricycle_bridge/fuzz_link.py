@@ -58,7 +58,7 @@ def test_one_input(raw: bytes) -> None:
                 step = data.ConsumeIntInRange(0, 400_000)
                 now, now_us = now + step * 1e-6, now_us + step
             case 4:
-                link.control(Op(data.ConsumeIntInRange(0, 3)), now)
+                link.operate(Op(data.ConsumeIntInRange(0, 3)), now)
                 arm_sent = True
             case _:
                 link.poll(now)
@@ -67,7 +67,7 @@ def test_one_input(raw: bytes) -> None:
                 link.receive(answer + telemetry, now)
                 assert abs(output.setpoint) <= (0.7855 if steer else 4.801)
                 now, now_us = now + 0.01, now_us + 10_000
-        assert len(link.decoder._partial) <= 50
+        assert link.decoder.pending <= 50
         assert arm_sent or plc.state is not PlcState.ARMED
         if link.wants_reopen(now):
             link.closed("reopened")

@@ -53,9 +53,9 @@ class Line:
             self.events += self.link.receive(self.to_host(answer + telemetry), self.now)
 
     def control(self, op):
-        self.link.control(op, self.now)
+        self.link.operate(op, self.now)
         self.step(30)
-        return [e.controlled.result for e in self.events if e.controlled][-1]
+        return [e.operation.result for e in self.events if e.operation][-1]
 
 
 def test_the_link_is_up_within_a_tick_of_the_first_hello():
@@ -201,13 +201,13 @@ def test_estop_overtakes_what_waits():
     line = Line()
     line.step(20)
     line.to_plc = lambda data: b""
-    line.link.control(m.Op.CLEAR, line.now)
-    line.link.control(m.Op.ARM, line.now)
+    line.link.operate(m.Op.CLEAR, line.now)
+    line.link.operate(m.Op.ARM, line.now)
     line.step(1)
     line.to_plc = lambda data: data
     assert line.control(m.Op.ESTOP) is m.Result.OK
     assert line.plc.state is m.PlcState.ESTOP
-    assert [e.controlled.op for e in line.events if e.controlled] == [m.Op.ESTOP]
+    assert [e.operation.op for e in line.events if e.operation] == [m.Op.ESTOP]
 
 
 def test_a_command_carries_the_echo_of_the_newest_telemetry():

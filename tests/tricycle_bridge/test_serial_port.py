@@ -6,9 +6,11 @@ import time
 
 import pytest
 
-from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_bridge.settings import BridgeSettings
 from tricycle_sim.plc.pair import PlcPair
 from tricycle_sim.plc.pty_port import PtyPort
 
@@ -44,8 +46,8 @@ class Host:
                     self.bridge.closed(event.board, event.reason)
         self.bridge.poll(now)
         if self.target is not None:
-            setpoint = Setpoint(*self.target)
-            self.bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+            command = VehicleCommand(*self.target)
+            self.bridge.set_command(command, stamp=now, now=now, source=Source.JOINT_COMMANDS)
         for board, frames in self.bridge.take_frames().items():
             link = self.bridge.links[board]
             link.counters.write_drops += self.ports.write(board, frames)
@@ -168,9 +170,7 @@ def test_garbage_at_full_line_rate_hurts_nobody(host, plc_pair):
     host.arm()
     host.target = (0.1, 0.5)
     for _ in range(300):
-        with plc_pair._lock:
-            plc_pair.ports[STEER].write(rng.randbytes(115))
-            plc_pair.ports[STEER].write(b"\0")
+        plc_pair.ports[STEER].write(rng.randbytes(115) + b"\0")
         host.spin_once()
     host.until(lambda: plc_pair.speed > 0.4, "speed")
     assert host.bridge.links[STEER].up
@@ -185,7 +185,7 @@ def test_missing_devices_are_told_once_each_and_opened_when_they_appear(tmp_path
             f"{tmp_path}/steer does not exist",
             f"{tmp_path}/drive does not exist",
         }
-        assert len(host.bridge.take_messages()) == 2
+        assert len(host.bridge.take_log()) == 2
         with PlcPair(tmp_path / "steer", tmp_path / "drive"):
             host.until(host.up, "both links")
     finally:
@@ -196,7 +196,7 @@ def test_swapped_cables_in_operation_are_named(host, plc_pair):
     host.arm()
     plc_pair.swap()
     host.until(
-        lambda: all("ports swapped" in link.problem for link in host.bridge.links.values()),
+        lambda: all("ports swapped" in link.down_reason for link in host.bridge.links.values()),
         "the diagnosis",
     )
     assert not host.bridge.armed

@@ -1,4 +1,4 @@
-"""DRIVE: PLC protocol, serial links and the ROS 2 bridge."""
+"""The by-wire link: PLC protocol, serial links to both PLCs and the ROS 2 bridge node."""
 
 from tricycle_core.renamed import install
 

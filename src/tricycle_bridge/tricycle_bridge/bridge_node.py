@@ -1,11 +1,12 @@
 """The bridge as a lifecycle node: ROS messages to `Bridge`, `Bridge` to ROS messages.
 
-Configure opens both ports and shakes hands (and keeps trying), activate forwards commands,
+Configure opens both ports and does the handshakes (and keeps trying), activate forwards commands,
 deactivate stops safely, cleanup closes the ports.
 
-What the ports say is handled and published in their I/O thread, and commands in theirs: waking the
-executor for them would cost several times as much. One lock keeps the bridge to one thread at a
-time. On simulated time the executor does it all: the /clock tick comes before what was said at it.
+What the ports receive is handled and published in their I/O thread, and commands are handled in a
+thread of their own: waking the executor for them would take several times the CPU time. One lock
+keeps the bridge to one thread at a time. On simulated time the executor does it all, so that a tick
+of /clock is handled before what was sent at it.
 """
 
 from __future__ import annotations
@@ -29,38 +30,25 @@ from rclpy.task import Future
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
-from tricycle_bridge.bridge import (
-    INPUT_AGE,
-    Bridge,
-    BridgeSettings,
-    JointReadings,
-    Setpoint,
-    Source,
-)
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import INPUT_AGE, Source, VehicleCommand
 from tricycle_bridge.command_thread import CommandThread
 from tricycle_bridge.diagnosis import diagnose
+from tricycle_bridge.joint_pairing import JointReadings
 from tricycle_bridge.kinematics import steering_motor_angle
 from tricycle_bridge.link import LinkState
-from tricycle_bridge.protocol.messages import (
-    BAUD,
-    MAX_ACCELERATION,
-    MAX_STEERING_RATE,
-    Board,
-    DriveState,
-)
+from tricycle_bridge.protocol.messages import BAUD, Board, DriveState
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
-from tricycle_core.nodes import declare, overridable, run_node
+from tricycle_core.nodes import declare, overridable, run_node, time_message
+from tricycle_core.stamps import seconds_of
 
-POLL_PERIOD = 0.05  # s, wall time; what is due while neither PLC nor commander says anything
+POLL_PERIOD = 0.05  # s, wall time, between actions while neither a PLC nor a commander sends
 REPORT_PERIOD = 1.0  # s between diagnostics and battery states
-# set at any time, and acting at once
-LIVE_PARAMETERS = (
-    *("command_rate", "max_steering_rate", "max_acceleration"),
-    *("wheelbase", "caster_angle", "arm_on_activate"),
-)
-# set while the bridge is not configured
+# may be set only while the bridge is not configured; the others act at once
 CONFIGURED_PARAMETERS = ("steer_port", "drive_port", "baud", "boot_wait", "tyre_radius")
 
 
@@ -70,15 +58,15 @@ class BridgeNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("tricycle_bridge")
         self._declare_parameters()
-        self._lock = threading.RLock()  # of the bridge and what is known of it
+        self._lock = threading.RLock()  # of all that follows
         self._bridge: Bridge | None = None
         self._ports: SerialPorts | None = None
         self._arm_when_ready = False
         self._last_now = 0.0
         self._reported_at = -math.inf
-        self._twist_angle = 0.0  # rad, of the last cmd_vel that moved
+        self._twist_angle = 0.0  # rad, of the last cmd_vel with a speed
 
-        # Default event handlers would double what the executor waits for, and so the CPU it takes.
+        # Default event handlers would double what the executor waits for, and so its CPU time.
         def publisher(kind: type, topic: str) -> Any:
             silent = PublisherEventCallbacks(use_default_callbacks=False)
             return self.create_publisher(kind, topic, **overridable(10), event_callbacks=silent)
@@ -93,16 +81,16 @@ class BridgeNode(LifecycleNode):
             (JointState, "joint_commands", self._on_joint_commands),
             (TwistStamped, "cmd_vel", self._on_cmd_vel),
         ):
-            # the newest only: an older set-point is of no use
+            # only the newest: an older command is of no use
             self.create_subscription(kind, topic, callback, **overridable(1), callback_group=group)
-        # Its answer awaits the boards, so it must not hold up the node's other callbacks.
+        # It awaits the boards, so it must not block the node's other callbacks.
         waiting = ReentrantCallbackGroup()
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
         self._on_serial = (
             self.create_guard_condition(self._step).trigger if simulated else self._step
         )
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may tick much too fast for this
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may be much faster
         self.create_timer(POLL_PERIOD, self._on_timer, clock=steady)
 
         if self.get_parameter("autostart").value:
@@ -114,39 +102,27 @@ class BridgeNode(LifecycleNode):
             self._commands.start()
 
     def _declare_parameters(self) -> None:
-        def add(name: str, default: Any, about: str, *span: float) -> None:
-            live = name in LIVE_PARAMETERS or name in CONFIGURED_PARAMETERS
-            declare(
-                self, name, default, about, (span[0], span[1]) if span else None, read_only=not live
-            )
+        def add(
+            name: str, default: Any, description: str, span: tuple[float, float] | None = None
+        ) -> None:
+            declare(self, name, default, description, span, read_only=name == "autostart")
 
-        settings = BridgeSettings()
-        rate, radius = settings.max_steering_rate, settings.tyre_radius
         add("steer_port", "/dev/tricycle_steer", "serial device of the steer PLC")
         add("drive_port", "/dev/tricycle_drive", "serial device of the drive PLC")
-        add("baud", BAUD, "bits per second on both ports", 9600, 1_000_000)
-        add("boot_wait", 2.0, "s of silence after opening: a UNO's bootloader", 0.0, 10.0)
-        add("command_rate", settings.command_rate, "Hz of repeats between messages", 20.0, 100.0)
-        add("tyre_radius", radius, "m, of the rear wheel", 0.05, 2.0)
-        add(
-            "max_steering_rate", rate, "rad/s, slew of the steering motor", 0.001, MAX_STEERING_RATE
-        )
-        add(
-            "max_acceleration",
-            settings.max_acceleration,
-            "m/s^2, slew of the speed",
-            0.001,
-            MAX_ACCELERATION,
-        )
-        add("wheelbase", 1.443, "m, for cmd_vel", 0.1, 10.0)
-        add("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", 0.0, 1.0)
+        add("baud", BAUD, "bits per second on both ports", (9600, 1_000_000))
+        add("boot_wait", 2.0, "s of silence after opening: a UNO's bootloader", (0.0, 10.0))
+        for field in dataclasses.fields(BridgeSettings):
+            about = field.metadata
+            add(field.name, field.default, about["description"], about["range"])
+        add("wheelbase", 1.443, "m, for cmd_vel", (0.1, 10.0))
+        add("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", (0.0, 1.0))
         add("autostart", True, "configure and activate at start, without a lifecycle manager")
-        add("arm_on_activate", False, "arm once, as soon as nothing speaks against it")
+        add("arm_on_activate", False, "arm once, when every precondition holds")
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._on_parameters)
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse what would only act at the next configure."""
+        """Refuse a change that would only act at the next configure."""
         for parameter in parameters:
             name = parameter.name
             if name not in CONFIGURED_PARAMETERS or self._bridge is None:
@@ -167,7 +143,7 @@ class BridgeNode(LifecycleNode):
     # ---- lifecycle ----
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Open both ports and begin to shake hands; both are retried for as long as it takes."""
+        """Open both ports and begin the handshakes; both are retried until they succeed."""
         if problem := self._port_problem():
             self.get_logger().error(problem)
             return TransitionCallbackReturn.FAILURE
@@ -181,20 +157,20 @@ class BridgeNode(LifecycleNode):
         )
         return TransitionCallbackReturn.SUCCESS
 
-    def _port_problem(self) -> str:
-        """What is wrong with the ports' parameters; empty if nothing."""
+    def _port_problem(self) -> str | None:
+        """Return what is wrong with the ports' parameters, if anything."""
         steer, drive = (self.get_parameter(f"{b}_port").value for b in ("steer", "drive"))
-        return f"steer_port and drive_port are both {steer}" if steer == drive else ""
+        return f"steer_port and drive_port are both {steer}" if steer == drive else None
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Forward commands; arm only where `arm_on_activate` says so."""
+        """Forward commands; arm only if the parameter `arm_on_activate` is set."""
         if self._bridge is not None:
             self._bridge.active = True
         self._arm_when_ready = self.get_parameter("arm_on_activate").value
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the vehicle come to rest and forward nothing any more."""
+        """Let the vehicle come to rest and forward no more commands."""
         self._arm_when_ready = False
         if self._bridge is not None:
             with self._lock:
@@ -262,7 +238,7 @@ class BridgeNode(LifecycleNode):
             bridge.poll(now)
             if self._arm_when_ready and not bridge.refusal(now):
                 self._arm_when_ready = False
-                bridge.arm(now, lambda _, text: self.get_logger().info(text))
+                bridge.arm(now, lambda outcome: self.get_logger().info(outcome.text))
             self._flush(bridge, ports, now)
 
     def _flush(self, bridge: Bridge, ports: SerialPorts, now: float) -> None:
@@ -271,22 +247,22 @@ class BridgeNode(LifecycleNode):
                 bridge.links[board].counters.write_drops += ports.write(board, frames)
         for board, link in bridge.links.items():
             if link.state is not LinkState.CLOSED and link.wants_reopen(now):
-                ports.reopen(board, link.problem)
+                ports.reopen(board, link.down_reason)
         for readings in bridge.take_readings():
             self._joint_states.publish(_joint_state(readings))
-        messages = bridge.take_messages()
-        for is_warning, text in messages:
-            # rclpy wants one severity per line of code
-            if is_warning:
+        log = bridge.take_log()
+        for level, text in log:
+            # rclpy allows one severity per line of code
+            if level is Level.WARN:
                 self.get_logger().warning(text)
             else:
                 self.get_logger().info(text)
-        if messages or now - self._reported_at >= REPORT_PERIOD:
+        if log or now - self._reported_at >= REPORT_PERIOD:
             self._reported_at = now
             self._report(bridge, now)
 
     def _report(self, bridge: Bridge, now: float) -> None:
-        stamp = _stamp(now)
+        stamp = time_message(now)
         array = DiagnosticArray()
         array.header.stamp = stamp
         for diagnosis in diagnose(bridge, now):
@@ -342,7 +318,7 @@ class BridgeNode(LifecycleNode):
 
     def _command(self, angle: float, speed: float, stamp: Time, source: Source) -> None:
         try:
-            setpoint = Setpoint(angle, speed)
+            command = VehicleCommand(angle, speed)
         except LinkError as error:
             self._refuse(f"{source.value}: {error}")
             return
@@ -351,19 +327,19 @@ class BridgeNode(LifecycleNode):
             if bridge is None or ports is None or not bridge.active:
                 return
             self._step()  # the echo must be of the newest telemetry
-            wanted = stamp.sec + stamp.nanosec * 1e-9
+            wanted = seconds_of(stamp)
             now = self._now()
             if now < wanted < now + INPUT_AGE:
-                now = wanted  # the /clock tick that the message was made at is still on its way
-            refusal = bridge.set_command(setpoint, stamp=wanted, now=now, source=source)
+                now = wanted  # the tick of /clock at which the message was made has not come yet
+            refusal = bridge.set_command(command, stamp=wanted, now=now, source=source)
             self._flush(bridge, ports, now)
-        if refusal:
+        if refusal is not None:
             self._log_throttled(refusal)
 
     def _refuse(self, reason: str) -> None:
         with self._lock:
             if self._bridge is not None:
-                self._bridge.counters.refused += 1
+                self._bridge.commands.counters.refused += 1
         self._log_throttled(reason)
 
     def _log_throttled(self, text: str) -> None:
@@ -381,7 +357,7 @@ class BridgeNode(LifecycleNode):
         elif request.data:
             outcome: Future = Future(executor=self.executor)
             with self._lock:
-                bridge.arm(self._now(), lambda *result: outcome.set_result(result))
+                bridge.arm(self._now(), outcome.set_result)
                 self._step()
             response.success, response.message = await outcome
         else:
@@ -404,18 +380,13 @@ class BridgeNode(LifecycleNode):
         return response
 
 
-def _stamp(seconds: float) -> Time:
-    whole = math.floor(seconds)
-    return Time(sec=whole, nanosec=min(int((seconds - whole) * 1e9), 999_999_999))
-
-
 def _joint_state(readings: JointReadings) -> JointState:
     message = JointState(
         name=[joint.name for joint in readings.joints],
         position=[joint.position for joint in readings.joints],
         velocity=[joint.velocity for joint in readings.joints],
     )
-    message.header.stamp = _stamp(readings.stamp)
+    message.header.stamp = time_message(readings.stamp)
     return message
 
 

@@ -1,8 +1,8 @@
 """A thread that takes commands from their subscriptions, beside the node's executor.
 
-The executor builds a wait set of all that its node has, parameter services and event handlers
-included, each time that one message wakes it: for a hundred commands a second that is most of what
-the bridge would cost. This thread waits for its few subscriptions only.
+For each message the executor builds a wait set of everything its node has, parameter services and
+event handlers included: at a hundred commands per second that would be most of the CPU time of the
+bridge. This thread waits for its few subscriptions only.
 """
 
 from __future__ import annotations
@@ -16,16 +16,21 @@ from rclpy.subscription import Subscription
 
 from tricycle_core.nodes import NotTheExecutors
 
-WAIT = 100_000_000  # ns until the thread looks whether it is to end
+_WAIT = 100_000_000  # ns after which the thread checks whether it is to end
 
 
 class CommandThread:
-    """Calls the callbacks of a node's subscriptions of one callback group.
+    """Calls the callbacks of those subscriptions of a node that are in one callback group.
 
     Parameters
     ----------
-    node
-        Whose subscriptions they are. Those made with `group` before `start` are served.
+    node : rclpy.node.Node
+        Node with the subscriptions.
+
+    Attributes
+    ----------
+    group : rclpy.callback_groups.CallbackGroup
+        Group of the subscriptions; those created before `start` are served.
     """
 
     def __init__(self, node: Node) -> None:
@@ -36,7 +41,7 @@ class CommandThread:
 
     @property
     def alive(self) -> bool:
-        """Whether the thread runs; what a callback raises ends it."""
+        """Whether the thread runs; an exception in a callback ends it."""
         return self._thread.is_alive()
 
     def start(self) -> None:
@@ -44,7 +49,7 @@ class CommandThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Wait for the end of the thread; before the node is destroyed."""
+        """End the thread; to be called before the node is destroyed."""
         self._stopping = True
         if self._thread.is_alive():
             self._thread.join()
@@ -65,7 +70,7 @@ class CommandThread:
                     waiting.add_subscription(subscription.handle)
                 for event in events:
                     event.add_to_wait_set(waiting)
-                waiting.wait(WAIT)
+                waiting.wait(_WAIT)
                 ready = waiting.get_ready_entities("subscription")
                 for subscription in subscriptions:
                     if subscription.handle.pointer in ready:

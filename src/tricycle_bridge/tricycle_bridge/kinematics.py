@@ -1,4 +1,4 @@
-"""Steering geometry for the friendly door `cmd_vel`: a turn rate to a steering motor angle."""
+"""Steering geometry for `cmd_vel`: from a turn rate to the angle of the steering motor."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE
 
-# The outer wheel turns by r = 0.8 - 0.2 |theta| / 45 deg of the motor's angle theta, the inner by
-# all of it: their mean is theta (0.9 - 0.1 |theta| / 45 deg).
+# The inner wheel turns by the motor's angle theta, the outer by theta (0.8 - 0.2 |theta| / 45 deg):
+# their mean is theta (0.9 - 0.1 |theta| / 45 deg).
 _MEAN_RATIO = 0.9
 _MEAN_RATIO_DROP = 0.1 / (math.pi / 4)  # 1/rad
 
@@ -15,23 +15,23 @@ _MEAN_RATIO_DROP = 0.1 / (math.pi / 4)  # 1/rad
 def steering_motor_angle(
     speed: float, turn_rate: float, *, wheelbase: float, caster_angle: float
 ) -> float:
-    """Return the steering motor's angle that turns at `turn_rate` without tyre slip.
+    """Return the angle of the steering motor that gives a turn rate without tyre slip.
 
     Parameters
     ----------
-    speed
-        m/s, forward positive; not 0.
-    turn_rate
-        rad/s, left positive.
-    wheelbase
-        m.
-    caster_angle
-        rad, king-pin from the vertical.
+    speed : float
+        Speed [m/s], forward positive; not 0.
+    turn_rate : float
+        Yaw rate [rad/s], left positive.
+    wheelbase : float
+        Wheelbase [m].
+    caster_angle : float
+        Angle between king-pin and vertical [rad].
 
     Returns
     -------
-    float
-        rad, left positive, within the PLC's limits: the tightest turn where a tighter one is asked.
+    angle : float
+        Angle [rad], left positive, limited to what the PLC allows.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def steering_motor_angle(
     """
     road = math.atan(wheelbase * turn_rate / speed)  # angle of the wheels' track on the road
     wheel = abs(math.atan(math.tan(road) / math.cos(caster_angle)))  # about the king-pin
-    # wheel = theta (0.9 - 0.127 theta): the smaller root, or the vertex where there is none
+    # wheel = theta (0.9 - 0.127 theta): the smaller root, or the vertex if there is no root
     discriminant = max(_MEAN_RATIO**2 - 4.0 * _MEAN_RATIO_DROP * wheel, 0.0)
     theta = (_MEAN_RATIO - math.sqrt(discriminant)) / (2.0 * _MEAN_RATIO_DROP)
     return math.copysign(min(theta, MAX_STEERING_ANGLE), road)

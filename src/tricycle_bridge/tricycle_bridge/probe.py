@@ -1,4 +1,4 @@
-"""What is on a serial port: for the person with the cable in hand."""
+"""Finding out which PLC is behind a serial port."""
 
 from __future__ import annotations
 
@@ -6,28 +6,32 @@ import random
 import threading
 import time
 from collections.abc import Iterator
-from types import TracebackType
-from typing import Self
 
 from tricycle_bridge.link import LinkEvent, PlcLink
 from tricycle_bridge.protocol.messages import BAUD, Board
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_core.closing import Closing
 from tricycle_core.errors import LinkError
 
 _POLL = 0.01  # s
 
 
-class PortProbe:
-    """The PLC on one port, whichever it is. Its handshake disarms it; it is never armed.
+class PortProbe(Closing):
+    """The PLC behind one port, whichever it is. The handshake disarms it; it is never armed.
 
     Parameters
     ----------
-    path
+    path : str
         Serial device.
-    baud
+    baud : int
         Bits per second.
-    boot_wait
-        Seconds of silence after opening: a UNO resets then and stays in its bootloader.
+    boot_wait : float
+        Silence after opening [s]: a UNO resets then and stays in its bootloader.
+
+    Attributes
+    ----------
+    link : PlcLink
+        Link to the board that is expected so far; another one after the other board answered.
     """
 
     def __init__(self, path: str, *, baud: int = BAUD, boot_wait: float = 2.0) -> None:
@@ -38,12 +42,17 @@ class PortProbe:
         self.link = PlcLink(Board.STEER, rng=random.SystemRandom(), boot_wait=boot_wait)
 
     def handshake(self, *, timeout: float = 5.0) -> PlcLink:
-        """Return the link, up.
+        """Return the link once it is up.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest time to wait [s].
 
         Raises
         ------
         LinkError
-            The port cannot be opened, or no PLC of our protocol version answers.
+            The port cannot be opened, or no PLC of this protocol version answers.
         """
         for _ in self.events(timeout):
             if self.link.up:
@@ -57,7 +66,12 @@ class PortProbe:
         )
 
     def events(self, seconds: float) -> Iterator[LinkEvent]:
-        """Yield what happens on the link for so long.
+        """Yield what happens on the link.
+
+        Parameters
+        ----------
+        seconds : float
+            How long to listen [s].
 
         Raises
         ------
@@ -90,14 +104,3 @@ class PortProbe:
     def close(self) -> None:
         """Close the port."""
         self._ports.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()

@@ -5,10 +5,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from tricycle_core.timing import TICK as TICK  # in a module of its own: usable without NumPy
+
 FloatArray = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]
 """Called with the amounts of work done and in all, in whatever unit the caller counts."""
-
-TICK = 0.01
-"""Control period of both PLCs, and of every trajectory and command table on it [s]."""

@@ -194,7 +194,7 @@ def test_noise_never_raises_is_bounded_and_loses_no_delimited_frame(before, afte
     good = encode(m.Ping(5), board=m.Board.DRIVE, seq=3, session=7)
     frames = decoder.feed(before + b"\0" + good + after)
     assert frames == [Frame(m.Ping(5), m.Board.DRIVE, 3, 7, 1)]
-    assert len(decoder._partial) <= 50
+    assert decoder.pending <= 50
     segments = [s for s in (before + b"\0" + after).split(b"\0")[:-1] if s]
     assert decoder.counters.rejected == len(segments)
 

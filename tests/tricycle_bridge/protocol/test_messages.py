@@ -57,7 +57,7 @@ def test_noise_without_a_delimiter_is_not_hoarded():
     decoder = plc_decoder()
     for _ in range(1000):
         decoder.feed(b"\x55" * 100)
-    assert len(decoder._partial) == 50
+    assert decoder.pending == 50
 
 
 def test_fields_hold_what_their_bytes_can():

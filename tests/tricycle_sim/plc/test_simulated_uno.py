@@ -4,8 +4,10 @@ import random
 
 import pytest
 
-from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
+from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
 from tricycle_sim.plc.simulated_uno import DrivePins, SimulatedUno
 
@@ -41,7 +43,7 @@ class Loop:
                 self.bridge.receive(board, uno.read(), self.now)
             self.bridge.poll(self.now)
             if self.target is not None and self.ms % 10 == 0:
-                setpoint = Setpoint(*self.target)
+                setpoint = VehicleCommand(*self.target)
                 self.bridge.set_command(
                     setpoint, stamp=self.now, now=self.now, source=Source.JOINT_COMMANDS
                 )
@@ -65,7 +67,7 @@ class Loop:
         return [PlcState(self.telemetry(board).state) for board in self.unos]
 
     def arm(self):
-        self.bridge.arm(self.now, lambda *outcome: self.outcomes.append(outcome))
+        self.bridge.arm(self.now, self.outcomes.append)
         self.run(0.5)
         return self.outcomes[-1]
 

@@ -5,8 +5,10 @@ import random
 import numpy as np
 import pytest
 
-from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
+from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
 from tricycle_sim.rig.emulated import Simulator
 from tricycle_sim.rig.firmware import FirmwareSimulator
@@ -35,14 +37,14 @@ class Drive:
     def tick(self):
         bridge, now = self.bridge, self.now
         if self.target is not None:
-            setpoint = Setpoint(*self.target)
+            setpoint = VehicleCommand(*self.target)
             bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
         bridge.poll(now)
         for board, frames in bridge.take_frames().items():
             bridge.receive(board, self.simulator.receive(board, b"".join(frames)), now)
         for board, data in self.simulator.step().items():
             bridge.receive(board, data, self.now)
-        self.said += bridge.take_messages()
+        self.said += bridge.take_log()
 
     def run(self, seconds):
         for _ in range(round(100 * seconds)):
@@ -51,7 +53,7 @@ class Drive:
     def arm(self):
         outcomes = []
         self.run(0.3)
-        self.bridge.arm(self.now, lambda *outcome: outcomes.append(outcome))
+        self.bridge.arm(self.now, outcomes.append)
         self.run(0.5)
         assert outcomes == [(True, "armed")]
         assert self.simulator.armed
@@ -104,7 +106,7 @@ def test_the_host_has_answered_when_both_boards_were_sent_a_command(simulator):
     drive.arm()
     assert not simulator.answered
     drive.bridge.set_command(
-        Setpoint(0.0, 0.0), stamp=drive.now, now=drive.now, source=Source.JOINT_COMMANDS
+        VehicleCommand(0.0, 0.0), stamp=drive.now, now=drive.now, source=Source.JOINT_COMMANDS
     )
     frames = drive.bridge.take_frames()
     simulator.receive(STEER, b"".join(frames[STEER]))

@@ -1,18 +1,28 @@
-"""A PLC's clock in the host's time, from PING and PONG (section 6). For stamping only."""
+"""A PLC's clock in the host's time, from PING and PONG; for stamping only.
+
+Section 6 of docs/protocol.md. Host times are in seconds, the PLC's in microseconds, 32 bits.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 
 _WRAP = 1 << 32  # us: 71.6 minutes
-_SAMPLES = 16  # newest pings among which the quickest one is believed
+_SAMPLES = 16  # newest pings, of which the one with the shortest round trip gives the offset
 _SLEW = 0.01  # s of correction per s: twice what a UNO's ceramic resonator can be off
-_STEP = 0.05  # s: a larger error is not drift, so it is not slewed
+_STEP = 0.05  # s: a larger error is not drift and is corrected at once
 
 
 def elapsed_us(later: int, earlier: int) -> int:
-    """Microseconds between two readings of a PLC's 32-bit clock, across its wrap.
+    """Return the time between two readings of a PLC's clock [us], across its wrap.
 
+    Parameters
+    ----------
+    later, earlier : int
+        Readings [us], less than a wrap apart.
+
+    Examples
+    --------
     >>> elapsed_us(5, (1 << 32) - 5)
     10
     """
@@ -20,33 +30,48 @@ def elapsed_us(later: int, earlier: int) -> int:
 
 
 class PlcClock:
-    """Maps the PLC's 32-bit microseconds to the host's clock.
+    """Maps the PLC's clock to the host's.
 
-    The offset is that of the quickest of the last 16 pings, approached at most at 1 % so that
-    stamps stay monotonic. All host times in seconds.
+    The offset is that of the ping with the shortest round trip among the last 16. It is approached
+    at 1 % at most, so that stamps stay monotonic.
+
+    Attributes
+    ----------
+    round_trip : float or None
+        Round trip of the newest ping without the PLC's part [s]; None before the first.
     """
 
     def __init__(self) -> None:
+        self.round_trip: float | None = None
         self._last_us: int | None = None
         self._unwrapped_us = 0
-        self._samples: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # (rtt, offset)
+        self._samples: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # (round trip, offset)
         self._offset: float | None = None  # s, PLC minus host
         self._updated = 0.0
-        self.round_trip: float | None = None  # s, of the newest ping
 
     def unwrap(self, t: int) -> float:
-        """Seconds on the PLC's clock since its first reading's zero, without the wrap."""
+        """Return a reading [us] as seconds since the zero before the first reading."""
         if self._last_us is None:
             self._unwrapped_us = t
         else:
-            # the nearest time that reads t: readings may arrive slightly out of order
+            # the nearest time with this reading: readings may arrive slightly out of order
             difference = elapsed_us(t, self._last_us)
             self._unwrapped_us += difference - (_WRAP if difference >= _WRAP // 2 else 0)
         self._last_us = t
         return self._unwrapped_us * 1e-6
 
     def add_ping(self, t0: float, t_rx: int, t_tx: int, t3: float) -> None:
-        """Take one exchange: PING at t0, heard at t_rx, answered at t_tx, PONG at t3."""
+        """Take one exchange.
+
+        Parameters
+        ----------
+        t0 : float
+            Host time at which PING was sent [s].
+        t_rx, t_tx : int
+            PLC times at which PING arrived and PONG was sent [us].
+        t3 : float
+            Host time at which PONG arrived [s].
+        """
         rx, tx = self.unwrap(t_rx), self.unwrap(t_tx)
         self.round_trip = (t3 - t0) - (tx - rx)
         self._samples.append((self.round_trip, (rx + tx) / 2 - (t0 + t3) / 2))
@@ -59,9 +84,14 @@ class PlcClock:
         self._updated = t3
 
     def to_host(self, t: int, *, received: float) -> float:
-        """Host time of a PLC time; never later than the moment it was received.
+        """Return the host time of a PLC time; before the first ping it is the time of reception.
 
-        Before the first ping it is the time of reception.
+        Parameters
+        ----------
+        t : int
+            PLC time [us].
+        received : float
+            Host time at which the message with it arrived [s]; the result is never later.
         """
         plc_time = self.unwrap(t)
         return received if self._offset is None else min(plc_time - self._offset, received)

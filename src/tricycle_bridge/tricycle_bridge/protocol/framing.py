@@ -1,4 +1,7 @@
-"""Frames of TBP v1: ``COBS(header payload crc32) 00`` to messages and back (sections 1 and 2)."""
+"""Frames of TBP v1: ``COBS(header payload crc32) 00`` to messages and back (sections 1 and 2).
+
+Section numbers are those of docs/protocol.md.
+"""
 
 from __future__ import annotations
 
@@ -31,25 +34,55 @@ _MAX_ENCODED = _MAX_RAW + 1  # COBS adds one byte to anything this short
 
 
 class Frame(NamedTuple):
-    """A message with its header."""
+    """A message with its header.
+
+    Attributes
+    ----------
+    message : Message
+        Decoded payload.
+    board : Board
+        PLC that sent or receives it.
+    seq : int
+        Sequence number, 0 to 255.
+    session : int
+        Session, 0 to 255; 0 = none.
+    major : int
+        Protocol version of the sender.
+    """
 
     message: Message
     board: Board
-    seq: int  # 0..255
-    session: int  # 0 = none
-    major: int  # protocol version of the sender
+    seq: int
+    session: int
+    major: int
 
 
 @dataclass
 class DecoderCounters:
-    """What a decoder did with the segments between delimiters."""
+    """What a decoder did with the segments between delimiters.
+
+    Attributes
+    ----------
+    ok : int
+        Decoded frames.
+    length : int
+        Too long, too short, or payload shorter than the message table says.
+    cobs, crc : int
+        Damaged.
+    version : int
+        Another major version.
+    unknown : int
+        For another board, in the other direction, or an id that is not in the message table.
+    session : int
+        Another session.
+    """
 
     ok: int = 0
-    length: int = 0  # too long, too short, or payload shorter than the table
+    length: int = 0
     cobs: int = 0
     crc: int = 0
-    version: int = 0  # another major version
-    unknown: int = 0  # direction or board not ours, or id not in the table
+    version: int = 0
+    unknown: int = 0
     session: int = 0
 
     @property
@@ -63,12 +96,21 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
 
     Parameters
     ----------
-    message
-        Its id decides the direction bit.
-    board
-        The PLC that sends or receives it; `Board.ANY` in a HELLO to whoever listens.
-    seq, session, major
-        Header fields.
+    message : Message
+        What to send; its id determines the direction bit.
+    board : Board
+        PLC that sends or receives it; `Board.ANY` in a HELLO to any board.
+    seq : int
+        Sequence number, 0 to 255.
+    session : int
+        Session, 0 to 255.
+    major : int
+        Protocol version, 0 to 7.
+
+    Returns
+    -------
+    wire : bytes
+        Bytes for the line.
 
     Raises
     ------
@@ -83,21 +125,28 @@ def encode(message: Message, *, board: Board, seq: int, session: int, major: int
 class FrameDecoder:
     """Turns a stream of bytes, cut anywhere, into frames.
 
-    Never raises, and holds at most one segment of 50 bytes, whatever arrives. The first failing
-    rule of section 1 wins and is counted in `counters`.
+    It never raises, and keeps at most one segment of 50 bytes. The first rule of section 1 that a
+    segment breaks is counted.
 
     Parameters
     ----------
-    board
-        Whose link this is. A host accepts HELLO_ACK from any board (to report swapped ports), a
-        PLC accepts HELLO to `Board.ANY`.
-    host
-        True on the host (hears PLCs), False on a PLC (hears the host).
+    board : Board
+        PLC of this link. A host accepts HELLO_ACK from any board (to report swapped ports), a PLC
+        accepts HELLO to `Board.ANY`.
+    host : bool
+        True on the host, which receives the PLC's messages; False on a PLC.
+
+    Attributes
+    ----------
+    counters : DecoderCounters
+        What became of the segments.
+    session : int
+        The present session, kept by the owner; 0 = none.
     """
 
     def __init__(self, board: Board, *, host: bool) -> None:
         self.counters = DecoderCounters()
-        self.session = 0  # the current one; whoever owns the decoder keeps it
+        self.session = 0
         self._board = board
         self._host = host
         self._partial = b""
@@ -106,12 +155,17 @@ class FrameDecoder:
             for m in MESSAGES
             if from_plc(m.ID) == host and m.BOARD in (board, Board.ANY)
         }
-        # The one message of another major, board or session that must get through (section 3).
+        # The one message that is taken also from another major, board or session (section 3).
         self._greeting = HelloAck.ID if host else Hello.ID
         self._greeting_boards = (Board.STEER, Board.DRIVE) if host else (Board.ANY,)
 
+    @property
+    def pending(self) -> int:
+        """Bytes of the segment that is not complete yet; at most 50."""
+        return len(self._partial)
+
     def reset(self) -> None:
-        """Forget a partial segment, after the port was opened anew."""
+        """Forget an incomplete segment, after the port was opened again."""
         self._partial = b""
 
     def feed(self, data: bytes) -> list[Frame]:
@@ -154,8 +208,8 @@ class FrameDecoder:
         ):
             counters.unknown += 1
             return None
-        # A host hears session 0 too: that is how a rebooted PLC shows. A PLC without a session
-        # obeys nobody.
+        # A host takes session 0 too, because that is what a rebooted PLC sends. A PLC without a
+        # session takes nothing.
         heard = session in (self.session, 0) if self._host else session == self.session != 0
         if not (heard or greeting):
             counters.session += 1

@@ -1,8 +1,11 @@
-"""The message table of the tricycle by-wire protocol (TBP v1): the one truth for host and PLCs.
+"""The message table of the tricycle by-wire protocol (TBP v1), from which all else is generated.
 
 Each message is a frozen dataclass whose fields are the payload's integers in wire order, little
-endian. The C header of the firmware is generated from these classes (``firmware_header.py``).
-Fields keep their wire units, named beside each; ``SCALE_*`` convert to SI.
+endian. A field is annotated with its wire type and, where it has one, with its `Unit` or the
+enumeration of its values; its comment tells the rest. The C header of the firmware
+(``firmware_header.py``), the reference page (docs/generate_reference.py) and the values in
+/diagnostics (``readable.py``) follow from these classes. Section numbers are those of
+docs/protocol.md.
 """
 
 from __future__ import annotations
@@ -11,7 +14,7 @@ import dataclasses
 import enum
 import struct
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Self, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, get_type_hints
 
 from tricycle_core.errors import LinkError
 
@@ -20,7 +23,7 @@ MINOR = 0
 BAUD = 115_200  # 8N1
 MAX_PAYLOAD = 40  # bytes
 
-# Wire units in SI.
+# One count on the wire in SI.
 ANGLE_UNIT = 1e-4  # rad
 STEER_RATE_UNIT = 1e-3  # rad/s
 SPEED_UNIT = 1e-3  # m/s; accelerations likewise 1e-3 m/s^2
@@ -45,6 +48,11 @@ class Board(enum.IntEnum):
     STEER = 1
     DRIVE = 2
     ANY = 15  # in HELLO only; in the table: a message of both boards
+
+    @property
+    def plc_name(self) -> str:
+        """Name in messages for a person, e.g. ``steer PLC``."""
+        return f"{self.name.lower()} PLC"
 
 
 class PlcState(enum.IntEnum):
@@ -141,10 +149,20 @@ class Capability(enum.IntFlag):
 
 @dataclass(frozen=True)
 class WireType:
-    """An integer on the wire."""
+    """An integer on the wire.
 
-    name: str  # as in the protocol's tables
-    code: str  # of the struct module
+    Attributes
+    ----------
+    name : str
+        Name in the protocol's tables, e.g. ``u16``.
+    code : str
+        Format character of the `struct` module.
+    c_type : str
+        Type in the firmware.
+    """
+
+    name: str
+    code: str
     c_type: str
 
     @property
@@ -163,7 +181,22 @@ class WireType:
         return struct.calcsize("<" + self.code)
 
 
-# Types of payload fields. A second annotation, where there is one, is the unit.
+@dataclass(frozen=True)
+class Unit:
+    """What one count of a field stands for.
+
+    Attributes
+    ----------
+    scale : float
+        Amount per count.
+    symbol : str
+        Unit of the amount, e.g. ``m/s``.
+    """
+
+    scale: float
+    symbol: str
+
+
 _U8 = WireType("u8", "B", "uint8_t")
 _U16 = WireType("u16", "H", "uint16_t")
 _I16 = WireType("i16", "h", "int16_t")
@@ -175,15 +208,62 @@ I16 = Annotated[int, _I16]
 U32 = Annotated[int, _U32]
 I32 = Annotated[int, _I32]
 
+_ANGLE = Unit(ANGLE_UNIT, "rad")
+_RATE = Unit(STEER_RATE_UNIT, "rad/s")
+_SPEED = Unit(SPEED_UNIT, "m/s")
+_ACCELERATION = Unit(SPEED_UNIT, "m/s^2")
+_BRAKE = Unit(100 * BRAKE_UNIT, "%")
+_MICROSECONDS = Unit(1e-6, "s")
+_MILLISECONDS = Unit(1e-3, "s")
+_ECHO = Unit(ECHO_TICK, "s")
+_CENTISECONDS = Unit(0.01, "s")
+_MILLIVOLTS = Unit(1e-3, "V")
+_MILLIAMPERES = Unit(1e-3, "A")
+
+
+Meaning = Unit | type[enum.IntEnum] | type[enum.IntFlag]
+
 
 def layout(message: type[Message]) -> dict[str, WireType]:
-    """Payload fields of a message class in wire order."""
+    """Return the wire types of a message's fields in wire order.
+
+    Parameters
+    ----------
+    message : type
+        A subclass of `Message`.
+    """
+    return {name: metadata[0] for name, metadata in _annotations(message).items()}
+
+
+def meanings(message: type[Message]) -> dict[str, Meaning | None]:
+    """Return what the values of a message's fields stand for, in wire order.
+
+    Parameters
+    ----------
+    message : type
+        A subclass of `Message`.
+
+    Returns
+    -------
+    meanings : dict
+        Name to `Unit`, enumeration, or None for a plain number.
+    """
+    return _MEANINGS[message]
+
+
+def _annotations(message: type[Message]) -> dict[str, tuple[Any, ...]]:
     hints = get_type_hints(message, include_extras=True)
-    return {f.name: hints[f.name].__metadata__[0] for f in dataclasses.fields(message)}
+    return {f.name: hints[f.name].__metadata__ for f in dataclasses.fields(message)}
 
 
 def payload_struct(message: type[Message]) -> struct.Struct:
-    """Return the layout of a message class as a `struct.Struct`."""
+    """Return the layout of a message's payload.
+
+    Parameters
+    ----------
+    message : type
+        A subclass of `Message`.
+    """
     return _STRUCTS[message]
 
 
@@ -229,7 +309,7 @@ class Hello(Message):
 
     ID = 0x01
     minor: U8
-    board: U8  # wanted
+    board: Annotated[U8, Board]  # wanted
     nonce: U32
 
 
@@ -247,7 +327,7 @@ class Control(Message):
 
     ID = 0x03
     GUARD: ClassVar[int] = 0xA5
-    op: U8
+    op: Annotated[U8, Op]
     arg: U8
     inverted_op: U8
     guard: U8
@@ -283,11 +363,11 @@ class SteerCommand(Message):
 
     ID = 0x10
     BOARD = Board.STEER
-    flags: U8  # CommandFlag
+    flags: Annotated[U8, CommandFlag]
     reserved: U8
-    angle: I16  # 1e-4 rad, left positive
-    max_rate: U16  # 1e-3 rad/s; 0 = PLC maximum
-    echo: U16  # of the newest state frame's time, ECHO_TICK
+    angle: Annotated[I16, _ANGLE]  # left positive
+    max_rate: Annotated[U16, _RATE]  # 0 = PLC maximum
+    echo: Annotated[U16, _ECHO]  # of the newest state frame's time
 
 
 @dataclass(frozen=True)
@@ -296,13 +376,13 @@ class DriveCommand(Message):
 
     ID = 0x20
     BOARD = Board.DRIVE
-    flags: U8  # CommandFlag
-    gear: U8  # Gear
-    speed: I16  # mm/s, not negative
-    max_acceleration: U16  # mm/s^2; 0 = PLC maximum
-    brake: U8  # 0..200, 0.5 %
+    flags: Annotated[U8, CommandFlag]
+    gear: Annotated[U8, Gear]
+    speed: Annotated[I16, _SPEED]  # not negative
+    max_acceleration: Annotated[U16, _ACCELERATION]  # 0 = PLC maximum
+    brake: Annotated[U8, _BRAKE]  # 200 counts = full
     reserved: U8
-    echo: U16  # of the newest state frame's time, ECHO_TICK
+    echo: Annotated[U16, _ECHO]  # of the newest state frame's time
 
 
 # ---- PLC -> host ----
@@ -314,16 +394,16 @@ class HelloAck(Message):
 
     ID = 0x81
     minor: U8
-    board: U8
+    board: Annotated[U8, Board]
     version_major: U8  # of the firmware
     version_minor: U8
     version_patch: U8
-    reset_cause: U8  # ResetCause
+    reset_cause: Annotated[U8, ResetCause]
     boot_count: U16
     build_hash: U32
     nonce: U32  # of the HELLO
-    capabilities: U16  # Capability
-    watchdog: U16  # ms
+    capabilities: Annotated[U16, Capability]
+    watchdog: Annotated[U16, _MILLISECONDS]
 
 
 @dataclass(frozen=True)
@@ -332,8 +412,8 @@ class Pong(Message):
 
     ID = 0x82
     token: U32
-    t_rx: U32  # us, PLC clock
-    t_tx: U32  # us, PLC clock
+    t_rx: Annotated[U32, _MICROSECONDS]  # PLC clock, when the PING arrived
+    t_tx: Annotated[U32, _MICROSECONDS]  # PLC clock, when this was sent
 
 
 @dataclass(frozen=True)
@@ -341,10 +421,10 @@ class Ack(Message):
     """Answer to CTRL."""
 
     ID = 0x83
-    op: U8
+    op: Annotated[U8, Op]
     ctrl_seq: U8  # header seq of the CTRL
-    result: U8  # Result
-    state: U8  # PlcState
+    result: Annotated[U8, Result]
+    state: Annotated[U8, PlcState]
 
 
 @dataclass(frozen=True)
@@ -353,11 +433,11 @@ class SteerLimits(Message):
 
     ID = 0x84
     BOARD = Board.STEER
-    min_angle: I16  # 1e-4 rad
-    max_angle: I16  # 1e-4 rad
-    max_rate: I16  # 1e-3 rad/s
-    watchdog: I16  # ms
-    stale: I16  # ECHO_TICK
+    min_angle: Annotated[I16, _ANGLE]
+    max_angle: Annotated[I16, _ANGLE]
+    max_rate: Annotated[I16, _RATE]
+    watchdog: Annotated[I16, _MILLISECONDS]
+    stale: Annotated[I16, _ECHO]
     adc_scale: I16  # counts per rad
     reserved_1: I16
     reserved_2: I16
@@ -370,11 +450,11 @@ class DriveLimits(Message):
     ID = 0x84
     BOARD = Board.DRIVE
     reserved_0: I16
-    max_speed: I16  # mm/s
-    max_acceleration: I16  # mm/s^2
-    watchdog: I16  # ms
-    stale: I16  # ECHO_TICK
-    pulse: I16  # um of travel per hall pulse
+    max_speed: Annotated[I16, _SPEED]
+    max_acceleration: Annotated[I16, _ACCELERATION]
+    watchdog: Annotated[I16, _MILLISECONDS]
+    stale: Annotated[I16, _ECHO]
+    pulse: Annotated[I16, Unit(1e-6, "m")]  # of travel per hall pulse
     reserved_1: I16
     reserved_2: I16
 
@@ -395,7 +475,7 @@ class Stats(Message):
     tx_drop: U16
     watchdog_trips: U16
     tick_overrun: U16
-    max_tick: U16  # us
+    max_tick: Annotated[U16, Unit(1.0, "us")]  # longest tick
     duplicate: U16
     version: U16
     session: U16
@@ -406,10 +486,10 @@ class Event(Message):
     """Something happened on the PLC."""
 
     ID = 0x86
-    t: U32  # us, PLC clock
-    code: U8  # EventCode
+    t: Annotated[U32, _MICROSECONDS]  # PLC clock
+    code: Annotated[U8, EventCode]
     states: U8  # old << 4 | new
-    faults: U16  # Fault
+    faults: Annotated[U16, Fault]
 
 
 @dataclass(frozen=True)
@@ -418,18 +498,18 @@ class SteerState(Message):
 
     ID = 0x90
     BOARD = Board.STEER
-    t: U32  # us, PLC clock
-    state: U8  # PlcState
-    flags: U8  # StateFlag
-    faults: U16  # Fault
-    angle: I16  # 1e-4 rad, steering motor, left positive
-    setpoint: I16  # 1e-4 rad, after limits
-    rate: I16  # 1e-3 rad/s
-    servo: U16  # us pulse width; 0 = off
+    t: Annotated[U32, _MICROSECONDS]  # PLC clock
+    state: Annotated[U8, PlcState]
+    flags: Annotated[U8, StateFlag]
+    faults: Annotated[U16, Fault]
+    angle: Annotated[I16, _ANGLE]  # steering motor, left positive
+    setpoint: Annotated[I16, _ANGLE]  # after limits
+    rate: Annotated[I16, _RATE]
+    servo: Annotated[U16, Unit(1.0, "us")]  # pulse width; 0 = off
     adc: U16  # counts
-    supply: U16  # mV
+    supply: Annotated[U16, _MILLIVOLTS]
     command_seq: U8  # of the last command
-    command_age: U8  # 10 ms, saturates at 255
+    command_age: Annotated[U8, _CENTISECONDS]  # saturates at 255 counts
 
 
 @dataclass(frozen=True)
@@ -438,20 +518,20 @@ class DriveState(Message):
 
     ID = 0xA0
     BOARD = Board.DRIVE
-    t: U32  # us, PLC clock
-    state: U8  # PlcState
-    flags: U8  # StateFlag
-    faults: U16  # Fault
-    speed: I16  # mm/s, forward positive
-    setpoint: I16  # mm/s, after limits, forward positive
+    t: Annotated[U32, _MICROSECONDS]  # PLC clock
+    state: Annotated[U8, PlcState]
+    flags: Annotated[U8, StateFlag]
+    faults: Annotated[U16, Fault]
+    speed: Annotated[I16, _SPEED]  # forward positive
+    setpoint: Annotated[I16, _SPEED]  # after limits, forward positive
     hall_count: I32  # pulses, forward counts up
-    pwm: I16  # per mille
-    current: U16  # mA
-    supply: U16  # mV
-    gear: U8  # Gear
-    brake: U8  # 0..200, 0.5 %
+    pwm: Annotated[I16, Unit(0.1, "%")]
+    current: Annotated[U16, _MILLIAMPERES]
+    supply: Annotated[U16, _MILLIVOLTS]
+    gear: Annotated[U8, Gear]
+    brake: Annotated[U8, _BRAKE]  # 200 counts = full
     command_seq: U8  # of the last command
-    command_age: U8  # 10 ms, saturates at 255
+    command_age: Annotated[U8, _CENTISECONDS]  # saturates at 255 counts
 
 
 MESSAGES: tuple[type[Message], ...] = (
@@ -478,24 +558,32 @@ _STRUCTS: dict[type[Message], struct.Struct] = {
     for message in MESSAGES
 }
 
+_MEANINGS: dict[type[Message], dict[str, Meaning | None]] = {
+    message: {
+        name: metadata[1] if len(metadata) > 1 else None
+        for name, metadata in _annotations(message).items()
+    }
+    for message in MESSAGES
+}
+
 
 def from_plc(message_id: int) -> bool:
-    """Whether a message id travels from a PLC to the host."""
+    """Whether a message travels from a PLC to the host.
+
+    Parameters
+    ----------
+    message_id : int
+        Id in the header.
+    """
     return message_id >= 0x80
 
 
 def echo_of(t: int) -> int:
-    """Echo of a PLC time (us): ECHO_TICK units, 16 bits."""
-    return t >> 10 & 0xFFFF
+    """Return the echo of a PLC time (section 4), in units of `ECHO_TICK`, 16 bits.
 
-
-def fault_names(faults: int) -> str:
-    """Name the fault bits, e.g. ``CMD_TIMEOUT|LIMIT``; empty without faults.
-
-    >>> fault_names(0x101)
-    'CMD_TIMEOUT|LIMIT'
-    >>> fault_names(0x200)
-    'BIT_9'
+    Parameters
+    ----------
+    t : int
+        Time of a state frame [us].
     """
-    known = {fault.value: fault.name for fault in Fault}
-    return "|".join(known.get(1 << bit) or f"BIT_{bit}" for bit in range(16) if faults & (1 << bit))
+    return t >> 10 & 0xFFFF

@@ -7,7 +7,7 @@ import math
 import sys
 from typing import Any
 
-from tricycle_bridge.link import LinkEvent, LinkEventKind, PlcLink, state_name
+from tricycle_bridge.link import LinkEvent, LinkEventKind, PlcLink
 from tricycle_bridge.probe import PortProbe
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
@@ -15,8 +15,8 @@ from tricycle_bridge.protocol.messages import (
     SPEED_UNIT,
     DriveState,
     SteerState,
-    fault_names,
 )
+from tricycle_bridge.protocol.readable import fault_names, state_name
 
 EXAMPLE = """\
 examples:

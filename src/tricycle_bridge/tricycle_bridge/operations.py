@@ -1,0 +1,120 @@
+"""Operations of the PLC's state machine: CTRL, resent until it is acknowledged (section 4).
+
+Section numbers are those of docs/protocol.md. Times are seconds on one monotonic host clock.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from tricycle_bridge.protocol.messages import Ack, Op, Result
+
+RESEND_PERIOD = 0.05
+"""Time until an operation is sent again [s]."""
+
+RESENDS = 3
+"""How often an operation is sent again until it is given up."""
+
+
+@dataclass(frozen=True)
+class OperationOutcome:
+    """How an operation ended.
+
+    Attributes
+    ----------
+    op : Op
+        The operation.
+    result : Result or None
+        Result in the ACK; None if none came.
+    """
+
+    op: Op
+    result: Result | None
+
+
+@dataclass
+class _Pending:
+    op: Op
+    sent_at: float
+    seqs: list[int]  # of the first sending and the resends
+
+
+class OperationQueue:
+    """Operations for one PLC, sent one after the other.
+
+    Parameters
+    ----------
+    send : callable
+        Sends CTRL with an operation and returns the sequence number of its frame.
+    """
+
+    def __init__(self, send: Callable[[Op], int]) -> None:
+        self._send = send
+        self._pending: _Pending | None = None
+        self._waiting: deque[Op] = deque()
+
+    def add(self, op: Op, now: float) -> None:
+        """Send an operation after those still unanswered; ESTOP and DISARM replace them.
+
+        Parameters
+        ----------
+        op : Op
+            The operation.
+        now : float
+            Present time [s].
+        """
+        if op in (Op.ESTOP, Op.DISARM):
+            self.clear()
+        self._waiting.append(op)
+        self._send_next(now)
+
+    def poll(self, now: float) -> OperationOutcome | None:
+        """Send what is due at a time [s]; return the operation that is given up, if any."""
+        if self._pending is None:
+            self._send_next(now)
+        elif now - self._pending.sent_at >= RESEND_PERIOD:
+            if len(self._pending.seqs) > RESENDS:
+                return self._finish(None)
+            self._pending.sent_at = now
+            self._pending.seqs.append(self._send(self._pending.op))
+        return None
+
+    def acknowledge(self, ack: Ack, now: float) -> OperationOutcome | None:
+        """Take an ACK; return the operation that it answers, None if it answers an older one.
+
+        Parameters
+        ----------
+        ack : Ack
+            The answer.
+        now : float
+            Present time [s].
+        """
+        pending = self._pending
+        if pending is None or ack.op != pending.op or ack.ctrl_seq not in pending.seqs:
+            return None
+        outcome = self._finish(_result(ack))
+        self._send_next(now)
+        return outcome
+
+    def clear(self) -> None:
+        """Forget all operations."""
+        self._pending = None
+        self._waiting.clear()
+
+    def _send_next(self, now: float) -> None:
+        if self._pending is None and self._waiting:
+            op = self._waiting.popleft()
+            self._pending = _Pending(op, now, [self._send(op)])
+
+    def _finish(self, result: Result | None) -> OperationOutcome | None:
+        pending, self._pending = self._pending, None
+        return None if pending is None else OperationOutcome(pending.op, result)
+
+
+def _result(ack: Ack) -> Result:
+    try:
+        return Result(ack.result)
+    except ValueError:  # a result that a newer minor version added is a refusal
+        return Result.WRONG_STATE

@@ -1,0 +1,4 @@
+"""The control period."""
+
+TICK = 0.01
+"""Control period of both PLCs, and of every trajectory and command table on it [s]."""

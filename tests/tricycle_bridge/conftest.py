@@ -1,0 +1,99 @@
+"""Both emulated boards behind the bridge on a simulated clock."""
+
+import random
+
+import pytest
+
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.protocol.messages import Board
+from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.diagnostics import Level
+from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+
+STEER, DRIVE = Board.STEER, Board.DRIVE
+
+
+class Vehicle:
+    """Both boards on perfect cables, a perfect plant, a commander; 10 ms per step."""
+
+    def __init__(self, **settings):
+        self.bridge = Bridge(BridgeSettings(**settings), rng=random.Random(0))
+        self.bridge.active = True
+        self.plcs = {STEER: SteerPlc(), DRIVE: DrivePlc()}
+        self.measured = {STEER: SteerMeasurement(), DRIVE: DriveMeasurement()}
+        self.cut = set()  # boards whose cable is cut
+        self.now = 1000.0
+        self.target = (0.0, 0.0)  # rad, m/s; None: no commander
+        self.outcomes = []
+        self.readings = []
+        self.warnings = []
+        self.commands = {STEER: 0, DRIVE: 0}
+        for board, plc in self.plcs.items():
+            plc.tick(0, self.measured[board])
+            self.bridge.opened(board, self.now)
+        self.step(5)
+
+    def step(self, ticks=1):
+        for _ in range(ticks):
+            self.now += 0.01
+            now_us = round((self.now - 1000.0) * 1e6)
+            answers = {}
+            if self.target is not None:
+                self.bridge.set_command(
+                    VehicleCommand(*self.target),
+                    stamp=self.now,
+                    now=self.now,
+                    source=Source.JOINT_COMMANDS,
+                )
+            self.bridge.poll(self.now)
+            for board, frames in self.bridge.take_frames().items():
+                self.commands[board] += sum(len(f) > 17 for f in frames)  # set-points are long
+                data = b"" if board in self.cut else b"".join(frames)
+                answers[board] = self.plcs[board].receive(data, now_us)
+            for board, plc in self.plcs.items():
+                data, output = plc.tick(now_us, self.measured[board])
+                self._move(board, output)
+                if board not in self.cut:
+                    self.bridge.receive(board, answers[board] + data, self.now)
+            self.readings += self.bridge.take_readings()
+            log = self.bridge.take_log()
+            self.warnings += [entry.text for entry in log if entry.level is Level.WARN]
+
+    def _move(self, board, output):
+        if board is STEER:
+            if output.servo_on:
+                self.measured[STEER] = SteerMeasurement(output.setpoint)
+        else:
+            speed = output.setpoint if output.motor_on else 0.0
+            self.measured[DRIVE] = DriveMeasurement(speed)
+
+    def arm(self):
+        self.bridge.arm(self.now, self.outcomes.append)
+        self.step(30)
+        return self.outcomes[-1]
+
+    def state(self, board):
+        return self.plcs[board].state
+
+
+@pytest.fixture(scope="session")
+def new_vehicle():
+    """Makes a vehicle, for tests that need several."""
+    return Vehicle
+
+
+@pytest.fixture
+def vehicle():
+    return Vehicle()
+
+
+@pytest.fixture
+def driving():
+    vehicle = Vehicle()
+    assert vehicle.arm() == (True, "armed")
+    vehicle.target = (0.2, 1.0)
+    vehicle.step(150)
+    assert vehicle.measured[DRIVE].speed == pytest.approx(1.0)
+    assert vehicle.measured[STEER].angle == pytest.approx(0.2)
+    return vehicle

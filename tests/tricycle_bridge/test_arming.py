@@ -1,0 +1,195 @@
+"""Preconditions and sequence of arming, against both emulated PLCs."""
+
+import pytest
+
+from tricycle_bridge.arming import (
+    ARMING_PATIENCE,
+    ArmingSequence,
+    arming_refusal,
+    board_condition,
+)
+from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.operations import OperationOutcome
+from tricycle_bridge.protocol.messages import Board, Op, PlcState, Result
+from tricycle_sim.plc.plc import DriveMeasurement, SteerMeasurement
+
+STEER, DRIVE = Board.STEER, Board.DRIVE
+STANDSTILL = VehicleCommand(0.0, 0.0)
+
+
+def test_arming_at_once_after_a_stop_says_what_to_wait_for(vehicle):
+    vehicle.arm()
+    vehicle.bridge.stop("the operator's wish")
+    assert vehicle.arm() == (False, "not armed: steer PLC: still stopping")
+    vehicle.step(100)
+    assert vehicle.arm() == (True, "armed")
+
+
+def _without_commander(v):
+    v.target = None
+    v.step(20)
+
+
+def _moving_command(v):
+    v.target = (0.0, 0.5)
+    v.step()
+
+
+def _cut_steer(v):
+    v.cut.add(STEER)
+    v.step(40)
+
+
+def _inactive(v):
+    v.bridge.active = False
+
+
+def _pressed(v):
+    v.measured[DRIVE] = DriveMeasurement(estop_pressed=True)
+    v.plcs[DRIVE].tick(round((v.now - 1000) * 1e6), v.measured[DRIVE])
+    data, _ = v.plcs[DRIVE].tick(round((v.now - 1000) * 1e6), v.measured[DRIVE])
+    v.bridge.receive(DRIVE, data, v.now)
+
+
+@pytest.mark.parametrize(
+    ("cause", "reason"),
+    [
+        (_without_commander, "no command stream"),
+        (_moving_command, "commanded speed is 0.50 m/s, must be 0"),
+        (_cut_steer, "steer PLC: no telemetry for"),
+        (_inactive, "the bridge is not active"),
+        (_pressed, "drive PLC: hardware e-stop pressed"),
+    ],
+)
+def test_every_refusal_says_why(vehicle, cause, reason):
+    cause(vehicle)
+    success, text = vehicle.arm()
+    assert not success
+    assert text.startswith(f"not armed: {reason}")
+    assert not vehicle.bridge.armed
+
+
+def test_when_one_board_does_not_arm_neither_stays_armed(vehicle):
+    vehicle.measured[STEER] = SteerMeasurement(adc=2)
+    success, text = vehicle.arm()
+    assert not success
+    assert text == "not armed: steer PLC is FAULT (SENSOR)"
+    vehicle.step(150)
+    assert {p.state for p in vehicle.plcs.values()} <= {PlcState.SAFE, PlcState.FAULT}
+
+
+def test_every_precondition_is_checked(vehicle):
+    links, now = vehicle.bridge.links, vehicle.now
+    assert arming_refusal(links, STANDSTILL, now, enabled=False) is None
+    assert arming_refusal(links, None, now, enabled=False) == "no command stream"
+    late = now + 0.2
+    assert arming_refusal(links, STANDSTILL, late, enabled=False) == (
+        "steer PLC: telemetry 0.20 s old"
+    )
+
+
+def test_an_armed_board_that_the_operator_did_not_arm_is_still_stopping(driving):
+    links, now = driving.bridge.links, driving.now
+    assert arming_refusal(links, STANDSTILL, now, enabled=True) is None
+    assert arming_refusal(links, STANDSTILL, now, enabled=False) == "steer PLC: still stopping"
+
+
+def test_the_condition_of_a_board_names_state_and_faults(vehicle):
+    link = vehicle.bridge.links[STEER]
+    assert board_condition(link) == "steer PLC is SAFE"
+    vehicle.bridge.closed(STEER, "unplugged")
+    assert board_condition(link) == "steer PLC is lost"
+
+
+@pytest.fixture
+def sequence(vehicle):
+    return ArmingSequence(vehicle.bridge.links, vehicle.now)
+
+
+class RecordingLink:
+    """A link that only notes the operations that it is given."""
+
+    def __init__(self):
+        self.operations = []
+        self.plc_state = PlcState.SAFE
+
+    def operate(self, op, _now):
+        self.operations.append(op)
+
+
+def test_arm_is_sent_after_both_boards_are_cleared_and_a_row_of_commands():
+    links = {STEER: RecordingLink(), DRIVE: RecordingLink()}
+    sequence = ArmingSequence(links, 0.0)
+
+    def operations():
+        sequence.advance(0.1, commanded=True)
+        assert links[STEER].operations == links[DRIVE].operations
+        return links[STEER].operations
+
+    sequence.take_outcome(STEER, OperationOutcome(Op.CLEAR, Result.OK))
+    for _ in range(6):
+        sequence.count_command()
+    assert operations() == [Op.CLEAR]  # the drive is not cleared yet
+    sequence.take_outcome(DRIVE, OperationOutcome(Op.CLEAR, Result.OK))
+    assert operations() == [Op.CLEAR, Op.ARM]
+    for board in links:
+        sequence.take_outcome(board, OperationOutcome(Op.ARM, Result.OK))
+    assert operations() == [Op.CLEAR, Op.ARM]
+    assert not sequence.complete  # the telemetry is not ARMED yet
+    for link in links.values():
+        link.plc_state = PlcState.ARMED
+    operations()
+    assert (sequence.complete, sequence.failure) == (True, None)
+
+
+def test_five_commands_are_not_enough():
+    links = {STEER: RecordingLink(), DRIVE: RecordingLink()}
+    sequence = ArmingSequence(links, 0.0)
+    for board in links:
+        sequence.take_outcome(board, OperationOutcome(Op.CLEAR, Result.OK))
+    for _ in range(5):
+        sequence.count_command()
+    sequence.advance(0.1, commanded=True)
+    assert links[STEER].operations == [Op.CLEAR]
+
+
+@pytest.mark.parametrize(
+    ("result", "failure"),
+    [
+        (None, "drive PLC did not answer CLEAR"),
+        (Result.PRECONDITIONS, "drive PLC is SAFE and refused CLEAR: preconditions"),
+    ],
+)
+def test_an_operation_that_fails_ends_the_sequence(sequence, result, failure):
+    sequence.take_outcome(DRIVE, OperationOutcome(Op.CLEAR, result))
+    assert sequence.failure == failure
+
+
+def test_the_sequence_has_a_time_limit_and_needs_commands(vehicle, sequence):
+    sequence.advance(vehicle.now + ARMING_PATIENCE, commanded=True)
+    assert sequence.failure is None
+    sequence.advance(vehicle.now + ARMING_PATIENCE + 0.01, commanded=True)
+    assert sequence.failure == "the PLCs did not arm in time"
+    sequence.advance(vehicle.now, commanded=False)
+    assert sequence.failure == "no command stream"
+
+
+def test_a_second_request_does_not_disturb_the_first(vehicle):
+    outcomes = []
+    vehicle.bridge.arm(vehicle.now, outcomes.append)
+    vehicle.bridge.arm(vehicle.now, outcomes.append)
+    assert outcomes == [(False, "arming is under way")]
+    vehicle.step(30)
+    assert outcomes[1:] == [(True, "armed")]
+
+
+def test_boards_that_lose_the_commands_do_not_arm(vehicle):
+    """Every command is lost, so that the boards refuse ARM."""
+    receive = {board: plc.receive for board, plc in vehicle.plcs.items()}
+    for board, plc in vehicle.plcs.items():
+        plc.receive = lambda data, now_us, board=board: receive[board](
+            b"".join(f + b"\0" for f in data.split(b"\0") if f and len(f) < 17), now_us
+        )
+    armed, text = vehicle.arm()
+    assert not armed
+    assert text == "not armed: steer PLC is SAFE and refused ARM: preconditions"

@@ -1,0 +1,32 @@
+"""Ranges of the settings."""
+
+import dataclasses
+import math
+
+import pytest
+
+from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.errors import LinkError
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("command_rate", 10.0),
+        ("tyre_radius", 0.0),
+        ("max_steering_rate", 3.5),
+        ("max_acceleration", math.nan),
+    ],
+)
+def test_settings_out_of_range_are_named(name, value):
+    with pytest.raises(LinkError, match=f"{name} = "):
+        BridgeSettings(**{name: value})
+
+
+@pytest.mark.parametrize("field", dataclasses.fields(BridgeSettings), ids=lambda f: f.name)
+def test_every_setting_has_a_description_and_a_range_that_holds_its_default(field):
+    low, high = field.metadata["range"]
+    assert low <= field.default <= high
+    assert field.metadata["description"]
+    for value in (low, high):
+        BridgeSettings(**{field.name: value})
