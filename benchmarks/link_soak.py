@@ -16,7 +16,7 @@ import time
 
 from tricycle_bridge.bridge import Bridge, BridgeSettings, Setpoint, Source
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, echo_of
-from tricycle_sim.plc.plc import (
+from tricycle_sim.plc import (
     DriveMeasurement,
     DriveOutput,
     DrivePlc,

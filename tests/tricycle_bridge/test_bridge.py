@@ -12,7 +12,7 @@ from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
-from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
+from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 from tricycle_sim.plc.firmware import FirmwareDrivePlc, FirmwareSteerPlc
-from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 ENABLE, ESTOP = m.CommandFlag.ENABLE, m.CommandFlag.ESTOP
 STEER, DRIVE = m.Board.STEER, m.Board.DRIVE
