@@ -18,7 +18,7 @@ from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, echo_of
 from tricycle_bridge.settings import BridgeSettings
-from tricycle_sim.plc.plc import (
+from tricycle_sim.plc import (
     DriveMeasurement,
     DriveOutput,
     DrivePlc,

@@ -1,4 +1,4 @@
-"""Writes the reference pages that come from the code.
+"""Writes the reference pages, and the tables within pages, that come from the code.
 
     python docs/generate_reference.py      # or: make reference
 
@@ -7,7 +7,6 @@ A test fails where a page is stale.
 
 import argparse
 import dataclasses
-import enum
 import importlib
 import inspect
 import json
@@ -67,68 +66,71 @@ def _help(parser: argparse.ArgumentParser) -> str:
 
 
 def protocol_page() -> str:
-    """Every message with its fields, from the message table."""
-    from tricycle_bridge.protocol import messages
-    from tricycle_bridge.protocol.messages import MESSAGES, Board, from_plc, layout
+    """The protocol's page with its tables of messages and fields, from the message table."""
+    from tricycle_bridge.protocol.messages import MESSAGES
 
-    page = [
-        GENERATED,
-        "# Protocol of the two PLCs\n\n",
-        f"TBP {messages.MAJOR}.{messages.MINOR}, {messages.BAUD} baud, 8N1; at most "
-        f"{messages.MAX_PAYLOAD} bytes of payload, little endian. How frames are made and links "
-        "kept: [the by-wire link](link.md).\n\n",
-        "## Limits\n\n",
-        table(("limit", "value", ""), _constants(messages)),
-        "\n## Messages\n\n",
-        table(
-            ("id", "message", "from", "board", "bytes", ""),
+    tables = {"messages": _message_table(MESSAGES)}
+    tables |= {m.__name__: _field_table(m) for m in MESSAGES if dataclasses.fields(m)}
+
+    def filled(match: re.Match[str]) -> str:
+        return f"{match[1]}\n{tables.pop(match[2])}\n{match[3]}"
+
+    text = (DOCS / "protocol.md").read_text(encoding="utf-8")
+    text = re.sub(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", filled, text, flags=re.DOTALL)
+    if tables:
+        raise SystemExit(f"protocol.md has no place for the table of {', '.join(tables)}")
+    return text
+
+
+def _message_table(messages: Iterable[Any]) -> str:
+    from tricycle_bridge.protocol.messages import Board, from_plc, payload_struct
+
+    return table(
+        ("id", "message", "from", "board", "bytes", "in Python", ""),
+        (
             (
-                (
-                    f"`0x{m.ID:02X}`",
-                    f"[{m.__name__}](#{m.__name__.lower()})",
-                    "PLC" if from_plc(m.ID) else "host",
-                    "both" if m.BOARD is Board.ANY else m.BOARD.name.lower(),
-                    sum(wire.size for wire in layout(m).values()),
-                    _summary(m),
-                )
-                for m in MESSAGES
-            ),
+                f"0x{m.ID:02X}",
+                _wire_name(m),
+                "PLC" if from_plc(m.ID) else "host",
+                "both" if m.BOARD is Board.ANY else m.BOARD.name.lower(),
+                payload_struct(m).size,
+                f"`{m.__name__}`",
+                _summary(m),
+            )
+            for m in messages
         ),
+    )
+
+
+def _wire_name(message: type) -> str:
+    """Name of a message in the protocol's page, such as STEER_CMD."""
+    name = re.sub(r"(?<!^)(?=[A-Z])", "_", message.__name__).upper()
+    for long, short in (("COMMAND", "CMD"), ("REQUEST", "REQ"), ("CONTROL", "CTRL")):
+        name = name.replace(long, short)
+    return "LIMITS" if name.endswith("_LIMITS") else name
+
+
+def _field_table(message: Any) -> str:
+    from tricycle_bridge.protocol.messages import layout
+
+    meanings = _meanings(message)
+    rows = [
+        (f"`{name}`", wire.name, meanings.get(name, "")) for name, wire in layout(message).items()
     ]
-    for message in MESSAGES:
-        fields = layout(message)
-        page += [f"\n### {message.__name__}\n\n{_summary(message)}\n"]
-        if fields:
-            comments = _comments(message)
-            rows = [
-                (f"`{name}`", wire.name, comments.get(name, "")) for name, wire in fields.items()
-            ]
-            page += ["\n", table(("field", "type", "unit, meaning"), rows)]
-    page += ["\n## Values\n"]
-    for kind in _enumerations(messages):
-        rows = [(member.value, f"`{name}`") for name, member in kind.__members__.items()]
-        page += [f"\n### {kind.__name__}\n\n{_summary(kind)}\n\n", table(("value", "name"), rows)]
-    return "".join(page)
-
-
-def _constants(module: Any) -> Iterator[tuple[str, object, str]]:
-    names = ("MAX_STEERING_ANGLE", "MAX_STEERING_RATE", "MAX_SPEED", "MAX_ACCELERATION")
-    for name in (*names, "WATCHDOG", "STALE_TICKS", "ECHO_TICK", "ARMING_COMMANDS"):
-        comment = re.search(rf"^{name} = .*?# (.*)$", inspect.getsource(module), re.MULTILINE)
-        yield f"`{name}`", getattr(module, name), comment[1] if comment else ""
-
-
-def _enumerations(module: Any) -> list[type[enum.Enum]]:
-    kinds = [k for _, k in inspect.getmembers(module, inspect.isclass) if issubclass(k, enum.Enum)]
-    return sorted((k for k in kinds if k.__module__ == module.__name__), key=lambda k: k.__name__)
+    return table(("field", "type", "unit, meaning"), rows)
 
 
 def _summary(described: type) -> str:
     return (inspect.getdoc(described) or "").partition("\n\n")[0].replace("\n", " ")
 
 
-def _comments(described: type) -> dict[str, str]:
-    return dict(re.findall(r"^    (\w+): .*?# (.*)$", inspect.getsource(described), re.MULTILINE))
+def _meanings(described: type) -> dict[str, str]:
+    """Meaning of each field, from the docstring's Attributes or the comment beside it."""
+    source = inspect.getsource(described)
+    comments = dict(re.findall(r"^    (\w+): .*?# (.*)$", source, re.MULTILINE))
+    for names, text in _attributes(described):
+        comments |= dict.fromkeys(names, text)
+    return comments
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -175,14 +177,20 @@ def files_page() -> str:
 
 def _fields(described: type) -> str:
     """Table of the attributes in a NumPy docstring, which must name every field."""
-    section = (inspect.getdoc(described) or "").partition("Attributes\n----------\n")[2]
-    entries = re.findall(r"^(\w[\w, ]*)\n((?:    .*\n?)+)", section, re.MULTILINE)
-    named = {name for names, _ in entries for name in names.split(", ")}
+    entries = _attributes(described)
+    named = {name for names, _ in entries for name in names}
     missing = {field.name for field in dataclasses.fields(described)} - named
     if missing:
         raise SystemExit(f"{described.__name__}: its docstring misses {', '.join(sorted(missing))}")
-    rows = [(f"`{names.replace(', ', '`, `')}`", " ".join(text.split())) for names, text in entries]
+    rows = [(f"`{'`, `'.join(names)}`", text) for names, text in entries]
     return table(("field", "meaning"), rows)
+
+
+def _attributes(described: type) -> list[tuple[list[str], str]]:
+    """Names and description of each entry under Attributes in a NumPy docstring."""
+    section = (inspect.getdoc(described) or "").partition("Attributes\n----------\n")[2]
+    entries = re.findall(r"^(\w[\w, ]*?)(?: : .*)?\n((?:    .*\n?)+)", section, re.MULTILINE)
+    return [(names.split(", "), " ".join(text.split())) for names, text in entries]
 
 
 # --- nodes ----------------------------------------------------------------------------------------
@@ -301,7 +309,7 @@ def _parameters(node: Any) -> Iterator[str]:
 
 PAGES: dict[str, Callable[[], str]] = {
     "reference-commands.md": commands_page,
-    "reference-protocol.md": protocol_page,
+    "protocol.md": protocol_page,
     "reference-files.md": files_page,
     "reference-nodes.md": nodes_page,
 }

@@ -7,10 +7,6 @@
 
 #include "messages.h"
 
-#define ADC_CENTRE 512 /* counts at 0 rad */
-#define ADC_SCALE 435  /* counts per rad */
-#define HALL_PULSE 15253 /* um */
-
 #if defined(BOARD_IS_STEER)
 #define THIS_BOARD BOARD_STEER
 #define ID_COMMAND ID_STEER_COMMAND

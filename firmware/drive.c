@@ -3,10 +3,8 @@
 
 #include <string.h>
 
-#define AT_REST 20             /* mm/s: what counts as measured speed 0 */
-#define STALL_SETPOINT 30000L  /* 0.01 mm/s at which a wheel that does not move is stalled ... */
-#define STALL_US 2000000UL     /* ... for so long */
-#define OVERSPEED (MAX_SPEED + MAX_SPEED / 10)
+#define STALL_SETPOINT (100L * STALL_SPEED) /* 0.01 mm/s */
+#define STALL_US (1000UL * STALL_MS)
 
 static bool at_rest(const struct plc *plc)
 {

@@ -8,17 +8,35 @@
 #define TBP_MAJOR 1
 #define TBP_MINOR 0
 #define BAUD 115200
-#define MAX_PAYLOAD 40
+#define MAX_PAYLOAD 40 /* bytes */
 #define CONTROL_GUARD 165
-#define MAX_ANGLE 7854
-#define MAX_RATE 3000
-#define MAX_SPEED 4800
-#define MAX_ACCELERATION 2000
-#define MAX_BRAKE 200
-#define WATCHDOG_MS 200
-#define STALE_TICKS 150
-#define TICK_US 10000
+#define MAX_ANGLE 7854 /* 1e-4 rad */
+#define MAX_RATE 3000 /* 1e-3 rad/s */
+#define MAX_SPEED 4800 /* mm/s */
+#define MAX_ACCELERATION 2000 /* mm/s^2 */
+#define MAX_BRAKE 200 /* 0.5 % */
+#define WATCHDOG_MS 200 /* ms */
+#define STALE_TICKS 150 /* 1.024 ms */
+#define TICK_US 10000 /* us */
 #define ARMING_COMMANDS 5
+#define ADC_CENTRE 512 /* counts at 0 rad */
+#define ADC_SCALE 435 /* counts per rad */
+#define ADC_LOW 5 /* counts */
+#define ADC_HIGH 1018 /* counts */
+#define HALL_PULSE 15253 /* um */
+#define SUPPLY_DIVIDER 11
+#define SERVO_CENTRE 1500 /* us at 0 rad */
+#define SERVO_SPAN 500 /* us more at MAX_ANGLE */
+#define PWM_TOP 799 /* timer counts */
+#define MAX_TORQUE 35000 /* mN m at full PWM */
+#define HOLDING_MS 1000 /* ms */
+#define TRACKING_ERROR 1500 /* 1e-4 rad */
+#define TRACKING_MS 1000 /* ms */
+#define AT_REST 20 /* mm/s */
+#define STALL_SPEED 300 /* mm/s */
+#define STALL_MS 2000 /* ms */
+#define OVERSPEED 5280 /* mm/s */
+#define HARDWARE_WATCHDOG_MS 60 /* ms */
 
 #define BOARD_STEER 1
 #define BOARD_DRIVE 2

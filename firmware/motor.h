@@ -25,8 +25,6 @@ struct motor {
 	int32_t integral; /* 0.1 um at the tread */
 };
 
-#define MAX_TORQUE 35000L /* mN m, 1000 per mille of PWM */
-
 /* One 10 ms step of the PI (20 N m s/rad, 20 N m/rad, back-calculation 0.2) with the limits
  * -15 N m, 35 N m, 250 W and the no-load line 9 (15.5 rad/s - speed); returns mN m in the
  * direction of travel. Set-point in 0.01 mm/s, speed in mm/s and travel since the last step in um

@@ -3,19 +3,15 @@
 
 #include <string.h>
 
-#define STOPPING_US 1000000UL   /* the angle is held this long */
-#define TRACKING_ERROR 15000L   /* 1e-5 rad */
-#define TRACKING_US 1000000UL
-#define ADC_LOW 5               /* below, above: broken wire */
-#define ADC_HIGH 1018
-#define SERVO_CENTRE 24000      /* 1500 us at 0 rad ... */
-#define SERVO_SPAN 8000L        /* ... and 500 us more at the largest angle */
+#define HOLDING_US (1000UL * HOLDING_MS)
+#define TRACKING_US (1000UL * TRACKING_MS)
+#define LARGEST_ERROR (10L * TRACKING_ERROR) /* 1e-5 rad */
 
 uint16_t steer_pulse(int32_t setpoint)
 {
 	const int32_t full = 10L * MAX_ANGLE;
-	int32_t more = setpoint * SERVO_SPAN + (setpoint < 0 ? -full : full) / 2;
-	return (uint16_t)(SERVO_CENTRE + more / full);
+	int32_t more = setpoint * (16L * SERVO_SPAN) + (setpoint < 0 ? -full : full) / 2;
+	return (uint16_t)(16 * SERVO_CENTRE + more / full);
 }
 
 static bool servo_on(const struct plc *plc)
@@ -35,7 +31,7 @@ uint16_t board_find_fault(struct plc *plc, uint32_t now)
 	if (board->adc < ADC_LOW || board->adc > ADC_HIGH)
 		return FAULT_SENSOR;
 	int32_t error = board->setpoint - 10L * board->angle;
-	if (error <= TRACKING_ERROR && error >= -TRACKING_ERROR) {
+	if (error <= LARGEST_ERROR && error >= -LARGEST_ERROR) {
 		board->off_track = false;
 	} else if (!board->off_track) {
 		board->off_track = true;
@@ -48,7 +44,7 @@ uint16_t board_find_fault(struct plc *plc, uint32_t now)
 
 bool board_stopped(const struct plc *plc, uint32_t now)
 {
-	return now - plc->state_since >= STOPPING_US;
+	return now - plc->state_since >= HOLDING_US;
 }
 
 bool board_ready(const struct plc *plc)

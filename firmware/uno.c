@@ -16,7 +16,7 @@
 #define RX_SIZE 128 /* powers of two; 11 ms of line */
 #define TX_SIZE 256
 #define BOOT_COUNT ((uint16_t *)0)
-#define SUPPLY_MV(adc) ((uint16_t)((uint32_t)(adc) * 55000UL / 1023)) /* 5 V times 11 */
+#define SUPPLY_MV(adc) ((uint16_t)((uint32_t)(adc) * (5000UL * SUPPLY_DIVIDER) / 1023))
 
 static struct plc plc;
 
@@ -193,7 +193,7 @@ ISR(INT0_vect)
 
 static void setup_outputs(void)
 {
-	ICR1 = 799; /* 20 kHz */
+	ICR1 = PWM_TOP; /* 20 kHz */
 	DDRB = _BV(PB1) | _BV(PB2);
 	DDRD |= _BV(PD7);
 	OCR1B = ICR1;
@@ -234,9 +234,9 @@ static void write_outputs(void)
 	board->pwm = (int16_t)(torque * 1000 / MAX_TORQUE);
 	PORTD = backward ? PORTD | _BV(PD7) : PORTD & (uint8_t)~_BV(PD7);
 	/* in this mode a compare value of 0 still gives a spike: cut the pin off instead */
-	OCR1A = (uint16_t)(torque * 799 / MAX_TORQUE);
+	OCR1A = (uint16_t)(torque * PWM_TOP / MAX_TORQUE);
 	TCCR1A = board->pwm ? TCCR1A | _BV(COM1A1) : TCCR1A & (uint8_t)~_BV(COM1A1);
-	OCR1B = (uint16_t)(board->brake * 799UL / MAX_BRAKE);
+	OCR1B = (uint16_t)((uint32_t)board->brake * PWM_TOP / MAX_BRAKE);
 	TCCR1A = board->brake ? TCCR1A | _BV(COM1B1) : TCCR1A & (uint8_t)~_BV(COM1B1);
 	if (backward)
 		board->pwm = -board->pwm;
@@ -284,6 +284,7 @@ int main(void)
 	plc.transmit = transmit;
 	plc_reset(&plc, reset_cause(), boot_count);
 	plc.build_hash = BUILD_HASH;
+	_Static_assert(HARDWARE_WATCHDOG_MS == 60, "the argument of wdt_enable");
 	wdt_enable(WDTO_60MS);
 	set_sleep_mode(SLEEP_MODE_IDLE);
 	sei();

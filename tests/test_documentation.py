@@ -57,7 +57,7 @@ def assert_fresh(*pages):
 
 
 def test_generated_pages_are_fresh():
-    assert_fresh("reference-commands.md", "reference-protocol.md", "reference-files.md")
+    assert_fresh("reference-commands.md", "protocol.md", "reference-files.md")
 
 
 @pytest.mark.ros

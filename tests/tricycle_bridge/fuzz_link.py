@@ -14,11 +14,11 @@ import atheris
 
 import tricycle_sim.setpoints  # noqa: F401 - compiled by numba, which instrumented code is not
 
-with atheris.instrument_imports(include=["tricycle_bridge", "tricycle_sim.plc.plc"]):
+with atheris.instrument_imports(include=["tricycle_bridge", "tricycle_sim.plc"]):
     from tricycle_bridge.link import PlcLink
     from tricycle_bridge.protocol.framing import encode
     from tricycle_bridge.protocol.messages import MESSAGES, Board, Control, Op, PlcState, layout
-    from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+    from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 
 def _frame(data: atheris.FuzzedDataProvider, session: int):

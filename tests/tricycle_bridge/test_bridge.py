@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
-from tricycle_sim.plc.plc import SteerMeasurement
+from tricycle_sim.plc import SteerMeasurement
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 

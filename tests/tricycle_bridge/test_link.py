@@ -7,7 +7,7 @@ import pytest
 from tricycle_bridge.link import LinkEventKind, LinkState, PlcLink
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
-from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 Kind = LinkEventKind
 

@@ -20,7 +20,18 @@ if TYPE_CHECKING:
 
 @pytest.fixture
 def plc_pair(tmp_path: Path) -> Iterator[PlcPair]:
-    """Both PLCs on ptys, ticking in real time with a vehicle that follows its set-points."""
+    """Both PLCs on ptys, running in real time with a vehicle that follows its set-points.
+
+    Parameters
+    ----------
+    tmp_path : Path
+        Folder in which the two serial devices appear.
+
+    Yields
+    ------
+    PlcPair
+        The boards; closed after the test.
+    """
     # imported here: this plugin is loaded into every test run of the environment
     from tricycle_sim.plc.pair import PlcPair
 

@@ -13,8 +13,8 @@ import pytest
 
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
+from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 from tricycle_sim.plc.pair import PlcPair
-from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 
 ENABLE, ESTOP = m.CommandFlag.ENABLE, m.CommandFlag.ESTOP

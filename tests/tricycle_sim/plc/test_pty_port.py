@@ -24,9 +24,12 @@ def test_the_link_is_replaced_atomically_and_removed_at_the_end(tmp_path):
     link = tmp_path / "deeper" / "plc"
     with PtyPort(link) as first:
         with PtyPort(link) as second:
-            assert os.path.realpath(link) == str(second._device)
+            device = os.path.realpath(link)
             first.unplug()
-            assert link.exists()  # it is the second one's now
+            assert os.path.realpath(link) == device  # it is the second one's now
+            with serial.Serial(str(link), timeout=1) as host:
+                assert second.write(b"x")
+                assert host.read(1) == b"x"
         assert not link.is_symlink()
     assert list(link.parent.iterdir()) == []
 

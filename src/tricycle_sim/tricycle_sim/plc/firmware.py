@@ -1,4 +1,4 @@
-"""The firmware's own logic, compiled for this machine, behind the interface of `plc`.
+"""The firmware's own logic, compiled for this machine, behind the interface of `Plc`.
 
 `FirmwareSteerPlc` and `FirmwareDrivePlc` stand wherever `SteerPlc` and `DrivePlc` do. Build the
 libraries with ``make -C firmware host``.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import ctypes
 from pathlib import Path
 
+from tricycle_bridge.protocol.boards import MAX_TORQUE
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     BRAKE_UNIT,
@@ -20,17 +21,11 @@ from tricycle_bridge.protocol.messages import (
     ResetCause,
 )
 from tricycle_core.errors import LinkError
-from tricycle_sim.plc.plc import (
-    ADC_CENTRE,
-    ADC_SCALE,
-    DriveMeasurement,
-    DriveOutput,
-    SteerMeasurement,
-    SteerOutput,
-)
+from tricycle_sim.plc.drive import DriveMeasurement, DriveOutput
+from tricycle_sim.plc.plc import clamp
+from tricycle_sim.plc.steer import SteerMeasurement, SteerOutput
 
 _LINE = 4096  # bytes that a board may send per call
-_MAX_TORQUE = 35.0  # N m at 1000 per mille PWM
 
 
 class _FirmwarePlc:
@@ -38,9 +33,9 @@ class _FirmwarePlc:
 
     Parameters
     ----------
-    library
+    library : Path
         ``libsteer.so`` or ``libdrive.so``.
-    boot_count
+    boot_count : int
         Boots before this one.
 
     Raises
@@ -88,7 +83,20 @@ class _FirmwarePlc:
         self._c.host_reset(self._host, ctypes.c_uint8(cause), ctypes.c_uint16(self._boot_count))
 
     def receive(self, data: bytes, now_us: int) -> bytes:
-        """Take bytes from the host at PLC time `now_us`; return the answers."""
+        """Take bytes from the host; as `Plc.receive`.
+
+        Parameters
+        ----------
+        data : bytes
+            Part of the stream, cut anywhere.
+        now_us : int
+            PLC time in us.
+
+        Returns
+        -------
+        bytes
+            The answers, for the line.
+        """
         self._c.host_receive(self._host, data, len(data), ctypes.c_uint32(now_us & 0xFFFFFFFF))
         return self._take()
 
@@ -108,17 +116,29 @@ class FirmwareSteerPlc(_FirmwarePlc):
     board = Board.STEER
 
     def tick(self, now_us: int, measurement: SteerMeasurement) -> tuple[bytes, SteerOutput]:
-        """Run one 10 ms control tick; return events and the state frame, and the outputs."""
+        """Run one control tick of 10 ms; as `Plc.tick`.
+
+        Parameters
+        ----------
+        now_us : int
+            PLC time in us.
+        measurement : SteerMeasurement
+            Inputs at this time.
+
+        Returns
+        -------
+        bytes
+            Events and the state frame, for the line.
+        SteerOutput
+            What the actuators do until the next tick.
+        """
         outputs = (ctypes.c_int32 * 2)()
-        adc = measurement.adc
-        if adc is None:
-            adc = min(max(round(ADC_CENTRE + ADC_SCALE * measurement.angle), 0), 1023)
         self._c.host_tick(
             self._host,
             ctypes.c_uint32(now_us & 0xFFFFFFFF),
             ctypes.c_int16(round(measurement.angle / ANGLE_UNIT)),
             ctypes.c_int16(round(measurement.rate / STEER_RATE_UNIT)),
-            ctypes.c_uint16(adc),
+            ctypes.c_uint16(measurement.counts),
             ctypes.c_uint16(round(measurement.supply * 1e3)),
             ctypes.c_bool(measurement.estop_pressed),
             outputs,
@@ -132,9 +152,24 @@ class FirmwareDrivePlc(_FirmwarePlc):
     board = Board.DRIVE
 
     def tick(self, now_us: int, measurement: DriveMeasurement) -> tuple[bytes, DriveOutput]:
-        """Run one 10 ms control tick; return events and the state frame, and the outputs."""
+        """Run one control tick of 10 ms; as `Plc.tick`.
+
+        Parameters
+        ----------
+        now_us : int
+            PLC time in us.
+        measurement : DriveMeasurement
+            Inputs at this time.
+
+        Returns
+        -------
+        bytes
+            Events and the state frame, for the line.
+        DriveOutput
+            What the actuators do until the next tick.
+        """
         outputs = (ctypes.c_int32 * 3)()
-        pwm = min(max(round(measurement.torque / _MAX_TORQUE * 1000), -1000), 1000)
+        pwm = clamp(round(measurement.torque / MAX_TORQUE * 1000), -1000, 1000)
         self._c.host_tick(
             self._host,
             ctypes.c_uint32(now_us & 0xFFFFFFFF),

@@ -7,26 +7,19 @@ import os
 import select
 import threading
 import time
-from types import TracebackType
-from typing import Self
 
+from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board, ResetCause
+from tricycle_core.closing import Closing
 from tricycle_core.quantities import TICK
-from tricycle_sim.plc.plc import (
-    HALL_PULSE,
-    DriveMeasurement,
-    DriveOutput,
-    DrivePlc,
-    SteerMeasurement,
-    SteerOutput,
-    SteerPlc,
-)
+from tricycle_sim.plc.drive import DriveMeasurement, DriveOutput, DrivePlc
 from tricycle_sim.plc.pty_port import PtyPort
+from tricycle_sim.plc.steer import SteerMeasurement, SteerOutput, SteerPlc
 
 _BRAKING = 3.0  # m/s^2 at full brake
 
 
-class PlcPair:
+class PlcPair(Closing):
     """A steer and a drive PLC, each on a pty, served by one thread at 100 Hz.
 
     The vehicle behind them is the simplest one: steering and speed are at their set-points within
@@ -34,10 +27,23 @@ class PlcPair:
 
     Parameters
     ----------
-    steer_path, drive_path
+    steer_path, drive_path : path
         Where the serial devices appear.
-    start_us
-        Reading of the PLCs' clocks at the start, to come near their wrap.
+    start_us : int
+        Reading of the PLCs' clocks at the start in us, to come near their wrap.
+
+    Attributes
+    ----------
+    steer, drive : SteerPlc, DrivePlc
+        The two PLCs.
+    ports : dict of Board to PtyPort
+        Their serial devices.
+    estop_pressed : bool
+        Hardware e-stop of both boards; a test may press it.
+    steer_output, drive_output : SteerOutput, DriveOutput
+        What the PLCs do to the vehicle.
+    steering_angle, speed, distance : float
+        State of the vehicle in rad of the steering motor, m/s and m.
     """
 
     def __init__(
@@ -50,12 +56,12 @@ class PlcPair:
         self.steer = SteerPlc()
         self.drive = DrivePlc()
         self.ports = {Board.STEER: PtyPort(steer_path), Board.DRIVE: PtyPort(drive_path)}
-        self.estop_pressed = False  # hardware e-stop of both boards
+        self.estop_pressed = False
         self.steer_output = SteerOutput(False, 0.0)
         self.drive_output = DriveOutput(False, 0.0, 1.0)
-        self.steering_angle = 0.0  # rad, steering motor
-        self.speed = 0.0  # m/s
-        self.distance = 0.0  # m
+        self.steering_angle = 0.0
+        self.speed = 0.0
+        self.distance = 0.0
         self._start_us = start_us
         self._started = time.monotonic()
         self._stalled: set[Board] = set()
@@ -80,12 +86,20 @@ class PlcPair:
         return self.steer if board is Board.STEER else self.drive
 
     def reset(self, board: Board, cause: ResetCause = ResetCause.EXTERNAL) -> None:
-        """Reboot a board."""
+        """Reboot a board.
+
+        Parameters
+        ----------
+        board : Board
+            The board.
+        cause : ResetCause
+            Cause that its HELLO_ACK gives.
+        """
         with self._lock:
             self.plc(board).reset(cause)
 
     def unplug(self, board: Board) -> None:
-        """Pull a board's cable; the board itself goes on."""
+        """Pull a board's cable; the board itself keeps running."""
         with self._lock:
             self.ports[board].unplug()
 
@@ -104,7 +118,15 @@ class PlcPair:
             )
 
     def stall(self, board: Board, *, stalled: bool = True) -> None:
-        """Freeze a board: it neither reads nor ticks, its cable stays."""
+        """Freeze a board: it neither reads nor ticks, its cable stays.
+
+        Parameters
+        ----------
+        board : Board
+            The board.
+        stalled : bool
+            False lets it run again.
+        """
         with self._lock:
             (self._stalled.add if stalled else self._stalled.discard)(board)
 
@@ -114,17 +136,6 @@ class PlcPair:
         self._thread.join()
         for port in self.ports.values():
             port.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _now_us(self) -> int:
         return self._start_us + round((time.monotonic() - self._started) * 1e6)

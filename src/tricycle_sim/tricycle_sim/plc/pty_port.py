@@ -6,27 +6,34 @@ import contextlib
 import os
 import tty
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+
+from tricycle_core.closing import Closing
 
 _READ_SIZE = 4096  # bytes
 
 
-class PtyPort:
+class PtyPort(Closing):
     """The PLC's end of a pty; the other end is the serial device at `path`.
 
     Reads and writes never block.
 
     Parameters
     ----------
-    link
+    link : path, optional
         Where the serial device shall appear (a symbolic link, replaced atomically); None: only at
         its ``/dev/pts/...`` path.
+
+    Attributes
+    ----------
+    dropped : int
+        Frames that the line did not take.
+    plugged : bool
+        Whether the device exists.
     """
 
     def __init__(self, link: str | os.PathLike[str] | None = None) -> None:
         self._link = None if link is None else Path(link)
-        self.dropped = 0  # frames that the line did not take
+        self.dropped = 0
         self.plug()
 
     @property
@@ -88,14 +95,3 @@ class PtyPort:
             self.dropped += 1
             return False
         return True
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()

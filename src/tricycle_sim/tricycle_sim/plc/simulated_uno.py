@@ -1,6 +1,6 @@
 """The real firmware on a simulated ATmega328P (libsimavr), one board per `SimulatedUno`.
 
-Build with ``make -C firmware avr simulator``. Time is the board's own: `run` moves it on.
+Build with ``make -C firmware avr simulator``. Time is the board's own; only `run` advances it.
 """
 
 from __future__ import annotations
@@ -9,38 +9,68 @@ import ctypes
 from dataclasses import dataclass
 from pathlib import Path
 
+from tricycle_bridge.protocol.boards import (
+    ADC_CENTRE,
+    ADC_SCALE,
+    DRIVE_SUPPLY,
+    HALL_PULSE,
+    MAX_TORQUE,
+    PWM_TOP,
+    SERVO_CENTRE,
+    SERVO_SPAN,
+    STEER_SUPPLY,
+    SUPPLY_DIVIDER,
+)
 from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE
+from tricycle_core.closing import Closing
 from tricycle_core.errors import LinkError
-from tricycle_sim.plc.plc import ADC_CENTRE, ADC_SCALE, HALL_PULSE
 
 _LINE = 16384  # bytes
 _MV_PER_COUNT = 5000.0 / 1024
-_SUPPLY_DIVIDER = 11.0
-_MAX_TORQUE = 35.0  # N m at full PWM
 # data memory addresses of the ATmega328P
 _PORTD, _TCCR1A, _OCR1A, _OCR1B = 0x2B, 0x80, 0x88, 0x8A
 _COM1A1, _COM1B1, _PD7 = 0x80, 0x20, 0x80
-_PWM_TOP = 799
 
 
 @dataclass(frozen=True)
 class SteerPins:
-    """What the steer board puts out."""
+    """What the steer board puts out.
+
+    Attributes
+    ----------
+    servo_on : bool
+        Whether the servo gets pulses.
+    angle : float
+        Angle of the steering motor in rad that the pulse means.
+    """
 
     servo_on: bool
-    angle: float  # rad that the pulse asks for
+    angle: float
 
 
 @dataclass(frozen=True)
 class DrivePins:
-    """What the drive board puts out."""
+    """What the drive board puts out.
 
-    torque: float  # N m asked of the motor, forward positive
-    brake: float  # 0..1
+    Attributes
+    ----------
+    torque : float
+        Torque demanded of the motor in N m, forward positive.
+    brake : float
+        0 (released) to 1 (full).
+    """
+
+    torque: float
+    brake: float
 
 
 def check_build(build: Path) -> None:
-    """Tell whether the images and the simulator are in a directory.
+    """Check that a directory has the images and the simulator.
+
+    Parameters
+    ----------
+    build : Path
+        The directory.
 
     Raises
     ------
@@ -52,14 +82,14 @@ def check_build(build: Path) -> None:
             raise LinkError(f"{build / name} does not exist: `make firmware` builds it")
 
 
-class SimulatedUno:
+class SimulatedUno(Closing):
     """One UNO running a firmware image.
 
     Parameters
     ----------
-    build
+    build : Path
         Directory of ``steer.elf``, ``drive.elf`` and ``libmachine.so``.
-    name
+    name : str
         ``steer`` or ``drive``.
 
     Raises
@@ -74,16 +104,23 @@ class SimulatedUno:
         self._c.machine_new.restype = ctypes.c_void_p
         self._c.machine_word.restype = ctypes.c_uint16
         self._machine = ctypes.c_void_p(self._c.machine_new(str(build / f"{name}.elf").encode()))
-        self.supply(48.0 if name == "drive" else 12.0)
+        self.supply(DRIVE_SUPPLY if name == "drive" else STEER_SUPPLY)
         self.estop(pressed=False)
         self._c.machine_pin(self._machine, 2, 0)  # the hall sensor, half a pulse before its edge
 
     def close(self) -> None:
         """Free the simulation."""
-        self._c.machine_free(self._machine)
+        if self._machine:
+            self._c.machine_free(self._machine)
+        self._machine = ctypes.c_void_p()
 
     def run(self, until_us: int) -> None:
         """Run to a time on the board's clock.
+
+        Parameters
+        ----------
+        until_us : int
+            The time in us.
 
         Raises
         ------
@@ -98,7 +135,7 @@ class SimulatedUno:
         self._c.machine_reset(self._machine)
 
     def write(self, data: bytes) -> None:
-        """Send bytes to the board; they arrive at the line's pace."""
+        """Send bytes to the board; they arrive at the line's rate."""
         self._c.machine_write(self._machine, data, len(data))
 
     def read(self) -> bytes:
@@ -115,7 +152,7 @@ class SimulatedUno:
 
     def supply(self, volts: float) -> None:
         """Set the supply voltage."""
-        self._adc(1, volts * 1e3 / _SUPPLY_DIVIDER)
+        self._adc(1, volts * 1e3 / SUPPLY_DIVIDER)
 
     def steering_angle(self, angle: float) -> None:
         """Turn the potentiometer (rad)."""
@@ -138,12 +175,14 @@ class SimulatedUno:
         """Read the servo's pulse."""
         on = bool(self._word(_TCCR1A) & _COM1A1)
         pulse = self._word(_OCR1A) / 16  # us
-        return SteerPins(on, (pulse - 1500) * MAX_STEERING_ANGLE / 500 if on else 0.0)
+        return SteerPins(
+            on, (pulse - SERVO_CENTRE) * MAX_STEERING_ANGLE / SERVO_SPAN if on else 0.0
+        )
 
     def drive_pins(self) -> DrivePins:
         """Read motor and brake."""
         mode = self._word(_TCCR1A)
-        torque = self._word(_OCR1A) / _PWM_TOP * _MAX_TORQUE if mode & _COM1A1 else 0.0
+        torque = self._word(_OCR1A) / PWM_TOP * MAX_TORQUE if mode & _COM1A1 else 0.0
         backward = bool(self._word(_PORTD) & _PD7)
-        brake = self._word(_OCR1B) / _PWM_TOP if mode & _COM1B1 else 0.0
+        brake = self._word(_OCR1B) / PWM_TOP if mode & _COM1B1 else 0.0
         return DrivePins(-torque if backward else torque, brake)

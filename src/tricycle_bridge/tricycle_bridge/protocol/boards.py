@@ -1,0 +1,36 @@
+"""Constants of the two boards: sensors, actuators and thresholds that no message can change.
+
+Emulation and firmware use the same values: `tricycle_bridge.firmware_header` writes them into the
+firmware's C header. The limits that a host meets (angle, rate, speed, acceleration, watchdog) are
+in `tricycle_bridge.protocol.messages`.
+"""
+
+from tricycle_bridge.protocol.messages import MAX_SPEED
+
+# Supplies: the drive PLC measures the battery, the steer PLC the servo's regulator behind it.
+DRIVE_SUPPLY = 48.0  # V
+STEER_SUPPLY = 12.0  # V
+
+# Inputs.
+ADC_CENTRE = 512  # counts of the potentiometer at 0 rad
+ADC_SCALE = 435  # counts per rad of the steering motor
+ADC_LOW = 5  # counts; less is a broken wire
+ADC_HIGH = 1018  # counts; more is a broken wire
+HALL_PULSE = 0.015253  # m of travel per hall pulse: 23 pole pairs x 6 edges on a 0.335 m wheel
+SUPPLY_DIVIDER = 11  # of the divider between a supply and its input
+
+# Outputs.
+SERVO_CENTRE = 1500  # us pulse at 0 rad
+SERVO_SPAN = 500  # us more at the largest angle
+PWM_TOP = 799  # timer count of full PWM: 16 MHz / 800 = 20 kHz
+MAX_TORQUE = 35.0  # N m at full PWM
+
+# State machine (section 5 of docs/protocol.md).
+HOLDING_TIME = 1.0  # s for which a steer PLC in STOPPING holds its angle
+TRACKING_ERROR = 0.15  # rad between set-point and angle ...
+TRACKING_TIME = 1.0  # s ... for so long: TRACKING
+AT_REST = 0.02  # m/s; less counts as measured speed 0
+STALL_SPEED = 0.3  # m/s of set-point at which a wheel at rest is stalled ...
+STALL_TIME = 2.0  # s ... for so long: STALL
+OVERSPEED = 1.1 * MAX_SPEED  # m/s; more is OVERSPEED
+HARDWARE_WATCHDOG = 0.06  # s without a tick until the microcontroller resets
