@@ -46,6 +46,13 @@ def test_the_site_builds_without_a_warning(tmp_path):
     assert (tmp_path / "index.html").exists()
 
 
+def test_every_package_has_a_page_of_its_interface():
+    packages = {path.name for path in (ROOT / "src").iterdir()}
+    assert {page.stem for page in (DOCS / "api").glob("*.md")} == packages
+    for package in packages:
+        assert (DOCS / "api" / f"{package}.md").read_text() == f"::: {package}\n"
+
+
 def assert_fresh(*pages):
     # in a process of its own: what it sets must not reach this one, nor the other way round
     done = subprocess.run(
