@@ -53,6 +53,19 @@ def test_every_package_has_a_page_of_its_interface():
         assert (DOCS / "api" / f"{package}.md").read_text() == f"::: {package}\n"
 
 
+def test_paths_on_the_architecture_page_exist():
+    page = (DOCS / "architecture.md").read_text()
+    named = re.findall(r"`(\w+/(?:[\w./]*/|[\w./]*\.\w+|))`", page)
+    assert len(named) > 50
+    packages = {path.name for path in (ROOT / "src").iterdir()}
+
+    def exists(path):
+        package = path.split("/")[0]
+        return (ROOT / "src" / package / path if package in packages else ROOT / path).exists()
+
+    assert [path for path in named if not exists(path)] == []
+
+
 def assert_fresh(*pages):
     # in a process of its own: what it sets must not reach this one, nor the other way round
     done = subprocess.run(
