@@ -281,14 +281,18 @@ def rms(errors):
     return value, squares.std(axis=0) / math.sqrt(len(errors)) / (2.0 * value)
 
 
-def table(results):
-    """Markdown: RMS error ± standard error (predicted), in % of the range."""
+def table(results, same):
+    """Markdown: RMS error ± standard error (predicted), in % of the range.
+
+    Strategies that drive the same maneuvers share a row.
+    """
     lines = ["| drives | " + " | ".join(scenario.name for scenario in SCENARIOS) + " |"]
     lines.append("|---" * (len(SCENARIOS) + 1) + "|")
     for parameter in TARGETS:
         at = UNKNOWN.index(parameter)
         lines.append(f"| **{parameter.replace('_', ' ')}** |" + " |" * len(SCENARIOS))
-        for name in STRATEGIES:
+        for name in dict.fromkeys(same.values()):
+            others = [n.partition(": ")[2] for n in same if n != name and same[n] == name]
             cells = []
             for scenario in SCENARIOS:
                 if (name, scenario.name) not in results:
@@ -299,7 +303,7 @@ def table(results):
                 cells.append(
                     f"{100 * value[at]:.2g} ± {100 * error[at]:.1g} ({100 * prediction[at]:.2g})"
                 )
-            lines.append(f"| {name} | " + " | ".join(cells) + " |")
+            lines.append(f"| {', '.join([name, *others])} | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -391,7 +395,7 @@ def main():
                     results[name, scenario.name] = cell(
                         output, drives, designs[drives], scenario, arguments.draws, pool
                     )
-    summary = [table(results)]
+    summary = [table(results, same)]
     for parameter in TARGETS:
         at = UNKNOWN.index(parameter)
         ratio = [rms(errors)[0][at] / prediction[at] for errors, prediction in results.values()]
@@ -400,9 +404,6 @@ def main():
             f"5 to 95 % of the cells {np.quantile(ratio, 0.05):.2f} to "
             f"{np.quantile(ratio, 0.95):.2f}"
         )
-    for name, drives in same.items():
-        if name != drives:
-            summary.append(f"{name}: the same maneuvers as {drives}")
     least, most = (f(len(errors) for errors, _ in results.values()) for f in (min, max))
     summary.append(
         f"{least} to {most} draws per cell" if least < most else f"{most} draws per cell"

@@ -1,5 +1,7 @@
 """The documentation builds without a warning, is fresh, and its commands and code run."""
 
+import ast
+import importlib
 import importlib.util
 import json
 import os
@@ -13,6 +15,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+PACKAGES = {path.name for path in (ROOT / "src").iterdir()}
 GENERATE = """
 import json, sys, generate_reference
 print(json.dumps({page: generate_reference.PAGES[page]() for page in sys.argv[1:]}))
@@ -44,6 +47,44 @@ def test_the_site_builds_without_a_warning(tmp_path):
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "index.html").exists()
+
+
+def test_every_package_has_a_page_of_its_interface():
+    assert {page.stem for page in (DOCS / "api").glob("*.md")} == PACKAGES
+    for package in PACKAGES:
+        assert (DOCS / "api" / f"{package}.md").read_text() == f"::: {package}\n"
+
+
+@pytest.mark.parametrize("page", ["architecture.md", "link.md", "model.md", "method.md"])
+def test_source_files_that_pages_name_exist(page):
+    named = re.findall(r"`(\w+/(?:[\w./]*/|[\w./]*\.\w+|))`", (DOCS / page).read_text())
+    assert named
+
+    def exists(path):
+        package = path.split("/")[0]
+        return (ROOT / "src" / package / path if package in PACKAGES else ROOT / path).exists()
+
+    assert [path for path in named if not exists(path)] == []
+
+
+def own_imports(code):
+    """(module, name) of what a piece of Python imports from the packages."""
+    for node in ast.walk(ast.parse(code)):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in PACKAGES:
+            yield from ((node.module, alias.name) for alias in node.names)
+
+
+SHOWN = {page.name: "\n".join(blocks(page.name, "python")) for page in sorted(DOCS.glob("*.md"))}
+BENCHMARKS = {f"benchmarks/{p.name}": p.read_text() for p in (ROOT / "benchmarks").glob("*.py")}
+
+
+@pytest.mark.parametrize(
+    "where", [name for name, code in (SHOWN | BENCHMARKS).items() if any(own_imports(code))]
+)
+def test_imports_of_pages_and_benchmarks_work(where):
+    for module, name in own_imports((SHOWN | BENCHMARKS)[where]):
+        if not hasattr(importlib.import_module(module), name):
+            importlib.import_module(f"{module}.{name}")
 
 
 def assert_fresh(*pages):

@@ -67,8 +67,5 @@ class ReportError(ExcitationError):
 class InfeasibleManeuver(Exception):  # noqa: N818  (an outcome of a simulation, not a mistake)
     """Raised by ``f(x, P)`` when the maneuver x cannot be driven, whatever the parameters.
 
-    Parameters
-    ----------
-    reason : str
-        What makes it infeasible, e.g. ``"steering saturates at 3.2 s"``.
+    Its argument is the reason, e.g. ``"steering saturates at 3.2 s"``.
     """
