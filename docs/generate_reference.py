@@ -69,7 +69,7 @@ def _help(parser: argparse.ArgumentParser) -> str:
 def protocol_page() -> str:
     """Every message with its fields, from the message table."""
     from tricycle_bridge.protocol import messages
-    from tricycle_bridge.protocol.messages import MESSAGES, Board, from_plc, layout, meanings
+    from tricycle_bridge.protocol.messages import MESSAGES, Board, from_plc, layout
 
     page = [
         GENERATED,
@@ -100,26 +100,15 @@ def protocol_page() -> str:
         page += [f"\n### {message.__name__}\n\n{_summary(message)}\n"]
         if fields:
             comments = _comments(message)
-            stands_for = meanings(message)
             rows = [
-                (f"`{name}`", wire.name, _unit(stands_for[name]), comments.get(name, ""))
-                for name, wire in fields.items()
+                (f"`{name}`", wire.name, comments.get(name, "")) for name, wire in fields.items()
             ]
-            page += ["\n", table(("field", "type", "one count", "meaning"), rows)]
+            page += ["\n", table(("field", "type", "unit, meaning"), rows)]
     page += ["\n## Values\n"]
     for kind in _enumerations(messages):
         rows = [(member.value, f"`{name}`") for name, member in kind.__members__.items()]
         page += [f"\n### {kind.__name__}\n\n{_summary(kind)}\n\n", table(("value", "name"), rows)]
     return "".join(page)
-
-
-def _unit(meaning: Any) -> str:
-    """What one count of a field is: an amount, or a value of an enumeration."""
-    if meaning is None:
-        return ""
-    if isinstance(meaning, type):
-        return f"[{meaning.__name__}](#{meaning.__name__.lower()})"
-    return f"{meaning.scale:g} {meaning.symbol}"
 
 
 def _constants(module: Any) -> Iterator[tuple[str, object, str]]:
