@@ -71,7 +71,7 @@ class Rig:
         self.publisher.publish(message)
 
     def spin(self, seconds: float) -> None:
-        """Let callbacks run for so long."""
+        """Let callbacks run for a time (s)."""
         until = time.monotonic() + seconds
         while (left := until - time.monotonic()) > 0:
             self.executor.spin_once(timeout_sec=left)

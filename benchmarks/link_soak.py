@@ -31,7 +31,7 @@ TICK_US = 10_000
 
 
 class Line:
-    """Damages one frame in a hundred and counts what it did; other frames pass unchanged."""
+    """A line that damages a fraction of the frames and counts them; others pass unchanged."""
 
     def __init__(self, rng: random.Random, damage: float) -> None:
         self._rng = rng
@@ -40,7 +40,7 @@ class Line:
         self.damaged = 0
 
     def carry(self, data: bytes) -> bytes:
-        """Bytes as they come out of the other end."""
+        """Return the bytes as they arrive at the other end."""
         passed = []
         for frame in data.split(b"\0")[:-1]:
             self.frames += bool(frame)
@@ -118,19 +118,19 @@ class Rig:
         self.measured_drive = DriveMeasurement(speed)
         return {Board.STEER: steer_data, Board.DRIVE: drive_data}
 
-    def unsafe(self) -> str:
-        """What must never be; empty if nothing."""
+    def unsafe(self) -> str | None:
+        """Return what must never happen, if it does."""
         moving = self.drive_output.motor_on and self.drive_output.setpoint != 0.0
         drive = self.plcs[Board.DRIVE]
         if moving and drive.state not in (PlcState.ARMED, PlcState.STOPPING):
             return f"motor on in {drive.state.name}"
         if abs(self.steer_output.setpoint) > 0.7855 or abs(self.drive_output.setpoint) > 4.801:
             return "a set-point outside the limits"
-        return ""
+        return None
 
 
 def soak(minutes: float, rng: random.Random) -> bool:
-    """Drive for so long; True if nothing was unsafe and every counter adds up."""
+    """Drive for a time; True if nothing was unsafe and every counter adds up."""
     half_us = round(minutes * 30e6)
     rig = Rig(rng, damage=0.01, start_us=(1 << 32) - half_us)
     arms = stops = unsafe = 0
@@ -151,9 +151,9 @@ def soak(minutes: float, rng: random.Random) -> bool:
             if waiting % 100 == 0 and not rig.bridge.refusal(rig.now):
                 arms += 1
                 rig.bridge.arm(rig.now, lambda _: None)
-        unsafe += bool(rig.unsafe())
+        unsafe += rig.unsafe() is not None
     for line in (*rig.down.values(), *rig.up.values()):
-        line.damage = 0.0  # the last counters must come through
+        line.damage = 0.0  # the last counters must arrive
     for _ in range(150):
         rig.step(VehicleCommand(0.0, 0.0))
     seconds = time.perf_counter() - started
@@ -188,7 +188,7 @@ def soak(minutes: float, rng: random.Random) -> bool:
 
 
 def watchdog_trips(trips: int, rng: random.Random) -> bool:
-    """Let the commander fall silent so often; True if every trip came within 200 to 210 ms."""
+    """Stop the commander many times; True if every watchdog tripped after 200 to 210 ms."""
     ages = []
     for _ in range(trips):
         rig = Rig(rng, damage=0.0, start_us=rng.getrandbits(32))

@@ -57,7 +57,7 @@ def arming_refusal(
     now : float
         Present time [s].
     enabled : bool
-        Whether the operator wants the vehicle armed already.
+        Whether commands are sent with the enable flag already.
     """
     for board, link in links.items():
         if reason := _link_refusal(link, now, enabled=enabled):

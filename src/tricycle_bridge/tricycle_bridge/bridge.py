@@ -76,7 +76,7 @@ class Bridge:
         self.links = {board: PlcLink(board, rng=rng, boot_wait=boot_wait) for board in BOARDS}
         self.commands = CommandStream()
         self.active = False
-        self._enabled = False  # the operator wants the vehicle armed
+        self._enabled = False  # commands are sent with the enable flag
         self._estopped = False  # the operator's e-stop, until the next request to arm
         self._stop_sent_at = -math.inf
         self._gear = Gear.DRIVE
@@ -206,7 +206,7 @@ class Bridge:
             done(ArmingOutcome(False, "arming is under way"))
         elif self.armed and self._enabled:
             done(ArmingOutcome(True, "already armed"))
-        elif reason := self.refusal(now):
+        elif (reason := self.refusal(now)) is not None:
             done(ArmingOutcome(False, f"not armed: {reason}"))
         else:
             self._enabled = True

@@ -37,7 +37,13 @@ from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.joint_pairing import JointReadings
 from tricycle_bridge.kinematics import steering_motor_angle
 from tricycle_bridge.link import LinkState
-from tricycle_bridge.protocol.messages import BAUD, Board, DriveState
+from tricycle_bridge.protocol.messages import (
+    BAUD,
+    CURRENT_UNIT,
+    VOLTAGE_UNIT,
+    Board,
+    DriveState,
+)
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
@@ -58,7 +64,7 @@ class BridgeNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("tricycle_bridge")
         self._declare_parameters()
-        self._lock = threading.RLock()  # of all that follows
+        self._lock = threading.RLock()  # guards the bridge, its ports and the attributes below
         self._bridge: Bridge | None = None
         self._ports: SerialPorts | None = None
         self._arm_when_ready = False
@@ -236,7 +242,7 @@ class BridgeNode(LifecycleNode):
                     case Closed():
                         bridge.closed(event.board, event.reason)
             bridge.poll(now)
-            if self._arm_when_ready and not bridge.refusal(now):
+            if self._arm_when_ready and bridge.refusal(now) is None:
                 self._arm_when_ready = False
                 bridge.arm(now, lambda outcome: self.get_logger().info(outcome.text))
             self._flush(bridge, ports, now)
@@ -275,8 +281,8 @@ class BridgeNode(LifecycleNode):
         telemetry = bridge.links[Board.DRIVE].telemetry
         if isinstance(telemetry, DriveState):
             battery = BatteryState(
-                voltage=telemetry.supply * 1e-3,
-                current=-telemetry.current * 1e-3,  # negative while discharging
+                voltage=telemetry.supply * VOLTAGE_UNIT,
+                current=-telemetry.current * CURRENT_UNIT,  # negative while discharging
                 charge=math.nan,
                 capacity=math.nan,
                 design_capacity=math.nan,

@@ -15,6 +15,7 @@ from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     SPEED_UNIT,
     STEER_RATE_UNIT,
+    TRAVEL_UNIT,
     Board,
     DriveLimits,
     SteerLimits,
@@ -86,7 +87,7 @@ def joint_reading(
         return None
     return JointReading(
         REAR_WHEEL_JOINT,
-        telemetry.hall_count * limits.pulse * 1e-6 / tyre_radius,
+        telemetry.hall_count * limits.pulse * TRAVEL_UNIT / tyre_radius,
         telemetry.speed * SPEED_UNIT / tyre_radius,
     )
 

@@ -210,8 +210,8 @@ class FrameDecoder:
             return None
         # A host takes session 0 too, because that is what a rebooted PLC sends. A PLC without a
         # session takes nothing.
-        heard = session in (self.session, 0) if self._host else session == self.session != 0
-        if not (heard or greeting):
+        session_fits = session in (self.session, 0) if self._host else session == self.session != 0
+        if not (session_fits or greeting):
             counters.session += 1
             return None
         size, from_payload = entry

@@ -2,7 +2,7 @@
 
 Each message is a frozen dataclass whose fields are the payload's integers in wire order, little
 endian. A field is annotated with its wire type and, where it has one, with its `Unit` or the
-enumeration of its values; its comment tells the rest. The C header of the firmware
+enumeration of its values; a comment adds what these do not say. The C header of the firmware
 (``firmware_header.py``), the reference page (docs/generate_reference.py) and the values in
 /diagnostics (``readable.py``) follow from these classes. Section numbers are those of
 docs/protocol.md.
@@ -18,7 +18,7 @@ from typing import Annotated, Any, ClassVar, Self, get_type_hints
 
 from tricycle_core.errors import LinkError
 
-MAJOR = 1  # protocol versions this suite speaks
+MAJOR = 1  # version of the protocol
 MINOR = 0
 BAUD = 115_200  # 8N1
 MAX_PAYLOAD = 40  # bytes
@@ -28,6 +28,9 @@ ANGLE_UNIT = 1e-4  # rad
 STEER_RATE_UNIT = 1e-3  # rad/s
 SPEED_UNIT = 1e-3  # m/s; accelerations likewise 1e-3 m/s^2
 BRAKE_UNIT = 0.005  # full brake = 200
+TRAVEL_UNIT = 1e-6  # m, per hall pulse
+VOLTAGE_UNIT = 1e-3  # V
+CURRENT_UNIT = 1e-3  # A
 
 # Limits inside the PLCs, which no host can widen (section 5).
 MAX_STEERING_ANGLE = 0.7854  # rad, steering motor, either side
@@ -196,6 +199,9 @@ class Unit:
     scale: float
     symbol: str
 
+    def __str__(self) -> str:
+        return f"{self.scale:g} {self.symbol}"
+
 
 _U8 = WireType("u8", "B", "uint8_t")
 _U16 = WireType("u16", "H", "uint16_t")
@@ -217,8 +223,8 @@ _MICROSECONDS = Unit(1e-6, "s")
 _MILLISECONDS = Unit(1e-3, "s")
 _ECHO = Unit(ECHO_TICK, "s")
 _CENTISECONDS = Unit(0.01, "s")
-_MILLIVOLTS = Unit(1e-3, "V")
-_MILLIAMPERES = Unit(1e-3, "A")
+_VOLTAGE = Unit(VOLTAGE_UNIT, "V")
+_CURRENT = Unit(CURRENT_UNIT, "A")
 
 
 Meaning = Unit | type[enum.IntEnum] | type[enum.IntFlag]
@@ -272,7 +278,7 @@ class Message:
     """Base of all messages: integers that fit their wire types, in wire order."""
 
     ID: ClassVar[int]  # 0x01..0x7F host to PLC, 0x81..0xFF PLC to host
-    BOARD: ClassVar[Board] = Board.ANY  # whose message it is
+    BOARD: ClassVar[Board] = Board.ANY  # PLC that sends or receives it
 
     def payload(self) -> bytes:
         """Encode the fields.
@@ -454,7 +460,7 @@ class DriveLimits(Message):
     max_acceleration: Annotated[I16, _ACCELERATION]
     watchdog: Annotated[I16, _MILLISECONDS]
     stale: Annotated[I16, _ECHO]
-    pulse: Annotated[I16, Unit(1e-6, "m")]  # of travel per hall pulse
+    pulse: Annotated[I16, Unit(TRAVEL_UNIT, "m")]  # of travel per hall pulse
     reserved_1: I16
     reserved_2: I16
 
@@ -507,7 +513,7 @@ class SteerState(Message):
     rate: Annotated[I16, _RATE]
     servo: Annotated[U16, Unit(1.0, "us")]  # pulse width; 0 = off
     adc: U16  # counts
-    supply: Annotated[U16, _MILLIVOLTS]
+    supply: Annotated[U16, _VOLTAGE]
     command_seq: U8  # of the last command
     command_age: Annotated[U8, _CENTISECONDS]  # saturates at 255 counts
 
@@ -526,8 +532,8 @@ class DriveState(Message):
     setpoint: Annotated[I16, _SPEED]  # after limits, forward positive
     hall_count: I32  # pulses, forward counts up
     pwm: Annotated[I16, Unit(0.1, "%")]
-    current: Annotated[U16, _MILLIAMPERES]
-    supply: Annotated[U16, _MILLIVOLTS]
+    current: Annotated[U16, _CURRENT]
+    supply: Annotated[U16, _VOLTAGE]
     gear: Annotated[U8, Gear]
     brake: Annotated[U8, _BRAKE]  # 200 counts = full
     command_seq: U8  # of the last command
