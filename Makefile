@@ -53,6 +53,7 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	if command -v cppcheck >/dev/null; then $(MAKE) --no-print-directory -C firmware lint; fi
 
 format: setup  ## format and fix what can be fixed
 	$(BIN)/ruff format .
@@ -93,7 +94,7 @@ soak: setup  ## an hour of driving on a bad line, fifty recorders killed
 KERNELS := $(addprefix tests/tricycle_sim/,vehicle/test_uncompiled.py vehicle/test_kernel.py test_setpoints.py) \
 	-k "uncompiled or setpoints or lagrange or linkage or ratio_of or inverse or servo or static"
 COVERAGE := $(BIN)/python -m coverage
-PROTOCOL := src/tricycle_bridge/*/protocol/*.py,src/tricycle_bridge/*/link.py,src/tricycle_sim/*/plc/plc.py
+PROTOCOL := src/tricycle_bridge/*/protocol/*.py,src/tricycle_bridge/*/link.py,src/tricycle_sim/*/plc/plc.py,src/tricycle_sim/*/plc/steer.py,src/tricycle_sim/*/plc/drive.py
 PHYSICS := src/tricycle_sim/*/vehicle/*.py,src/tricycle_sim/*/setpoints.py
 STATISTICS := $(addprefix src/excitation_planner/*/,box.py trajectory_error.py indices/*.py design/criteria.py design/information.py)
 comma := ,
@@ -108,7 +109,7 @@ coverage: setup  ## branch coverage; physics, protocol and statistics must reach
 	$(COVERAGE) report --fail-under=95 --include='$(PROTOCOL)'
 	$(COVERAGE) report --fail-under=95 --include='$(subst $(empty) $(empty),$(comma),$(STATISTICS))'
 
-mutation: setup  ## do the tests notice changes of the codec and the limits?
+mutation: setup  ## do the tests notice changes of codec, limits and watchdog, in Python and in C?
 	$(BIN)/python tests/mutation.py
 
 LOWER_BOUNDS := .venv-lower-bounds

@@ -23,7 +23,9 @@ FIRMWARE = Path(__file__).parents[1] / "firmware"
 
 @pytest.fixture(scope="session")
 def firmware_libraries(tmp_path_factory) -> Path:
-    """The C logic as libraries of this machine."""
+    """The C logic as libraries of this machine; FIRMWARE_LIBRARIES names others (mutation.py)."""
+    if others := os.environ.get("FIRMWARE_LIBRARIES"):
+        return Path(others)
     if shutil.which("cc") is None:
         pytest.skip("no C compiler: the firmware's logic is not tested here")
     build = tmp_path_factory.mktemp("firmware")

@@ -1,31 +1,41 @@
-"""Mutation tests of the codec and the limits: do the tests notice when the code is changed?
+"""Mutation tests of codec, limits and watchdog: do the tests notice when the code is changed?
 
     python tests/mutation.py [part of a file's name]
+    python tests/mutation.py firmware           # the C code alone
 
 One operator or number after the other is changed in the files below, and their tests are run until
 one fails. What survives is printed with its line, and the exit status is 1 unless it is in
-`EQUIVALENT`: changes that make no difference, each with the reason.
+`EQUIVALENT`: changes that make no difference, each with the reason. Python is changed in its syntax
+tree. C is changed in its text, token by token, and compiled as the library of the host.
 """
 
 import ast
+import importlib
 import os
+import re
+import shutil
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from pathlib import Path
+from typing import Any, TypeVar
 
 os.environ["NUMBA_DISABLE_JIT"] = "1"  # a changed kernel is not compiled
 
+import numba
 import numpy
 import pytest
 
-__all__ = ["numpy"]  # imported once, before the forks
+__all__ = ["numba", "numpy"]  # imported once, before the forks
 
 ROOT = Path(__file__).parents[1]
-TIMEOUT = 120.0  # s; a mutant that hangs is noticed
+TIMEOUT = 60.0  # s; a mutant that hangs is noticed
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -62,12 +72,68 @@ TARGETS = (
     Target("tricycle_sim.setpoints", ("tests/tricycle_sim/test_setpoints.py",)),
     Target(
         "tricycle_sim.plc.plc",
-        ("tests/tricycle_sim/plc/test_plc.py",),
-        ("_limit", "_take_command", "_accept_command", "_check_watchdog", "_arm"),
+        ("tests/tricycle_sim/plc/test_plc.py", "tests/tricycle_sim/plc/test_protocol_document.py"),
+        ("clamp", "to_i16", "to_u16", "_accept_command", "_check_watchdog", "_arm", "_clear"),
+    ),
+    Target(
+        "tricycle_sim.plc.steer",
+        (
+            "tests/tricycle_sim/plc/test_steer.py",
+            "tests/tricycle_sim/plc/test_protocol_document.py",
+        ),
+        ("_take_command", "_find_fault", "_control"),
+    ),
+    Target(
+        "tricycle_sim.plc.drive",
+        (
+            "tests/tricycle_sim/plc/test_drive.py",
+            "tests/tricycle_sim/plc/test_protocol_document.py",
+        ),
+        ("_take_command", "_find_fault", "_control"),
     ),
 )
 
-# (module, changed line without its indentation): why it is no change
+
+@dataclass(frozen=True)
+class FirmwareTarget:
+    """A file of the firmware, and the tests that must notice its changes."""
+
+    file: str
+    tests: tuple[str, ...]
+    functions: tuple[str, ...] = ()  # all where empty
+
+    @property
+    def module(self) -> str:
+        return f"firmware/{self.file}"
+
+    @property
+    def path(self) -> Path:
+        return ROOT / "firmware" / self.file
+
+
+_PLC_TESTS = "tests/tricycle_sim/plc"
+FIRMWARE_TARGETS = (
+    FirmwareTarget("frame.c", (f"{_PLC_TESTS}/test_firmware.py",)),
+    FirmwareTarget(
+        "plc.c", (f"{_PLC_TESTS}/test_plc.py", f"{_PLC_TESTS}/test_protocol_document.py")
+    ),
+    FirmwareTarget(
+        "plc.h",
+        (f"{_PLC_TESTS}/test_steer.py", f"{_PLC_TESTS}/test_drive.py"),
+        ("clamp", "slew"),
+    ),
+    FirmwareTarget(
+        "steer.c",
+        (
+            f"{_PLC_TESTS}/test_steer.py",
+            f"{_PLC_TESTS}/test_firmware.py",
+            f"{_PLC_TESTS}/test_plc.py",
+        ),
+    ),
+    FirmwareTarget("drive.c", (f"{_PLC_TESTS}/test_drive.py", f"{_PLC_TESTS}/test_plc.py")),
+)
+
+# (module, line without its indentation; of C the changed line): why it is no change
 EQUIVALENT: dict[tuple[str, str], str] = {
     ("tricycle_sim.setpoints", "if abs(target - setpoint) <= reach:"): "both branches agree there",
     (
@@ -78,6 +144,49 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "tricycle_sim.setpoints",
         "if behind > rate * TICK * (1.0 + 1e-6):",
     ): "no lag is that margin to the last bit",
+    ("firmware/plc.h", "return value <= low ? low : value > high ? high : value;"): "low is low",
+    ("firmware/plc.h", "return value < low ? low : value >= high ? high : value;"): "high is high",
+    (
+        "firmware/steer.c",
+        "board->rate_limit = rate <= MAX_RATE ? rate : MAX_RATE;",
+    ): "both are MAX_RATE there",
+    (
+        "firmware/steer.c",
+        "int32_t more = setpoint * (16L * SERVO_SPAN) + (setpoint <= 0 ? -full : full) / 2;",
+    ): "half a unit is rounded off at 0, whatever its sign",
+    (
+        "firmware/steer.c",
+        "int32_t more = setpoint * (16L * SERVO_SPAN) + (setpoint < 1 ? -full : full) / 2;",
+    ): "half a unit is rounded off at 0, whatever its sign",
+    (
+        "firmware/steer.c",
+        "(int16_t)((board->setpoint + (board->setpoint <= 0 ? -5 : 5)) / 10),",
+    ): "half a unit is rounded off at 0, whatever its sign",
+    (
+        "firmware/steer.c",
+        "(int16_t)((board->setpoint + (board->setpoint < 1 ? -5 : 5)) / 10),",
+    ): "half a unit is rounded off at 0, whatever its sign",
+    (
+        "firmware/drive.c",
+        "(int16_t)((board->setpoint + (board->setpoint <= 0 ? -50 : 50)) / 100),",
+    ): "half a unit is rounded off at 0, whatever its sign",
+    (
+        "firmware/drive.c",
+        "(int16_t)((board->setpoint + (board->setpoint < 1 ? -50 : 50)) / 100),",
+    ): "half a unit is rounded off at 0, whatever its sign",
+    (
+        "firmware/drive.c",
+        "acceleration <= MAX_ACCELERATION ? acceleration : MAX_ACCELERATION;",
+    ): "both are MAX_ACCELERATION there",
+    (
+        "firmware/drive.c",
+        "board->commanded_brake = command.brake <= MAX_BRAKE ? command.brake : MAX_BRAKE;",
+    ): "both are MAX_BRAKE there",
+    (
+        "firmware/drive.c",
+        "plc->board.stalled = true;",
+    ): "the set-point is 0 at the next tick, which makes it false",
+    ("firmware/frame.c", "static const uint32_t table[17] = {"): "the last is not used",
 }
 
 OPERATORS: dict[type[ast.AST], type[ast.AST]] = {
@@ -169,6 +278,42 @@ class Mutant(MetaPathFinder, Loader):
         exec(compile(self.tree, self.target.path, "exec"), module.__dict__)
 
 
+# what a token of C becomes; binary operators stand between spaces in this code, pointers do not
+C_TOKENS = {
+    r"(?<= )<=(?= )": "<", r"(?<= )<(?= )": "<=", r"(?<= )>=(?= )": ">", r"(?<= )>(?= )": ">=",
+    "==": "!=", "!=": "==", "&&": "||", r"\|\|": "&&", r"(?<= )<<(?= )": ">>",
+    r"(?<= )>>(?= )": "<<", r"(?<= )\+(?= )": "-", r"(?<= )-(?= )": "+", r"(?<= )\*(?= )": "+",
+    r"(?<= )/(?= )": "*", r"(?<= )&(?= )": "|", r"(?<= )\|(?= )": "&", r"(?<= )\^(?= )": "|",
+    r"\+=": "-=", "-=": "+=", r"\|=": "&=", "&=": "|=", r"\^=": "|=", r"\+\+": "--", "--": "++",
+    r"!(?!=)": "", "~": "", r"(?<=[ (])-(?=\w)": "", r"\btrue\b": "false", r"\bfalse\b": "true",
+}  # fmt: skip
+C_NUMBER = re.compile(r"(?<![\w.])(0x[0-9A-Fa-f]+|\d+)(U?L?)\b")
+C_HIDDEN = re.compile(
+    r'/\*.*?\*/|"[^"\n]*"|^#(?:\\\n|[^\n])*|\bcase .*?:', re.DOTALL | re.MULTILINE
+)
+C_FUNCTION = re.compile(r"^\w[^;\n]*?(\w+)\([^;{]*\)\n\{\n(.*?)^\}", re.DOTALL | re.MULTILINE)
+
+
+def firmware_mutants(target: FirmwareTarget) -> Iterator[tuple[int, str]]:
+    """Line and text of the file for each change."""
+    source = target.path.read_text()
+    visible = C_HIDDEN.sub(lambda hidden: re.sub(r"[^\n]", "\0", hidden[0]), source)
+    changes = []
+    for function in C_FUNCTION.finditer(visible):
+        if target.functions and function[1] not in target.functions:
+            continue
+        start, end = function.span(2)
+        changes += [
+            (number.span(1), str(int(number[1], 0) + 1))
+            for number in C_NUMBER.finditer(visible, start, end)
+        ]
+        for token, becomes in C_TOKENS.items():
+            found = re.compile(token).finditer(visible, start, end)
+            changes += [(match.span(), becomes) for match in found]
+    for (start, end), becomes in sorted(changes):
+        yield source.count("\n", 0, start) + 1, source[:start] + becomes + source[end:]
+
+
 def mutants(target: Target) -> Iterator[tuple[int, ast.Module]]:
     """Line and module of each change."""
     source = target.path.read_text()
@@ -181,16 +326,38 @@ def mutants(target: Target) -> Iterator[tuple[int, ast.Module]]:
 
 
 def noticed(target: Target, tree: ast.Module) -> bool:
+    """Whether a test fails with a changed module."""
+    return fails(target.tests, lambda: sys.meta_path.insert(0, Mutant(target, tree)))
+
+
+def firmware_noticed(target: FirmwareTarget, text: str) -> bool:
+    """Whether a test fails with a changed file of the firmware, or it does not compile."""
+    with tempfile.TemporaryDirectory() as folder:
+        firmware, build = Path(folder) / "firmware", Path(folder) / "build"
+        shutil.copytree(target.path.parent, firmware)
+        (firmware / target.file).write_text(text)
+        make = ["make", "-s", "-C", firmware, "host", f"BUILD={build}", "OPTIMISE=-O0"]
+        done = subprocess.run([*make, "WARNINGS=-std=c11 -w"], capture_output=True, check=False)
+        if done.returncode != 0:
+            return True
+        libraries = {"FIRMWARE_LIBRARIES": str(build)}
+        return fails(target.tests, lambda: os.environ.update(libraries), "-k", "firmware")
+
+
+def fails(tests: tuple[str, ...], prepare: Callable[[], None], *options: str) -> bool:
     """Whether a test fails, in a process of its own."""
     child = os.fork()
     if child == 0:
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, 1)
         os.dup2(null, 2)
-        sys.meta_path.insert(0, Mutant(target, tree))
-        options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:tricycle", "-m", "not slow"]
+        prepare()
+        no_plugins = ("-p", "no:cacheprovider", "-p", "no:tricycle")
+        ignore = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is imported already
         try:
-            status = int(pytest.main([*options, *target.tests]))
+            status = int(
+                pytest.main(["-x", "-q", *no_plugins, *ignore, *options, "-m", "not slow", *tests])
+            )
         except BaseException:
             status = 1
         os._exit(status)
@@ -205,30 +372,47 @@ def noticed(target: Target, tree: ast.Module) -> bool:
     return True
 
 
+def survivors_of(
+    target: Target | FirmwareTarget,
+    unchanged: T,
+    changes: Iterator[tuple[int, T]],
+    is_noticed: Callable[[Any, T], bool],
+) -> int:
+    """Try every change of a target; print what survives and the totals."""
+    lines = target.path.read_text().splitlines()
+    if is_noticed(target, unchanged):
+        raise SystemExit(f"{target.module}: its tests fail without any change")
+    killed = equivalent = survivors = 0
+    for line, changed in changes:
+        of_c = isinstance(changed, str)
+        text = (changed.splitlines() if of_c else lines)[line - 1].strip()
+        if is_noticed(target, changed):
+            killed += 1
+        elif (target.module, text) in EQUIVALENT:
+            equivalent += 1
+        else:
+            survivors += 1
+            print(f"  survived: {target.path.name}:{line}: {text}", flush=True)
+    total = killed + equivalent + survivors
+    print(f"{target.module}: {killed} of {total} noticed, {equivalent} equivalent", flush=True)
+    return survivors
+
+
 def main() -> int:
-    """Try every change; print what survives and the totals."""
+    """Try every change; return 1 where one survives."""
     os.chdir(ROOT)
     survivors = 0
     for target in TARGETS:
-        if not any(part in target.module for part in sys.argv[1:] or [""]):
-            continue
-        lines = target.path.read_text().splitlines()
-        whole = ast.parse(target.path.read_text())
-        if noticed(target, whole):
-            raise SystemExit(f"{target.module}: its tests fail without any change")
-        killed = equivalent = total = 0
-        for line, tree in mutants(target):
-            total += 1
-            if noticed(target, tree):
-                killed += 1
-            elif (target.module, lines[line - 1].strip()) in EQUIVALENT:
-                equivalent += 1
-            else:
-                survivors += 1
-                print(
-                    f"  survived: {target.path.name}:{line}: {lines[line - 1].strip()}", flush=True
-                )
-        print(f"{target.module}: {killed} of {total} noticed, {equivalent} equivalent", flush=True)
+        if any(part in target.module for part in sys.argv[1:] or [""]):
+            whole = ast.parse(target.path.read_text())
+            survivors += survivors_of(target, whole, mutants(target), noticed)
+    # what the tests import, once before the forks: the C code is changed, not these
+    for module in ("hypothesis", "tricycle_sim.plc.firmware"):
+        importlib.import_module(module)
+    for of_c in FIRMWARE_TARGETS:
+        if any(part in of_c.module for part in sys.argv[1:] or [""]):
+            whole_text = of_c.path.read_text()
+            survivors += survivors_of(of_c, whole_text, firmware_mutants(of_c), firmware_noticed)
     return int(survivors > 0)
 
 

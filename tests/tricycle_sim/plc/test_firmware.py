@@ -4,13 +4,15 @@ import ctypes
 import random
 import shutil
 import subprocess
+import zlib
 from pathlib import Path
 
 import numpy as np
 import pytest
+from cobs import cobs
 
 from tricycle_bridge.protocol.framing import DecoderCounters, FrameDecoder, encode
-from tricycle_bridge.protocol.messages import MESSAGES, Board, from_plc, layout
+from tricycle_bridge.protocol.messages import MESSAGES, Board, Ping, from_plc, layout
 from tricycle_core.errors import LinkError
 from tricycle_sim.plc.firmware import FirmwareSteerPlc
 
@@ -81,6 +83,50 @@ def test_damaged_streams_are_judged_alike(steer_library):
     # payloads shorter than the table are the state machine's to find
     assert ok - headers_judged == python.length - length
     assert ok > 1000
+
+
+def overlong(payload):
+    """A PING of a newer minor version, with a payload of this many bytes."""
+    raw = bytes([1 << 5 | Board.STEER, Ping.ID, 0, 7]) + bytes(range(payload))
+    return cobs.encode(raw + zlib.crc32(raw).to_bytes(4, "little"))
+
+
+def test_every_segment_is_judged_alike(steer_library):
+    """One byte, few values, the longest that fits, one more, and lengths that wrap a byte."""
+    rng = random.Random(2)
+    segments = [bytes([value]) for value in range(1, 256)]
+    segments += [bytes(rng.choices((1, 2, 3, 4, 9), k=rng.randint(1, 14))) for _ in range(2000)]
+    segments += [rng.randbytes(n).replace(b"\0", b"\x02") for n in range(46, 54) for _ in range(20)]
+    segments += [b"\x05" * n for n in (254, 255, 256, 257, 300, 305, 306)]
+    segments += [overlong(n) for n in (0, 3, 4, 30, 39, 40, 41)]
+    for n in range(10):  # raw of every length around the shortest, with a right CRC
+        raw = bytes(n)
+        segments.append(cobs.encode(raw + zlib.crc32(raw).to_bytes(4, "little")))
+    for segment in segments:
+        out = ctypes.create_string_buffer(64)
+        found = (ctypes.c_uint32 * 5)()
+        length = steer_library.host_decode(segment + b"\0", len(segment) + 1, out, found)
+        decoder = FrameDecoder(Board.STEER, host=False)
+        decoder.session = 7
+        decoder.feed(segment + b"\0")
+        python = decoder.counters
+        judged = python.ok + python.unknown + python.version + python.session
+        if found[1] and python.length:  # a payload shorter than the table: a good frame so far
+            assert length - 1 < 4 + 4 + 4
+            judged, python.length = 1, 0
+        assert list(found[1:]) == [judged, python.length, python.cobs, python.crc], segment.hex()
+        assert (length > 0) == bool(judged)
+        if judged:
+            assert out.raw[1:length] == cobs.decode(segment)
+
+
+def test_the_servo_pulse_is_exact_for_every_setpoint(steer_library):
+    steer_library.steer_pulse.restype = ctypes.c_uint16
+    for setpoint in range(-78540, 78541, 11):  # 1e-5 rad
+        eighths = abs(16 * 500 * setpoint) * 2 + 78540  # rounded to 1/16 us, away from 0
+        more = eighths // (2 * 78540)
+        pulse = 16 * 1500 + (more if setpoint >= 0 else -more)
+        assert steer_library.steer_pulse(ctypes.c_int32(setpoint)) == pulse
 
 
 def test_the_motor_controller_is_the_models(drive_library):

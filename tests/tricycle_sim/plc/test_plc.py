@@ -188,12 +188,7 @@ def test_the_watchdog_and_the_echo_hold_across_the_wrap_of_the_clock(make_bench)
 
 
 def test_limits_tell_what_the_plc_enforces(make_bench):
-    (limits,) = make_bench(STEER).booted().armed().send(m.LimitsRequest())
-    assert (limits.max_angle, limits.max_rate, limits.watchdog, limits.stale) == (
-        7854,
-        3000,
-        200,
-        150,
-    )
-    (limits,) = make_bench(DRIVE).booted().armed().send(m.LimitsRequest())
-    assert (limits.max_speed, limits.max_acceleration) == (4800, 2000)
+    (limits,) = make_bench(STEER).booted().send(m.LimitsRequest())
+    assert limits == m.SteerLimits(-7854, 7854, 3000, 200, 150, 435, 0, 0)
+    (limits,) = make_bench(DRIVE).booted().send(m.LimitsRequest())
+    assert limits == m.DriveLimits(0, 4800, 2000, 200, 150, 15253, 0, 0)

@@ -1,9 +1,11 @@
 """The steer PLC's set-point, faults and limits, on both backends (conftest.py)."""
 
+import math
+
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from plc_bench import ENABLE, STEER, Fault, Op, State
+from plc_bench import ENABLE, STEER, Fault, Op, Result, State
 
 from tricycle_bridge.protocol import messages as m
 from tricycle_sim.plc import SteerMeasurement
@@ -31,8 +33,39 @@ def test_enable_zero_stops_the_steering_for_a_second_without_a_fault(steer):
         assert steer.plc.state is State.STOPPING
         assert steer.output.setpoint == held
         assert steer.output.servo_on
-    steer.tick(2)
+    steer.tick()
     assert (steer.state.state, steer.state.faults, steer.output.servo_on) == (State.SAFE, 0, False)
+
+
+def test_a_servo_that_is_off_has_no_pulse_and_the_measured_angle_as_set_point(bench_of_steer):
+    state = bench_of_steer.tick(angle=-0.31)
+    assert (state.servo, state.setpoint, state.angle) == (0, -3100, -3100)
+    assert bench_of_steer.output.setpoint == pytest.approx(-0.31)
+
+
+@pytest.fixture
+def bench_of_steer(make_bench):
+    return make_bench(STEER).booted()
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_state_frame_has_the_set_point_and_its_pulse(steer, sign):
+    for _ in range(250):
+        steer.drive(1, 0.7854 * sign, limit=0.371)
+        setpoint = steer.output.setpoint
+        assert abs(steer.state.setpoint - setpoint * 1e4) <= 0.5 + 1e-6
+        # the firmware rounds to 1/16 us first
+        assert abs(steer.state.servo - (1500 + 500 * setpoint / 0.7854)) <= 0.5 + 1 / 32
+    assert (steer.state.setpoint, steer.state.servo) == (7854 * sign, 1500 + 500 * sign)
+
+
+@pytest.mark.parametrize(
+    ("adc", "state"), [(5, State.ARMED), (1018, State.ARMED), (4, State.FAULT), (1019, State.FAULT)]
+)
+def test_the_range_of_the_potentiometer_is_exact(steer, adc, state):
+    steer.command()
+    steer.tick(adc=adc)
+    assert steer.state.state == state
 
 
 def test_a_broken_potentiometer_is_a_latched_fault(steer):
@@ -51,6 +84,94 @@ def test_a_blocked_steering_is_a_tracking_fault_after_a_second(steer):
         ticks += 1
     assert steer.state.faults == Fault.TRACKING
     assert ticks == pytest.approx(100 + 5, abs=2)  # 0.15 rad at 3 rad/s take 5 ticks
+
+
+@pytest.mark.parametrize("measured", [0.0, 0.3, -0.3])
+@pytest.mark.parametrize(
+    ("error", "trips"), [(0.1501, True), (-0.1501, True), (0.1499, False), (-0.1499, False)]
+)
+def test_the_tracking_error_has_a_limit_on_both_sides(make_bench, measured, error, trips):
+    steer = armed_at(make_bench, measured)
+    for _ in range(7):  # until the set-point is there
+        steer.command(measured + error)
+        steer.tick()
+    for _ in range(95):
+        steer.command(measured + error)
+        assert steer.tick().state == State.ARMED
+    for _ in range(10):
+        steer.command(measured + error)
+        steer.tick()
+    assert steer.state.state == (State.FAULT if trips else State.ARMED)
+
+
+def armed_at(make_bench, angle, **kwargs):
+    bench = make_bench(STEER, **kwargs)
+    bench.tick(angle=angle)
+    bench.hello()
+    for _ in range(5):
+        bench.command(angle)
+        bench.tick()
+    assert bench.control(Op.ARM) is Result.OK
+    return bench
+
+
+def test_the_tracking_error_at_the_limit_is_none(steer):
+    for error in (0.15, -0.15):
+        for _ in range(200):
+            steer.command(error)
+            steer.tick()
+        assert steer.state.setpoint == round(error * 1e4)
+        assert steer.state.state == State.ARMED
+
+
+def test_the_second_of_a_tracking_fault_begins_anew_after_a_break(make_bench):
+    steer = armed_at(make_bench, 0.0, start_us=5_000_000)
+    for _ in range(3):
+        for k in range(101):  # off from the first, so 1 s has passed at the last
+            assert steer.plc.state is State.ARMED
+            steer.command()
+            steer.tick(angle=0.2 if k < 100 else 0.0)
+    for _ in range(101):
+        assert steer.plc.state is State.ARMED
+        steer.command()
+        steer.tick(angle=-0.2)
+    assert steer.state.faults == Fault.TRACKING
+
+
+def test_a_tracking_error_of_an_earlier_arming_is_forgotten(steer):
+    for _ in range(50):
+        steer.command()
+        steer.tick(angle=0.2)
+    assert steer.control(Op.DISARM) is Result.OK
+    for _ in range(100):
+        steer.command(0.2)
+        steer.tick(angle=0.2)
+    assert steer.control(Op.ARM) is Result.OK
+    steer.command(0.2)
+    steer.tick(angle=0.0)
+    assert steer.state.state == State.ARMED
+
+
+@pytest.mark.parametrize(
+    ("angle", "rate", "limited"),
+    [
+        (0.7854, 3.0, False),
+        (0.7855, 3.0, True),
+        (0.7854, 3.001, True),
+        (-0.7854, 0.0, False),
+        (-0.7855, 0.0, True),
+    ],
+)
+def test_a_command_at_the_limits_is_not_limited(steer, angle, rate, limited):
+    steer.drive(100, angle, limit=rate)
+    assert bool(steer.state.flags & m.StateFlag.LIMITED) is limited
+    assert steer.output.setpoint == pytest.approx(math.copysign(0.7854, angle))
+
+
+def test_a_limited_command_is_reported_while_armed_only(bench_of_steer):
+    bench_of_steer.drive(5, 3.0)
+    assert bench_of_steer.state.faults == 0
+    assert not bench_of_steer.state.flags & m.StateFlag.LIMITED
 
 
 def test_commands_outside_the_limits_are_limited_and_reported_while_it_lasts(steer):
