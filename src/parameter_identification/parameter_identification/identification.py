@@ -37,7 +37,7 @@ from parameter_identification.estimation.profiles import ProfileCurve, profile
 from parameter_identification.estimation.whiteness import Whiteness, all_white, whiteness
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
-from tricycle_sim.vehicle import Vehicle, constants
+from tricycle_sim.vehicle import Vehicle, constant_fields
 from tricycle_sim.vehicle.batch import simulate
 
 PRIOR_VARIANCE = 1.0 / 12.0  # of a uniform parameter, in its range
@@ -411,7 +411,7 @@ def _identify(
     problem.close()
     return Identification(
         vehicle=vehicle.name,
-        vehicle_hash=vehicle.file_hash,
+        vehicle_hash=vehicle.fingerprint,
         parameters=estimates,
         covariance=inverse[: problem.k, : problem.k] * np.outer(width, width),
         fixed={n: v for n, v in vehicle.nominal.items() if n not in known.unknown},
@@ -615,7 +615,7 @@ def _estimates(
     curves: Mapping[int, ProfileCurve],
     level: float,
 ) -> dict[str, Estimate]:
-    units = {constant.name: constant.metadata["unit"] for constant in constants()}
+    units = {constant.name: constant.metadata["unit"] for constant in constant_fields()}
     prior_std = np.sqrt(np.diag(np.linalg.inv(problem.information)))
     model = problem.models[0]
     quantile = float(norm.ppf(0.5 + 0.5 * level))
