@@ -47,12 +47,12 @@ def euler_angles(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray, FloatAr
     return roll_angle(attitude), pitch_angle(attitude), yaw_angle(attitude)
 
 
-def roll_angle(quaternion: Iterable[FloatArray]) -> FloatArray:
+def roll_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
     """Return the roll angle [rad], shape (...).
 
     Parameters
     ----------
-    quaternion : iterable of ndarray of float, shape (4, ...)
+    quaternion : iterable of four float or ndarray of float, shape (...)
         Unit quaternions (w, x, y, z).
     """
     w, x, y, z = quaternion
@@ -60,12 +60,12 @@ def roll_angle(quaternion: Iterable[FloatArray]) -> FloatArray:
     return roll
 
 
-def pitch_angle(quaternion: Iterable[FloatArray]) -> FloatArray:
+def pitch_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
     """Return the pitch angle [rad], shape (...); positive is nose down.
 
     Parameters
     ----------
-    quaternion : iterable of ndarray of float, shape (4, ...)
+    quaternion : iterable of four float or ndarray of float, shape (...)
         Unit quaternions (w, x, y, z).
     """
     w, x, y, z = quaternion
@@ -73,12 +73,12 @@ def pitch_angle(quaternion: Iterable[FloatArray]) -> FloatArray:
     return pitch
 
 
-def yaw_angle(quaternion: Iterable[FloatArray]) -> FloatArray:
+def yaw_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
     """Return the yaw angle [rad] from -pi to pi, shape (...).
 
     Parameters
     ----------
-    quaternion : iterable of ndarray of float, shape (4, ...)
+    quaternion : iterable of four float or ndarray of float, shape (...)
         Unit quaternions (w, x, y, z).
     """
     w, x, y, z = quaternion

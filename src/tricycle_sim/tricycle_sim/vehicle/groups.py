@@ -48,7 +48,8 @@ def equilibrium(vehicle: Vehicle) -> Equilibrium:
     nominal = vehicle.nominal_point()[np.newaxis]
     (pose,) = _settle(vehicle, nominal, np.array([[vehicle.com_height, 0.0, 0.0]]))
     extremes = np.array([*vehicle.unknown.values()]).reshape(-1, 2).T
-    accelerations = _accelerations(vehicle, np.vstack([nominal, extremes]), np.tile(pose, (3, 1)))
+    groups = _groups(vehicle, np.vstack([nominal, extremes]), camber_stiffness=0.0)
+    accelerations = _accelerations(vehicle, groups, np.tile(pose, (3, 1)))
     height, roll, pitch = pose.tolist()
     shared = bool(np.abs(accelerations).max() < _AT_REST)
     return Equilibrium((height, roll, pitch), shared)
@@ -79,10 +80,11 @@ def pack(
         Lanes beyond n repeat the last vehicle.
     """
     parameters = np.asarray(parameters, dtype=float)
-    poses = np.tile(start.pose, (len(parameters), 1))
+    poses = np.array([start.pose])
     if not start.shared:
-        poses = _settle(vehicle, parameters, poses)
-    groups = _groups(vehicle, parameters, poses)
+        poses = _settle(vehicle, parameters, np.repeat(poses, len(parameters), axis=0))
+    groups = _groups(vehicle, parameters)
+    _place(groups, poses)
     if speed is not None:
         groups[:, STATE.u] = _by_lane(speed)
         groups[:, _SPINS] = (groups[:, STATE.u] / vehicle.tyre_radius)[:, np.newaxis]
@@ -95,35 +97,30 @@ def _by_lane(column: FloatArray) -> FloatArray:
     return np.append(column, np.repeat(column[-1:], missing)).reshape(-1, LANES)
 
 
-def _groups(
-    vehicle: Vehicle, parameters: FloatArray, poses: FloatArray, **aside: float
-) -> FloatArray:
-    """Return groups (b, ROWS, LANES) of vehicles at rest in poses (n, 3), with values set aside."""
-    groups = np.zeros((-(-len(poses) // LANES), ROWS, LANES))
+def _groups(vehicle: Vehicle, parameters: FloatArray, **aside: float) -> FloatArray:
+    """Return groups (b, ROWS, LANES) of vehicles (n, k) at rest, with some values set aside."""
+    groups = np.zeros((-(-len(parameters) // LANES), ROWS, LANES))
     values = {entry.name: getattr(vehicle, entry.name) for entry in constant_fields()}
-    unknown = {
-        name: _by_lane(column) for name, column in zip(vehicle.unknown, parameters.T, strict=True)
-    }
+    columns = zip(vehicle.unknown, parameters.T, strict=True)
+    unknown = {name: _by_lane(column) for name, column in columns}
     for row, value in group_constants(vehicle, SimpleNamespace(**values | unknown | aside)).items():
         groups[:, row] = value
     groups[:, ALIVE] = 1.0
     groups[:, EVENT.least_load_left : EVENT.friction : EVENT_ROWS] = np.inf
-    groups[:, STATE.z] = _by_lane(poses[:, 0])
-    for row, column in enumerate(_quaternions(poses), start=STATE.q0):
-        groups[:, row] = _by_lane(column)
     return groups
 
 
-def _quaternions(poses: FloatArray) -> FloatArray:
-    """Return the attitudes (4, n) of poses (n, 3)."""
-    different, which = np.unique(poses[:, 1:], axis=0, return_inverse=True)
-    attitudes = np.transpose([attitude_quaternion(r, p, 0.0) for r, p in different])
-    return attitudes[:, which.ravel()]
+def _place(groups: FloatArray, poses: FloatArray) -> None:
+    """Put the vehicles of groups (b, ROWS, LANES) into poses (n, 3), or all into one (1, 3)."""
+    groups[:, STATE.z] = _by_lane(poses[:, 0])
+    attitudes = np.transpose([attitude_quaternion(r, p, 0.0) for _, r, p in poses.tolist()])
+    for row, column in enumerate(attitudes, start=STATE.q0):
+        groups[:, row] = _by_lane(column)
 
 
-def _accelerations(vehicle: Vehicle, parameters: FloatArray, poses: FloatArray) -> FloatArray:
+def _accelerations(vehicle: Vehicle, groups: FloatArray, poses: FloatArray) -> FloatArray:
     """Return vertical, roll and pitch acceleration (n, 3) of vehicles at rest in poses (n, 3)."""
-    groups = _groups(vehicle, parameters, poses, camber_stiffness=0.0)
+    _place(groups, poses)
     flat = groups.reshape(len(groups), ROWS * LANES)
     advance = functions_for(vehicle).advance
     advance(flat, STRAIGHT, np.zeros(1), np.zeros((1, 3)), 1, 0, NO_ROWS, NO_OUTPUT)
@@ -134,10 +131,11 @@ def _accelerations(vehicle: Vehicle, parameters: FloatArray, poses: FloatArray) 
 def _settle(vehicle: Vehicle, parameters: FloatArray, poses: FloatArray) -> FloatArray:
     """Return the poses (n, 3) of vehicles at rest, from poses close to them."""
     steps = 1e-7 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    n, points = len(poses), np.repeat(parameters, len(steps), axis=0)
+    n, m = len(poses), len(steps)
+    groups = _groups(vehicle, np.repeat(parameters, m, axis=0), camber_stiffness=0.0)
     for _ in range(8):  # Newton's method, Jacobian by central differences
         varied = (poses[:, np.newaxis] + steps).reshape(-1, 3)
-        residuals = _accelerations(vehicle, points, varied).reshape(n, len(steps), 3)
+        residuals = _accelerations(vehicle, groups, varied).reshape(n, m, 3)
         jacobian = np.swapaxes(residuals[:, 1:4] - residuals[:, 4:], 1, 2) / 2e-7
         poses = poses - np.linalg.solve(jacobian, residuals[:, 0, :, np.newaxis])[..., 0]
     return poses

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tricycle_core.quantities import TICK, FloatArray
-from tricycle_core.rotations import euler_angles
+from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack
@@ -177,7 +177,7 @@ class LiveVehicle:
             dv + r * u - p * w + gravity * 2.0 * (q2 * q3 + q0 * q1),
             dw + p * v - q * u + gravity * (1.0 - 2.0 * (q1 * q1 + q2 * q2)),
         )
-        roll, pitch, yaw = euler_angles(np.array([q0, q1, q2, q3]))
+        attitude = (q0, q1, q2, q3)
         torque = float(values[STATE.torque])
         power = torque * wheel_speeds[2] + self.vehicle.motor_copper_loss * torque**2
         load_left, load_right, load_rear = values[
@@ -188,10 +188,10 @@ class LiveVehicle:
             x=x,
             y=y,
             z=z,
-            quaternion=(q0, q1, q2, q3),
-            roll=float(roll),
-            pitch=float(pitch),
-            yaw=float(yaw),
+            quaternion=attitude,
+            roll=float(roll_angle(attitude)),
+            pitch=float(pitch_angle(attitude)),
+            yaw=float(yaw_angle(attitude)),
             vx=u,
             vy=v,
             vz=w,
