@@ -31,20 +31,10 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
-from tricycle_sim.vehicle.kernel import (
-    LANES,
-    Q0,
-    SPIN_REAR,
-    R,
-    U,
-    V,
-    X,
-    Y,
-    advance_tick,
-    equilibrium,
-    pack,
-)
-from tricycle_sim.vehicle.steering import steering_constants
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import functions_for
+from tricycle_sim.vehicle.layout import LANES, STATE
+from tricycle_sim.vehicle.parts import steering_constants
 
 VEHICLE = load_vehicle()
 LOW, HIGH = np.array(list(VEHICLE.unknown.values())).T
@@ -155,13 +145,15 @@ def with_wind(commands, truth, force):
     states = group.reshape(-1, LANES)
     record = []
     for angle, speed in zip(angles, speeds, strict=True):
-        w, x, y, z = states[Q0 : Q0 + 4, 0]
+        w, x, y, z = states[STATE.q0 : STATE.q3 + 1, 0]
         yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-        record.append((*states[[X, Y], 0], yaw, states[R, 0], states[SPIN_REAR, 0]))
+        record.append(
+            (*states[[STATE.x, STATE.y], 0], yaw, states[STATE.r, 0], states[STATE.spin_rear, 0])
+        )
         kick = force / VEHICLE.mass * TICK
-        states[U] += kick * np.sin(yaw)
-        states[V] += kick * np.cos(yaw)
-        advance_tick(group, servo, constants, angle, (1.0, speed, 0.0), 1)
+        states[STATE.u] += kick * np.sin(yaw)
+        states[STATE.v] += kick * np.cos(yaw)
+        functions_for(VEHICLE).advance_tick(group, servo, constants, angle, (1.0, speed, 0.0), 1)
     x, y, yaw, yaw_rate, spin = np.transpose(record)
     return Motion(TICK * np.arange(len(record)), x, y, np.unwrap(yaw), yaw_rate, spin)
 

@@ -1,4 +1,4 @@
-// The equations of tricycle_sim/dynamics.py by hand in C++, eight vehicles per vector: the yardstick
+// The equations of tricycle_sim/vehicle/kernel.py by hand in C++, eight vehicles per vector: the yardstick
 // of benchmarks/vehicle.py, which builds and calls it. It reads and writes the same groups, and
 // leaves out what the Python kernel does besides (watching for events, ending rolled-over runs).
 #include <cmath>
@@ -19,14 +19,15 @@ enum Row {
     TORQUE = ALPHA + 3, INTEGRATOR, STATES, START = STATES, SUM = 2 * STATES, SLOPE = 3 * STATES
 };
 
-// constants, in the order of the rows of dynamics.py
+// constants, in the order of the blocks of vehicle/parts.py: body, tyre, its law, motor, brake
 enum Constant {
     GRAVITY, INVERSE_MASS, DRAG_PER_MASS, IXX, IYY, IZZ, INVERSE_IXX, INVERSE_IYY, INVERSE_IZZ,
-    FRONT_X, REAR_X, LEFT_Y, RIGHT_Y, REAR_Y, WHEEL_Z, RADIUS, IW_FRONT, IW_REAR, INVERSE_IW_FRONT,
-    INVERSE_IW_REAR, KZ, CZ, MU, C_ALPHA, C_GAMMA, SAP, F1, F2, LS0, LS1, C_KAPPA, INVERSE_SIGMA_X,
-    INVERSE_SIGMA_Y, V0_SQUARED, VL_SQUARED, DX, DY, V_EPS_SQUARED, KING_PIN_X, KING_PIN_Z,
+    FRONT_X, REAR_X, LEFT_Y, RIGHT_Y, REAR_Y, WHEEL_Z, IW_FRONT, IW_REAR, INVERSE_IW_FRONT,
+    INVERSE_IW_REAR, KING_PIN_X, KING_PIN_Z, ROLLOVER_COSINE,
+    KZ, CZ, RADIUS, INVERSE_SIGMA_X, INVERSE_SIGMA_Y, V0_SQUARED, F1, F2, V_EPS_SQUARED,
+    C_KAPPA, C_ALPHA, C_GAMMA, SAP, MU, LS0, LS1, VL_SQUARED, DX, DY,
     MOTOR_TORQUE, MOTOR_POWER, MOTOR_SLOPE, NO_LOAD_SPEED, REGENERATIVE, INVERSE_LAG, KP, KI,
-    ANTI_WINDUP, BRAKE_TORQUE, BRAKE_SMOOTHING_SQUARED
+    ANTI_WINDUP, MOTOR_RADIUS, BRAKE_TORQUE, BRAKE_SMOOTHING_SQUARED
 };
 
 static inline V arctan(V t) {

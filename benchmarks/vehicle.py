@@ -42,10 +42,11 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import Simulator
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import Vehicle, load_vehicle
-from tricycle_sim.vehicle import kernel as dynamics
 from tricycle_sim.vehicle.batch import PlanarBlock, simulate_planar
-from tricycle_sim.vehicle.kernel import GROUP_SIZE, LANES
-from tricycle_sim.vehicle.steering import run_servo, steering_constants
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import functions_for
+from tricycle_sim.vehicle.layout import CONSTANTS, LANES, SLOPE, STATE
+from tricycle_sim.vehicle.parts import ROWS, steering_constants
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
@@ -100,21 +101,22 @@ class HandWritten:
         self.drive = np.vstack([self.drive, self.drive[-1:]])
         self.table = np.empty((2 * ticks + 1, 8))
         constants = steering_constants(vehicle, 0.5 * TICK)
-        run_servo(np.zeros(2), steering, constants, 2, self.table, np.empty((2, ticks + 1)))
-        self.pose = dynamics.equilibrium(vehicle)
+        functions = functions_for(vehicle)
+        functions.steer(np.zeros(2), steering, constants, 2, self.table, np.empty((2, ticks + 1)))
+        self._python, self._start = functions.advance, equilibrium(vehicle)
         self.out = np.empty((4, n, ticks + 1))
         self.out_cpp = np.empty_like(self.out)
         self.steps = n * ticks
-        self.rows = np.array([dynamics.X, dynamics.Y, dynamics.SLOPE, dynamics.SLOPE + 1])
+        self.rows = np.array([STATE.x, STATE.y, SLOPE + STATE.x, SLOPE + STATE.y])
 
     def pack(self) -> Array:
         """Return the vehicles at rest."""
-        return dynamics.pack(self.vehicle, self.parameters, self.pose)
+        return pack(self.vehicle, self.parameters, self._start)
 
     def run_python(self) -> None:
         """Run the Python kernel."""
         lag = np.zeros(len(self.drive))
-        dynamics.advance(self.pack(), self.table, lag, self.drive, 1, 0, self.rows, self.out)
+        self._python(self.pack(), self.table, lag, self.drive, 1, 0, self.rows, self.out)
 
     def run_cpp(self) -> None:
         """Run the C++ one."""
@@ -124,8 +126,8 @@ class HandWritten:
         self._advance(
             address[0],
             count(len(groups)),
-            count(GROUP_SIZE),
-            count(dynamics.CONSTANTS),
+            count(ROWS * LANES),
+            count(CONSTANTS),
             *address[1:],
             count(len(self.drive) - 1),
             double(TICK),

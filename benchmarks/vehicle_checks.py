@@ -17,14 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tricycle_core.quantities import TICK
+from tricycle_core.rotations import attitude_quaternion
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import slew_all
 from tricycle_sim.vehicle import Vehicle, load_vehicle
-from tricycle_sim.vehicle import kernel as dynamics
 from tricycle_sim.vehicle.batch import simulate
-from tricycle_sim.vehicle.kernel import LANES, ROWS
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import functions_for
+from tricycle_sim.vehicle.layout import EVALUATED, LANES, STATE, STATES
+from tricycle_sim.vehicle.parts import steering_constants
 from tricycle_sim.vehicle.stability import LIMIT, fastest_mode
-from tricycle_sim.vehicle.steering import run_servo, steering_constants, wheel_angles
 
 Array = NDArray[np.float64]
 
@@ -50,38 +52,38 @@ def run(
 ) -> tuple[Array, Array]:
     """Run the nominal vehicle through set-points per tick from any state.
 
-    `steering` (t,), `drive` (t, 3) as for `dynamics.advance`, `start` row: value of a state.
+    `steering` (t,), `drive` (t, 3) as for `Functions.advance`, `start` row: value of a state.
     Returns the states (STATES, t + 1) and the loads (3, t + 1).
     """
     ticks = len(steering)
-    pose = dynamics.equilibrium(vehicle)
-    groups = dynamics.pack(vehicle, vehicle.nominal_point()[np.newaxis], pose)
+    functions = functions_for(vehicle)
+    groups = pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle))
     for row, value in (start or {}).items():
-        groups.reshape(ROWS, LANES)[row] = value
+        groups.reshape(-1, LANES)[row] = value
     table, angles = np.empty((2 * substeps * ticks + 1, 8)), np.empty((2, ticks + 1))
     servo = np.zeros(2)
     constants = steering_constants(vehicle, 0.5 * TICK / substeps)
-    run_servo(servo, steering, constants, 2 * substeps, table, angles)
-    rows = np.array([*range(dynamics.STATES), *range(dynamics.LOAD, dynamics.LOAD + 3)])
+    functions.steer(servo, steering, constants, 2 * substeps, table, angles)
+    rows = np.array([*range(STATES), *range(EVALUATED.load_left, EVALUATED.load_rear + 1)])
     out = np.empty((len(rows), LANES, ticks + 1))
-    dynamics.advance(
+    functions.advance(
         groups, table, np.zeros(ticks + 1), np.vstack([drive, drive[-1:]]), substeps, 0, rows, out
     )
-    return out[: dynamics.STATES, 0], out[dynamics.STATES :, 0]
+    return out[:STATES, 0], out[STATES:, 0]
 
 
 def rolling(vehicle: Vehicle, speed: float, *, yaw: float = 0.0) -> dict[int, float]:
     """Start rolling straight ahead at a speed, without slip."""
-    _, roll, pitch = dynamics.equilibrium(vehicle)
+    _, roll, pitch = equilibrium(vehicle).pose
     start = dict(
         zip(
-            (dynamics.Q0, dynamics.Q1, dynamics.Q2, dynamics.Q3),
-            dynamics.attitude_quaternion(roll, pitch, yaw),
+            (STATE.q0, STATE.q1, STATE.q2, STATE.q3),
+            attitude_quaternion(roll, pitch, yaw),
             strict=True,
         )
     )
-    start[dynamics.U], start[dynamics.W] = speed * math.cos(pitch), speed * math.sin(pitch)
-    for row in (dynamics.SPIN_LEFT, dynamics.SPIN_RIGHT, dynamics.SPIN_REAR):
+    start[STATE.u], start[STATE.w] = speed * math.cos(pitch), speed * math.sin(pitch)
+    for row in (STATE.spin_left, STATE.spin_right, STATE.spin_rear):
         start[row] = speed / vehicle.tyre_radius
     return start
 
@@ -117,7 +119,8 @@ def steady_yaw_rate(vehicle: Vehicle, speed: float, stiffness: float) -> tuple[f
         at_speed(1500, speed),
         start=rolling(vehicle, speed),
     )
-    u, r = states[dynamics.U, -1], states[dynamics.R, -1]
+    u, r = states[STATE.u, -1], states[STATE.r, -1]
+    wheel_angles = functions_for(vehicle).wheel_angles
     left, right, _, _ = wheel_angles(motor_angle, steering_constants(vehicle, 0.5 * TICK))
     angle = math.cos(vehicle.caster_angle) * 0.5 * (left + right)
     a, b = vehicle.com_to_front_axle, vehicle.com_to_rear_axle
@@ -148,15 +151,15 @@ def rotation_error(vehicle: Vehicle, yaw: float = 1.0) -> float:
     straight, _ = run(vehicle, steering, drive, start=rolling(vehicle, 2.0))
     turned, _ = run(vehicle, steering, drive, start=rolling(vehicle, 2.0, yaw=yaw))
     c, s = math.cos(yaw), math.sin(yaw)
-    x, y = straight[dynamics.X], straight[dynamics.Y]
-    deviation = (c * x - s * y - turned[dynamics.X], s * x + c * y - turned[dynamics.Y])
+    x, y = straight[STATE.x], straight[STATE.y]
+    deviation = (c * x - s * y - turned[STATE.x], s * x + c * y - turned[STATE.y])
     return float(np.abs(deviation).max())
 
 
 def coast_down(vehicle: Vehicle) -> tuple[float, float]:
     """Seconds from 3 to 2 m/s on rolling resistance: of the model, and in closed form."""
     states, _ = run(vehicle, np.zeros(3000), coasting(3000), start=rolling(vehicle, 3.0))
-    speed = states[dynamics.U]
+    speed = states[STATE.u]
     crossing = np.interp([-3.0 + 1e-3, -2.0], -speed, np.arange(len(speed)) * TICK)
     f1, f2 = vehicle.rolling_coefficient_1, vehicle.rolling_coefficient_2
     spins = 2.0 * vehicle.front_wheel_inertia + vehicle.rear_wheel_inertia
@@ -177,7 +180,7 @@ def wheel_lift(vehicle: Vehicle, side: float) -> tuple[float, float]:
     states, loads = run(vehicle, steering, at_speed(ticks, 3.4), start=rolling(vehicle, 3.4))
     inner = loads[0 if side > 0 else 1]
     tick = int(np.argmax(inner <= 0.0))
-    u, v, r = states[[dynamics.U, dynamics.V, dynamics.R], tick]
+    u, v, r = states[[STATE.u, STATE.v, STATE.r], tick]
     measured = math.hypot(u, v) * abs(r)
     # rigid: the vehicle tips over the line from the outer front to the rear contact
     outer = vehicle.right_wheel_y if side > 0 else vehicle.left_wheel_y
@@ -191,7 +194,7 @@ def kinematic_radius(vehicle: Vehicle, degrees: float) -> tuple[float, float]:
     vehicle = without_camber(vehicle.replace(steering_ratio_straight=1.0, steering_ratio_full=1.0))
     angle = math.radians(degrees)
     states, _ = run(vehicle, np.full(2000, angle), at_speed(2000, 0.5), start=rolling(vehicle, 0.5))
-    u, v, r = states[[dynamics.U, dynamics.V, dynamics.R], -1]
+    u, v, r = states[[STATE.u, STATE.v, STATE.r], -1]
     radius = math.hypot(u, v - vehicle.com_to_rear_axle * r) / r
     wheelbase = vehicle.com_to_front_axle + vehicle.com_to_rear_axle
     return radius, wheelbase / (math.cos(vehicle.caster_angle) * math.tan(angle))
@@ -199,14 +202,14 @@ def kinematic_radius(vehicle: Vehicle, degrees: float) -> tuple[float, float]:
 
 def energy(vehicle: Vehicle, states: Array) -> Array:
     """Mechanical energy [J] of a drive straight ahead: motion, height, vertical tyre springs."""
-    q0, q1, q2, q3 = states[dynamics.Q0 : dynamics.Q3 + 1]
+    q0, q1, q2, q3 = states[STATE.q0 : STATE.q3 + 1]
     e = np.array([2 * (q1 * q3 - q0 * q2), 2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2)])
     inertia = (vehicle.roll_inertia, vehicle.pitch_inertia, vehicle.yaw_inertia)
     spin_inertia = (*2 * (vehicle.front_wheel_inertia,), vehicle.rear_wheel_inertia)
-    total = vehicle.mass * vehicle.gravity * states[dynamics.Z]
-    total += 0.5 * vehicle.mass * np.sum(states[dynamics.U : dynamics.W + 1] ** 2, axis=0)
-    total += 0.5 * np.array(inertia) @ states[dynamics.P : dynamics.R + 1] ** 2
-    total += 0.5 * np.array(spin_inertia) @ states[dynamics.SPIN_LEFT : dynamics.SPIN_REAR + 1] ** 2
+    total = vehicle.mass * vehicle.gravity * states[STATE.z]
+    total += 0.5 * vehicle.mass * np.sum(states[STATE.u : STATE.w + 1] ** 2, axis=0)
+    total += 0.5 * np.array(inertia) @ states[STATE.p : STATE.r + 1] ** 2
+    total += 0.5 * np.array(spin_inertia) @ states[STATE.spin_left : STATE.spin_rear + 1] ** 2
     height = vehicle.tyre_radius - vehicle.com_height
     for x, y in (
         (vehicle.com_to_front_axle, vehicle.left_wheel_y),
@@ -214,7 +217,7 @@ def energy(vehicle: Vehicle, states: Array) -> Array:
         (-vehicle.com_to_rear_axle, vehicle.rear_wheel_y),
     ):
         lean = np.sqrt(1.0 - e[1] ** 2)
-        radius = (states[dynamics.Z] + np.array([x, y, height]) @ e) / lean
+        radius = (states[STATE.z] + np.array([x, y, height]) @ e) / lean
         compression = np.maximum(0.0, vehicle.tyre_radius - radius)
         total += 0.5 * vehicle.vertical_stiffness * compression**2
     return total
@@ -223,7 +226,7 @@ def energy(vehicle: Vehicle, states: Array) -> Array:
 def largest_energy_rise(vehicle: Vehicle) -> float:
     """Largest rise [J] within 10 ms, coasting straight at 2 m/s from 3 mm above equilibrium."""
     start = rolling(vehicle, 2.0)
-    start[dynamics.Z] = dynamics.equilibrium(vehicle)[0] + 0.003
+    start[STATE.z] = equilibrium(vehicle).pose[0] + 0.003
     states, _ = run(vehicle, np.zeros(500), coasting(500), start=start)
     return float(np.diff(energy(vehicle, states)).max())
 
@@ -240,14 +243,12 @@ def integration_errors(vehicle: Vehicle, *, mean: float = 0.15) -> dict[float, f
     targets = mean + 0.1 * np.sin(math.pi * time)
     steering, _ = slew_all(targets, vehicle.steering_slew)
     speed, _ = slew_all(np.minimum(time, 2.0), vehicle.acceleration)
-    exact = oracle.simulate(
-        vehicle, dynamics.equilibrium(vehicle), steering, speed, TICK, rtol=1e-12
-    )
+    exact = oracle.simulate(vehicle, equilibrium(vehicle).pose, steering, speed, TICK, rtol=1e-12)
     errors = {}
     drive = np.column_stack([np.ones(ticks), speed, np.zeros(ticks)])
     for substeps in (1, 2, 4, 8):
         states, _ = run(vehicle, steering, drive, substeps=substeps)
-        deviation = states[[dynamics.X, dynamics.Y], -1] - exact[-1, :2]
+        deviation = states[[STATE.x, STATE.y], -1] - exact[-1, :2]
         errors[1e3 * TICK / substeps] = float(np.hypot(*deviation))
     return errors
 

@@ -50,7 +50,7 @@ from parameter_identification.estimation.validation import (
 )
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
-from tricycle_sim.vehicle import Vehicle, constants
+from tricycle_sim.vehicle import Vehicle, constant_fields
 
 __all__ = [
     "Combination", "DriveFit", "Estimate", "GaussianPrior", "HeldOut", "Identification",
@@ -157,7 +157,7 @@ def _common_truth(drives: Sequence[MeasuredDrive]) -> dict[str, float]:
 def _estimates(
     problem: LeastSquares, optimum: Optimum, curves: Mapping[int, ProfileCurve], level: float
 ) -> dict[str, Estimate]:
-    units = {constant.name: constant.metadata["unit"] for constant in constants()}
+    units = {constant.name: constant.metadata["unit"] for constant in constant_fields()}
     model = problem.models[0]
     quantile = float(norm.ppf(0.5 + 0.5 * level))
     std = np.sqrt(np.diag(optimum.covariance))[: problem.k]

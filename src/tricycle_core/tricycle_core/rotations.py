@@ -1,6 +1,7 @@
 """Attitude as quaternion (w, x, y, z), body to world, and as ZYX angles (REP-103)."""
 
 import math
+from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
@@ -42,11 +43,47 @@ def euler_angles(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray, FloatAr
     roll, pitch, yaw : ndarray of float, shape (...)
         ZYX angles [rad]; positive pitch is nose down.
     """
-    w, x, y, z = np.asarray(quaternion, dtype=float)
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw
+    attitude = np.asarray(quaternion, dtype=float)
+    return roll_angle(attitude), pitch_angle(attitude), yaw_angle(attitude)
+
+
+def roll_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
+    """Return the roll angle [rad], shape (...).
+
+    Parameters
+    ----------
+    quaternion : iterable of four float or ndarray of float, shape (...)
+        Unit quaternions (w, x, y, z).
+    """
+    w, x, y, z = quaternion
+    roll: FloatArray = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return roll
+
+
+def pitch_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
+    """Return the pitch angle [rad], shape (...); positive is nose down.
+
+    Parameters
+    ----------
+    quaternion : iterable of four float or ndarray of float, shape (...)
+        Unit quaternions (w, x, y, z).
+    """
+    w, x, y, z = quaternion
+    pitch: FloatArray = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return pitch
+
+
+def yaw_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
+    """Return the yaw angle [rad] from -pi to pi, shape (...).
+
+    Parameters
+    ----------
+    quaternion : iterable of four float or ndarray of float, shape (...)
+        Unit quaternions (w, x, y, z).
+    """
+    w, x, y, z = quaternion
+    yaw: FloatArray = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return yaw
 
 
 def attitude_quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

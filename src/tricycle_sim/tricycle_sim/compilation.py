@@ -8,12 +8,15 @@ process compiles for itself. Processes that start at the same time may compile t
 import hashlib
 import logging
 from collections.abc import Callable
-from importlib import resources
+from pathlib import Path
+from types import FunctionType
 from typing import Any
 
 import numba
 from llvmlite import binding as llvm
 from numba.core import event
+
+from tricycle_core import quantities
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -30,9 +33,9 @@ FASTMATH = {"reassoc", "contract", "arcp", "nsz", "afn"}
 
 def _fingerprint() -> str:
     """Return a hash of all sources that are compiled into each other."""
-    folder = resources.files("tricycle_sim")
-    sources = ("compilation.py", "setpoints.py", "vehicle/kernel.py", "vehicle/steering.py")
-    content = b"".join((folder / name).read_bytes() for name in sources)
+    folder = Path(__file__).parent
+    sources = [*sorted(folder.glob("vehicle/*.py")), folder / "setpoints.py", Path(__file__)]
+    content = b"".join(path.read_bytes() for path in [*sources, Path(quantities.__file__)])
     return hashlib.sha256(content).hexdigest()
 
 
@@ -40,12 +43,34 @@ _FINGERPRINT = _fingerprint()
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a function into its callers."""
+    """Compile a function into its callers.
+
+    Parameters
+    ----------
+    function : callable
+        With scalars, tuples and arrays for arguments, or compiled functions.
+    """
     return numba.njit(function, forceinline=True, fastmath=FASTMATH, error_model="numpy")
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a function, cached on disk, that releases the interpreter while it runs."""
+def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> Any:
+    """Compile a function, cached on disk, that releases the interpreter while it runs.
+
+    Parameters
+    ----------
+    function : callable
+        At the top level of a module: numba keeps no closures over compiled functions on disk.
+    variant : str
+        Tells the code on disk apart where the function is compiled with several `names`.
+    **names : object
+        What stands for these global names of the function, instead of its module's.
+    """
+    if names:
+        scope = {**function.__globals__, **names}
+        module = function.__module__
+        function = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
+        function.__qualname__ = f"{function.__name__}-{variant}"
+        function.__module__ = module
     if numba.config.DISABLE_JIT:  # coverage looks into the functions
         return function
     options = {"nogil": True, "fastmath": FASTMATH, "error_model": "numpy"}
@@ -56,9 +81,15 @@ def compiled(function: Callable[..., Any]) -> Any:
             "compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that can be written"
         )
         return numba.njit(function, **options)
-    # Numba notices changes of the function's own file only; what it calls is compiled in as well.
-    file = dispatcher._cache._cache_file  # noqa: SLF001 (there is no public door to it)
-    file._source_stamp = (file._source_stamp, _FINGERPRINT)  # noqa: SLF001
+    # Numba notices changes of the function's own file only; what it calls and the numbers that it
+    # imports are compiled in as well.
+    numbers = {
+        name: function.__globals__[name]
+        for name in function.__code__.co_names
+        if isinstance(function.__globals__.get(name), int | float)
+    }
+    file = dispatcher._cache._cache_file  # noqa: SLF001 (numba has no public way)
+    file._source_stamp = (file._source_stamp, _FINGERPRINT, repr(numbers))  # noqa: SLF001
     return dispatcher
 
 

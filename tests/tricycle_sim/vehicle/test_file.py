@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
 
 TEXT = (resources.files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")
 
@@ -30,31 +30,6 @@ def test_packaged_vehicle_is_table_2_of_the_paper():
     assert vehicle.nominal_point() == pytest.approx([1000.0, 50.0, 0.15, 50.0, 0.009, 5e-4])
 
 
-def test_static_loads_by_moment_balance():
-    assert load_vehicle().static_loads() == pytest.approx((120.72, 115.37, 237.73), abs=0.005)
-
-
-def test_impossible_inertia_is_doubted_with_its_numbers():
-    first, second = load_vehicle().warnings()
-    assert first.startswith("yaw_inertia: 50 kg m^2 is larger")
-    assert "48.8" in first
-    assert "75" in second
-
-
-@pytest.mark.parametrize(
-    ("values", "word"),
-    [
-        ({"vertical_stiffness": 3000.0}, "tenth of its radius"),
-        ({"rear_wheel_y": 3.0}, "tips over"),
-        ({"cornering_stiffness": 500.0, "mass": 200.0}, "oversteers"),
-        ({"roll_inertia": 90.0}, "roll_inertia"),
-    ],
-)
-def test_doubtful_vehicles_are_named(values, word):
-    warnings = load_vehicle().replace(**values).warnings()
-    assert any(word in warning for warning in warnings)
-
-
 def test_a_file_may_leave_less_unknown(tmp_path):
     def know_the_inertia(document):
         document["constants"]["yaw_inertia"] = {
@@ -68,31 +43,7 @@ def test_a_file_may_leave_less_unknown(tmp_path):
     assert "yaw_inertia" not in vehicle.unknown
     assert vehicle.yaw_inertia == 30.0
     assert vehicle.nominal_point().shape == (5,)
-    assert vehicle.warnings() == ()
-
-
-def test_replacing_a_value_changes_the_hash_and_keeps_the_ranges():
-    vehicle = load_vehicle()
-    other = vehicle.replace(cornering_stiffness=800.0)
-    assert other.nominal["cornering_stiffness"] == 800.0
-    assert other.unknown == vehicle.unknown
-    assert other.file_hash != vehicle.file_hash
-    assert vehicle.replace().file_hash == vehicle.file_hash
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"masss": 1.0}, "did you mean mass?"),
-        ({"mass": -1.0}, "mass: -1 kg is not in"),
-        ({"mass": math.nan}, "mass: nan"),
-        ({"cornering_stiffness": 2000.0}, "outside [500, 1500]"),
-    ],
-)
-def test_replace_refuses_what_cannot_be(values, message):
-    with pytest.raises(VehicleError, match=r"^[^\n]*$") as error:
-        load_vehicle().replace(**values)
-    assert message in str(error.value)
+    assert warnings_about(vehicle) == ()
 
 
 def constant(name, **entries):
@@ -143,3 +94,12 @@ def test_not_yaml_at_all(tmp_path):
     path.write_text("name: [", encoding="utf-8")
     with pytest.raises(VehicleError, match="is not valid YAML"):
         load_vehicle(path)
+
+
+def test_laws_of_parts_are_named_and_change_the_fingerprint(tmp_path):
+    path = write(tmp_path / "v.yaml", lambda d: d.update(parts={"tyre": "linear"}))
+    vehicle = load_vehicle(path)
+    assert vehicle.parts == {"tyre": "linear"}
+    assert vehicle.fingerprint != load_vehicle().fingerprint
+    with pytest.raises(VehicleError, match="parts: needs names of laws by part"):
+        load_vehicle(write(tmp_path / "v.yaml", lambda d: d.update(parts={"tyre": 1})))

@@ -10,19 +10,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import expm
 
-from tricycle_sim.vehicle import kernel as dynamics
+from tricycle_core.rotations import attitude_quaternion
 from tricycle_sim.vehicle import load_vehicle
-from tricycle_sim.vehicle.steering import (
-    motor_angle_for,
-    road_angle,
-    run_servo,
-    steering_constants,
-    wheel_angles,
-)
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for, position, yaw
+from tricycle_sim.vehicle.layout import EVALUATED, LANES, SLOPE, STATE, STATES
+from tricycle_sim.vehicle.parts import steering_constants
 
 VEHICLE = load_vehicle()
+FUNCTIONS = functions_for(VEHICLE)
 
 
 def load(path):
@@ -72,7 +69,7 @@ def kernel_slopes(vehicle, s):
     """Slopes and loads by the kernel, for a situation in the oracle's coordinates."""
     table, servo = np.empty((1, 8)), np.array([s.motor_angle, s.motor_rate])
     constants = steering_constants(vehicle, 0.005)
-    run_servo(servo, np.empty(0), constants, 0, table, np.empty((2, 1)))
+    FUNCTIONS.steer(servo, np.empty(0), constants, 0, table, np.empty((2, 1)))
     axles = np.array([table[0, :3], table[0, 4:7], [0.0, 1.0, 0.0]])
     yaw, pitch, roll = s.q[3:6]
     cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
@@ -87,24 +84,23 @@ def kernel_slopes(vehicle, s):
     omega = np.array(
         [droll - dyaw * sp, dpitch * cr + dyaw * cp * sr, dyaw * cp * cr - dpitch * sr]
     )
-    groups = dynamics.pack(vehicle, vehicle.nominal_point()[np.newaxis], (0.0, 0.0, 0.0))
-    rows = groups.reshape(dynamics.ROWS, dynamics.LANES)
-    rows[dynamics.X : dynamics.Z + 1] = s.q[:3, np.newaxis]
-    quaternion = dynamics.attitude_quaternion(roll, pitch, yaw)
-    rows[dynamics.Q0 : dynamics.Q3 + 1] = np.reshape(quaternion, (4, 1))
-    rows[dynamics.U : dynamics.W + 1] = (rotation.T @ s.dq[:3])[:, np.newaxis]
-    rows[dynamics.P : dynamics.R + 1] = omega[:, np.newaxis]
+    groups = pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(VEHICLE))
+    rows = groups.reshape(-1, LANES)
+    rows[STATE.x : STATE.z + 1] = s.q[:3, np.newaxis]
+    quaternion = attitude_quaternion(roll, pitch, yaw)
+    rows[STATE.q0 : STATE.q3 + 1] = np.reshape(quaternion, (4, 1))
+    rows[STATE.u : STATE.w + 1] = (rotation.T @ s.dq[:3])[:, np.newaxis]
+    rows[STATE.p : STATE.r + 1] = omega[:, np.newaxis]
     spins = s.dq[6:] + axles @ omega
-    rows[dynamics.SPIN_LEFT : dynamics.SPIN_REAR + 1] = spins[:, np.newaxis]
-    rows[dynamics.KAPPA_LEFT : dynamics.KAPPA_REAR + 1] = s.kappa[:, np.newaxis]
-    rows[dynamics.ALPHA_LEFT : dynamics.ALPHA_REAR + 1] = s.alpha[:, np.newaxis]
-    rows[dynamics.TORQUE], rows[dynamics.INTEGRATOR] = s.torque, s.integrator
+    rows[STATE.spin_left : STATE.spin_rear + 1] = spins[:, np.newaxis]
+    rows[STATE.kappa_left : STATE.kappa_rear + 1] = s.kappa[:, np.newaxis]
+    rows[STATE.alpha_left : STATE.alpha_rear + 1] = s.alpha[:, np.newaxis]
+    rows[STATE.torque], rows[STATE.integrator] = s.torque, s.integrator
     speed_mode = s.speed is not None
     drive = np.array([[speed_mode, s.speed if speed_mode else s.demand, s.brake]])
-    nothing = (dynamics.NO_ROWS, dynamics.NO_OUTPUT)
-    dynamics.advance(groups, table, np.zeros(1), drive, 1, 0, *nothing)
-    slopes = rows[dynamics.SLOPE : dynamics.SLOPE + dynamics.STATES, 0]
-    return slopes, rows[dynamics.LOAD : dynamics.LOAD + 3, 0]
+    FUNCTIONS.advance(groups, table, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
+    slopes = rows[SLOPE : SLOPE + STATES, 0]
+    return slopes, rows[EVALUATED.load_left : EVALUATED.load_rear + 1, 0]
 
 
 @settings(max_examples=100)
@@ -117,73 +113,17 @@ def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, ai
     truth = ORACLE.derivative(vehicle, s, (angles, rates), (s.speed, s.demand, s.brake))
     slopes, loads = kernel_slopes(vehicle, s)
     expected = {
-        dynamics.X: s.dq[:3],
-        dynamics.U: truth.velocity,
-        dynamics.P: truth.rate,
-        dynamics.SPIN_LEFT: truth.spin,
-        dynamics.KAPPA_LEFT: truth.kappa,
-        dynamics.ALPHA_LEFT: truth.alpha,
-        dynamics.TORQUE: [truth.torque, truth.integrator],
+        STATE.x: s.dq[:3],
+        STATE.u: truth.velocity,
+        STATE.p: truth.rate,
+        STATE.spin_left: truth.spin,
+        STATE.kappa_left: truth.kappa,
+        STATE.alpha_left: truth.alpha,
+        STATE.torque: [truth.torque, truth.integrator],
     }
     for row, values in expected.items():
         assert slopes[row : row + len(values)] == pytest.approx(values, rel=1e-9, abs=1e-9)
     assert loads == pytest.approx(truth.loads, rel=1e-9, abs=1e-9)
-
-
-@given(st.floats(-0.785, 0.785))
-def test_linkage_agrees_with_the_oracle(motor_angle):
-    constants = steering_constants(VEHICLE, 0.005)
-    left, right, left_slope, right_slope = wheel_angles(motor_angle, constants)
-    assert (left, right) == pytest.approx(tuple(ORACLE.linkage(VEHICLE, motor_angle)), abs=1e-14)
-    slopes = ORACLE.linkage_slopes(VEHICLE, motor_angle)
-    assert (left_slope, right_slope) == pytest.approx(tuple(slopes), abs=1e-9)
-
-
-def test_ratio_of_the_wheel_angles_falls_from_0_8_to_0_6():
-    constants = steering_constants(VEHICLE, 0.005)
-    left, right, _, _ = wheel_angles(0.7854, constants)
-    assert right / left == pytest.approx(0.6, abs=0.001)
-    left, right, _, _ = wheel_angles(0.1, constants)
-    assert right / left == pytest.approx(0.78, abs=0.01)
-
-
-@given(st.floats(-0.5, 0.5))
-def test_motor_angle_is_the_inverse_of_the_road_angle(angle):
-    constants = steering_constants(VEHICLE, 0.005)
-    assert road_angle(motor_angle_for(angle, constants), constants) == pytest.approx(
-        angle, abs=1e-12
-    )
-
-
-def test_servo_is_exact_whatever_the_step():
-    setpoints = 0.3 * np.sin(np.arange(100) * 0.05)
-    ends = []
-    for half_steps in (2, 16):
-        servo = np.zeros(2)
-        constants = steering_constants(VEHICLE, 0.01 / half_steps)
-        table = np.empty((half_steps * 100 + 1, 8))
-        run_servo(servo, setpoints, constants, half_steps, table, np.empty((2, 101)))
-        ends.append(servo)
-    assert ends[0] == pytest.approx(ends[1], abs=1e-13)
-
-
-@pytest.mark.parametrize("damping", [0.3, 0.9, 1.0, 1.5])
-def test_servo_follows_its_differential_equation(damping):
-    vehicle = VEHICLE.replace(servo_damping_ratio=damping)
-    servo, table, angles = np.array([0.1, -0.5]), np.empty((21, 8)), np.empty((2, 11))
-    constants = steering_constants(vehicle, 0.005)
-    run_servo(servo, np.full(10, 0.3), constants, 2, table, angles)
-    system = [[0.0, 1.0], [-(25.0**2), -50.0 * damping]]
-    exact = expm(0.1 * np.array(system)) @ [0.1 - 0.3, -0.5] + [0.3, 0.0]
-    assert servo == pytest.approx(exact, rel=1e-12)
-
-
-def test_servo_without_pulse_holds_its_angle():
-    servo, table = np.array([0.2, 1.0]), np.empty((21, 8))
-    constants = steering_constants(VEHICLE, 0.005)
-    run_servo(servo, np.full(10, math.nan), constants, 2, table, np.empty((2, 11)))
-    assert servo.tolist() == [0.2, 0.0]
-    assert not table[:, [3, 7]].any()
 
 
 def test_static_loads_are_those_of_the_moment_balance():
@@ -236,3 +176,13 @@ def test_trajectory_agrees_with_the_oracle_to_the_order_of_rk4():
     steps = list(errors.values())
     for coarse, fine in itertools.pairwise(steps):
         assert 14.0 < coarse / fine < 19.0
+
+
+def test_getters_for_compiled_callers():
+    vehicle = VEHICLE.replace()
+    groups = pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle))
+    rows = groups.reshape(-1, LANES)
+    rows[STATE.x, 0], rows[STATE.y, 0] = 3.0, -4.0
+    rows[STATE.q0 : STATE.q3 + 1, 0] = attitude_quaternion(0.1, -0.2, 2.5)
+    assert position(groups) == (3.0, -4.0)
+    assert yaw(groups) == pytest.approx(2.5)

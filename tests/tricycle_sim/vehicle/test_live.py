@@ -8,11 +8,12 @@ import pytest
 from tricycle_core.quantities import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew
-from tricycle_sim.vehicle import kernel as dynamics
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import functions_for, position
 from tricycle_sim.vehicle.live import LiveVehicle
-from tricycle_sim.vehicle.steering import steering_constants
+from tricycle_sim.vehicle.parts import steering_constants
 
 VEHICLE = load_vehicle()
 TIME = np.arange(0.0, 8.01, 0.02)
@@ -60,18 +61,17 @@ def test_two_substeps_change_the_path_by_less_than_a_micrometre():
 
 
 def test_tracking_tick_equals_the_batch_to_round_off():
-    groups = dynamics.pack(
-        VEHICLE, VEHICLE.nominal_point()[np.newaxis], dynamics.equilibrium(VEHICLE)
-    )
+    groups = pack(VEHICLE, VEHICLE.nominal_point()[np.newaxis], equilibrium(VEHICLE))
     servo, constants = np.zeros(2), steering_constants(VEHICLE, 0.5 * TICK)
     steering = speed = 0.0
     for row in command_rows(COMMANDS):
         steering = slew(steering, COMMANDS.steering_motor_angle[row], VEHICLE.steering_slew)
         speed = slew(speed, COMMANDS.speed[row], VEHICLE.acceleration)
-        dynamics.advance_tick(groups, servo, constants, steering, (1.0, speed, 0.0), 1)
+        functions_for(VEHICLE).advance_tick(
+            groups, servo, constants, steering, (1.0, speed, 0.0), 1
+        )
     batch = simulate(VEHICLE, COMMANDS)
-    x, y = groups[0, [dynamics.X * dynamics.LANES, dynamics.Y * dynamics.LANES]]
-    assert (x, y) == pytest.approx((batch.x[0, -1], batch.y[0, -1]), abs=1e-12)
+    assert position(groups) == pytest.approx((batch.x[0, -1], batch.y[0, -1]), abs=1e-12)
 
 
 def test_instruments_agree_with_each_other():

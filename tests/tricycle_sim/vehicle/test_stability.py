@@ -5,9 +5,9 @@ import pytest
 
 from tricycle_core.errors import VehicleError
 from tricycle_sim.commands import Commands
-from tricycle_sim.vehicle import kernel as dynamics
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.layout import STATE
 from tricycle_sim.vehicle.live import LiveVehicle
 from tricycle_sim.vehicle.stability import check_step, fastest_mode
 
@@ -22,7 +22,7 @@ def test_the_fastest_mode_is_that_of_the_prototype():
 def test_a_short_motor_lag_is_its_own_mode():
     rate, state = fastest_mode(VEHICLE.replace(motor_lag=0.002, speed_gain_proportional=1e-3))
     assert rate == pytest.approx(500.0, rel=1e-3)
-    assert state == dynamics.TORQUE
+    assert state == STATE.torque
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ replayed; a path that the vehicle cannot hold at full lock makes the drive infea
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +15,11 @@ from excitation_planner.maneuver.family import ACCELERATION, PATH_SPACING, Drive
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.commands import Commands
-from tricycle_sim.compilation import compiled
 from tricycle_sim.setpoints import slew
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.kernel import LANES, Q0, X, advance_tick, equilibrium, pack
-from tricycle_sim.vehicle.steering import motor_angle_for, steering_constants
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import compiled_for, position, yaw
+from tricycle_sim.vehicle.parts import steering_constants
 
 COMMAND_TICKS = 2  # PLC ticks per command: 50 Hz
 LOOK_AHEAD = 0.6  # m, of pure pursuit ...
@@ -43,7 +44,11 @@ class Tracking:
     infeasible: str
 
 
-@compiled
+# `compiled_for` puts the functions of the vehicle in place of these names.
+advance_tick: Any = None
+motor_angle_for: Any = None
+
+
 def _track(
     vehicle: FloatArray,
     servo: FloatArray,
@@ -66,7 +71,7 @@ def _track(
 
     Parameters
     ----------
-    vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
+    vehicle : from `pack`, at rest at the start of the path; advanced in place
     servo : shape (2,), see `advance_tick`
     steering : `steering_constants` of the batch's step
     lock : largest steering motor angle [rad]
@@ -77,13 +82,10 @@ def _track(
     angle_setpoint, speed_setpoint = 0.0, 0.0
     saturated, lost = -1, -1
     for row in range(commands.shape[0]):
-        g = vehicle[0]
-        w, x = g[Q0 * LANES], g[(Q0 + 1) * LANES]
-        y, z = g[(Q0 + 2) * LANES], g[(Q0 + 3) * LANES]
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        c, s = math.cos(yaw), math.sin(yaw)
-        rear_x = g[X * LANES] - com_to_rear_axle * c
-        rear_y = g[(X + 1) * LANES] - com_to_rear_axle * s
+        heading = yaw(vehicle)
+        c, s = math.cos(heading), math.sin(heading)
+        x, y = position(vehicle)
+        rear_x, rear_y = x - com_to_rear_axle * c, y - com_to_rear_axle * s
         # the nearest point of the path, forward of the last one
         distance = math.hypot(path_x[near] - rear_x, path_y[near] - rear_y)
         while near + 1 < path_x.shape[0]:
@@ -131,7 +133,7 @@ def track(vehicle: Vehicle, drive: Drive) -> Tracking:
     period = COMMAND_TICKS * TICK
     rows = np.empty((math.ceil(1.5 * duration / period), 2))
     steering = steering_constants(vehicle, 0.5 * TICK)
-    n, saturated, lost = _track(
+    n, saturated, lost = compiled_for(vehicle, _track)(
         pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle)),
         np.zeros(2),
         steering,

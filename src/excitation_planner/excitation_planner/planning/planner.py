@@ -361,7 +361,7 @@ def _plans(
                     else design.explanation
                 ),
                 vehicle=vehicle.name,
-                vehicle_hash=vehicle.file_hash,
+                vehicle_hash=vehicle.fingerprint,
                 tyre_radius=vehicle.tyre_radius,
                 software=__version__,
                 commands=run.commands,

@@ -20,8 +20,7 @@ from parameter_identification.drives.measured import MeasuredDrive, Sensor, Sign
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import Replay
-from tricycle_sim.vehicle.kernel import LANES, Q0, Q1, Q2, Q3, SPIN_REAR, Q, R, X, Y, pack
+from tricycle_sim.vehicle.batch import CommandedBatch
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
@@ -37,9 +36,6 @@ CLOCKS = {  # position and heading come from one localisation
     Sensor.YAW_RATE: "gyro delay",
     Sensor.WHEEL_SPEED: "wheel delay",
 }
-
-
-_ROWS = np.array([X, Y, Q0, Q1, Q2, Q3, Q, R, SPIN_REAR])
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +117,7 @@ class DriveModel:
         self.vehicle, self.drive = vehicle, drive
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
-        self._replay = Replay(vehicle, drive.commands)
+        self._batch = CommandedBatch(vehicle, drive.commands)
         self.nuisances = self._nuisances()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
 
@@ -147,7 +143,7 @@ class DriveModel:
         position = self.drive.signals[Sensor.POSITION]
         early = position.time <= position.time[0] + max(5.0, 0.5 * float(np.ptp(position.time)))
         time = position.time[early]
-        ticks = self._replay.time
+        ticks = self._batch.time
         model = np.interp(time, ticks, motion.x[0]) + 1j * np.interp(time, ticks, motion.y[0])
         measured = position.values[early] @ np.array([1.0, 1j])
         heading_signal = self.drive.signals.get(Sensor.HEADING)
@@ -173,12 +169,8 @@ class DriveModel:
 
     def _motion(self, parameters: FloatArray, speeds: FloatArray | None = None) -> "_Motions":
         """Motions of vehicles with parameters (n, k) from start speeds (n,)."""
-        groups = pack(self.vehicle, parameters, self._replay.pose, speeds)
-        out = np.empty((len(_ROWS), len(groups) * LANES, len(self._replay.time)))
-        self._replay.run(groups, _ROWS, out)
-        x, y, w, qx, qy, qz, pitch_rate, yaw_rate, spin = out[:, : len(parameters)]
-        heading = np.unwrap(np.arctan2(2.0 * (w * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2)))
-        return _Motions(x, y, heading, yaw_rate, spin - pitch_rate)
+        names = ("x", "y", "yaw", "yaw_rate", "wheel_speed_rear")
+        return _Motions(*self._batch.run(parameters, names, speed=speeds).columns.values())
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.

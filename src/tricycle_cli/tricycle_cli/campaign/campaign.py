@@ -112,7 +112,7 @@ class CampaignRequest:
         """What must not change while a campaign goes on."""
         return {
             "vehicle": self.vehicle.name,
-            "vehicle_hash": self.vehicle.file_hash,
+            "vehicle_hash": self.vehicle.fingerprint,
             "families": [family.name for family in self.families],
             "seed": self.seed,
             "noise_std": self.noise_std,

@@ -18,7 +18,7 @@ from tricycle_cli.assignments import parse_assignments
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.figures import plot_plan
 from tricycle_core.errors import PlanError
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
 
 MOST_MANEUVERS = 6  # of a set: twelve operation parameters are all that the search can do well
 
@@ -137,7 +137,7 @@ def _request(args: argparse.Namespace) -> PlanRequest:
 
 def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]:
     """Plans by the files they go to."""
-    for warning in request.vehicle.warnings():
+    for warning in warnings_about(request.vehicle):
         print(f"warning: {warning}", file=sys.stderr)
     if args.at:
         if request.others:

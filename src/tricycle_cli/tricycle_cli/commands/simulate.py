@@ -22,7 +22,8 @@ from tricycle_sim.commands import Commands, load_commands
 from tricycle_sim.setpoints import tick_count
 from tricycle_sim.trajectory_files import PICTURES, SUFFIXES, plot_trajectory, save_trajectory
 from tricycle_sim.vehicle import Vehicle, load_vehicle
-from tricycle_sim.vehicle.batch import Event, Feasibility, simulate
+from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.feasibility import Event, Feasibility
 
 EXAMPLE = """\
 examples:

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from tricycle_core.quantities import TICK
-from tricycle_sim.vehicle import constants, load_vehicle
+from tricycle_sim.vehicle import constant_fields, load_vehicle, warnings_about
 from tricycle_sim.vehicle.stability import LIMIT, check_step, fastest_mode
 
 EXAMPLE = """\
@@ -44,12 +44,12 @@ def run(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.file)
     check_step(vehicle, TICK)
     fastest, _ = fastest_mode(vehicle)
-    warnings = vehicle.warnings()
+    warnings = warnings_about(vehicle)
     loads = dict(zip(("left", "right", "rear"), vehicle.static_loads(), strict=True))
     if args.json:
         result = {
             "name": vehicle.name,
-            "hash": vehicle.file_hash,
+            "hash": vehicle.fingerprint,
             "unknown": {name: list(limits) for name, limits in vehicle.unknown.items()},
             "nominal": vehicle.nominal,
             "static_loads": loads,
@@ -59,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(result))
         return 0
     console = Console(highlight=False)
-    console.print(f"{vehicle.name}: valid (hash {vehicle.file_hash})")
-    units = {constant.name: constant.metadata["unit"] for constant in constants()}
+    console.print(f"{vehicle.name}: valid (hash {vehicle.fingerprint})")
+    units = {constant.name: constant.metadata["unit"] for constant in constant_fields()}
     table = Table("unknown parameter", "low", "nominal", "high", "unit")
     for name, (low, high) in vehicle.unknown.items():
         table.add_row(name, f"{low:g}", f"{vehicle.nominal[name]:g}", f"{high:g}", units[name])

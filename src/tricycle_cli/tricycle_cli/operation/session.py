@@ -81,7 +81,7 @@ def simulated_session(
         )
         nodes.start("maneuver_driver", config=config, parameters={})
         vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
-        told = [f"vehicle={vehicle.name}", f"vehicle_hash={vehicle.file_hash}"]
+        told = [f"vehicle={vehicle.name}", f"vehicle_hash={vehicle.fingerprint}"]
         told += [f"true_{k}={v!r}" for k, v in _hidden_truth(vehicle, true_seed).items()]
         nodes.start("trajectory_recorder", config=config, parameters={"metadata": told})
         with Operator(domain=domain, check=nodes.check) as operator:

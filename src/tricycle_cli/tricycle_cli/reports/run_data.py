@@ -289,7 +289,7 @@ def wheel_loads(vehicle: Vehicle, plan: Plan) -> Loads:
     PlanError
         If the plan was made for another vehicle.
     """
-    if plan.vehicle_hash != vehicle.file_hash:
+    if plan.vehicle_hash != vehicle.fingerprint:
         raise PlanError(
             f"the plan was made for the vehicle {plan.vehicle} of another file; give it with "
             "--vehicle"

@@ -1,4 +1,4 @@
-"""Replay of one command history on many vehicles: what the planner and the user's command call.
+"""One command history on many vehicles: what the planner and the user's command call.
 
 The letters of shapes: `n` samples (vehicles), `k` unknown parameters, `t` time points, one every
 `TICK` from 0 to the end. The work is divided into blocks of samples that threads take in turn.
@@ -6,84 +6,24 @@ The letters of shapes: `n` samples (vehicles), `k` unknown parameters, `t` time 
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tricycle_core.quantities import TICK, FloatArray, Progress
-from tricycle_core.rotations import euler_angles
+from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
-from tricycle_sim.vehicle import kernel as dynamics
-from tricycle_sim.vehicle.file import Vehicle
-from tricycle_sim.vehicle.kernel import LANES, ROWS
+from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import COMMAND, functions_for
+from tricycle_sim.vehicle.layout import EVALUATED, LANES, SLOPE, STATE
+from tricycle_sim.vehicle.parts import ROWS, steering_constants
 from tricycle_sim.vehicle.stability import check_step
-from tricycle_sim.vehicle.steering import run_servo, steering_constants
-
-_PLANAR_ROWS = np.array([dynamics.X, dynamics.Y, dynamics.SLOPE, dynamics.SLOPE + 1])
-_ALL_ROWS = np.array([*range(dynamics.STATES), *range(dynamics.LOAD, dynamics.LOAD + 3)])
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened to each sample of a run, with its time and place.
-
-    All of shape (n,). Where it did not happen, time and place are NaN.
-    """
-
-    value: FloatArray
-    time: FloatArray  # s from the start
-    x: FloatArray  # m, COM in the world
-    y: FloatArray  # m
-
-    @property
-    def happened(self) -> NDArray[np.bool_]:
-        """Which samples it happened to, shape (n,)."""
-        return np.isfinite(self.time)
-
-
-@dataclass(frozen=True)
-class Feasibility:
-    """What a drive asked of each of n vehicles, with time and place."""
-
-    least_load_left: Event  # smallest load [N]; 0: the wheel lifted, then time and place of that
-    least_load_right: Event
-    least_load_rear: Event
-    friction: Event  # largest share of a wheel's friction limit
-    steering_saturated: Event  # first time the set-point fell behind the commands [rad]
-    motor_saturated: Event  # first time the motor could not give the torque, what was missing [N m]
-    rolled_over: Event  # the vehicle is at rest where it is from then on
-
-    @property
-    def wheel_lifted(self) -> NDArray[np.bool_]:
-        """Which samples lifted a wheel, shape (n,)."""
-        left, right, rear = self.least_load_left, self.least_load_right, self.least_load_rear
-        return (left.value <= 0.0) | (right.value <= 0.0) | (rear.value <= 0.0)
-
-    @property
-    def feasible(self) -> NDArray[np.bool_]:
-        """Which samples neither saturated the steering, lifted a wheel nor rolled over, (n,)."""
-        bad = self.wheel_lifted | self.steering_saturated.happened | self.rolled_over.happened
-        return ~bad
-
-    def reasons(self, sample: int) -> tuple[str, ...]:
-        """Return why a sample is infeasible, a line each with time and place."""
-        reasons = [
-            ("steering saturated", self.steering_saturated),
-            ("left wheel lifted", _where_lifted(self.least_load_left)),
-            ("right wheel lifted", _where_lifted(self.least_load_right)),
-            ("rear wheel lifted", _where_lifted(self.least_load_rear)),
-            ("rolled over", self.rolled_over),
-        ]
-        return tuple(
-            f"{what} at {event.time[sample]:.2f} s, "
-            f"x = {event.x[sample]:.2f} m, y = {event.y[sample]:.2f} m"
-            for what, event in reasons
-            if event.happened[sample]
-        )
 
 
 @dataclass(frozen=True)
@@ -171,21 +111,27 @@ def simulate(
     """
     samples = _check_parameters(vehicle, parameters)
     speeds = np.broadcast_to(np.asarray(speed, dtype=float), len(samples))
-    replay = Replay(vehicle, commands)
-    out = np.empty((len(_ALL_ROWS), -(-len(samples) // LANES) * LANES, len(replay.time)))
-    groups = np.empty((out.shape[1] // LANES, ROWS, LANES))
+    batch = CommandedBatch(vehicle, commands)
+    names = [entry.name for entry in dataclasses.fields(Trajectory)]
+    names = [name for name in names if name in _ROWS or name in _DERIVED]
+    out = {name: np.empty((len(samples), len(batch.time))) for name in names}
+    groups = np.empty((-(-len(samples) // LANES), ROWS * LANES))
 
     def store(first: int, last: int) -> None:
-        packed = dynamics.pack(vehicle, samples[first:last], replay.pose, speeds[first:last])
-        end = first + len(packed) * LANES
-        block = np.empty((out.shape[0], end - first, out.shape[2]))
-        replay.run(packed, _ALL_ROWS, block)
-        out[:, first:end] = block
-        groups[first // LANES : end // LANES] = packed.reshape(-1, ROWS, LANES)
+        run = batch.run(samples[first:last], names, speed=speeds[first:last])
+        for name, column in run.columns.items():
+            out[name][first:last] = column
+        groups[first // LANES : -(-last // LANES)] = run.groups
 
     _run_blocks(store, len(samples), threads, progress)
-    feasibility = read_feasibility(groups, len(samples))
-    return _trajectory(replay, out[:, : len(samples)], feasibility)
+    return Trajectory(
+        time=batch.time,
+        **out,
+        steering_motor_angle=np.broadcast_to(
+            batch.steering_motor_angle, (len(samples), len(batch.time))
+        ),
+        feasibility=read_feasibility(groups, len(samples)),
+    )
 
 
 def simulate_planar(
@@ -208,45 +154,147 @@ def simulate_planar(
         time and in any order; each sample comes once. The arrays are its to keep.
     """
     samples = _check_parameters(vehicle, parameters)
-    replay = Replay(vehicle, commands)
+    batch = CommandedBatch(vehicle, commands)
 
     def reduce_block(first: int, last: int) -> None:
-        groups = dynamics.pack(vehicle, samples[first:last], replay.pose)
-        out = np.empty((len(_PLANAR_ROWS), len(groups) * LANES, len(replay.time)))
-        replay.run(groups, _PLANAR_ROWS, out)
-        x, y, vx, vy = out[:, : last - first]
-        feasibility = read_feasibility(groups.reshape(-1, ROWS, LANES), last - first)
-        reduce(first, PlanarBlock(replay.time, x, y, vx, vy, feasibility))
+        run = batch.run(samples[first:last], ("x", "y", "vx_world", "vy_world"))
+        reduce(first, PlanarBlock(batch.time, **run.columns, feasibility=run.feasibility))
 
     _run_blocks(reduce_block, len(samples), threads, progress)
 
 
-class Replay:
-    """Everything of a replay that is the same for all samples: set-points and steering.
+_ATTITUDE = (STATE.q0, STATE.q1, STATE.q2, STATE.q3)
+_RATES = (STATE.p, STATE.q, STATE.r)
+_ROWS = {
+    "x": STATE.x,
+    "y": STATE.y,
+    "z": STATE.z,
+    "vx": STATE.u,
+    "vy": STATE.v,
+    "vz": STATE.w,
+    "vx_world": SLOPE + STATE.x,
+    "vy_world": SLOPE + STATE.y,
+    "roll_rate": STATE.p,
+    "pitch_rate": STATE.q,
+    "yaw_rate": STATE.r,
+    "load_left": EVALUATED.load_left,
+    "load_right": EVALUATED.load_right,
+    "load_rear": EVALUATED.load_rear,
+}
+# columns that follow from several rows: these, and how with the axles (8, t) of the steering
+_DERIVED: dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]] = {
+    "roll": (_ATTITUDE, lambda _, *attitude: roll_angle(attitude)),
+    "pitch": (_ATTITUDE, lambda _, *attitude: pitch_angle(attitude)),
+    "yaw": (_ATTITUDE, lambda _, *attitude: np.unwrap(yaw_angle(attitude))),
+    "wheel_speed_left": (
+        (STATE.spin_left, *_RATES),
+        lambda axles, spin, p, q, r: spin - (p * axles[0] + q * axles[1] + r * axles[2]),
+    ),
+    "wheel_speed_right": (
+        (STATE.spin_right, *_RATES),
+        lambda axles, spin, p, q, r: spin - (p * axles[4] + q * axles[5] + r * axles[6]),
+    ),
+    "wheel_speed_rear": ((STATE.spin_rear, STATE.q), lambda _, spin, q: spin - q),
+}
 
-    `time` (t,) and the `pose` at the start are for its callers, who `run` groups packed with it.
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What `CommandedBatch.run` found of n samples.
+
+    Attributes
+    ----------
+    columns : dict of str to ndarray of float, shape (n, t)
+        Those that were asked for.
+    groups : ndarray of float, shape (b, ROWS * LANES)
+        The vehicles at the end.
+    """
+
+    columns: dict[str, FloatArray]
+    groups: FloatArray
+
+    @property
+    def feasibility(self) -> Feasibility:
+        """What the drive asked of each sample."""
+        return read_feasibility(self.groups, len(next(iter(self.columns.values()))))
+
+
+class CommandedBatch:
+    """One history of commands on any samples of a vehicle; set-points and steering are found once.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Of which samples are driven.
+    commands : Commands
+        Each held until the next.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (t,)
+        Of all columns [s].
+    steering_motor_angle : ndarray of float, shape (t,)
+        Of all samples [rad].
+
+    Raises
+    ------
+    VehicleError
+        If the vehicle is too stiff for steps of 10 ms.
     """
 
     def __init__(self, vehicle: Vehicle, commands: Commands) -> None:
         check_step(vehicle, TICK)
+        self._vehicle, self._functions = vehicle, functions_for(vehicle)
         rows = command_rows(commands)
         ticks = len(rows)
         self.time = np.arange(ticks + 1, dtype=np.float64) * TICK
         setpoints, lag = slew_all(commands.steering_motor_angle[rows], vehicle.steering_slew)
         self._lag = np.append(lag, 0.0)
         speeds, _ = slew_all(commands.speed[rows], vehicle.acceleration)
-        self._drive = np.zeros((ticks + 1, 3))
-        self._drive[:, dynamics.SPEED_MODE] = 1.0
-        self._drive[:, dynamics.DEMAND] = np.append(speeds, speeds[-1:])
-        self.table = np.empty((2 * ticks + 1, 8))
-        self.angles = np.empty((2, ticks + 1))
-        self.pose = dynamics.equilibrium(vehicle)
+        self._drive = np.zeros((ticks + 1, len(COMMAND)))
+        self._drive[:, COMMAND.speed_mode] = 1.0
+        self._drive[:, COMMAND.demand] = np.append(speeds, speeds[-1:])
+        self._table, angles = np.empty((2 * ticks + 1, 8)), np.empty((2, ticks + 1))
         constants = steering_constants(vehicle, 0.5 * TICK)
-        run_servo(np.zeros(2), setpoints, constants, 2, self.table, self.angles)
+        self._functions.steer(np.zeros(2), setpoints, constants, 2, self._table, angles)
+        self.steering_motor_angle = angles[0]
+        self._start = equilibrium(vehicle)
 
-    def run(self, groups: FloatArray, rows: NDArray[np.int64], out: FloatArray) -> None:
-        """Advance groups from their start to the end; see `dynamics.advance`."""
-        dynamics.advance(groups, self.table, self._lag, self._drive, 1, 0, rows, out)
+    def run(
+        self,
+        parameters: FloatArray,
+        columns: Sequence[str],
+        *,
+        speed: FloatArray | None = None,
+    ) -> Run:
+        """Drive samples from the origin, heading +x, to the end of the commands.
+
+        Parameters
+        ----------
+        parameters : shape (n, k)
+            Values of `vehicle.unknown` in its order.
+        columns : sequence of str
+            What to record: names of columns of `Trajectory`, or `vx_world`, `vy_world` [m/s];
+            not the steering motor's angle.
+        speed : shape (n,), optional
+            At which the vehicles roll at the start [m/s]; by default they are at rest.
+        """
+        needs = {
+            name: _DERIVED[name][0] if name in _DERIVED else (_ROWS[name],) for name in columns
+        }
+        rows = sorted({row for need in needs.values() for row in need})
+        groups = pack(self._vehicle, parameters, self._start, speed)
+        out = np.empty((len(rows), len(groups) * LANES, len(self.time)))
+        self._functions.advance(
+            groups, self._table, self._lag, self._drive, 1, 0, np.array(rows, dtype=np.int64), out
+        )
+        recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
+        axles = self._table[::2].T
+        found = {}
+        for name, need in needs.items():
+            signals = [recorded[row] for row in need]
+            found[name] = _DERIVED[name][1](axles, *signals) if name in _DERIVED else signals[0]
+        return Run(found, groups)
 
 
 def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArray:
@@ -282,64 +330,3 @@ def _run_blocks(
             done += last - first
             if progress is not None:
                 progress(done, n)
-
-
-def read_feasibility(groups: FloatArray, n: int) -> Feasibility:
-    """Read the events of n samples; `groups` of shape (b, ROWS, LANES)."""
-
-    def event(row: int) -> Event:
-        value, tick, x, y = groups[:, row : row + 4].transpose(1, 0, 2).reshape(4, -1)[:, :n]
-        # only the least loads start above 0, at infinity, and they always happen
-        never = value == 0.0 if row > dynamics.LEAST_LOAD_REAR else np.zeros(n, dtype=bool)
-        time, x, y = (np.where(never, np.nan, item) for item in (tick * TICK, x, y))
-        return Event(value.copy(), time, x, y)
-
-    friction = event(dynamics.FRICTION)
-    return Feasibility(
-        least_load_left=event(dynamics.LEAST_LOAD_LEFT),
-        least_load_right=event(dynamics.LEAST_LOAD_RIGHT),
-        least_load_rear=event(dynamics.LEAST_LOAD_REAR),
-        friction=dataclasses.replace(friction, value=np.sqrt(friction.value)),
-        steering_saturated=event(dynamics.STEERING),
-        motor_saturated=event(dynamics.MOTOR),
-        rolled_over=event(dynamics.ROLLOVER),
-    )
-
-
-def _where_lifted(load: Event) -> Event:
-    never = load.value > 0.0
-    return dataclasses.replace(load, time=np.where(never, np.nan, load.time))
-
-
-def _trajectory(replay: Replay, states: FloatArray, feasibility: Feasibility) -> Trajectory:
-    """Turn recorded rows, shape (rows, n, t), into the columns of a trajectory."""
-    roll, pitch, yaw = euler_angles(states[dynamics.Q0 : dynamics.Q3 + 1])
-    p, q, r = states[dynamics.P : dynamics.R + 1]
-    axles = replay.table[::2].T  # at the ticks, shape (8, t)
-    x, y, z = states[dynamics.X : dynamics.Z + 1]
-    vx, vy, vz = states[dynamics.U : dynamics.W + 1]
-    load_left, load_right, load_rear = states[dynamics.STATES :]
-    return Trajectory(
-        time=replay.time,
-        x=x,
-        y=y,
-        z=z,
-        roll=roll,
-        pitch=pitch,
-        yaw=np.unwrap(yaw),
-        vx=vx,
-        vy=vy,
-        vz=vz,
-        roll_rate=p,
-        pitch_rate=q,
-        yaw_rate=r,
-        wheel_speed_left=states[dynamics.SPIN_LEFT] - (p * axles[0] + q * axles[1] + r * axles[2]),
-        wheel_speed_right=states[dynamics.SPIN_RIGHT]
-        - (p * axles[4] + q * axles[5] + r * axles[6]),
-        wheel_speed_rear=states[dynamics.SPIN_REAR] - q,
-        steering_motor_angle=np.broadcast_to(replay.angles[0], p.shape),
-        load_left=load_left,
-        load_right=load_right,
-        load_rear=load_rear,
-        feasibility=feasibility,
-    )

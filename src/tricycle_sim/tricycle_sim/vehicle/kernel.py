@@ -1,86 +1,47 @@
 """The equations of motion of the tricycle and their integration, eight vehicles at a time.
 
-This is the only place of the equations: batches, the live vehicle and the planner's path tracking
-all run `advance`. `docs/model.md` derives them in the order of this file.
-
-Layout. A *group* is one flat float64 array of `GROUP_SIZE` numbers that holds `LANES` vehicles: row
-`r` of vehicle `i` is element `r * LANES + i`. One array with row offsets known at compile time lets
-LLVM turn the loop over the lanes into vector instructions; separate arrays do not vectorise. Every
-constant is a row too, so any of them may differ from vehicle to vehicle.
-
-The steering servo is not loaded by the tyres, so its history is the same for all vehicles: it is
-computed once per half step (`tricycle_sim.vehicle.steering`) and handed in as a table.
+This is the only place where tyre, steering and actuators are put together to a vehicle: batches,
+the live vehicle and the planner's path tracking all run `advance`. `functions_for` gives the
+functions compiled with the laws of a vehicle. `docs/model.md` derives the equations.
 """
 
+import functools
 import math
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tricycle_core.quantities import TICK, FloatArray
-from tricycle_core.rotations import attitude_quaternion
 from tricycle_sim.compilation import compiled, inlined
-from tricycle_sim.vehicle.file import Vehicle
-from tricycle_sim.vehicle.steering import run_servo
+from tricycle_sim.vehicle import steering
+from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.layout import (
+    ALIVE,
+    EVALUATED,
+    EVENT,
+    EVENT_ROWS,
+    LANES,
+    SLOPE,
+    START,
+    STATE,
+    STATES,
+    SUM,
+    numbered,
+)
+from tricycle_sim.vehicle.parts import BLOCK, BODY, PARTS, ROWS, Laws, law_names
+from tricycle_sim.vehicle.tyre import rolling_resistance, slip_slopes, vertical_load
 
-LANES = 8
+COMMAND = numbered(["speed_mode", "demand", "brake"])
+"""Columns of the drive's commands, a row per tick.
 
-# Rows of a group. First the state:
-# fmt: off
-(
-    X, Y, Z,  # COM in the world [m]
-    Q0, Q1, Q2, Q3,  # unit quaternion body to world, scalar first
-    U, V, W,  # COM velocity in the body frame [m/s]
-    P, Q, R,  # angular rate in the body frame [rad/s]
-    SPIN_LEFT, SPIN_RIGHT, SPIN_REAR,  # absolute spins about the axles [rad/s]
-    KAPPA_LEFT, KAPPA_RIGHT, KAPPA_REAR,  # relaxed longitudinal slips
-    ALPHA_LEFT, ALPHA_RIGHT, ALPHA_REAR,  # relaxed lateral slips
-    TORQUE,  # of the motor [N m]
-    INTEGRATOR,  # of the speed controller [rad]
-) = range(24)
-# fmt: on
-STATES = 24
-# its value at the start of the step, the weighted sum of slopes, and the slope;
-START, SUM, SLOPE = STATES, 2 * STATES, 3 * STATES
-# what the last evaluation saw: wheel loads [N], squared shares of the friction limit, motor torque
-# beyond the motor's limits [N m], cosine of the body's tilt;
-LOAD = 4 * STATES
-SHARE = LOAD + 3
-EXCESS, TILT = SHARE + 3, SHARE + 4
-# what is remembered of the run: 1 until the vehicle has rolled over, then 0; an event is four rows:
-# value, tick, x, y (least loads, largest friction share, first motor saturation, roll-over,
-# steering saturation);
-ALIVE = TILT + 1
-EVENTS = ALIVE + 1
-(LEAST_LOAD_LEFT, LEAST_LOAD_RIGHT, LEAST_LOAD_REAR) = (EVENTS, EVENTS + 4, EVENTS + 8)
-(FRICTION, MOTOR, ROLLOVER, STEERING) = (EVENTS + 12, EVENTS + 16, EVENTS + 20, EVENTS + 24)
-# and the constants.
-CONSTANTS = EVENTS + 28
-# fmt: off
-(
-    _GRAVITY, _INVERSE_MASS, _DRAG_PER_MASS,
-    _IXX, _IYY, _IZZ, _INVERSE_IXX, _INVERSE_IYY, _INVERSE_IZZ,
-    _FRONT_X, _REAR_X, _LEFT_Y, _RIGHT_Y, _REAR_Y, _WHEEL_Z, _RADIUS,
-    _IW_FRONT, _IW_REAR, _INVERSE_IW_FRONT, _INVERSE_IW_REAR,
-    _KZ, _CZ, _MU, _C_ALPHA, _C_GAMMA, _SAP, _F1, _F2, _LS0, _LS1,
-    _C_KAPPA, _INVERSE_SIGMA_X, _INVERSE_SIGMA_Y,
-    _V0_SQUARED, _VL_SQUARED, _DX, _DY, _V_EPS_SQUARED,
-    _KING_PIN_X, _KING_PIN_Z,
-    _MOTOR_TORQUE, _MOTOR_POWER, _MOTOR_SLOPE, _NO_LOAD_SPEED, _REGENERATIVE, _INVERSE_LAG,
-    _KP, _KI, _ANTI_WINDUP, _BRAKE_TORQUE, _BRAKE_SMOOTHING_SQUARED, _ROLLOVER_COSINE,
-) = range(CONSTANTS, CONSTANTS + 52)
-# fmt: on
-ROWS = _ROLLOVER_COSINE + 1
-GROUP_SIZE = ROWS * LANES
-
-# Columns of the drive's commands, one row per tick
-SPEED_MODE, DEMAND, BRAKE = 0, 1, 2
-"""1: `DEMAND` is a speed set-point [m/s]; 0: it is a motor torque [N m]. Brake 0 to 1."""
-
-
+Speed mode 1: `demand` is a speed set-point [m/s]; 0: it is a motor torque [N m]. Brake 0 to 1.
+"""
 NO_ROWS, NO_OUTPUT = np.empty(0, dtype=np.int64), np.empty((0, LANES, 2))
 """`rows` and `out` of `advance` where nothing is to be recorded."""
+
+_C = numbered(BODY, step=LANES)
 
 
 @inlined
@@ -112,6 +73,7 @@ def _arctan(t: float) -> float:
 
 @inlined
 def _wheel(
+    laws: Laws,
     g: FloatArray,
     i: int,
     wheel: int,
@@ -131,12 +93,13 @@ def _wheel(
     ex, ey, ez = e
     nx, ny, nz = n
     px, py, pz = position
-    u, v, w = g[U * LANES + i], g[V * LANES + i], g[W * LANES + i]
-    p, q, r = g[P * LANES + i], g[Q * LANES + i], g[R * LANES + i]
-    spin = g[(SPIN_LEFT + wheel) * LANES + i]
-    kappa = g[(KAPPA_LEFT + wheel) * LANES + i]
-    alpha = g[(ALPHA_LEFT + wheel) * LANES + i]
-    kx, kz = g[_KING_PIN_X * LANES + i], g[_KING_PIN_Z * LANES + i]
+    u, v, w = g[STATE.u * LANES + i], g[STATE.v * LANES + i], g[STATE.w * LANES + i]
+    p, q, r = g[STATE.p * LANES + i], g[STATE.q * LANES + i], g[STATE.r * LANES + i]
+    spin = g[(STATE.spin_left + wheel) * LANES + i]
+    kappa = g[(STATE.kappa_left + wheel) * LANES + i]
+    alpha = g[(STATE.alpha_left + wheel) * LANES + i]
+    body, tyre = BLOCK.body * LANES + i, BLOCK.tyre * LANES + i
+    kx, kz = g[body + _C.king_pin_x], g[body + _C.king_pin_z]
 
     # Kinematics: sine s of the axle's elevation, lean, contact directions forward f and left l
     s = nx * ex + ny * ey + nz * ez
@@ -146,7 +109,7 @@ def _wheel(
     lean = -2.0 * _arctan(s * (reciprocal * cosine))  # -asin(s)
     fx, fy, fz = (ny * ez - nz * ey) * ic, (nz * ex - nx * ez) * ic, (nx * ey - ny * ex) * ic
     lx, ly, lz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
-    rho = (g[Z * LANES + i] + px * ex + py * ey + pz * ez) * ic  # loaded radius
+    rho = (g[STATE.z * LANES + i] + px * ex + py * ey + pz * ez) * ic  # loaded radius
     dx, dy, dz = -rho * ic * (ex - nx * s), -rho * ic * (ey - ny * s), -rho * ic * (ez - nz * s)
     cx, cy, cz = px + dx, py + dy, pz + dz
     # velocity of the contact point as carried by the hub
@@ -157,48 +120,21 @@ def _wheel(
     vy = vcx * lx + vcy * ly + vcz * lz
     vz = vcx * ex + vcy * ey + vcz * ez
     rolling = rho * spin
-
-    # Tyre: load, relaxed slips, friction circle
-    load = max(
-        0.0, g[_KZ * LANES + i] * (g[_RADIUS * LANES + i] - rho) * ic - g[_CZ * LANES + i] * vz
-    )
-    vx2 = vx * vx
-    speed = math.sqrt(vx2 + g[_V0_SQUARED * LANES + i])
-    fade_speed = g[_VL_SQUARED * LANES + i]
-    fade = fade_speed / (vx2 + fade_speed)
     slip_speed = vx - rolling
-    x0 = g[_C_KAPPA * LANES + i] * kappa - g[_DX * LANES + i] * fade * slip_speed
-    stiffness = g[_LS0 * LANES + i] + g[_LS1 * LANES + i] * load
-    y0 = (
-        stiffness * (g[_C_ALPHA * LANES + i] * alpha + g[_C_GAMMA * LANES + i] * lean)
-        - g[_DY * LANES + i] * fade * vy
-    )
-    limit = g[_MU * LANES + i] * load
-    limit2 = limit * limit
-    force2 = x0 * x0 + y0 * y0
-    inverse = 1.0 / math.sqrt(math.sqrt(limit2 * limit2 + force2 * force2 + 1e-12))
-    grip = limit * inverse
-    force_x, force_y = grip * x0, grip * y0
-    aligning = -g[_SAP * LANES + i] * alpha * grip
-    rolling2 = rolling * rolling
-    resistance = (
-        rho
-        * load
-        * (g[_F1 * LANES + i] + g[_F2 * LANES + i] * rolling2)
-        * rolling
-        / math.sqrt(rolling2 + g[_V_EPS_SQUARED * LANES + i])
-    )
 
-    axle = drive_torque - rho * force_x
-    g[(SLOPE + SPIN_LEFT + wheel) * LANES + i] = (axle - resistance) * inverse_inertia
-    g[(SLOPE + KAPPA_LEFT + wheel) * LANES + i] = (
-        -(slip_speed + speed * kappa) * g[_INVERSE_SIGMA_X * LANES + i]
+    load = vertical_load(g, tyre, rho, ic, vz)
+    force_x, force_y, aligning, share = laws.tyre(
+        g, BLOCK.tyre_law * LANES + i, load, kappa, alpha, lean, vx, slip_speed, vy
     )
-    g[(SLOPE + ALPHA_LEFT + wheel) * LANES + i] = (
-        -(vy + speed * alpha) * g[_INVERSE_SIGMA_Y * LANES + i]
-    )
-    g[(LOAD + wheel) * LANES + i] = load
-    g[(SHARE + wheel) * LANES + i] = force2 * inverse * inverse
+    kappa_slope, alpha_slope = slip_slopes(g, tyre, vx, slip_speed, vy, kappa, alpha)
+    resistance = rolling_resistance(g, tyre, rho, load, rolling)
+
+    axle_torque = drive_torque - rho * force_x
+    g[(SLOPE + STATE.spin_left + wheel) * LANES + i] = (axle_torque - resistance) * inverse_inertia
+    g[(SLOPE + STATE.kappa_left + wheel) * LANES + i] = kappa_slope
+    g[(SLOPE + STATE.alpha_left + wheel) * LANES + i] = alpha_slope
+    g[(EVALUATED.load_left + wheel) * LANES + i] = load
+    g[(EVALUATED.share_left + wheel) * LANES + i] = share
 
     # On the body: force at the contact, aligning torque, axle torque, gyroscopic torque
     tx = force_x * fx + force_y * lx + load * ex
@@ -206,14 +142,15 @@ def _wheel(
     tz = force_x * fz + force_y * lz + load * ez
     momentum = inertia * spin
     gx, gy, gz = p + steering_rate * kx, q, r + steering_rate * kz
-    mx = cy * tz - cz * ty + aligning * ex - axle * nx - momentum * (gy * nz - gz * ny)
-    my = cz * tx - cx * tz + aligning * ey - axle * ny - momentum * (gz * nx - gx * nz)
-    mz = cx * ty - cy * tx + aligning * ez - axle * nz - momentum * (gx * ny - gy * nx)
+    mx = cy * tz - cz * ty + aligning * ex - axle_torque * nx - momentum * (gy * nz - gz * ny)
+    my = cz * tx - cx * tz + aligning * ey - axle_torque * ny - momentum * (gz * nx - gx * nz)
+    mz = cx * ty - cy * tx + aligning * ez - axle_torque * nz - momentum * (gx * ny - gy * nx)
     return tx, ty, tz, mx, my, mz
 
 
 @inlined
 def _slopes(
+    laws: Laws,
     g: FloatArray,
     i: int,
     steering: tuple[float, float, float, float, float, float, float, float],
@@ -223,110 +160,91 @@ def _slopes(
 ) -> None:
     """Write the slopes of all states of vehicle `i` of group `g` at its present state.
 
-    Parameters
-    ----------
-    g : shape (GROUP_SIZE,)
-    i : lane
-    steering : axle direction (x, y, z) and steering rate [rad/s] of the left and the right wheel
-    speed_mode, demand, brake : see `SPEED_MODE`
+    `steering` is a row of the table of `steer`; the last three are a row of `COMMAND`.
     """
-    q0, q1, q2, q3 = (
-        g[Q0 * LANES + i],
-        g[Q1 * LANES + i],
-        g[Q2 * LANES + i],
-        g[Q3 * LANES + i],
-    )
-    u, v, w = g[U * LANES + i], g[V * LANES + i], g[W * LANES + i]
-    p, q, r = g[P * LANES + i], g[Q * LANES + i], g[R * LANES + i]
+    q0, q1 = g[STATE.q0 * LANES + i], g[STATE.q1 * LANES + i]
+    q2, q3 = g[STATE.q2 * LANES + i], g[STATE.q3 * LANES + i]
+    u, v, w = g[STATE.u * LANES + i], g[STATE.v * LANES + i], g[STATE.w * LANES + i]
+    p, q, r = g[STATE.p * LANES + i], g[STATE.q * LANES + i], g[STATE.r * LANES + i]
+    body = BLOCK.body * LANES + i
     e = (
         2.0 * (q1 * q3 - q0 * q2),
         2.0 * (q2 * q3 + q0 * q1),
         1.0 - 2.0 * (q1 * q1 + q2 * q2),
     )
 
-    # Motor and speed controller
-    spin = g[SPIN_REAR * LANES + i]
-    torque = g[TORQUE * LANES + i]
-    direction = -1.0 if speed_mode * demand < 0.0 else 1.0  # reverse gear: everything mirrored
-    error = demand / g[_RADIUS * LANES + i] - spin
-    wanted = (
-        speed_mode * (g[_KP * LANES + i] * error + g[_KI * LANES + i] * g[INTEGRATOR * LANES + i])
-        + (1.0 - speed_mode) * demand
+    # Drive
+    spin = g[STATE.spin_rear * LANES + i]
+    torque = g[STATE.torque * LANES + i]
+    integrator = g[STATE.integrator * LANES + i]
+    torque_slope, integrator_slope, excess = laws.motor(
+        g, BLOCK.motor * LANES + i, spin, torque, integrator, speed_mode, demand
     )
-    forward_spin = direction * spin
-    available = min(
-        g[_MOTOR_TORQUE * LANES + i],
-        g[_MOTOR_POWER * LANES + i] / max(forward_spin, 0.5),
-    )
-    available = min(
-        available, g[_MOTOR_SLOPE * LANES + i] * (g[_NO_LOAD_SPEED * LANES + i] - forward_spin)
-    )
-    granted = direction * max(-g[_REGENERATIVE * LANES + i], min(direction * wanted, available))
-    g[EXCESS * LANES + i] = wanted - granted
-    g[(SLOPE + TORQUE) * LANES + i] = (granted - torque) * g[_INVERSE_LAG * LANES + i]
-    g[(SLOPE + INTEGRATOR) * LANES + i] = speed_mode * (
-        error - g[_ANTI_WINDUP * LANES + i] * (wanted - granted)
-    )
-    drive_torque = torque - brake * g[_BRAKE_TORQUE * LANES + i] * spin / math.sqrt(
-        spin * spin + g[_BRAKE_SMOOTHING_SQUARED * LANES + i]
-    )
+    g[EVALUATED.excess * LANES + i] = excess
+    g[(SLOPE + STATE.torque) * LANES + i] = torque_slope
+    g[(SLOPE + STATE.integrator) * LANES + i] = integrator_slope
+    drive_torque = torque - laws.brake(g, BLOCK.brake * LANES + i, spin, brake)
 
     # Wheels
-    front_x, wheel_z = g[_FRONT_X * LANES + i], g[_WHEEL_Z * LANES + i]
+    front_x, wheel_z = g[body + _C.front_x], g[body + _C.wheel_z]
     n1x, n1y, n1z, rate1, n2x, n2y, n2z, rate2 = steering
-    iw, inverse_iw = g[_IW_FRONT * LANES + i], g[_INVERSE_IW_FRONT * LANES + i]
-    position = (front_x, g[_LEFT_Y * LANES + i], wheel_z)
+    iw, inverse_iw = g[body + _C.spin_inertia_front], g[body + _C.inverse_spin_inertia_front]
+    position = (front_x, g[body + _C.left_y], wheel_z)
     ax, ay, az, al, am, an = _wheel(
-        g, i, 0, e, (n1x, n1y, n1z), rate1, position, iw, inverse_iw, 0.0
+        laws, g, i, 0, e, (n1x, n1y, n1z), rate1, position, iw, inverse_iw, 0.0
     )
-    position = (front_x, g[_RIGHT_Y * LANES + i], wheel_z)
+    position = (front_x, g[body + _C.right_y], wheel_z)
     bx, by, bz, bl, bm, bn = _wheel(
-        g, i, 1, e, (n2x, n2y, n2z), rate2, position, iw, inverse_iw, 0.0
+        laws, g, i, 1, e, (n2x, n2y, n2z), rate2, position, iw, inverse_iw, 0.0
     )
-    iw, inverse_iw = g[_IW_REAR * LANES + i], g[_INVERSE_IW_REAR * LANES + i]
-    position = (g[_REAR_X * LANES + i], g[_REAR_Y * LANES + i], wheel_z)
+    iw, inverse_iw = g[body + _C.spin_inertia_rear], g[body + _C.inverse_spin_inertia_rear]
+    position = (g[body + _C.rear_x], g[body + _C.rear_y], wheel_z)
     cx, cy, cz, cl, cm, cn = _wheel(
-        g, i, 2, e, (0.0, 1.0, 0.0), 0.0, position, iw, inverse_iw, drive_torque
+        laws, g, i, 2, e, (0.0, 1.0, 0.0), 0.0, position, iw, inverse_iw, drive_torque
     )
 
     # Body: Newton and Euler in the body frame
-    ixx, iyy, izz = g[_IXX * LANES + i], g[_IYY * LANES + i], g[_IZZ * LANES + i]
-    inverse_mass, gravity = g[_INVERSE_MASS * LANES + i], g[_GRAVITY * LANES + i]
+    ixx, iyy, izz = g[body + _C.ixx], g[body + _C.iyy], g[body + _C.izz]
+    inverse_mass, gravity = g[body + _C.inverse_mass], g[body + _C.gravity]
     ex, ey, ez = e
-    drag = g[_DRAG_PER_MASS * LANES + i] * u * abs(u)
-    g[(SLOPE + U) * LANES + i] = (ax + bx + cx) * inverse_mass - gravity * ex - drag - q * w + r * v
-    g[(SLOPE + V) * LANES + i] = (ay + by + cy) * inverse_mass - gravity * ey - r * u + p * w
-    g[(SLOPE + W) * LANES + i] = (az + bz + cz) * inverse_mass - gravity * ez - p * v + q * u
-    g[(SLOPE + P) * LANES + i] = (al + bl + cl - (izz - iyy) * q * r) * g[_INVERSE_IXX * LANES + i]
-    g[(SLOPE + Q) * LANES + i] = (am + bm + cm - (ixx - izz) * r * p) * g[_INVERSE_IYY * LANES + i]
-    g[(SLOPE + R) * LANES + i] = (an + bn + cn - (iyy - ixx) * p * q) * g[_INVERSE_IZZ * LANES + i]
+    drag = g[body + _C.drag_per_mass] * u * abs(u)
+    g[(SLOPE + STATE.u) * LANES + i] = (
+        (ax + bx + cx) * inverse_mass - gravity * ex - drag - q * w + r * v
+    )
+    g[(SLOPE + STATE.v) * LANES + i] = (ay + by + cy) * inverse_mass - gravity * ey - r * u + p * w
+    g[(SLOPE + STATE.w) * LANES + i] = (az + bz + cz) * inverse_mass - gravity * ez - p * v + q * u
+    g[(SLOPE + STATE.p) * LANES + i] = (al + bl + cl - (izz - iyy) * q * r) * g[
+        body + _C.inverse_ixx
+    ]
+    g[(SLOPE + STATE.q) * LANES + i] = (am + bm + cm - (ixx - izz) * r * p) * g[
+        body + _C.inverse_iyy
+    ]
+    g[(SLOPE + STATE.r) * LANES + i] = (an + bn + cn - (iyy - ixx) * p * q) * g[
+        body + _C.inverse_izz
+    ]
     # Pose; the last term of the quaternion's rate keeps its length 1
-    g[(SLOPE + X) * LANES + i] = (
+    g[(SLOPE + STATE.x) * LANES + i] = (
         (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * u
         + 2.0 * (q1 * q2 - q0 * q3) * v
         + 2.0 * (q1 * q3 + q0 * q2) * w
     )
-    g[(SLOPE + Y) * LANES + i] = (
+    g[(SLOPE + STATE.y) * LANES + i] = (
         2.0 * (q1 * q2 + q0 * q3) * u
         + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * v
         + 2.0 * (q2 * q3 - q0 * q1) * w
     )
-    g[(SLOPE + Z) * LANES + i] = ex * u + ey * v + ez * w
+    g[(SLOPE + STATE.z) * LANES + i] = ex * u + ey * v + ez * w
     excess = 1.0 - (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-    g[(SLOPE + Q0) * LANES + i] = 0.5 * (-q1 * p - q2 * q - q3 * r) + excess * q0
-    g[(SLOPE + Q1) * LANES + i] = 0.5 * (q0 * p + q2 * r - q3 * q) + excess * q1
-    g[(SLOPE + Q2) * LANES + i] = 0.5 * (q0 * q + q3 * p - q1 * r) + excess * q2
-    g[(SLOPE + Q3) * LANES + i] = 0.5 * (q0 * r + q1 * q - q2 * p) + excess * q3
-    g[TILT * LANES + i] = ez
+    g[(SLOPE + STATE.q0) * LANES + i] = 0.5 * (-q1 * p - q2 * q - q3 * r) + excess * q0
+    g[(SLOPE + STATE.q1) * LANES + i] = 0.5 * (q0 * p + q2 * r - q3 * q) + excess * q1
+    g[(SLOPE + STATE.q2) * LANES + i] = 0.5 * (q0 * q + q3 * p - q1 * r) + excess * q2
+    g[(SLOPE + STATE.q3) * LANES + i] = 0.5 * (q0 * r + q1 * q - q2 * p) + excess * q3
+    g[EVALUATED.tilt * LANES + i] = ez
 
 
 @inlined
 def _evaluate(
-    g: FloatArray,
-    lanes: int,
-    table: FloatArray,
-    row: int,
-    drive: FloatArray,
+    laws: Laws, g: FloatArray, lanes: int, table: FloatArray, row: int, drive: FloatArray
 ) -> None:
     """Write the slopes of a whole group, with row `row` of the steering table."""
     steering = (
@@ -339,36 +257,44 @@ def _evaluate(
         table[row, 6],
         table[row, 7],
     )
-    speed_mode, demand, brake = drive[SPEED_MODE], drive[DEMAND], drive[BRAKE]
+    speed_mode, demand, brake = (
+        drive[COMMAND.speed_mode],
+        drive[COMMAND.demand],
+        drive[COMMAND.brake],
+    )
     for i in range(lanes):
-        _slopes(g, i, steering, speed_mode, demand, brake)
+        _slopes(laws, g, i, steering, speed_mode, demand, brake)
 
 
 @inlined
 def _note(g: FloatArray, i: int, event: int, new: bool, value: float, tick: float) -> None:
     """Keep value, tick and place of an event of vehicle `i` if it is `new`."""
+    x, y = g[STATE.x * LANES + i], g[STATE.y * LANES + i]
     g[event * LANES + i] = value if new else g[event * LANES + i]
     g[(event + 1) * LANES + i] = tick if new else g[(event + 1) * LANES + i]
-    g[(event + 2) * LANES + i] = g[X * LANES + i] if new else g[(event + 2) * LANES + i]
-    g[(event + 3) * LANES + i] = g[Y * LANES + i] if new else g[(event + 3) * LANES + i]
+    g[(event + 2) * LANES + i] = x if new else g[(event + 2) * LANES + i]
+    g[(event + 3) * LANES + i] = y if new else g[(event + 3) * LANES + i]
 
 
 @inlined
 def _watch(g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
     """Note what happens to vehicle `i` at a tick; end its run if it has rolled over."""
     for wheel in range(3):
-        load, event = g[(LOAD + wheel) * LANES + i], LEAST_LOAD_LEFT + 4 * wheel
+        load, event = (
+            g[(EVALUATED.load_left + wheel) * LANES + i],
+            EVENT.least_load_left + EVENT_ROWS * wheel,
+        )
         _note(g, i, event, load < g[event * LANES + i], load, tick)
-    share = max(g[SHARE * LANES + i], g[(SHARE + 1) * LANES + i])
-    share = max(share, g[(SHARE + 2) * LANES + i])
-    _note(g, i, FRICTION, share > g[FRICTION * LANES + i], share, tick)
-    excess = abs(g[EXCESS * LANES + i])
-    first = g[MOTOR * LANES + i] == 0.0 and excess > 1e-9
-    _note(g, i, MOTOR, first, excess, tick)
-    first = g[STEERING * LANES + i] == 0.0 and steering_lag > 0.0
-    _note(g, i, STEERING, first, steering_lag, tick)
-    upright = g[TILT * LANES + i] >= g[_ROLLOVER_COSINE * LANES + i]
-    _note(g, i, ROLLOVER, g[ALIVE * LANES + i] == 1.0 and not upright, 1.0, tick)
+    share = max(g[EVALUATED.share_left * LANES + i], g[EVALUATED.share_right * LANES + i])
+    share = max(share, g[EVALUATED.share_rear * LANES + i])
+    _note(g, i, EVENT.friction, share > g[EVENT.friction * LANES + i], share, tick)
+    excess = abs(g[EVALUATED.excess * LANES + i])
+    first = g[EVENT.motor * LANES + i] == 0.0 and excess > 1e-9
+    _note(g, i, EVENT.motor, first, excess, tick)
+    first = g[EVENT.steering * LANES + i] == 0.0 and steering_lag > 0.0
+    _note(g, i, EVENT.steering, first, steering_lag, tick)
+    upright = g[EVALUATED.tilt * LANES + i] >= g[BLOCK.body * LANES + i + _C.rollover_cosine]
+    _note(g, i, EVENT.rollover, g[ALIVE * LANES + i] == 1.0 and not upright, 1.0, tick)
     g[ALIVE * LANES + i] = g[ALIVE * LANES + i] if upright else 0.0
 
 
@@ -388,14 +314,15 @@ def _halt(g: FloatArray, lanes: int) -> None:
     """Bring the vehicles that have rolled over to rest."""
     for i in range(lanes):
         if g[ALIVE * LANES + i] == 0.0:
-            for row in range(U, STATES):
+            for row in range(STATE.u, STATES):
                 g[row * LANES + i] = 0.0
             for row in range(SLOPE, SLOPE + STATES):
                 g[row * LANES + i] = 0.0
 
 
-@compiled
-def advance(
+@inlined
+def _advance(
+    laws: Laws,
     groups: FloatArray,
     table: FloatArray,
     steering_lag: FloatArray,
@@ -405,27 +332,6 @@ def advance(
     rows: NDArray[np.int64],
     out: FloatArray,
 ) -> None:
-    """Advance groups of vehicles by t ticks under the same commands; 0 ticks evaluate the slopes.
-
-    Parameters
-    ----------
-    groups : shape (b, GROUP_SIZE)
-        From `pack`; advanced in place.
-    table : shape (2 * substeps * t + 1, 8)
-        From `tricycle_sim.vehicle.steering.run_servo`.
-    steering_lag : shape (t + 1,)
-        Set-point behind the command beyond what one tick of slew makes up for [rad], else 0.
-    drive : shape (t + 1, 3)
-        Columns `SPEED_MODE`, `DEMAND`, `BRAKE`; the last row is for the slopes at the end.
-    substeps : int
-        Runge-Kutta steps per tick.
-    first_tick : int
-        Number of the first tick in the events.
-    rows : shape (m,)
-        Rows of a group to record at every tick.
-    out : shape (m, b * LANES, t + 1)
-        Receives them.
-    """
     # Known only at run time: a constant number of lanes is unrolled instead of vectorised.
     lanes = groups.shape[1] // ROWS
     ticks = drive.shape[0] - 1
@@ -437,7 +343,7 @@ def advance(
             for s in range(substeps):
                 row = 2 * (k * substeps + s)
                 for stage in range(4):  # of the classical Runge-Kutta method
-                    _evaluate(g, lanes, table, row + (stage + 1) // 2, drive[k])
+                    _evaluate(laws, g, lanes, table, row + (stage + 1) // 2, drive[k])
                     if stage == 0:
                         if s == 0:
                             halted = _watch_group(g, lanes, float(first_tick + k), steering_lag[k])
@@ -468,8 +374,151 @@ def advance(
                                 g[j * LANES + i] = g[(START + j) * LANES + i]
 
 
-@compiled
-def advance_tick(
+@inlined
+def position(groups: FloatArray) -> tuple[float, float]:
+    """Return where the COM of the first vehicle is, x and y [m]; callable from compiled code.
+
+    Parameters
+    ----------
+    groups : shape (b, ROWS * LANES)
+        From `tricycle_sim.vehicle.groups.pack`.
+    """
+    return groups[0, STATE.x * LANES], groups[0, STATE.y * LANES]
+
+
+@inlined
+def yaw(groups: FloatArray) -> float:
+    """Return the yaw angle of the first vehicle [rad]; callable from compiled code.
+
+    Parameters
+    ----------
+    groups : shape (b, ROWS * LANES)
+        From `tricycle_sim.vehicle.groups.pack`.
+    """
+    g = groups[0]
+    w, x = g[STATE.q0 * LANES], g[STATE.q1 * LANES]
+    y, z = g[STATE.q2 * LANES], g[STATE.q3 * LANES]
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+class Functions(NamedTuple):
+    """Compiled functions of all vehicles that have the same laws; their arguments are positional.
+
+    Letters of shapes: `b` groups, `t` ticks, `m` recorded rows.
+
+    Attributes
+    ----------
+    advance : callable
+        Advances groups by t ticks under the same commands; with 0 ticks it evaluates the slopes.
+        Arguments: groups (b, ROWS * LANES), advanced in place; table (2 * substeps * t + 1, 8) from
+        `steer`; steering lag (t + 1,), set-point behind the command beyond what one tick of slew
+        makes up for [rad], else 0; drive (t + 1, 3), columns of `COMMAND`, the last row for the
+        slopes at the end; substeps, Runge-Kutta steps per tick; first tick, its number in the
+        events; rows (m,) of a group to record at every tick; out (m, b * LANES, t + 1) for them.
+    advance_tick : callable
+        Advances groups and their servo by one tick. Arguments: groups; servo (2,), motor angle
+        [rad] and rate [rad/s]; constants of the steering for TICK / (2 * substeps); steering
+        set-point [rad], slewed already, NaN for no servo pulse; drive, a tuple in the order of
+        `COMMAND`, slewed already; substeps, 1 as in the batch, 2 as live.
+    steer : callable
+        `tricycle_sim.vehicle.steering.run` without its first two arguments.
+    wheel_angles : callable
+        From motor angle [rad] and constants of the steering to the angles of the wheels about
+        their king-pins, left and right [rad], and their slopes by the motor angle.
+    road_angle, motor_angle_for : callable
+        As in `tricycle_sim.vehicle.steering`, without the first argument.
+    """
+
+    advance: Any
+    advance_tick: Any
+    steer: Any
+    wheel_angles: Any
+    road_angle: Any
+    motor_angle_for: Any
+
+
+def functions_for(vehicle: Vehicle) -> Functions:
+    """Return the functions compiled with the laws of a vehicle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Names laws in `parts`.
+
+    Raises
+    ------
+    VehicleError
+        If it names one that does not exist.
+    """
+    return _compile(law_names(vehicle))
+
+
+def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
+    """Return a function compiled with the laws of a vehicle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Names laws in `parts`.
+    function : callable
+        At the top level of a module; names of `Functions` are global names in it.
+    """
+    return _compile_caller(law_names(vehicle), function)
+
+
+@functools.cache
+def _compile_caller(names: tuple[str, ...], function: Callable[..., Any]) -> Any:
+    return compiled(function, "-".join(names), **_compile(names)._asdict())
+
+
+@functools.cache
+def _compile(names: tuple[str, ...]) -> Functions:
+    named = zip(Laws._fields, names, strict=True)
+    chosen = Laws(**{part: PARTS[part][name][0] for part, name in named})
+    variant = "-".join(names)
+    advancing = compiled(_advance_with, variant, laws=chosen)
+    steering_ahead = compiled(_steer_with, variant, laws=chosen)
+    return Functions(
+        advance=advancing,
+        advance_tick=compiled(_advance_tick_with, variant, advance=advancing, steer=steering_ahead),
+        steer=steering_ahead,
+        wheel_angles=compiled(_wheel_angles_with, variant, laws=chosen),
+        road_angle=compiled(_road_angle_with, variant, laws=chosen),
+        motor_angle_for=compiled(_motor_angle_for_with, variant, laws=chosen),
+    )
+
+
+# Templates: `_compile` puts compiled functions in place of these names.
+laws: Any = None
+advance: Any = None
+steer: Any = None
+
+
+def _advance_with(
+    groups: FloatArray,
+    table: FloatArray,
+    steering_lag: FloatArray,
+    drive: FloatArray,
+    substeps: int,
+    first_tick: int,
+    rows: NDArray[np.int64],
+    out: FloatArray,
+) -> None:
+    _advance(laws, groups, table, steering_lag, drive, substeps, first_tick, rows, out)
+
+
+def _steer_with(
+    servo: FloatArray,
+    setpoints: FloatArray,
+    constants: FloatArray,
+    half_steps: int,
+    table: FloatArray,
+    angles: FloatArray,
+) -> None:
+    steering.run(laws.servo, laws.linkage, servo, setpoints, constants, half_steps, table, angles)
+
+
+def _advance_tick_with(
     groups: FloatArray,
     servo: FloatArray,
     constants: FloatArray,
@@ -477,168 +526,28 @@ def advance_tick(
     drive: tuple[float, float, float],
     substeps: int,
 ) -> None:
-    """Advance groups and their steering servo by one tick; callable from compiled code.
-
-    Parameters
-    ----------
-    groups : shape (b, GROUP_SIZE)
-        From `pack`; advanced in place. A single vehicle is element `row * LANES` of `groups[0]`.
-    servo : shape (2,)
-        Motor angle [rad] and rate [rad/s]; advanced in place.
-    constants : shape (10,)
-        `steering_constants(vehicle, TICK / (2 * substeps))`.
-    steering_setpoint : float
-        Motor angle [rad], slewed already; NaN: no servo pulse.
-    drive : tuple
-        `SPEED_MODE`, `DEMAND` (slewed already), `BRAKE`.
-    substeps : int
-        Runge-Kutta steps per tick: 1 equals the batch, 2 the live vehicle.
-    """
     table = np.empty((2 * substeps + 1, 8))
-    run_servo(
-        servo, np.full(1, steering_setpoint), constants, 2 * substeps, table, np.empty((2, 2))
-    )
+    steer(servo, np.full(1, steering_setpoint), constants, 2 * substeps, table, np.empty((2, 2)))
     commands = np.empty((2, 3))
     commands[:] = np.array(drive)
     no_rows = np.empty(0, dtype=np.int64)
     advance(groups, table, np.zeros(2), commands, substeps, 0, no_rows, np.empty((0, LANES, 2)))
 
 
-def pack(
-    vehicle: Vehicle,
-    parameters: FloatArray,
-    pose: tuple[float, float, float],
-    speed: FloatArray | None = None,
-) -> FloatArray:
-    """Put vehicles at the origin, heading +x, into groups.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-    parameters : shape (n, k)
-        Values of `vehicle.unknown`, in its order.
-    pose : tuple
-        COM height [m], roll and pitch [rad], from `equilibrium(vehicle)`.
-    speed : shape (n,), optional
-        At which they roll straight on [m/s]; by default they are at rest.
-
-    Returns
-    -------
-    shape (ceil(n / LANES), GROUP_SIZE)
-        Lanes beyond n repeat the last vehicle.
-    """
-    n = len(parameters)
-    groups = np.zeros((-(-n // LANES), ROWS, LANES))
-    constants = _constants(vehicle)
-    sample = np.minimum(np.arange(len(groups) * LANES), n - 1).reshape(-1, LANES)
-    for name, column in zip(vehicle.unknown, np.asarray(parameters).T, strict=True):
-        constants.update(_unknown_constants(name, column[sample]))
-    for row, value in constants.items():
-        groups[:, row] = value
-    groups[:, ALIVE] = 1.0
-    groups[:, [LEAST_LOAD_LEFT, LEAST_LOAD_RIGHT, LEAST_LOAD_REAR]] = np.inf
-    z, roll, pitch = pose
-    groups[:, Z] = z
-    quaternion = attitude_quaternion(roll, pitch, 0.0)
-    groups[:, Q0 : Q3 + 1] = np.reshape(quaternion, (4, 1))
-    if speed is not None:
-        groups[:, U] = speed[sample]
-        groups[:, SPIN_LEFT : SPIN_REAR + 1] = (groups[:, U] / vehicle.tyre_radius)[:, np.newaxis]
-    return groups.reshape(len(groups), GROUP_SIZE)
+def _wheel_angles_with(
+    motor_angle: float, constants: FloatArray
+) -> tuple[float, float, float, float]:
+    angles: tuple[float, float, float, float] = laws.linkage(
+        constants, steering.BLOCK.linkage, motor_angle
+    )
+    return angles
 
 
-def equilibrium(vehicle: Vehicle) -> tuple[float, float, float]:
-    """Return COM height [m], roll and pitch [rad] at rest on the vertical tyre springs.
-
-    Camber thrust is set aside (0.01 N): it depends on the unknown parameters, the start must not.
-    """
-    group = np.zeros((ROWS, LANES))
-    for row, value in _constants(vehicle).items():
-        group[row] = value
-    group[_C_GAMMA], group[ALIVE] = 0.0, 1.0
-    straight = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
-    pose = np.array([vehicle.com_height, 0.0, 0.0])
-    variation = 1e-7 * np.eye(3)
-    for _ in range(8):  # Newton's method, Jacobian by central differences in lanes 1 to 6
-        poses = np.vstack([pose, pose + variation, pose - variation, pose])
-        group[Z] = poses[:, 0]
-        group[Q0 : Q3 + 1] = np.transpose([attitude_quaternion(r, p, 0.0) for _, r, p in poses])
-        flat = group.reshape(1, GROUP_SIZE)
-        advance(flat, straight, np.zeros(1), np.zeros((1, 3)), 1, 0, NO_ROWS, NO_OUTPUT)
-        residual = flat.reshape(ROWS, LANES)[[SLOPE + W, SLOPE + P, SLOPE + Q]]
-        jacobian = (residual[:, 1:4] - residual[:, 4:7]) / 2e-7
-        pose = pose - np.linalg.solve(jacobian, residual[:, 0])
-    return float(pose[0]), float(pose[1]), float(pose[2])
+def _road_angle_with(motor_angle: float, constants: FloatArray) -> float:
+    angle: float = steering.road_angle(laws.linkage, motor_angle, constants)
+    return angle
 
 
-def _constants(vehicle: Vehicle) -> dict[int, float]:
-    """Return the constants of the nominal vehicle by row."""
-    reference_load = vehicle.mass * vehicle.gravity / 3.0
-    constants = {
-        _GRAVITY: vehicle.gravity,
-        _INVERSE_MASS: 1.0 / vehicle.mass,
-        _DRAG_PER_MASS: vehicle.air_drag / vehicle.mass,
-        _IXX: vehicle.roll_inertia,
-        _IYY: vehicle.pitch_inertia,
-        _INVERSE_IXX: 1.0 / vehicle.roll_inertia,
-        _INVERSE_IYY: 1.0 / vehicle.pitch_inertia,
-        _FRONT_X: vehicle.com_to_front_axle,
-        _REAR_X: -vehicle.com_to_rear_axle,
-        _LEFT_Y: vehicle.left_wheel_y,
-        _RIGHT_Y: vehicle.right_wheel_y,
-        _REAR_Y: vehicle.rear_wheel_y,
-        _WHEEL_Z: vehicle.tyre_radius - vehicle.com_height,
-        _RADIUS: vehicle.tyre_radius,
-        _IW_FRONT: vehicle.front_wheel_inertia,
-        _IW_REAR: vehicle.rear_wheel_inertia,
-        _INVERSE_IW_FRONT: 1.0 / vehicle.front_wheel_inertia,
-        _INVERSE_IW_REAR: 1.0 / vehicle.rear_wheel_inertia,
-        _KZ: vehicle.vertical_stiffness,
-        _CZ: vehicle.vertical_damping,
-        _MU: vehicle.friction_coefficient,
-        _LS0: 1.0 - vehicle.load_sensitivity,
-        _LS1: vehicle.load_sensitivity / reference_load,
-        _C_KAPPA: vehicle.slip_stiffness,
-        _INVERSE_SIGMA_X: 1.0 / vehicle.longitudinal_relaxation_length,
-        _INVERSE_SIGMA_Y: 1.0 / vehicle.lateral_relaxation_length,
-        _V0_SQUARED: vehicle.slip_speed_floor**2,
-        _VL_SQUARED: vehicle.carcass_damping_speed**2,
-        _DX: vehicle.longitudinal_carcass_damping,
-        _DY: vehicle.lateral_carcass_damping,
-        _V_EPS_SQUARED: vehicle.rolling_smoothing_speed**2,
-        _KING_PIN_X: -math.sin(vehicle.caster_angle),
-        _KING_PIN_Z: math.cos(vehicle.caster_angle),
-        _MOTOR_TORQUE: vehicle.motor_torque,
-        _MOTOR_POWER: vehicle.motor_power,
-        _MOTOR_SLOPE: vehicle.motor_slope,
-        _NO_LOAD_SPEED: vehicle.motor_no_load_speed,
-        _REGENERATIVE: vehicle.regenerative_torque,
-        _INVERSE_LAG: 1.0 / vehicle.motor_lag,
-        _KP: vehicle.speed_gain_proportional,
-        _KI: vehicle.speed_gain_integral,
-        _ANTI_WINDUP: vehicle.speed_anti_windup,
-        _BRAKE_TORQUE: vehicle.brake_torque,
-        _BRAKE_SMOOTHING_SQUARED: vehicle.brake_smoothing_speed**2,
-        _ROLLOVER_COSINE: math.cos(vehicle.rollover_angle),
-    }
-    for name in _UNKNOWN_ROWS:
-        constants.update(_unknown_constants(name, getattr(vehicle, name)))
-    return constants
-
-
-_UNKNOWN_ROWS = {
-    "cornering_stiffness": _C_ALPHA,
-    "camber_stiffness": _C_GAMMA,
-    "self_aligning_stiffness": _SAP,
-    "yaw_inertia": _IZZ,
-    "rolling_coefficient_1": _F1,
-    "rolling_coefficient_2": _F2,
-}
-
-
-def _unknown_constants(name: str, value: Any) -> dict[int, Any]:
-    """Return the rows that an unknown parameter sets; `value` a number or an array of them."""
-    rows = {_UNKNOWN_ROWS[name]: value}
-    if name == "yaw_inertia":
-        rows[_INVERSE_IZZ] = 1.0 / value
-    return rows
+def _motor_angle_for_with(angle: float, constants: FloatArray) -> float:
+    motor_angle: float = steering.motor_angle_for(laws.linkage, angle, constants)
+    return motor_angle

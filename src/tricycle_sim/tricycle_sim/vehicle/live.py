@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tricycle_core.quantities import TICK, FloatArray
-from tricycle_core.rotations import euler_angles
-from tricycle_sim.vehicle import kernel as dynamics
-from tricycle_sim.vehicle.batch import Feasibility, read_feasibility
-from tricycle_sim.vehicle.file import Vehicle
-from tricycle_sim.vehicle.kernel import LANES
+from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
+from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
+from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.kernel import COMMAND, NO_OUTPUT, NO_ROWS, functions_for
+from tricycle_sim.vehicle.layout import ALIVE, EVALUATED, LANES, SLOPE, STATE, STATES
+from tricycle_sim.vehicle.parts import steering_constants
 from tricycle_sim.vehicle.stability import check_step
-from tricycle_sim.vehicle.steering import run_servo, steering_constants
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,9 @@ class LiveVehicle:
         check_step(vehicle, TICK / substeps)
         self.vehicle = vehicle
         self._substeps = substeps
-        pose = dynamics.equilibrium(vehicle)
-        self._groups = dynamics.pack(vehicle, point[np.newaxis], pose)
-        self._rows = self._groups.reshape(dynamics.ROWS, LANES)
+        self._functions = functions_for(vehicle)
+        self._groups = pack(vehicle, point[np.newaxis], equilibrium(vehicle))
+        self._rows = self._groups.reshape(-1, LANES)
         self._constants = steering_constants(vehicle, 0.5 * TICK / substeps)
         self._servo = np.zeros(2)
         self._table = np.empty((2 * substeps + 1, 8))
@@ -89,7 +90,7 @@ class LiveVehicle:
         self._ticks = 0
         self._rear_wheel_angle = 0.0
         self._rear_wheel_speed = 0.0
-        run_servo(self._servo, np.empty(0), self._constants, 0, self._table, self._angles)
+        self._steer(np.empty(0), 0)
         # the first state has its loads and slopes too
         self._advance(self._table[:1], self._drive[:1])
         self._state = self._read()
@@ -102,7 +103,7 @@ class LiveVehicle:
     @property
     def feasibility(self) -> Feasibility:
         """What the drive has asked of the vehicle so far; arrays of shape (1,)."""
-        return read_feasibility(self._rows[np.newaxis], 1)
+        return read_feasibility(self._groups, 1)
 
     def step(
         self,
@@ -129,35 +130,39 @@ class LiveVehicle:
             Share 0 to 1 of the friction brake.
         """
         speed_mode = speed is not None
-        if speed_mode and self._drive[0, dynamics.SPEED_MODE] == 0.0:
-            self._rows[dynamics.INTEGRATOR] = 0.0  # the controller starts anew
+        if speed_mode and self._drive[0, COMMAND.speed_mode] == 0.0:
+            self._rows[STATE.integrator] = 0.0  # the controller starts anew
         self._drive[:] = (speed_mode, torque if speed is None else speed, brake)
         setpoint = np.array([math.nan if steering is None else steering])
-        half_steps = 2 * self._substeps
-        run_servo(self._servo, setpoint, self._constants, half_steps, self._table, self._angles)
+        self._steer(setpoint, 2 * self._substeps)
         self._advance(self._table, self._drive)
         self._ticks += 1
         self._state = self._read()
         return self._state
 
+    def _steer(self, setpoints: FloatArray, half_steps: int) -> None:
+        self._functions.steer(
+            self._servo, setpoints, self._constants, half_steps, self._table, self._angles
+        )
+
     def _advance(self, table: FloatArray, drive: FloatArray) -> None:
-        dynamics.advance(
+        self._functions.advance(
             self._groups,
             table,
             self._lag,
             drive,
             self._substeps,
             self._ticks,
-            dynamics.NO_ROWS,
-            dynamics.NO_OUTPUT,
+            NO_ROWS,
+            NO_OUTPUT,
         )
 
     def _read(self) -> LiveState:
         values: FloatArray = self._rows[:, 0]
-        x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = values[: dynamics.R + 1].tolist()
-        left, right, rear = values[dynamics.SPIN_LEFT : dynamics.SPIN_REAR + 1].tolist()
-        slopes = values[dynamics.SLOPE : dynamics.SLOPE + dynamics.STATES]
-        du, dv, dw = slopes[dynamics.U : dynamics.W + 1].tolist()
+        x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = values[: STATE.r + 1].tolist()
+        left, right, rear = values[STATE.spin_left : STATE.spin_rear + 1].tolist()
+        slopes = values[SLOPE : SLOPE + STATES]
+        du, dv, dw = slopes[STATE.u : STATE.w + 1].tolist()
         axles = self._table[-1].tolist()
         wheel_speeds = (
             left - (p * axles[0] + q * axles[1] + r * axles[2]),
@@ -172,19 +177,21 @@ class LiveVehicle:
             dv + r * u - p * w + gravity * 2.0 * (q2 * q3 + q0 * q1),
             dw + p * v - q * u + gravity * (1.0 - 2.0 * (q1 * q1 + q2 * q2)),
         )
-        roll, pitch, yaw = euler_angles(np.array([q0, q1, q2, q3]))
-        torque = float(values[dynamics.TORQUE])
+        attitude = (q0, q1, q2, q3)
+        torque = float(values[STATE.torque])
         power = torque * wheel_speeds[2] + self.vehicle.motor_copper_loss * torque**2
-        load_left, load_right, load_rear = values[dynamics.LOAD : dynamics.LOAD + 3].tolist()
+        load_left, load_right, load_rear = values[
+            EVALUATED.load_left : EVALUATED.load_rear + 1
+        ].tolist()
         return LiveState(
             time=self._ticks * TICK,
             x=x,
             y=y,
             z=z,
-            quaternion=(q0, q1, q2, q3),
-            roll=float(roll),
-            pitch=float(pitch),
-            yaw=float(yaw),
+            quaternion=attitude,
+            roll=float(roll_angle(attitude)),
+            pitch=float(pitch_angle(attitude)),
+            yaw=float(yaw_angle(attitude)),
             vx=u,
             vy=v,
             vz=w,
@@ -200,5 +207,5 @@ class LiveVehicle:
             motor_torque=torque,
             motor_power=power,
             motor_current=power / self.vehicle.battery_voltage,
-            rolled_over=bool(values[dynamics.ALIVE] == 0.0),
+            rolled_over=bool(values[ALIVE] == 0.0),
         )

@@ -10,20 +10,21 @@ from scipy.linalg import eig
 
 from tricycle_bridge.protocol.messages import MAX_SPEED
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle import kernel as dynamics
-from tricycle_sim.vehicle.file import Vehicle
-from tricycle_sim.vehicle.kernel import LANES, ROWS, STATES
+from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.groups import STRAIGHT, equilibrium, pack
+from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for
+from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE, STATES
 
 LIMIT = 2.5
 """Largest rate times step: RK4 is stable to 2.78 for decay and to 2.83 for oscillation."""
 
 # what to change, by the state that takes the largest part in a mode
 _CAUSES = {
-    dynamics.X: "vertical_stiffness, vertical_damping, mass or inertia",
-    dynamics.SPIN_LEFT: "slip_stiffness, rolling_smoothing_speed or the wheels' inertia",
-    dynamics.KAPPA_LEFT: "longitudinal_relaxation_length or slip_stiffness",
-    dynamics.ALPHA_LEFT: "lateral_relaxation_length or cornering_stiffness",
-    dynamics.TORQUE: "motor_lag or the gains of the speed controller",
+    STATE.x: "vertical_stiffness, vertical_damping, mass or inertia",
+    STATE.spin_left: "slip_stiffness, rolling_smoothing_speed or the wheels' inertia",
+    STATE.kappa_left: "longitudinal_relaxation_length or slip_stiffness",
+    STATE.alpha_left: "lateral_relaxation_length or cornering_stiffness",
+    STATE.torque: "motor_lag or the gains of the speed controller",
 }
 
 _checked: set[tuple[str, float]] = set()
@@ -37,7 +38,7 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     VehicleError
         Naming the rate of the fastest mode and the constants behind it.
     """
-    key = vehicle.file_hash, step
+    key = vehicle.fingerprint, step
     if key in _checked:
         return
     rate, state = fastest_mode(vehicle)
@@ -62,18 +63,16 @@ def fastest_mode(vehicle: Vehicle) -> tuple[float, int]:
 def _fastest_at(vehicle: Vehicle, speed: float) -> tuple[float, int]:
     variation = 1e-6
     samples = np.tile(vehicle.nominal_point(), (2 * STATES, 1))
-    pose, speeds = dynamics.equilibrium(vehicle), np.full(len(samples), speed)
-    groups = dynamics.pack(vehicle, samples, pose, speeds)
-    rows = groups.reshape(-1, ROWS, LANES)
+    speeds = np.full(len(samples), speed)
+    groups = pack(vehicle, samples, equilibrium(vehicle), speeds)
+    rows = groups.reshape(len(groups), -1, LANES)
     for state in range(STATES):  # central differences in neighbouring lanes
         for sample, sign in ((2 * state, 1.0), (2 * state + 1, -1.0)):
             rows[sample // LANES, state, sample % LANES] += sign * variation
-    straight = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
     drive = np.array([[1.0, speed, 0.0]])
-    nothing = (dynamics.NO_ROWS, dynamics.NO_OUTPUT)
-    dynamics.advance(groups, straight, np.zeros(1), drive, 1, 0, *nothing)
-    slopes = rows[:, dynamics.SLOPE : dynamics.SLOPE + STATES].transpose(1, 0, 2)
-    slopes = slopes.reshape(STATES, 2 * STATES)
+    advance = functions_for(vehicle).advance
+    advance(groups, STRAIGHT, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
+    slopes = rows[:, SLOPE : SLOPE + STATES].transpose(1, 0, 2).reshape(STATES, 2 * STATES)
     jacobian = (slopes[:, ::2] - slopes[:, 1::2]) / (2.0 * variation)
     rates, left, right = eig(jacobian, left=True)
     fastest = int(np.argmax(np.abs(rates)))

@@ -1,52 +1,60 @@
-"""The steering: servo, linkage and caster, and the table of them that the kernel reads.
+"""The steering: linkage and caster, from the motor's angle to the axles of the front wheels.
 
 The servo is stiff: the tyres do not move it. Its history follows from the set-points alone and is
-exact at every half step, whatever the vehicles of a batch do.
+exact at every half step, whatever the vehicles of a batch do: one table holds it for all of them.
+
+`LINKAGES` lists the laws of the linkage; each is one function, compiled into the steering, and the
+constants that it reads. A vehicle file chooses one under `parts: {linkage: NAME}`.
 """
 
-import cmath
 import math
-
-import numpy as np
+from typing import Any
 
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.compilation import compiled
-from tricycle_sim.vehicle.file import Vehicle
+from tricycle_sim.compilation import inlined
+from tricycle_sim.vehicle.actuators import SERVOS
+from tricycle_sim.vehicle.layout import Formulas, blocks, numbered
 
-# Entries of the array of constants
-(_PHI, _LIMIT, _RATIO_STRAIGHT, _RATIO_FULL, _SMOOTHING, _SINE, _COSINE) = (0, 4, 5, 6, 7, 8, 9)
+RATIO: Formulas = {
+    "limit": lambda v: v.steering_limit,
+    "straight": lambda v: v.steering_ratio_straight,
+    "full": lambda v: v.steering_ratio_full,
+    "smoothing": lambda v: v.steering_ratio_smoothing,
+}
+_R = numbered(RATIO)
 
-
-def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
-    """Pack what the compiled functions of this module need, for servo steps of `half_step` [s]."""
-    # Transition over a step of theta'' = omega^2 (command - theta) - 2 zeta omega theta'
-    frequency = vehicle.servo_natural_frequency
-    decay_rate = vehicle.servo_damping_ratio * frequency
-    root = cmath.sqrt(decay_rate**2 - frequency**2)
-    decay = math.exp(-decay_rate * half_step)
-    even = decay * cmath.cosh(root * half_step).real
-    odd = decay * ((cmath.sinh(root * half_step) / root).real if root else half_step)
-    caster = vehicle.caster_angle
-    return np.array(
-        [
-            *(even + decay_rate * odd, odd),
-            *(-(frequency**2) * odd, even - decay_rate * odd),
-            vehicle.steering_limit,
-            vehicle.steering_ratio_straight,
-            vehicle.steering_ratio_full,
-            vehicle.steering_ratio_smoothing,
-            math.sin(caster),
-            math.cos(caster),
-        ]
-    )
+GEOMETRY: Formulas = {
+    "limit": lambda v: v.steering_limit,
+    "sine": lambda v: math.sin(v.caster_angle),
+    "cosine": lambda v: math.cos(v.caster_angle),
+}
+"""Of every linkage: largest motor angle, caster angle of the king-pins."""
+_G = numbered(GEOMETRY)
 
 
-@compiled
-def wheel_angles(motor_angle: float, constants: FloatArray) -> tuple[float, float, float, float]:
-    """Return the angles about the king-pins left, right [rad], and their slopes by motor angle."""
-    slope = (constants[_RATIO_STRAIGHT] - constants[_RATIO_FULL]) / constants[_LIMIT]
-    ratio = constants[_RATIO_STRAIGHT] - slope * abs(motor_angle)  # outer to inner
-    width = constants[_SMOOTHING]
+@inlined
+def ratio(constants: FloatArray, c: int, motor_angle: float) -> tuple[float, float, float, float]:
+    """Return the wheels' angles for a ratio of outer to inner angle that falls with the angle.
+
+    Parameters
+    ----------
+    constants : ndarray of float
+        Of the steering.
+    c : int
+        Where the linkage's constants start in it.
+    motor_angle : float
+        Of the steering motor [rad].
+
+    Returns
+    -------
+    left, right : float
+        Angles about the king-pins [rad].
+    left_slope, right_slope : float
+        Their derivatives by the motor angle.
+    """
+    slope = (constants[c + _R.straight] - constants[c + _R.full]) / constants[c + _R.limit]
+    ratio = constants[c + _R.straight] - slope * abs(motor_angle)  # outer to inner
+    width = constants[c + _R.smoothing]
     length = math.sqrt(motor_angle**2 + width**2)
     side = motor_angle / length  # 1: left turn, the left wheel is the inner one
     common, split = 0.5 * (1.0 + ratio), 0.5 * side * (1.0 - ratio)
@@ -62,46 +70,96 @@ def wheel_angles(motor_angle: float, constants: FloatArray) -> tuple[float, floa
     )
 
 
-@compiled
-def road_angle(motor_angle: float, constants: FloatArray) -> float:
-    """Return the angle on the road [rad] of the one front wheel that would do for both."""
-    left, right, _, _ = wheel_angles(motor_angle, constants)
-    cosine = constants[_COSINE]
+@inlined
+def axle(constants: FloatArray, c: int, angle: float) -> tuple[float, float, float]:
+    """Return the direction of a wheel's axle in the body frame.
+
+    Parameters
+    ----------
+    constants : ndarray of float
+        Of the steering.
+    c : int
+        Where the constants of the geometry start in it.
+    angle : float
+        Of the wheel about its king-pin [rad].
+    """
+    return (
+        -constants[c + _G.cosine] * math.sin(angle),
+        math.cos(angle),
+        -constants[c + _G.sine] * math.sin(angle),
+    )
+
+
+LINKAGES = {"ratio": (ratio, RATIO)}
+"""Function and constants of each law by name."""
+
+BLOCK, SIZE = blocks(
+    0,
+    {
+        "servo": [constants for _, constants in SERVOS.values()],
+        "linkage": [constants for _, constants in LINKAGES.values()],
+        "geometry": [GEOMETRY],
+    },
+)
+"""Where each part's constants start in the array of the steering's constants; its length."""
+
+
+@inlined
+def road_angle(linkage: Any, motor_angle: float, constants: FloatArray) -> float:
+    """Return the angle on the road [rad] of the one front wheel that would do for both.
+
+    Parameters
+    ----------
+    linkage : compiled function
+        Law of the linkage.
+    motor_angle : float
+        Of the steering motor [rad].
+    constants : shape (SIZE,)
+        Of the steering.
+    """
+    left, right, _, _ = linkage(constants, BLOCK.linkage, motor_angle)
+    cosine = constants[BLOCK.geometry + _G.cosine]
     angle: float = 0.5 * (math.atan(cosine * math.tan(left)) + math.atan(cosine * math.tan(right)))
     return angle
 
 
-@compiled
-def motor_angle_for(angle: float, constants: FloatArray) -> float:
-    """Return the motor angle [rad] within its limit whose `road_angle` comes closest to `angle`."""
-    low, high = -constants[_LIMIT], constants[_LIMIT]
+@inlined
+def motor_angle_for(linkage: Any, angle: float, constants: FloatArray) -> float:
+    """Return the motor angle [rad] within its limit whose `road_angle` comes closest to an angle.
+
+    Parameters
+    ----------
+    linkage, constants
+        As for `road_angle`.
+    angle : float
+        On the road [rad].
+    """
+    limit = constants[BLOCK.geometry + _G.limit]
+    low, high = -limit, limit
     for _ in range(50):  # road_angle rises with the motor angle: halve to round-off
         middle = 0.5 * (low + high)
-        if road_angle(middle, constants) < angle:
+        if road_angle(linkage, middle, constants) < angle:
             low = middle
         else:
             high = middle
     return float(0.5 * (low + high))
 
 
-@compiled
+@inlined
 def _write_axles(
-    table: FloatArray, row: int, angle: float, rate: float, constants: FloatArray
+    linkage: Any, table: FloatArray, row: int, angle: float, rate: float, constants: FloatArray
 ) -> None:
-    left, right, left_slope, right_slope = wheel_angles(angle, constants)
-    sine, cosine = constants[_SINE], constants[_COSINE]
-    table[row, 0] = -cosine * math.sin(left)
-    table[row, 1] = math.cos(left)
-    table[row, 2] = -sine * math.sin(left)
+    left, right, left_slope, right_slope = linkage(constants, BLOCK.linkage, angle)
+    table[row, 0], table[row, 1], table[row, 2] = axle(constants, BLOCK.geometry, left)
     table[row, 3] = left_slope * rate
-    table[row, 4] = -cosine * math.sin(right)
-    table[row, 5] = math.cos(right)
-    table[row, 6] = -sine * math.sin(right)
+    table[row, 4], table[row, 5], table[row, 6] = axle(constants, BLOCK.geometry, right)
     table[row, 7] = right_slope * rate
 
 
-@compiled
-def run_servo(
+@inlined
+def run(
+    servo_law: Any,
+    linkage: Any,
     servo: FloatArray,
     setpoints: FloatArray,
     constants: FloatArray,
@@ -113,12 +171,14 @@ def run_servo(
 
     Parameters
     ----------
+    servo_law, linkage : compiled function
+        Laws of servo and linkage.
     servo : shape (2,)
         Motor angle [rad] and rate [rad/s]; left at the end of the last tick.
     setpoints : shape (t,)
         Motor angle [rad] wanted during each tick; NaN: no servo pulse, the gear holds the angle.
-    constants : shape (10,)
-        `steering_constants` of the half step.
+    constants : shape (SIZE,)
+        Of the steering, for the half step.
     half_steps : int
         Half steps per tick.
     table : shape (half_steps * t + 1, 8)
@@ -127,26 +187,18 @@ def run_servo(
     angles : shape (2, t + 1)
         Receives motor angle [rad] and rate [rad/s] at the ticks.
     """
-    limit = constants[_LIMIT]
     angle, rate = servo[0], servo[1]
-    _write_axles(table, 0, angle, rate, constants)
-    angles[0, 0], angles[1, 0] = angle, rate
-    row = 0
-    for k in range(setpoints.shape[0]):
-        setpoint = setpoints[k]
-        off = math.isnan(setpoint)
-        if off:
-            rate = 0.0
-            _write_axles(table, row, angle, rate, constants)
-        for _ in range(half_steps):
-            if not off:
-                error = angle - setpoint
-                angle = setpoint + constants[_PHI] * error + constants[_PHI + 1] * rate
-                rate = constants[_PHI + 2] * error + constants[_PHI + 3] * rate
-                if abs(angle) > limit:  # at the stop
-                    angle = math.copysign(limit, angle)
-                    rate = 0.0
-            row += 1
-            _write_axles(table, row, angle, rate, constants)
-        angles[0, k + 1], angles[1, k + 1] = angle, rate
+    ticks = setpoints.shape[0]
+    # one place that writes: what is computed in two may be rounded differently, by optimisation
+    for row in range(half_steps * ticks + 1):
+        if row > 0:
+            setpoint = setpoints[(row - 1) // half_steps]
+            if not math.isnan(setpoint):
+                angle, rate = servo_law(constants, BLOCK.servo, angle, rate, setpoint)
+        if ticks == 0 or row % half_steps == 0:
+            k = 0 if ticks == 0 else row // half_steps
+            angles[0, k], angles[1, k] = angle, rate
+            if k < ticks and math.isnan(setpoints[k]):
+                rate = 0.0
+        _write_axles(linkage, table, row, angle, rate, constants)
     servo[0], servo[1] = angle, rate

@@ -1,0 +1,162 @@
+"""The actuators: steering servo, hub motor with its speed controller, friction brake.
+
+`SERVOS`, `MOTORS` and `BRAKES` list the laws; each is one function, compiled into the equations,
+and the constants that it reads. A vehicle file chooses one under `parts: {motor: NAME}`.
+"""
+
+import cmath
+import math
+from typing import Any
+
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.compilation import inlined
+from tricycle_sim.vehicle.layout import LANES, Formulas, StepFormulas, numbered
+
+
+def _transition(v: Any, step: float) -> tuple[float, float, float, float]:
+    """Transition over a step of theta'' = omega^2 (command - theta) - 2 zeta omega theta'."""
+    frequency = v.servo_natural_frequency
+    decay_rate = v.servo_damping_ratio * frequency
+    root = cmath.sqrt(decay_rate**2 - frequency**2)
+    decay = math.exp(-decay_rate * step)
+    even = decay * cmath.cosh(root * step).real
+    odd = decay * ((cmath.sinh(root * step) / root).real if root else step)
+    return even + decay_rate * odd, odd, -(frequency**2) * odd, even - decay_rate * odd
+
+
+SECOND_ORDER: StepFormulas = {
+    "angle_by_angle": lambda v, step: _transition(v, step)[0],
+    "angle_by_rate": lambda v, step: _transition(v, step)[1],
+    "rate_by_angle": lambda v, step: _transition(v, step)[2],
+    "rate_by_rate": lambda v, step: _transition(v, step)[3],
+    "limit": lambda v, _: v.steering_limit,
+}
+_S = numbered(SECOND_ORDER)
+
+HUB_MOTOR: Formulas = {
+    "torque": lambda v: v.motor_torque,
+    "power": lambda v: v.motor_power,
+    "slope": lambda v: v.motor_slope,
+    "no_load_speed": lambda v: v.motor_no_load_speed,
+    "regenerative": lambda v: v.regenerative_torque,
+    "inverse_lag": lambda v: 1.0 / v.motor_lag,
+    "proportional": lambda v: v.speed_gain_proportional,
+    "integral": lambda v: v.speed_gain_integral,
+    "anti_windup": lambda v: v.speed_anti_windup,
+    "radius": lambda v: v.tyre_radius,
+}
+_M = numbered(HUB_MOTOR, step=LANES)
+
+FRICTION_BRAKE: Formulas = {
+    "torque": lambda v: v.brake_torque,
+    "smoothing_squared": lambda v: v.brake_smoothing_speed**2,
+}
+_B = numbered(FRICTION_BRAKE, step=LANES)
+
+
+@inlined
+def second_order(
+    constants: FloatArray, c: int, angle: float, rate: float, setpoint: float
+) -> tuple[float, float]:
+    """Return angle [rad] and rate [rad/s] of a position loop after a step, exactly.
+
+    Parameters
+    ----------
+    constants : ndarray of float
+        Of the steering, for the length of the step.
+    c : int
+        Where the servo's constants start in it.
+    angle, rate : float
+        At the start of the step [rad, rad/s].
+    setpoint : float
+        Held during the step [rad].
+    """
+    error = angle - setpoint
+    angle = (
+        setpoint + constants[c + _S.angle_by_angle] * error + constants[c + _S.angle_by_rate] * rate
+    )
+    rate = constants[c + _S.rate_by_angle] * error + constants[c + _S.rate_by_rate] * rate
+    limit = constants[c + _S.limit]
+    if abs(angle) > limit:  # at the stop
+        angle = math.copysign(limit, angle)
+        rate = 0.0
+    return angle, rate
+
+
+@inlined
+def hub_motor(
+    g: FloatArray,
+    c: int,
+    spin: float,
+    torque: float,
+    integrator: float,
+    speed_mode: float,
+    demand: float,
+) -> tuple[float, float, float]:
+    """Return how torque and integrator change, for a torque limited by power, speed and current.
+
+    Parameters
+    ----------
+    g : shape (rows * LANES,)
+        Group.
+    c : int
+        Where the motor's constants of the vehicle start in `g`.
+    spin : float
+        Of the driven wheel [rad/s].
+    torque : float
+        Of the motor [N m].
+    integrator : float
+        Of the speed controller [rad].
+    speed_mode : float
+        1: `demand` is a speed of the wheel's circumference [m/s]; 0: a torque [N m].
+    demand : float
+        Set-point.
+
+    Returns
+    -------
+    torque_slope, integrator_slope : float
+        Slopes of the two states [N m/s, rad/s].
+    excess : float
+        Torque wanted beyond what the motor can give [N m].
+    """
+    direction = -1.0 if speed_mode * demand < 0.0 else 1.0  # reverse gear: everything mirrored
+    error = demand / g[c + _M.radius] - spin
+    wanted = (
+        speed_mode * (g[c + _M.proportional] * error + g[c + _M.integral] * integrator)
+        + (1.0 - speed_mode) * demand
+    )
+    forward_spin = direction * spin
+    available = min(g[c + _M.torque], g[c + _M.power] / max(forward_spin, 0.5))
+    available = min(available, g[c + _M.slope] * (g[c + _M.no_load_speed] - forward_spin))
+    granted = direction * max(-g[c + _M.regenerative], min(direction * wanted, available))
+    excess = wanted - granted
+    return (
+        (granted - torque) * g[c + _M.inverse_lag],
+        speed_mode * (error - g[c + _M.anti_windup] * excess),
+        excess,
+    )
+
+
+@inlined
+def friction_brake(g: FloatArray, c: int, spin: float, share: float) -> float:
+    """Return the moment of the brake against the spin [N m].
+
+    Parameters
+    ----------
+    g, c
+        As for `hub_motor`.
+    spin : float
+        Of the braked wheel [rad/s].
+    share : float
+        Command, 0 to 1.
+    """
+    moment: float = (
+        share * g[c + _B.torque] * spin / math.sqrt(spin * spin + g[c + _B.smoothing_squared])
+    )
+    return moment
+
+
+SERVOS = {"second_order": (second_order, SECOND_ORDER)}
+MOTORS = {"hub_motor": (hub_motor, HUB_MOTOR)}
+BRAKES = {"friction_brake": (friction_brake, FRICTION_BRAKE)}
+"""Function and constants of each law by name."""

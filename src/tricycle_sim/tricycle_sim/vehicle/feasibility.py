@@ -1,0 +1,107 @@
+"""What a drive asked of each vehicle: wheel loads, friction, saturations, roll-over."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tricycle_core.quantities import TICK, FloatArray
+from tricycle_sim.vehicle.layout import EVENT, EVENT_ROWS, LANES
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened to each sample of a run, with its time and place.
+
+    All of shape (n,). Where it did not happen, time and place are NaN.
+    """
+
+    value: FloatArray
+    time: FloatArray  # s from the start
+    x: FloatArray  # m, COM in the world
+    y: FloatArray  # m
+
+    @property
+    def happened(self) -> NDArray[np.bool_]:
+        """Which samples it happened to, shape (n,)."""
+        return np.isfinite(self.time)
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """What a drive asked of each of n vehicles, with time and place."""
+
+    least_load_left: Event  # smallest load [N]; 0: the wheel lifted, then time and place of that
+    least_load_right: Event
+    least_load_rear: Event
+    friction: Event  # largest share of a wheel's friction limit
+    steering_saturated: Event  # first time the set-point fell behind the commands [rad]
+    motor_saturated: Event  # first time the motor could not give the torque, what was missing [N m]
+    rolled_over: Event  # the vehicle is at rest where it is from then on
+
+    @property
+    def wheel_lifted(self) -> NDArray[np.bool_]:
+        """Which samples lifted a wheel, shape (n,)."""
+        left, right, rear = self.least_load_left, self.least_load_right, self.least_load_rear
+        return (left.value <= 0.0) | (right.value <= 0.0) | (rear.value <= 0.0)
+
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """Which samples neither saturated the steering, lifted a wheel nor rolled over, (n,)."""
+        bad = self.wheel_lifted | self.steering_saturated.happened | self.rolled_over.happened
+        return ~bad
+
+    def reasons(self, sample: int) -> tuple[str, ...]:
+        """Return why a sample is infeasible, a line each with time and place."""
+        reasons = [
+            ("steering saturated", self.steering_saturated),
+            ("left wheel lifted", _where_lifted(self.least_load_left)),
+            ("right wheel lifted", _where_lifted(self.least_load_right)),
+            ("rear wheel lifted", _where_lifted(self.least_load_rear)),
+            ("rolled over", self.rolled_over),
+        ]
+        return tuple(
+            f"{what} at {event.time[sample]:.2f} s, "
+            f"x = {event.x[sample]:.2f} m, y = {event.y[sample]:.2f} m"
+            for what, event in reasons
+            if event.happened[sample]
+        )
+
+
+def read_feasibility(groups: FloatArray, n: int) -> Feasibility:
+    """Return what the groups remember of their runs.
+
+    Parameters
+    ----------
+    groups : shape (b, ROWS * LANES)
+        After `advance`.
+    n : int
+        Number of samples.
+    """
+    rows = groups.reshape(len(groups), -1, LANES)
+
+    def event(row: int) -> Event:
+        value, tick, x, y = (
+            rows[:, row : row + EVENT_ROWS].transpose(1, 0, 2).reshape(EVENT_ROWS, -1)[:, :n]
+        )
+        # only the least loads start above 0, at infinity, and they always happen
+        never = value == 0.0 if row > EVENT.least_load_rear else np.zeros(n, dtype=bool)
+        time, x, y = (np.where(never, np.nan, item) for item in (tick * TICK, x, y))
+        return Event(value.copy(), time, x, y)
+
+    friction = event(EVENT.friction)
+    return Feasibility(
+        least_load_left=event(EVENT.least_load_left),
+        least_load_right=event(EVENT.least_load_right),
+        least_load_rear=event(EVENT.least_load_rear),
+        friction=dataclasses.replace(friction, value=np.sqrt(friction.value)),
+        steering_saturated=event(EVENT.steering),
+        motor_saturated=event(EVENT.motor),
+        rolled_over=event(EVENT.rollover),
+    )
+
+
+def _where_lifted(load: Event) -> Event:
+    never = load.value > 0.0
+    return dataclasses.replace(load, time=np.where(never, np.nan, load.time))

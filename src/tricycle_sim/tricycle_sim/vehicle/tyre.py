@@ -1,0 +1,171 @@
+"""The tyre: vertical load, relaxed slips, rolling resistance, and the law of its horizontal force.
+
+`LAWS` lists the laws. A law is one function, compiled into the wheel's equations, and the constants
+that it reads. A vehicle file chooses one under `parts: {tyre: NAME}`.
+"""
+
+import math
+
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.compilation import inlined
+from tricycle_sim.vehicle.layout import LANES, Formulas, numbered
+
+CONSTANTS: Formulas = {
+    "vertical_stiffness": lambda v: v.vertical_stiffness,
+    "vertical_damping": lambda v: v.vertical_damping,
+    "radius": lambda v: v.tyre_radius,
+    "inverse_sigma_x": lambda v: 1.0 / v.longitudinal_relaxation_length,
+    "inverse_sigma_y": lambda v: 1.0 / v.lateral_relaxation_length,
+    "speed_floor_squared": lambda v: v.slip_speed_floor**2,
+    "rolling_1": lambda v: v.rolling_coefficient_1,
+    "rolling_2": lambda v: v.rolling_coefficient_2,
+    "rolling_smoothing_squared": lambda v: v.rolling_smoothing_speed**2,
+}
+"""What every tyre has, whatever its law."""
+_C = numbered(CONSTANTS, step=LANES)
+
+LINEAR: Formulas = {
+    "c_kappa": lambda v: v.slip_stiffness,
+    "c_alpha": lambda v: v.cornering_stiffness,
+    "c_gamma": lambda v: v.camber_stiffness,
+    "aligning": lambda v: v.self_aligning_stiffness,
+    "friction": lambda v: v.friction_coefficient,
+    "stiffness_unloaded": lambda v: 1.0 - v.load_sensitivity,
+    "stiffness_per_load": lambda v: v.load_sensitivity / (v.mass * v.gravity / 3.0),
+    "damping_speed_squared": lambda v: v.carcass_damping_speed**2,
+    "damping_x": lambda v: v.longitudinal_carcass_damping,
+    "damping_y": lambda v: v.lateral_carcass_damping,
+}
+_L = numbered(LINEAR, step=LANES)
+
+
+@inlined
+def vertical_load(
+    g: FloatArray, c: int, radius: float, inverse_cosine: float, rise: float
+) -> float:
+    """Return the load of a wheel [N].
+
+    Parameters
+    ----------
+    g : shape (rows * LANES,)
+        Group.
+    c : int
+        Where the tyre's constants of the vehicle start in `g`.
+    radius : float
+        Loaded radius [m].
+    inverse_cosine : float
+        Of the lean.
+    rise : float
+        Vertical speed of the contact point as carried by the hub [m/s].
+    """
+    deflection = (g[c + _C.radius] - radius) * inverse_cosine
+    load: float = max(
+        0.0, g[c + _C.vertical_stiffness] * deflection - g[c + _C.vertical_damping] * rise
+    )
+    return load
+
+
+@inlined
+def slip_slopes(
+    g: FloatArray, c: int, vx: float, slip_speed: float, vy: float, kappa: float, alpha: float
+) -> tuple[float, float]:
+    """Return the slopes of both relaxed slips [1/s].
+
+    Parameters
+    ----------
+    g, c
+        As for `vertical_load`.
+    vx : float
+        Forward speed of the contact point [m/s].
+    slip_speed, vy : float
+        Its speed over the road forward and to the left [m/s].
+    kappa, alpha : float
+        Relaxed slips, longitudinal and lateral.
+    """
+    speed = math.sqrt(vx * vx + g[c + _C.speed_floor_squared])
+    return (
+        -(slip_speed + speed * kappa) * g[c + _C.inverse_sigma_x],
+        -(vy + speed * alpha) * g[c + _C.inverse_sigma_y],
+    )
+
+
+@inlined
+def rolling_resistance(g: FloatArray, c: int, radius: float, load: float, rolling: float) -> float:
+    """Return the moment about the axle against the spin [N m].
+
+    Parameters
+    ----------
+    g, c, radius
+        As for `vertical_load`.
+    load : float
+        Of the wheel [N].
+    rolling : float
+        Loaded radius times spin [m/s].
+    """
+    rolling2 = rolling * rolling
+    moment: float = (
+        radius
+        * load
+        * (g[c + _C.rolling_1] + g[c + _C.rolling_2] * rolling2)
+        * rolling
+        / math.sqrt(rolling2 + g[c + _C.rolling_smoothing_squared])
+    )
+    return moment
+
+
+@inlined
+def linear(
+    g: FloatArray,
+    c: int,
+    load: float,
+    kappa: float,
+    alpha: float,
+    lean: float,
+    vx: float,
+    slip_speed: float,
+    vy: float,
+) -> tuple[float, float, float, float]:
+    """Return forces linear in the slips, limited by a friction circle.
+
+    Parameters
+    ----------
+    g : shape (rows * LANES,)
+        Group.
+    c : int
+        Where the law's constants of the vehicle start in `g`.
+    load : float
+        Of the wheel [N].
+    kappa, alpha : float
+        Relaxed slips, longitudinal and lateral.
+    lean : float
+        Positive with the top to the left [rad].
+    vx, slip_speed, vy : float
+        As for `slip_slopes`.
+
+    Returns
+    -------
+    force_x, force_y : float
+        On the tyre, forward and to the left [N].
+    aligning : float
+        Moment about the vertical [N m].
+    share : float
+        Square of the force before limiting over the friction limit's.
+    """
+    fade_speed = g[c + _L.damping_speed_squared]
+    fade = fade_speed / (vx * vx + fade_speed)
+    x0 = g[c + _L.c_kappa] * kappa - g[c + _L.damping_x] * fade * slip_speed
+    stiffness = g[c + _L.stiffness_unloaded] + g[c + _L.stiffness_per_load] * load
+    y0 = (
+        stiffness * (g[c + _L.c_alpha] * alpha + g[c + _L.c_gamma] * lean)
+        - g[c + _L.damping_y] * fade * vy
+    )
+    limit = g[c + _L.friction] * load
+    limit2 = limit * limit
+    force2 = x0 * x0 + y0 * y0
+    inverse = 1.0 / math.sqrt(math.sqrt(limit2 * limit2 + force2 * force2 + 1e-12))
+    grip = limit * inverse
+    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * grip, force2 * inverse * inverse
+
+
+LAWS = {"linear": (linear, LINEAR)}
+"""Function and constants of each law by name."""

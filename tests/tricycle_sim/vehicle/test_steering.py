@@ -1,0 +1,69 @@
+"""Linkage and caster against the oracle, and as the paper gives them."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.kernel import functions_for
+from tricycle_sim.vehicle.parts import steering_constants
+
+VEHICLE = load_vehicle()
+FUNCTIONS = functions_for(VEHICLE)
+
+
+def load_oracle():
+    path = Path(__file__).with_name("lagrange_oracle.py")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+ORACLE = load_oracle()
+
+
+@given(st.floats(-0.785, 0.785))
+def test_linkage_agrees_with_the_oracle(motor_angle):
+    constants = steering_constants(VEHICLE, 0.005)
+    left, right, left_slope, right_slope = FUNCTIONS.wheel_angles(motor_angle, constants)
+    assert (left, right) == pytest.approx(tuple(ORACLE.linkage(VEHICLE, motor_angle)), abs=1e-14)
+    slopes = ORACLE.linkage_slopes(VEHICLE, motor_angle)
+    assert (left_slope, right_slope) == pytest.approx(tuple(slopes), abs=1e-9)
+
+
+def test_ratio_of_the_wheel_angles_falls_from_0_8_to_0_6():
+    constants = steering_constants(VEHICLE, 0.005)
+    left, right, _, _ = FUNCTIONS.wheel_angles(0.7854, constants)
+    assert right / left == pytest.approx(0.6, abs=0.001)
+    left, right, _, _ = FUNCTIONS.wheel_angles(0.1, constants)
+    assert right / left == pytest.approx(0.78, abs=0.01)
+
+
+@given(st.floats(-0.5, 0.5))
+def test_motor_angle_is_the_inverse_of_the_road_angle(angle):
+    constants = steering_constants(VEHICLE, 0.005)
+    assert FUNCTIONS.road_angle(
+        FUNCTIONS.motor_angle_for(angle, constants), constants
+    ) == pytest.approx(angle, abs=1e-12)
+
+
+def test_the_motor_angle_stays_within_its_limit():
+    constants = steering_constants(VEHICLE, 0.005)
+    for sign in (-1.0, 1.0):
+        angle = FUNCTIONS.motor_angle_for(sign * 1.5, constants)
+        assert angle == pytest.approx(sign * VEHICLE.steering_limit)
+
+
+def test_axles_are_unit_vectors_that_turn_with_the_steering():
+    table, rate = np.empty((3, 8)), 1e-6
+    constants = steering_constants(VEHICLE, 0.005)
+    FUNCTIONS.steer(np.array([0.3, rate]), np.full(1, 0.3), constants, 2, table, np.empty((2, 2)))
+    assert np.linalg.norm(table[:, :3], axis=1) == pytest.approx(1.0)
+    assert np.linalg.norm(table[:, 4:7], axis=1) == pytest.approx(1.0)
+    # with caster the axle of the wheel that turns left points down on its left
+    assert table[0, 2] < 0.0

@@ -1,0 +1,86 @@
+"""The tyre: load, relaxation, rolling resistance, and the law of its force."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.layout import LANES
+from tricycle_sim.vehicle.tyre import (
+    CONSTANTS,
+    LINEAR,
+    linear,
+    rolling_resistance,
+    slip_slopes,
+    vertical_load,
+)
+
+VEHICLE = load_vehicle()
+
+
+def constants_of(formulas, vehicle=VEHICLE):
+    """Constants of one vehicle, as they stand in a group."""
+    return np.repeat([formula(vehicle) for formula in formulas.values()], LANES)
+
+
+TYRE = constants_of(CONSTANTS)
+
+
+def force(load=200.0, kappa=0.0, alpha=0.0, lean=0.0, vx=5.0, slip_speed=0.0, vy=0.0, **values):
+    constants = constants_of(LINEAR, VEHICLE.replace(**values))
+    return linear(constants, 0, load, kappa, alpha, lean, vx, slip_speed, vy)
+
+
+def test_load_is_spring_and_damper_and_never_pulls():
+    radius = VEHICLE.tyre_radius
+    assert vertical_load(TYRE, 0, radius - 0.003, 1.0, 0.0) == pytest.approx(180.0)
+    assert vertical_load(TYRE, 0, radius - 0.003, 1.0, 0.1) == pytest.approx(150.0)
+    assert vertical_load(TYRE, 0, radius + 0.001, 1.0, 0.0) == 0.0
+
+
+def test_slips_relax_over_their_lengths():
+    kappa_slope, alpha_slope = slip_slopes(TYRE, 0, 5.0, 0.5, -0.2, 0.0, 0.0)
+    assert kappa_slope == pytest.approx(-0.5 / VEHICLE.longitudinal_relaxation_length)
+    assert alpha_slope == pytest.approx(0.2 / VEHICLE.lateral_relaxation_length)
+    # in the steady state the relaxed slips are those of the speeds
+    steady = slip_slopes(
+        TYRE, 0, 5.0, 0.5, -0.2, -0.5 / math.hypot(5.0, 0.1), 0.2 / math.hypot(5.0, 0.1)
+    )
+    assert steady == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_rolling_resistance_is_against_the_spin():
+    moment = rolling_resistance(TYRE, 0, 0.33, 200.0, 2.0)
+    assert moment == pytest.approx(0.33 * 200.0 * (0.009 + 5e-4 * 4.0), rel=1e-3)
+    assert rolling_resistance(TYRE, 0, 0.33, 200.0, -2.0) == -moment
+    assert rolling_resistance(TYRE, 0, 0.33, 200.0, 0.0) == 0.0
+
+
+def test_small_slips_have_linear_forces():
+    force_x, force_y, aligning, share = force(kappa=0.001, alpha=0.002, lean=0.01)
+    assert force_x == pytest.approx(3000.0 * 0.001, rel=1e-3)
+    assert force_y == pytest.approx(1000.0 * 0.002 + 50.0 * 0.01, rel=1e-3)
+    assert aligning == pytest.approx(-0.15 * 0.002, rel=1e-3)
+    assert share == pytest.approx((3.0**2 + 2.5**2) / 160.0**2, rel=1e-3)
+
+
+def test_forces_stay_within_the_friction_circle():
+    force_x, force_y, _, share = force(kappa=1.0, alpha=-1.0)
+    assert math.hypot(force_x, force_y) == pytest.approx(0.8 * 200.0, rel=1e-3)
+    assert force_y / force_x == pytest.approx(-1000.0 / 3000.0)
+    assert share == pytest.approx(1.0, rel=1e-3)
+    assert force(load=0.0, kappa=1.0, alpha=1.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+def test_stiffness_follows_the_load_where_the_vehicle_says_so():
+    reference = VEHICLE.mass * VEHICLE.gravity / 3.0
+    _, per_wheel, _, _ = force(load=2.0 * reference, alpha=1e-3)
+    _, per_load, _, _ = force(load=2.0 * reference, alpha=1e-3, load_sensitivity=1.0)
+    assert per_load == pytest.approx(2.0 * per_wheel, rel=1e-3)
+
+
+def test_carcass_damping_fades_out_with_speed():
+    slow, fast = (force(vx=speed, slip_speed=0.01, vy=0.01) for speed in (0.0, 50.0))
+    assert slow[:2] == pytest.approx((-0.5, -0.6), rel=1e-3)
+    assert fast[:2] == pytest.approx((0.0, 0.0), abs=1e-3)
