@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from excitation_planner.design.search import Search
+from excitation_planner.design.problem import Search
 from paper_reproduction.comparison import Item
 from paper_reproduction.math_model import (
     Convergence,

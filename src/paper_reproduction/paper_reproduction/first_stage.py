@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Box, sobol_sequence
+from excitation_planner.box import Box
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.indices.sensitivity import sensitivity
 from excitation_planner.indices.sobol import Indices, monte_carlo_indices
 from excitation_planner.indices.threads import THREADPOOLS

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import direct
 
-from excitation_planner.box import Box, sobol_sequence
+from excitation_planner.box import Box
 from excitation_planner.design.criteria import excitation_cost
 from excitation_planner.design.excitation import Design, design_excitation
 from excitation_planner.design.search import modelled_cost
@@ -20,6 +20,7 @@ from excitation_planner.indices.analytic import (
     math_model,
     quadrature_indices,
 )
+from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.indices.sensitivity import sensitivity
 from excitation_planner.indices.sobol import Indices, monte_carlo_indices
 from paper_reproduction import published

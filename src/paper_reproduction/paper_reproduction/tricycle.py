@@ -19,7 +19,8 @@ from scipy.optimize import direct
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import excitation_cost
 from excitation_planner.design.excitation import Design, Verdict, design_excitation
-from excitation_planner.design.search import Search, modelled_cost
+from excitation_planner.design.problem import Search
+from excitation_planner.design.search import modelled_cost
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.indices.sobol import Indices
 from excitation_planner.maneuver import Circle, DoubleLaneChange, ManeuverFamily

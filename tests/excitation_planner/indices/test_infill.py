@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from excitation_planner import Infill, Kriging
-from excitation_planner.box import training_points
 from excitation_planner.indices.infill import infill_points
+from excitation_planner.indices.sampling import training_points
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import MinMaxScaler
 
 from excitation_planner import Kriging
-from excitation_planner.box import training_points
 from excitation_planner.indices.kriging import _profiled_likelihood
+from excitation_planner.indices.sampling import training_points
 
 
 def smooth(U):

@@ -16,31 +16,24 @@ import numpy as np
 
 from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.evaluation import (
+from excitation_planner.design.executors import Result, running
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import PRIOR_INFORMATION, BoxPrior
+from excitation_planner.design.problem import (
     VERIFIED,
+    DesignProblem,
     Evaluation,
     NoiseVariance,
-    Problem,
+    Search,
     Simulator,
     Verified,
 )
-from excitation_planner.design.executors import Result, running
-from excitation_planner.design.information import PRIOR_INFORMATION, Prior, TrajectoryNoise
-from excitation_planner.design.search import Search, search_steps
+from excitation_planner.design.search import search_steps
 from excitation_planner.design.store import Store
 from excitation_planner.indices.sensitivity import Sensitivity
 from excitation_planner.indices.threads import THREADPOOLS
-from tricycle_core.errors import DesignError, InfeasibleManeuver
+from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray, Progress
-
-__all__ = [
-    "Design",
-    "DesignError",
-    "Evaluation",
-    "InfeasibleManeuver",
-    "Verdict",
-    "design_excitation",
-]
 
 
 class Verdict(StrEnum):
@@ -119,7 +112,7 @@ def design_excitation(
     noise_variance: NoiseVariance = 0.0,
     trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
     samples: int = 100,
-    prior: Prior | None = None,
+    prior: BoxPrior | None = None,
     draws: int = 16,
     budget: int = 25_000,
     seed: int = 0,
@@ -151,7 +144,7 @@ def design_excitation(
         For C, D and A.
     samples : int
         Runs of f per maneuver during the search for H; its verification takes three times as many.
-    prior : Prior, optional
+    prior : BoxPrior, optional
         For C, D and A: what earlier drives have taught; None: uniform.
     draws : int
         For C, D and A: parameter values over which the criterion is averaged, k + 1 runs each.
@@ -176,7 +169,7 @@ def design_excitation(
         Unknown target, budget too small, f that raises or cannot be sent to another process,
         no maneuver of the family that can be driven and judged, a store of another design.
     """
-    problem = Problem(
+    problem = DesignProblem(
         operation=Box.of(operation),
         unknown=Box.of(unknown),
         target=target,
@@ -217,7 +210,7 @@ def design_excitation(
 
 
 def search_design(
-    problem: Problem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
+    problem: DesignProblem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
 ) -> Design:
     """Search, verify and judge; ``evaluate_all`` takes points x (l,) and whether to verify."""
     history: list[Evaluation] = []
@@ -273,7 +266,9 @@ def _distinct_cheapest(operation: Box, history: list[Evaluation]) -> list[Evalua
     return chosen
 
 
-def _judge(problem: Problem, at_x: Evaluation, history: list[Evaluation]) -> tuple[Verdict, str]:
+def _judge(
+    problem: DesignProblem, at_x: Evaluation, history: list[Evaluation]
+) -> tuple[Verdict, str]:
     target, names = problem.target_index, problem.unknown.names
     if problem.criterion is not Criterion.H:
         # what is left of the prior's deviation; of the worst parameter when all are meant

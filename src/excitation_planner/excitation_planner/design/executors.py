@@ -12,7 +12,8 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
-from excitation_planner.design.evaluation import Outcome, Problem, Simulator, Verified, evaluate
+from excitation_planner.design.evaluation import evaluate
+from excitation_planner.design.problem import DesignProblem, Outcome, Simulator, Verified
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -24,7 +25,7 @@ Run = Callable[[list[Task], Callable[[int, Result], None]], list[Result]]
 
 @contextmanager
 def running(
-    f: Simulator, problem: Problem, executor: Executor | None, workers: int | None
+    f: Simulator, problem: DesignProblem, executor: Executor | None, workers: int | None
 ) -> Iterator[Run]:
     """Give a function that evaluates tasks and tells each (index, result) as soon as it is there.
 
@@ -69,7 +70,7 @@ def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _submitting(f: Simulator, problem: Problem, executor: Executor) -> Run:
+def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run:
     def run(tasks: list[Task], done: Callable[[int, Result], None]) -> list[Result]:
         futures: list[Future[Result]] = [
             executor.submit(evaluate, f, problem, x, verification=verification, outcome=outcome)

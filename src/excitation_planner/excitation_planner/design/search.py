@@ -9,25 +9,21 @@ of one batch are independent of each other.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from enum import StrEnum
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING
 
 import cobyqa
 import numpy as np
 from scipy.optimize import direct
 
-from excitation_planner.box import sobol_sequence
 from excitation_planner.design.criteria import Criterion, excitation_cost
+from excitation_planner.design.problem import DesignProblem, Evaluation, Search
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
-if TYPE_CHECKING:
-    from excitation_planner.design.evaluation import Evaluation, Problem
-
-SearchSteps = Generator[FloatArray, list["Evaluation"], None]
+SearchSteps = Generator[FloatArray, list[Evaluation], None]
 Objective = Callable[[FloatArray], float]
 
 _SOBOL_POINTS = 16  # of the screening
@@ -35,15 +31,6 @@ _STARTS = 4  # local searches side by side
 _APART = 0.25  # least distance between their starts, on some axis
 _FIRST_RADIUS, _LAST_RADIUS = 0.25, 2e-3  # of their trust regions
 _LOCAL_POINTS = 60  # most points of one of them
-
-
-class Search(StrEnum):
-    """How the second stage looks for the cheapest maneuver."""
-
-    ADAPTIVE = "adaptive"  # corners and Sobol' points, then trust regions from the best of them
-    DIRECT = "direct"  # DIRECT on the cost itself
-    ONE_SHOT_SOBOL = "one-shot-sobol"  # the paper: 2k Kriging models over a Sobol' sequence
-    ONE_SHOT_FACTORIAL = "one-shot-factorial"  # the same over a c-level full factorial
 
 
 def adaptive_search(
@@ -107,7 +94,7 @@ def _infeasible_cost(x: FloatArray, X: FloatArray, costs: FloatArray, best: floa
 
 def direct_search(dimensions: int, *, points: int, criterion: Criterion) -> SearchSteps:
     """DIRECT on the cost itself, over a box widened by a quarter and clipped: it sees faces."""
-    search = _TurnedInsideOut(lambda cost: _direct(cost, dimensions, points=points))
+    search = _AskedMinimiser(lambda cost: _direct(cost, dimensions, points=points))
     try:
         for _ in range(points):
             if search.asked is None:
@@ -194,7 +181,7 @@ class _StoppedError(Exception):
     """Ends the thread of a minimiser that is not wanted any more."""
 
 
-class _TurnedInsideOut:
+class _AskedMinimiser:
     """A minimiser that calls its objective, made to ask for each cost instead.
 
     It runs in a thread of its own, which sleeps until it is told.
@@ -246,7 +233,7 @@ class _TurnedInsideOut:
             self._questions.put(None)
 
 
-class _LocalSearch(_TurnedInsideOut):
+class _LocalSearch(_AskedMinimiser):
     """COBYQA (Ragonneau 2022) from one start, and the best point it has seen."""
 
     def __init__(self, x: FloatArray, cost: float) -> None:
@@ -303,7 +290,7 @@ def _best_apart(X: FloatArray, costs: FloatArray, others: FloatArray) -> int | N
     return None
 
 
-def search_steps(problem: Problem) -> SearchSteps:
+def search_steps(problem: DesignProblem) -> SearchSteps:
     """Return the search that the problem asks for."""
     dimensions, points = len(problem.operation), problem.points
     if problem.search is Search.ADAPTIVE:

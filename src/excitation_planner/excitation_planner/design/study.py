@@ -23,20 +23,20 @@ from typing import Self
 import numpy as np
 
 from excitation_planner.box import Bounds, Box
-from excitation_planner.design.criteria import TrajectoryErrorNoise
-from excitation_planner.design.evaluation import Verified, judge_outcome
+from excitation_planner.design.evaluation import judge_outcome, parameter_points
 from excitation_planner.design.excitation import Design, search_design
-from excitation_planner.design.search import Search
+from excitation_planner.design.noise import TrajectoryErrorNoise
+from excitation_planner.design.problem import Search, Verified
 from excitation_planner.design.store import (
     FAILED,
     INFEASIBLE,
     Store,
     csv_text,
     problem_of_outputs,
-    read_limited,
-    replace_file,
+    read_study_file,
 )
 from excitation_planner.indices.threads import THREADPOOLS
+from tricycle_core.documents import write_whole
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -122,7 +122,7 @@ class Study:
             for p in proposals
             for sample, values in zip(p.samples, p.P.tolist(), strict=True)
         ]
-        replace_file(self._store.path / "pending.csv", csv_text([header, *rows]))
+        write_whole(self._store.path / "pending.csv", csv_text([header, *rows]))
         return proposals
 
     def tell(self, point: int, samples: Sequence[int], outputs: FloatArray) -> None:
@@ -143,7 +143,7 @@ class Study:
         results: list[tuple[int, int, float]] = []
         reasons: dict[int, str] = {}
         try:
-            text = read_limited(path).decode("utf-8-sig")
+            text = read_study_file(path).decode("utf-8-sig")
             reader = csv.DictReader(io.StringIO(text, newline=""))
             missing = {"point", "sample", "output"} - set(reader.fieldnames or ())
             if missing:
@@ -192,7 +192,7 @@ class Study:
         problem = self._store.problem
         point = self._store.number(x, verification=verification)
         samples = self._store.missing(point, verification=verification)
-        U = problem.parameters(verification=verification)[samples]
+        U = parameter_points(problem, verification=verification)[samples]
         return Proposal(point, tuple(samples), x, problem.unknown.from_unit(U))
 
 

@@ -9,8 +9,8 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
-from excitation_planner.box import sobol_sequence, training_points
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import sobol_sequence, training_points
 from excitation_planner.indices.sobol import effects
 from tricycle_core.quantities import FloatArray
 

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Bounds, Box, training_points
+from excitation_planner.box import Bounds, Box
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import parameter_samples
 from excitation_planner.indices.sobol import Indices, sobol_indices
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError, InfeasibleManeuver
@@ -130,14 +131,6 @@ def sensitivity(
         return sensitivity_of_model(
             unknown, model, sobol_indices(model), failed=int(np.sum(~np.isfinite(m)))
         )
-
-
-def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
-    """Points (samples, k) of the unit box to simulate at."""
-    if samples < len(unknown) + 2:
-        need = f"{len(unknown)} unknown parameters need {len(unknown) + 2} at least"
-        raise DesignError(f"samples = {samples}: {need}")
-    return training_points(samples, len(unknown), seed=seed)
 
 
 def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> FloatArray:

@@ -15,8 +15,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.box import sobol_sequence
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.quantities import FloatArray
 
 _TERMS = 1000  # basis products kept per half of the axes: 10 degrees on each of 3 axes

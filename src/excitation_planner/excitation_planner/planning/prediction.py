@@ -10,12 +10,12 @@ import numpy as np
 
 from excitation_planner.box import Box
 from excitation_planner.design.information import (
-    Prior,
-    TrajectoryNoise,
     difference_points,
     information,
     posterior_covariance,
 )
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import DesignError
@@ -69,7 +69,7 @@ def predicted_covariance(
     noise: TrajectoryNoise,
     *,
     seed: int,
-    prior: Prior | None = None,
+    prior: BoxPrior | None = None,
 ) -> FloatArray:
     """Expected posterior covariance (k, k) in squared ranges, after drives one after the other.
 
