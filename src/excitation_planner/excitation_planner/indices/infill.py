@@ -7,9 +7,8 @@ from enum import StrEnum
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
-from scipy.spatial.distance import cdist
 
-from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.kriging import Kriging, correlations
 from excitation_planner.indices.sampling import sobol_sequence, training_points
 from excitation_planner.indices.sobol import effects
 from tricycle_core.quantities import FloatArray
@@ -126,9 +125,7 @@ class _Posterior:
         self._factor = np.linalg.cholesky(K)
 
     def kernel(self, A: FloatArray, B: FloatArray) -> FloatArray:
-        squared = cdist(A / self._length_scale, B / self._length_scale, "sqeuclidean")
-        kernel: FloatArray = np.exp(-0.5 * squared)
-        return kernel
+        return correlations(A, B, self._length_scale)
 
     def whitened(self, U: FloatArray) -> FloatArray:
         """Covariances (n, u) with the known points, divided by their Cholesky factor."""
