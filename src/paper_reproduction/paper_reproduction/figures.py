@@ -37,7 +37,13 @@ MARKERS = ("o", "s", "^", "D", "v")
 
 
 def draw(item: Item[Any]) -> Figure:
-    """Return the figure of a table or figure of the paper."""
+    """Return the figure of an item.
+
+    Parameters
+    ----------
+    item : Item
+        Table or figure, reproduced.
+    """
     figure: Figure = _DRAWINGS[item.name](item.data)
     return figure
 

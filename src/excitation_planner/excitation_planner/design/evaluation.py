@@ -69,9 +69,20 @@ def evaluate(
     verification: bool,
     outcome: Outcome | None = None,
 ) -> tuple[Outcome, Verified]:
-    """Simulate one maneuver x (l,), unless its outcome is known, and judge it.
+    """Simulate one maneuver, unless its outcome is known, and judge it.
 
-    Runs wherever an executor says.
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    problem : DesignProblem
+        What is evaluated.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    verification : bool
+        Whether fresh samples are taken.
+    outcome : tuple or str, optional
+        What f gave there, if it is known.
     """
     with THREADPOOLS.limit(limits=1):
         if outcome is None:
@@ -84,7 +95,19 @@ def evaluate(
 def judge_outcome(
     problem: DesignProblem, x: FloatArray, outcome: Outcome, *, verification: bool
 ) -> Verified:
-    """Indices and cost at x (l,) from what f gave there."""
+    """Return indices and cost from what f gave at one maneuver.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        What is evaluated.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    outcome : tuple or str
+        What f gave there.
+    verification : bool
+        Whether the samples were those of the verification.
+    """
     if isinstance(outcome, str):
         return _rejected(problem, x, outcome, simulations=0, failed=0)
     if problem.criterion is Criterion.H:
@@ -93,7 +116,19 @@ def judge_outcome(
 
 
 def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray) -> Outcome:
-    """Outcome of f at x for parameters U (n, k) of the unit box."""
+    """Return the outcome of f at one maneuver.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    problem : DesignProblem
+        Has the boxes and the criterion, which decides the shape of outputs.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    U : ndarray of float, shape (n, k)
+        Parameters in the unit box.
+    """
     try:
         returned = f(x, problem.unknown.from_unit(U))
     except InfeasibleManeuver as infeasible:

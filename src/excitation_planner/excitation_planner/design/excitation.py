@@ -1,4 +1,4 @@
-"""Design of an excitation maneuver: second stage of the method (Fig. 1, Eqs. 11-12).
+"""The design of an excitation maneuver: second stage of the method (Fig. 1, Eqs. 11-12).
 
 n: samples, k: unknown parameters, l: operation parameters.
 """
@@ -49,7 +49,13 @@ class Design:
 
     Attributes
     ----------
-    x : ndarray (l,)
+    operation : Box
+        Ranges of the operation parameters.
+    target : str or None
+        Unknown parameter to excite.
+    criterion : Criterion
+        What was minimised.
+    x : ndarray of float, shape (l,)
         Operation parameters of the maneuver.
     cost : float
         Criterion at x, from the verification.
@@ -63,6 +69,7 @@ class Design:
     posterior_std : ndarray (k,)
         Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
     verdict : Verdict
+        Whether the maneuver excites the target.
     explanation : str
         The verdict in a sentence with its numbers.
     history : tuple of Evaluation
@@ -212,7 +219,15 @@ def design_excitation(
 def search_design(
     problem: DesignProblem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
 ) -> Design:
-    """Search, verify and judge; ``evaluate_all`` takes points x (l,) and whether to verify."""
+    """Search, verify and judge.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        What is designed.
+    evaluate_all : callable
+        Evaluates points x (l,); called with them and with whether to verify.
+    """
     history: list[Evaluation] = []
     steps = search_steps(problem)
     try:

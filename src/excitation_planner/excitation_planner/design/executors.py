@@ -27,9 +27,20 @@ Run = Callable[[list[Task], Callable[[int, Result], None]], list[Result]]
 def running(
     f: Simulator, problem: DesignProblem, executor: Executor | None, workers: int | None
 ) -> Iterator[Run]:
-    """Give a function that evaluates tasks and tells each (index, result) as soon as it is there.
+    """Give a function that evaluates tasks and reports each (index, result) as soon as it is known.
 
     Without executor and workers, processes of this machine are made and ended.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    problem : DesignProblem
+        What is evaluated.
+    executor : Executor, optional
+        Where tasks run.
+    workers : int, optional
+        Processes to be made; 1 runs everything in this process.
     """
     if executor is None and workers == 1:
 
@@ -57,7 +68,13 @@ def running(
 
 @contextmanager
 def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Processes of this machine, by default one per core, ended without finishing what waits."""
+    """Give processes of this machine; at the end of the block what waits is cancelled.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Their number, by default one per core.
+    """
     pool = ProcessPoolExecutor(
         workers or os.cpu_count(),
         # a forked child can hang on the locks of its parent's threads

@@ -27,9 +27,18 @@ _STEP = 1e-3  # of the finite differences, in ranges
 def difference_points(
     k: int, draws: int, *, seed: int, prior: BoxPrior | None = None
 ) -> FloatArray:
-    """Points (draws (k + 1), k) of the unit box: each draw and one step from it along each axis.
+    """Return points (draws (k + 1), k) of the unit box: each draw, and one step from it per axis.
 
-    Drawn from the prior; None: uniform.
+    Parameters
+    ----------
+    k : int
+        Number of unknown parameters.
+    draws : int
+        Number of draws.
+    seed : int
+        Of the draws.
+    prior : BoxPrior, optional
+        Drawn from; None: uniform.
     """
     base = sobol_sequence(draws, k, seed=seed)
     if prior is not None:
@@ -48,16 +57,18 @@ def _steps(base: FloatArray) -> FloatArray:
 
 
 def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatArray:
-    """Fisher information (draws, k, k) about the parameters in one measured trajectory.
+    """Return the Fisher information (draws, k, k) about the parameters in a measured trajectory.
+
+    An unknown start pose and the noise's correlation reduce it.
 
     Parameters
     ----------
-    U : ndarray (draws (k + 1), k)
+    U : ndarray of float, shape (draws (k + 1), k)
         From `difference_points`.
-    Y : ndarray (draws (k + 1), t, c)
+    Y : ndarray of float, shape (draws (k + 1), t, c)
         Trajectories there.
-
-    An unknown start pose and the noise's correlation take their part of the information away.
+    noise : TrajectoryNoise
+        Of the measurement.
     """
     k = U.shape[1]
     draws, (t, c) = len(U) // (k + 1), Y.shape[1:]
@@ -120,7 +131,15 @@ def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, Float
 
 
 def posterior_covariance(F: FloatArray, prior: BoxPrior | None = None) -> FloatArray:
-    """Covariance (draws, k, k) of the parameters, in ranges, after a drive with information F."""
+    """Return the covariance (draws, k, k) of the parameters after a drive, in squared ranges.
+
+    Parameters
+    ----------
+    F : ndarray of float, shape (draws, k, k)
+        Information in the drive, per squared range.
+    prior : BoxPrior, optional
+        What was known before; None: uniform.
+    """
     k = F.shape[-1]
     known = PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
     whole = F + known
@@ -130,7 +149,17 @@ def posterior_covariance(F: FloatArray, prior: BoxPrior | None = None) -> FloatA
 def information_costs(
     covariance: FloatArray, criterion: Criterion, target: int | None
 ) -> FloatArray:
-    """Cost (draws,) of each posterior covariance (draws, k, k); its mean is the criterion."""
+    """Return the cost (draws,) of each posterior covariance; its mean is the criterion.
+
+    Parameters
+    ----------
+    covariance : ndarray of float, shape (draws, k, k)
+        Posterior covariances.
+    criterion : Criterion
+        C, D or A.
+    target : int or None
+        Axis of the target, for C.
+    """
     if criterion is Criterion.C:
         costs: FloatArray = covariance[:, target, target]
     elif criterion is Criterion.A:

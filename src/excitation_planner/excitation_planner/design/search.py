@@ -40,10 +40,21 @@ def adaptive_search(
     seed: int,
     criterion: Criterion,
 ) -> SearchSteps:
-    """Corners and Sobol' points of the unit box, then COBYQA from the best of them.
+    """Search corners and Sobol' points of the unit box, then by COBYQA from the best of them.
 
     Optima often lie on faces, which DIRECT never samples: hence the corners. A local search that
     ends, or runs into a better one, makes room for one from the best point far from all starts.
+
+    Parameters
+    ----------
+    dimensions : int
+        l, number of operation parameters.
+    points : int
+        Largest number of points.
+    seed : int
+        Of the Sobol' points.
+    criterion : Criterion
+        Decides the scale on which costs are searched.
     """
     X = np.vstack(
         [_corners(dimensions, seed=seed), sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)]
@@ -93,7 +104,19 @@ def _infeasible_cost(x: FloatArray, X: FloatArray, costs: FloatArray, best: floa
 
 
 def direct_search(dimensions: int, *, points: int, criterion: Criterion) -> SearchSteps:
-    """DIRECT on the cost itself, over a box widened by a quarter and clipped: it sees faces."""
+    """Search by DIRECT on the cost itself.
+
+    Over a box widened by a quarter and clipped, because DIRECT does not sample faces.
+
+    Parameters
+    ----------
+    dimensions : int
+        l, number of operation parameters.
+    points : int
+        Largest number of points.
+    criterion : Criterion
+        Decides the scale on which costs are searched.
+    """
     search = _AskedMinimiser(lambda cost: _direct(cost, dimensions, points=points))
     try:
         for _ in range(points):
@@ -123,9 +146,18 @@ def _direct(cost: Objective, dimensions: int, *, points: int) -> FloatArray:
 
 
 def one_shot_search(X: FloatArray, *, target: int, noise: bool) -> SearchSteps:
-    """Return the paper's second stage: Kriging models of S and ST over x, DIRECT on them (Eq. 12).
+    """Search as the paper does: Kriging models of S and ST over x, DIRECT on them (Eq. 12).
 
     All points X (n, l) at once; then the minimum of the cost that the models give.
+
+    Parameters
+    ----------
+    X : ndarray of float, shape (n, l)
+        Points of the unit box, all evaluated at once.
+    target : int
+        Axis of the parameter to excite.
+    noise : bool
+        Whether the cost has a noise term.
     """
     evaluations = yield X
     usable = [i for i, evaluation in enumerate(evaluations) if not evaluation.infeasible]
@@ -150,7 +182,19 @@ def modelled_cost(
     target: int,
     noise_share: FloatArray | None = None,
 ) -> Objective:
-    """Cost H of x (l,) by 2k Kriging models of S and ST (n, k) at points X (n, l) (Eq. 12)."""
+    """Return the cost H of x (l,) by 2k Kriging models of the indices (Eq. 12).
+
+    Parameters
+    ----------
+    X : ndarray of float, shape (n, l)
+        Points of the unit box.
+    main, total : ndarray of float, shape (n, k)
+        Sobol' indices there.
+    target : int
+        Axis of the parameter to excite.
+    noise_share : ndarray of float, shape (n,), optional
+        V_n / V there.
+    """
 
     def modelled(y: FloatArray) -> Callable[[FloatArray], float]:
         if np.ptp(y) <= 1e-12 * np.abs(y).max():
@@ -291,7 +335,13 @@ def _best_apart(X: FloatArray, costs: FloatArray, others: FloatArray) -> int | N
 
 
 def search_steps(problem: DesignProblem) -> SearchSteps:
-    """Return the search that the problem asks for."""
+    """Return the search that the problem asks for.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Has the search, its budget and its seed.
+    """
     dimensions, points = len(problem.operation), problem.points
     if problem.search is Search.ADAPTIVE:
         return adaptive_search(

@@ -218,7 +218,15 @@ class Store:
         return cls(path, problem)
 
     def outcome(self, x: FloatArray, *, verification: bool) -> Outcome | None:
-        """All outputs at x (l,), or why it is infeasible; None when some are missing."""
+        """Return all outputs at a maneuver, or why it is infeasible; None when some are missing.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         point = self._points.get((verification, *x.tolist()))
         if point is None:
             return None
@@ -230,12 +238,28 @@ class Store:
         return (np.array([known[sample] for sample in range(len(known))]),)
 
     def missing(self, point: int, *, verification: bool) -> list[int]:
-        """Samples of a point that have no output yet."""
+        """Return the samples of a point that have no output yet.
+
+        Parameters
+        ----------
+        point : int
+            Number of the maneuver.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         known = self._outputs.get(point, {})
         return [sample for sample in range(self._sizes[verification]) if sample not in known]
 
     def number(self, x: FloatArray, *, verification: bool) -> int:
-        """Point number of the maneuver x (l,), given now if it has none."""
+        """Return the number of a maneuver, given now if it has none.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         key = (float(verification), *x.tolist())
         if key not in self._points:
             point = len(self._points)
@@ -248,7 +272,17 @@ class Store:
         return self._points[key]
 
     def keep(self, x: FloatArray, outcome: Outcome, *, verification: bool) -> None:
-        """Add the outcome of the maneuver x (l,), unless it is there already."""
+        """Add the outcome of a maneuver, unless it is known.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        outcome : tuple or str
+            What f gave there.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         if self.outcome(x, verification=verification) is not None:
             return
         point = self.number(x, verification=verification)
@@ -263,13 +297,28 @@ class Store:
         self.add(results, {})
 
     def add_reason(self, point: int, reason: str) -> None:
-        """Mark the maneuver as one that cannot be driven."""
+        """Mark the maneuver as one that cannot be driven.
+
+        Parameters
+        ----------
+        point : int
+            Number of the maneuver.
+        reason : str
+            Why it cannot be driven.
+        """
         self.add([], {point: reason})
 
     def add(self, results: Sequence[tuple[int, int, float]], reasons: Mapping[int, str]) -> None:
-        """Add outputs (point, sample, output) and reasons why points are infeasible.
+        """Add outputs and reasons why points are infeasible, all or none.
 
         DesignError, and nothing added, for one never asked for or one that is known otherwise.
+
+        Parameters
+        ----------
+        results : sequence of (int, int, float)
+            Point, sample and output.
+        reasons : mapping of int to str
+            By point, why it is infeasible.
         """
         sizes = {point: self._sizes[int(key[0])] for key, point in self._points.items()}
         new: dict[tuple[int, int], float] = {}
@@ -320,14 +369,26 @@ class Store:
 
 
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
-    """Return rows as the text of a CSV file."""
+    """Return rows as the text of a CSV file.
+
+    Parameters
+    ----------
+    rows : iterable
+        Of cells.
+    """
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
 
 
 def read_study_file(path: Path) -> bytes:
-    """Return the content of a file of a study; DesignError where it is larger than any."""
+    """Return the content of a file of a study.
+
+    Parameters
+    ----------
+    path : Path
+        File of a study, or of outputs for one.
+    """
     return read_bounded(path, MAX_BYTES, "a file of a study", DesignError)
 
 
@@ -380,7 +441,25 @@ def problem_of_outputs(
     seed: int,
     search: Search,
 ) -> DesignProblem:
-    """DesignProblem of the criterion H."""
+    """Return a problem of the criterion H.
+
+    Parameters
+    ----------
+    operation, unknown : Box
+        Ranges of the operation and of the unknown parameters.
+    target : str
+        Unknown parameter to excite.
+    noise_variance : float or callable
+        V_n.
+    samples : int
+        Runs per maneuver during the search.
+    budget : int
+        Largest number of runs.
+    seed : int
+        The same seed gives the same design.
+    search : Search
+        How the operation box is searched.
+    """
     return DesignProblem(
         operation=operation,
         unknown=unknown,

@@ -36,16 +36,24 @@ def infill_points(
 ) -> FloatArray:
     """Return the next points (batch, k) of the unit box to simulate at.
 
+    The variance does not depend on outputs, so a batch is chosen one point after the other, each
+    counted as known when the next one is looked for.
+
     Parameters
     ----------
-    avoid : ndarray (q, k), optional
+    model : Kriging
+        On the unit box.
+    by : Infill
+        What the points are to reduce.
+    batch : int
+        Number of points.
+    seed : int
+        Of the candidates.
+    avoid : ndarray of float, shape (q, k), optional
         Points not in the model that count as known, e.g. those of failed simulations.
     polish : bool
         Whether the largest variance is looked for beyond the candidates, which takes O(n³) per
         point: too long with thousands of samples.
-
-    The variance does not depend on outputs, so a batch is chosen one point after the other, each
-    counted as known when the next one is looked for.
     """
     k = model.X_train_.shape[1]
     known = model.X_train_ if avoid is None else np.vstack([model.X_train_, avoid])

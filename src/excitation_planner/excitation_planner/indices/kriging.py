@@ -24,6 +24,7 @@ class Kriging:
 
     Mean and variance are profiled out of the likelihood in closed form; length scales and nugget
     follow from its analytic gradient by L-BFGS-B.
+    Source: Rasmussen and Williams (2006), Eqs. 2.23-2.24, 5.9; Sacks et al. (1989), Sec. 4.
 
     Parameters
     ----------
@@ -48,8 +49,6 @@ class Kriging:
         Lower Cholesky factor of the correlation matrix.
     inverse_ : ndarray of float, shape (n, n)
         Inverse of the correlation matrix.
-
-    Source: Rasmussen and Williams (2006), Eqs. 2.23-2.24, 5.9; Sacks et al. (1989), Sec. 4.
     """
 
     def __init__(

@@ -134,7 +134,15 @@ def sensitivity(
 
 
 def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> FloatArray:
-    """f(P) as floats (n,), its shape checked."""
+    """Return f(P) as floats (n,), its shape checked.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    P : ndarray of float, shape (n, k)
+        Unknown parameters.
+    """
     try:
         m = np.asarray(f(P), dtype=float)
     except (DesignError, InfeasibleManeuver):
@@ -149,7 +157,15 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
 
 
 def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
-    """Kriging of outputs m (n,) at points U (n, k) of the unit box, failed ones (NaN) left out."""
+    """Return the Kriging model of outputs, failed ones left out.
+
+    Parameters
+    ----------
+    U : ndarray of float, shape (n, k)
+        Points of the unit box.
+    m : ndarray of float, shape (n,)
+        Outputs there; NaN where failed.
+    """
     valid = np.isfinite(m)
     if valid.sum() < U.shape[1] + 2:
         raise DesignError(
@@ -166,7 +182,19 @@ def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
 def sensitivity_of_model(
     unknown: Box, model: Kriging, indices: Indices, *, failed: int
 ) -> Sensitivity:
-    """Sensitivity from a metamodel on the unit box and its indices; ``failed`` samples left out."""
+    """Return the sensitivity from a metamodel and its indices.
+
+    Parameters
+    ----------
+    unknown : Box
+        Unknown parameters.
+    model : Kriging
+        Metamodel on the unit box.
+    indices : Indices
+        Of the metamodel.
+    failed : int
+        Samples that were left out.
+    """
     fold = np.arange(len(model.X_train_)) % _FOLDS
     folds = tuple(sobol_indices(model.without(fold == i)) for i in range(_FOLDS))
     main_half = half_width(np.array([f.main for f in folds]) - indices.main)
@@ -188,7 +216,13 @@ def sensitivity_of_model(
 
 
 def half_width(changes: FloatArray) -> FloatArray:
-    """Half width of a 95 % interval from the changes (folds, ...) that leaving a fold out makes."""
+    """Return the half width of a 95 % interval.
+
+    Parameters
+    ----------
+    changes : ndarray of float, shape (folds, ...)
+        Differences that leaving out a fold makes.
+    """
     half: FloatArray = _HALF_WIDTH * np.sqrt(np.mean(changes**2, axis=0))
     return half
 
