@@ -18,6 +18,7 @@ from excitation_planner.indices.sensitivity import sensitivity
 from excitation_planner.indices.sobol import Indices, monte_carlo_indices
 from excitation_planner.indices.threads import THREADPOOLS
 from paper_reproduction import published
+from paper_reproduction.comparison import ErrorStatistics, error_statistics
 from tricycle_core.quantities import FloatArray
 
 _FITTED_ON = 500  # samples that the hyperparameters of a large model are fitted on
@@ -128,6 +129,42 @@ def faithful(f: Function, unknown: Box, *, budget: PaperBudget, validation: int 
             lambda V: in_blocks(model.predict, V), k, samples=budget.monte_carlo
         )
         return FirstStage(indices, _validate(model, f, unknown, validation), len(U))
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """Predicted and true outputs at validation points.
+
+    Attributes
+    ----------
+    unit : str
+        Of the outputs.
+    validation : dict of str to ndarray, shape (2, v)
+        By label: predicted and true outputs.
+    statistics : dict of str to ErrorStatistics
+        By label.
+    """
+
+    unit: str
+    validation: dict[str, FloatArray]
+    statistics: dict[str, ErrorStatistics]
+
+
+def predictions(stages: dict[str, FirstStage], unit: str) -> Predictions:
+    """Return the statistics of the validation of each stage.
+
+    Parameters
+    ----------
+    stages : dict of str to FirstStage
+        By label.
+    unit : str
+        Of the outputs.
+    """
+    return Predictions(
+        unit,
+        {label: stage.validation for label, stage in stages.items()},
+        {label: error_statistics(*stage.validation) for label, stage in stages.items()},
+    )
 
 
 def _without_failed(U: FloatArray, m: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -27,11 +27,16 @@ from paper_reproduction import published
 from paper_reproduction.comparison import (
     Agreement,
     Comparison,
-    ErrorStatistics,
     Item,
-    error_statistics,
 )
-from paper_reproduction.first_stage import FirstStage, PaperBudget, faithful, fast
+from paper_reproduction.first_stage import (
+    FirstStage,
+    PaperBudget,
+    Predictions,
+    faithful,
+    fast,
+    predictions,
+)
 from tricycle_core.quantities import FloatArray, Progress
 
 _RANDOM_REPEATS = 200  # repetitions of the estimator with random numbers
@@ -171,42 +176,6 @@ def _rounded(quantity: str, printed: float, ours: float, tolerance: float) -> Co
 
 
 # --- Fig. 5 ---------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Predictions:
-    """Predicted and true outputs at validation points.
-
-    Attributes
-    ----------
-    unit : str
-        Of the outputs.
-    validation : dict of str to ndarray, shape (2, v)
-        By label: predicted and true outputs.
-    statistics : dict of str to ErrorStatistics
-        By label.
-    """
-
-    unit: str
-    validation: dict[str, FloatArray]
-    statistics: dict[str, ErrorStatistics]
-
-
-def predictions(stages: dict[str, FirstStage], unit: str) -> Predictions:
-    """Return the statistics of the validation of each stage.
-
-    Parameters
-    ----------
-    stages : dict of str to FirstStage
-        By label.
-    unit : str
-        Of the outputs.
-    """
-    return Predictions(
-        unit,
-        {label: stage.validation for label, stage in stages.items()},
-        {label: error_statistics(*stage.validation) for label, stage in stages.items()},
-    )
 
 
 def figure_5(budget: PaperBudget | None) -> Item[Predictions]:

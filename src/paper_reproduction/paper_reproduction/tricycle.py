@@ -27,8 +27,14 @@ from excitation_planner.maneuver import Circle, DoubleLaneChange, ManeuverFamily
 from excitation_planner.planning.replay import ReplayedTrajectoryError
 from paper_reproduction import published
 from paper_reproduction.comparison import Agreement, Comparison, Item
-from paper_reproduction.first_stage import FirstStage, PaperBudget, faithful, fast
-from paper_reproduction.math_model import Predictions, predictions
+from paper_reproduction.first_stage import (
+    FirstStage,
+    PaperBudget,
+    Predictions,
+    faithful,
+    fast,
+    predictions,
+)
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.vehicle import Vehicle, load_vehicle
