@@ -16,7 +16,7 @@ STANDSTILL_SPEED = 0.05
 """Speed above which a maneuver does not start [m/s]."""
 
 PATHS_KEPT = 8
-"""Paths of several planners that are kept until commands say which is theirs."""
+"""Paths that are kept until the commands with the same stamp arrive."""
 
 
 class PlaybackState(Enum):

@@ -122,7 +122,7 @@ class Costs:
     designs : dict
         By (target, k, search).
     faithful : dict
-        By (target, k): the points (n, l) that DIRECT asks the paper's Kriging models for, with
+        By (target, k): the points (n, l) at which DIRECT evaluates the paper's Kriging models, with
         their costs (n,).
     """
 

@@ -1,4 +1,4 @@
-"""Where simulations run: in this process, in processes of this machine, or on any executor."""
+"""Execution of simulations: in this process, in processes of this machine, or on any executor."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run
 
 
 def _prepare_worker() -> None:
-    """Leave Ctrl-C to the parent, and keep to one thread: more only wait for each other."""
+    """Leave Ctrl-C to the parent, and keep to one thread: more would only wait for each other."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if "numba" in sys.modules:
         sys.modules["numba"].set_num_threads(1)

@@ -1,4 +1,4 @@
-"""Fisher information of whole trajectories: criteria that look at more than one number.
+"""Fisher information of whole trajectories, for the criteria C, D and A.
 
 n: simulations, k: unknown parameters, t: time points, c: measured channels. Parameters are counted
 in units of their ranges, in which a uniform prior has variance 1/12.

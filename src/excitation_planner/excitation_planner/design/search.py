@@ -1,9 +1,9 @@
-"""Search of the operation box for the cheapest maneuver, as generators.
+"""Searches of the operation box for the cheapest maneuver, as generators.
 
 A search yields points X (b, l) of the unit box, receives their evaluations, whose cost is infinite
-where the maneuver cannot be driven, and ends by returning. Who drives it decides where the
-evaluations come from: an executor, a study on disk, or a function in the same process; the points
-of one batch are independent of each other.
+where the maneuver cannot be driven, and ends by returning. The evaluations may come from an
+executor, a study on disk, or a function in the same process; the points of one batch are
+independent of each other.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def adaptive_search(
     """Search corners and Sobol' points of the unit box, then by COBYQA from the best of them.
 
     Optima often lie on faces, which DIRECT never samples: hence the corners. A local search that
-    ends, or runs into a better one, makes room for one from the best point far from all starts.
+    ends, or comes close to a better one, is replaced by one from the best point far from all.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ def adaptive_search(
 
 
 def _infeasible_cost(x: FloatArray, X: FloatArray, costs: FloatArray, best: float) -> float:
-    """What a local search is told at an infeasible x (l,): a bit more than nearby at X (n, l).
+    """Cost given to a local search at an infeasible x (l,): above that of the nearest of X (n, l).
 
-    A high wall would spoil its quadratic model, and it would keep away from optima at the wall.
+    A high value would spoil its quadratic model, and hide optima at the limit of what is feasible.
     """
     X, costs = X[np.isfinite(costs)], costs[np.isfinite(costs)]
     nearest = float(costs[np.argmin(np.linalg.norm(X - x, axis=1))])
@@ -208,7 +208,7 @@ def modelled_cost(
 
     def cost(x: FloatArray) -> float:
         S, ST = np.array([g(x) for g in main_models]), np.array([g(x) for g in total_models])
-        # the models do not know that 0 < S <= ST
+        # the models may violate 0 < S <= ST
         S = np.maximum(S, 1e-6)
         noise = 0.0 if share is None else float(np.exp(share(x)))
         return excitation_cost(S, np.maximum(ST, S), target, noise_share=noise)
@@ -222,18 +222,18 @@ def _scaled(evaluations: list[Evaluation], criterion: Criterion) -> FloatArray:
 
 
 class _StoppedError(Exception):
-    """Ends the thread of a minimiser that is not wanted any more."""
+    """Ends the thread of a minimiser whose search is stopped."""
 
 
 class _AskedMinimiser:
-    """A minimiser that calls its objective, made to ask for each cost instead.
+    """Ask and tell around a minimiser that calls its objective.
 
-    It runs in a thread of its own, which sleeps until it is told.
+    The minimiser runs in a thread of its own, which sleeps until `tell` gives it the cost.
 
     Attributes
     ----------
     asked : ndarray (l,) or None
-        Point whose cost it waits for; None when it has ended.
+        Point whose cost is needed next; None when the minimiser has ended.
     """
 
     def __init__(self, minimise: Callable[[Objective], object]) -> None:
@@ -304,7 +304,7 @@ class _LocalSearch(_AskedMinimiser):
 
 
 def _going_on(searches: list[_LocalSearch]) -> list[_LocalSearch]:
-    """Those that neither ended nor ran into a better one; the others are stopped."""
+    """Searches that have neither ended nor come close to a better one; the others are stopped."""
     kept: list[_LocalSearch] = []
     for search in sorted(searches, key=lambda search: search.cost):
         alone = all(np.abs(search.x - other.x).max() > 0.05 for other in kept)

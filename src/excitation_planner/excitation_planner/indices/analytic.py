@@ -1,4 +1,4 @@
-"""Functions whose Sobol' indices are known exactly.
+"""Analytic test functions, whose Sobol' indices are known exactly.
 
 Each takes points P (n, k) in its own box and returns values (n,).
 """

@@ -1,4 +1,4 @@
-"""Where to simulate next to make a Kriging model better."""
+"""Infill: where to simulate next to improve a Kriging model."""
 
 from __future__ import annotations
 

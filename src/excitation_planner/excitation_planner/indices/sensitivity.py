@@ -28,7 +28,7 @@ _HALF_WIDTH = 2.2
 
 @dataclass(frozen=True)
 class Sensitivity(Indices):
-    """Sobol' indices of a simulator, with what they rest on.
+    """Sobol' indices of a simulator, with the metamodel that they come from.
 
     Attributes
     ----------
@@ -37,7 +37,9 @@ class Sensitivity(Indices):
     main_interval, total_interval : ndarray (k, 2)
         95 % intervals of `main` and `total`.
     folds : tuple of Indices
-        Indices without a fifth of the samples, each fifth in turn: what the intervals rest on.
+        Indices without a fifth of the samples, each fifth in turn; the intervals follow from them.
+    unknown : Box
+        Ranges of the unknown parameters.
     model : Kriging
         The metamodel, fitted on the unit box; `predict` takes parameters in their own units.
     leave_one_out_q2 : float
@@ -84,11 +86,11 @@ def sensitivity(
         Unknown parameters ``{name: (low, high)}``, uniform and independent.
     samples : int
         Simulations to train the metamodel on, at least k + 2. Two thirds fill the box; the others
-        go, in a second call of f, where a first metamodel says that the indices gain most.
+        go, in a second call of f, where by a first metamodel the indices gain most.
     seed : int
         Scrambles the sample points.
     infill : int
-        Further simulations, where ``infill_by`` says.
+        Further simulations, chosen by ``infill_by``.
     infill_by : Infill
         What they are to reduce.
     batch : int

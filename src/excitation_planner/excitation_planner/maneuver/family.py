@@ -1,4 +1,4 @@
-"""Maneuver families: what one is, what it gives, and how it is found by its name.
+"""Maneuver families: their interface, the paths that they give, and the search by name.
 
 A family maps its operation parameters x (the design variables) either to a `DrivenPath`, the path
 that the rear axle's ground point follows and the speed along it, or to the `Commands` themselves.
@@ -78,7 +78,7 @@ class DrivenPath:
 
 @runtime_checkable
 class ManeuverFamily(Protocol):
-    """What the planner needs to know of a family."""
+    """A maneuver family, as the planner uses it."""
 
     @property
     def name(self) -> str:

@@ -1,4 +1,4 @@
-"""Planning: from a vehicle, maneuver families and a target to plans. Loaded when first used."""
+"""Planning: from a vehicle, maneuver families and a target to plans; modules load on first use."""
 
 import lazy_loader
 

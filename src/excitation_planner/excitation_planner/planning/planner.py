@@ -60,7 +60,7 @@ def plan_set(
     Returns
     -------
     plans : tuple of Plan
-        The verified optimum, a plan per maneuver. Their `verdict` says so when the families cannot
+        The verified optimum, a plan per maneuver. `verdict` is not empty where the families cannot
         excite the target.
 
     Raises
