@@ -23,7 +23,6 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from threadpoolctl import threadpool_limits
 
 from excitation_planner import Indices, Kriging, sensitivity, sobol_indices
-from excitation_planner.box import training_points
 from excitation_planner.indices.analytic import (
     MATH_MODEL_OPERATION,
     MATH_MODEL_UNKNOWN,
@@ -34,6 +33,7 @@ from excitation_planner.indices.analytic import (
     math_model,
     quadrature_indices,
 )
+from excitation_planner.indices.sampling import training_points
 
 SALTELLI = 2**14  # base samples of the estimator on a peer's mean
 

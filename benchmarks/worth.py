@@ -23,15 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from excitation_planner import Box, Criterion, TrajectoryNoise
+from excitation_planner import Box, Criterion, MeasurementNoise
 from excitation_planner.maneuver import family_by_name
-from excitation_planner.planning import (
-    DELAY_STD,
-    GYRO_BIAS_STD,
-    PlanRequest,
-    plan_set,
-    random_feasible_point,
-)
+from excitation_planner.planning import PlanRequest, plan_set, random_feasible_point
 from excitation_planner.planning.prediction import (
     PERIOD,
     STANDSTILL,
@@ -82,16 +76,15 @@ class Scenario:
         noise = {Sensor.POSITION: SensorNoise(self.white, drift=self.drift, drift_time=5.0)}
         return noise | ({Sensor.YAW_RATE: SensorNoise(self.gyro)} if self.gyro else {})
 
-    def trajectory_noise(self):
+    def noise(self):
         """The same, as the planner knows it."""
         position, heading = self.start
-        return TrajectoryNoise(
-            std=(self.white, self.white, self.gyro) if self.gyro else self.white,
+        return MeasurementNoise(
+            noise_std=self.white,
+            yaw_rate_std=self.gyro,
             drift_std=self.drift,
             start_position_std=position,
             start_heading_std=heading,
-            delay_std=DELAY_STD,
-            bias_std=GYRO_BIAS_STD,
         )
 
 
@@ -148,7 +141,7 @@ def designed(output):
             first, *others = map(family_by_name, families)
             request = PlanRequest(VEHICLE, first, target, criterion=criterion, others=tuple(others))
             if how == "paper":
-                request = replace(request, noise_std=0.0)
+                request = replace(request, noise=MeasurementNoise(noise_std=0.0))
             plans = plan_set(request)
             found[name] = [list(plan.operation.values()) for plan in plans]
         if found[name] is not None:
@@ -228,18 +221,17 @@ class Shortened:
 
 def predicted(name, points, scenario):
     """Predicted standard deviations (k,) in ranges."""
-    columns = ("x", "y", "yaw_rate") if scenario.gyro else ("x", "y")
-    variances = []
+    noise, variances = scenario.noise(), []
     for draw in range(RANDOM_PREDICTED if points is None else 1):
         simulators = tuple(
-            Shortened(ReplayedTrajectories(VEHICLE, family_by_name(family), columns))
+            Shortened(ReplayedTrajectories(VEHICLE, family_by_name(family), noise.channels))
             for family in STRATEGIES[name][1]
         )
         covariance = predicted_covariance(
             simulators,
             tuple(np.array(x) for x in maneuvers(name, points, draw)),
             UNKNOWN,
-            scenario.trajectory_noise(),
+            noise.of_trajectory,
             seed=5,
         )
         variances.append(np.diag(covariance))

@@ -20,7 +20,11 @@ def public(tree):
             init = [n for n in node.body if isinstance(n, ast.FunctionDef) and n.name == "__init__"]
             yield node.name, node, [p for n in init for p in parameters(n)]
             for method in node.body:
-                if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
+                if (
+                    isinstance(method, ast.FunctionDef)
+                    and not method.name.startswith("_")
+                    and "overload" not in map(ast.unparse, method.decorator_list)
+                ):
                     found = parameters(method)
                     # one parameter may be told by the summary
                     yield f"{node.name}.{method.name}", method, found if len(found) > 1 else []

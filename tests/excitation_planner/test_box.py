@@ -1,11 +1,11 @@
-"""Boxes, and the points drawn in them."""
+"""Boxes with names on their axes."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from excitation_planner.box import Box, sobol_sequence, training_points
+from excitation_planner.box import Box
 from tricycle_core.errors import DesignError
 
 
@@ -50,21 +50,3 @@ def test_impossible_boxes_are_refused(bounds, message):
 def test_a_name_given_twice_is_refused():
     with pytest.raises(DesignError, match="twice"):
         Box(("p", "p"), (0.0, 0.0), (1.0, 1.0))
-
-
-@pytest.mark.parametrize("points", [sobol_sequence, training_points])
-def test_points_depend_on_the_seed_alone(points):
-    first = points(100, 3, seed=0)
-    assert first.shape == (100, 3)
-    assert np.all((first >= 0) & (first <= 1))
-    assert np.array_equal(first, points(100, 3, seed=0))
-    assert not np.array_equal(first, points(100, 3, seed=1))
-
-
-def test_unscrambled_sequence_starts_as_published():
-    assert np.array_equal(sobol_sequence(3, 2, seed=None), [[0, 0], [0.5, 0.5], [0.75, 0.25]])
-
-
-def test_training_points_are_denser_at_the_faces():
-    u = training_points(1024, 1)
-    assert np.mean((u < 0.1) | (u > 0.9)) > 0.25

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from excitation_planner.playback import Playback, PlaybackState, Pose, Schedule, Setpoint
+from excitation_planner.playback import JointCommand, PlanarState, Playback, PlaybackState, Schedule
 
-AT_REST = Pose(1.0, 2.0, np.pi / 2, 0.0)
-STANDSTILL = Setpoint(0.0, 0.0)
+AT_REST = PlanarState(1.0, 2.0, np.pi / 2, 0.0)
+STANDSTILL = JointCommand(0.0, 0.0)
 
 
 def schedule():
@@ -25,9 +25,14 @@ def test_rows_are_played_from_the_first_tick_after_the_start():
     assert playback.tick(10.0) == STANDSTILL
     playback.start(10.0)
     played = [playback.tick(t) for t in (10.01, 10.02, 10.03, 10.04)]
-    assert played == [Setpoint(0.1, 1.0), Setpoint(0.1, 1.0), Setpoint(0.2, 2.0), Setpoint(0.2, 2)]
+    assert played == [
+        JointCommand(0.1, 1.0),
+        JointCommand(0.1, 1.0),
+        JointCommand(0.2, 2.0),
+        JointCommand(0.2, 2),
+    ]
     assert playback.start_time == 10.01
-    assert playback.tick(10.05) == Setpoint(
+    assert playback.tick(10.05) == JointCommand(
         0.3, 0.0
     )  # the end: standstill, wheels left as they are
     assert playback.state is PlaybackState.DONE
@@ -37,7 +42,7 @@ def test_a_late_tick_plays_the_row_that_is_due():
     playback = ready()
     playback.start(10.0)
     playback.tick(10.0)
-    assert playback.tick(10.03) == Setpoint(0.2, 2.0)
+    assert playback.tick(10.03) == JointCommand(0.2, 2.0)
 
 
 def test_loading_new_commands_returns_the_wheels_to_straight():
@@ -64,7 +69,7 @@ def test_start_is_refused_with_its_reason(prepare, reason):
 
 def test_a_moving_vehicle_does_not_start():
     playback = ready()
-    playback.observe(Pose(0, 0, 0, 0.3), 10.0)
+    playback.observe(PlanarState(0, 0, 0, 0.3), 10.0)
     with pytest.raises(ValueError, match=r"moves at 0\.30 m/s"):
         playback.start(10.0)
 
@@ -83,7 +88,7 @@ def test_abort_stops_the_wheel_and_says_why():
     playback.start(10.0)
     playback.tick(10.0)
     playback.abort("asked for")
-    assert playback.tick(10.02) == Setpoint(0.1, 0.0)
+    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
     assert (playback.state, playback.reason) == (PlaybackState.ABORTED, "asked for")
     with pytest.raises(ValueError, match="no maneuver is running"):
         playback.abort("again")
@@ -95,7 +100,7 @@ def test_losing_the_pose_aborts():
     playback.observe(AT_REST, 10.0)
     playback.start(10.0)
     playback.tick(10.0)
-    assert playback.tick(10.02) == Setpoint(0.1, 0.0)
+    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
     assert playback.reason == "no pose on odom for 0.02 s"
 
 
@@ -104,10 +109,12 @@ def test_leaving_the_path_aborts_wherever_the_start_was():
     playback.load_path(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
     playback.start(10.0)
     playback.tick(10.0)
-    playback.observe(Pose(1.0, 4.0, 0, 1), 10.01)  # 2 m along the path, which points along +y
+    playback.observe(
+        PlanarState(1.0, 4.0, 0, 1), 10.01
+    )  # 2 m along the path, which points along +y
     playback.tick(10.01)
     assert playback.state is PlaybackState.RUNNING
-    playback.observe(Pose(-0.5, 4.0, 0, 1), 10.02)  # 1.5 m to the left of it
+    playback.observe(PlanarState(-0.5, 4.0, 0, 1), 10.02)  # 1.5 m to the left of it
     playback.tick(10.02)
     assert playback.reason == "1.50 m off the path (limit 1 m)"
 

@@ -12,17 +12,16 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tricycle_cli.operation.operator_node import ServiceCaller
+from tricycle_core.nodes import LATCHED
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE = 90.0  # s; only a failing test waits that long
 BIN = Path(sys.executable).parent
 

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tricycle_core.documents import (
+    check_texts,
     decode,
     encode,
     parse_json,
@@ -100,7 +101,7 @@ def test_infinity_is_a_number_and_nan_is_not():
         parse_json(b"[NaN]", "f", PlanError)
 
 
-@pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"[" * 100_000])
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"[" * 100_000, b"9" * 5000])
 def test_what_is_not_json_is_one_line(content):
     with pytest.raises(PlanError) as refusal:
         parse_json(content, "f", PlanError)
@@ -130,3 +131,16 @@ def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path):
     assert path.read_text() == "old"
     write_whole(path, b"new")
     assert path.read_bytes() == b"new"
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"a": [{"b": "\x1b[2J"}]}, r"file: a\.b must be a printable text"),
+        ({"a": {"\n": 1}}, "file: a: its names must be printable"),
+    ],
+)
+def test_texts_for_a_terminal_are_refused(values, message):
+    with pytest.raises(PlanError, match=message):
+        check_texts(values, "file", PlanError)
+    check_texts({"a": ["Ä", 1.0, None]}, "file", PlanError)

@@ -1,4 +1,4 @@
-"""Named boxes: the ranges of the operation parameters x and of the unknown parameters p."""
+"""Boxes with a name on each axis: ranges of operation parameters x and unknown parameters p."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import qmc
 
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
@@ -23,6 +22,7 @@ class Box:
     Attributes
     ----------
     names : tuple of str, length k
+        One per axis.
     low, high : tuple of float, length k
         Limits, ``low < high`` on every axis.
 
@@ -72,6 +72,12 @@ class Box:
             raise DesignError(f"unknown parameter {name!r}; one of: {', '.join(self.names)}")
         return self.names.index(name)
 
+    def check_samples(self, samples: int) -> None:
+        """Raise DesignError where a metamodel over this box needs more samples."""
+        if samples < len(self) + 2:
+            need = f"{len(self)} unknown parameters need {len(self) + 2} at least"
+            raise DesignError(f"samples = {samples}: {need}")
+
     def bounds(self) -> dict[str, tuple[float, float]]:
         """Return the box as ``{name: (low, high), ...}``."""
         return dict(zip(self.names, zip(self.low, self.high, strict=True), strict=True))
@@ -87,26 +93,3 @@ class Box:
         low, high = np.array(self.low), np.array(self.high)
         unit: FloatArray = (np.asarray(P, dtype=float) - low) / (high - low)
         return unit
-
-
-def sobol_sequence(n: int, k: int, *, seed: int | None = 0) -> FloatArray:
-    """First n points (n, k) of a k-dimensional Sobol' sequence in the unit box.
-
-    ``seed`` scrambles it (0 is a seed); ``None`` gives the unscrambled sequence of the paper.
-    """
-    # a power of two is drawn because scipy warns of anything else; its first n points are the same
-    exponent = max(0, math.ceil(math.log2(n)))
-    sequence = qmc.Sobol(k, scramble=seed is not None, seed=seed)
-    points: FloatArray = sequence.random_base2(exponent)[:n]
-    return points
-
-
-def training_points(n: int, k: int, *, seed: int = 0) -> FloatArray:
-    """n points (n, k) of the unit box to train a metamodel on, denser towards the faces.
-
-    A Sobol' sequence u blended half and half with its arcsine-distributed image (1 - cos pi u)/2:
-    a metamodel is worst at the faces, where it has neighbours on one side only.
-    """
-    u = sobol_sequence(n, k, seed=seed)
-    points: FloatArray = 0.5 * u + 0.25 * (1.0 - np.cos(np.pi * u))
-    return points

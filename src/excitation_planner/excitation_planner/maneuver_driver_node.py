@@ -9,27 +9,20 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
-from rclpy.time import Time
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from excitation_planner.playback import Playback, PlaybackState, Pose, Schedule
+from excitation_planner.playback import PlanarState, Playback, PlaybackState, Schedule
+from tricycle_core.diagnostics import Level
 from tricycle_core.joints import JOINTS
-from tricycle_core.nodes import declare, overridable, run_node
+from tricycle_core.nodes import LATCHED, declare, overridable, run_node
+from tricycle_core.quantities import TICK
+from tricycle_core.rotations import yaw_of
+from tricycle_core.stamps import nanoseconds_of, seconds_of
 
-PERIOD = 0.01  # s
 STATE_EVERY = 0.5  # s between repeated state messages while running
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
-
-def _seconds(time: Time) -> float:
-    return float(time.nanoseconds) * 1e-9
-
-
-def _stamp(message: Path | JointTrajectory) -> int:
-    return int(Time.from_msg(message.header.stamp).nanoseconds)
 
 
 def _schedule(message: JointTrajectory) -> Schedule:
@@ -42,22 +35,20 @@ def _schedule(message: JointTrajectory) -> Schedule:
             raise ValueError(f"row {row} needs two positions and two velocities")
     points = message.points
     return Schedule(
-        np.array([p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in points]),
+        np.array([seconds_of(p.time_from_start) for p in points]),
         np.array([p.positions[steer] for p in points]),
         np.array([p.velocities[wheel] for p in points]),
     )
 
 
-def _pose(message: Odometry) -> Pose:
-    q, v = message.pose.pose.orientation, message.twist.twist.linear
-    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y**2 + q.z**2))
-    return Pose(
-        message.pose.pose.position.x, message.pose.pose.position.y, yaw, math.hypot(v.x, v.y)
-    )
+def _planar_state(message: Odometry) -> PlanarState:
+    position, velocity = message.pose.pose.position, message.twist.twist.linear
+    yaw = yaw_of(message.pose.pose.orientation)
+    return PlanarState(position.x, position.y, yaw, math.hypot(velocity.x, velocity.y))
 
 
 class ManeuverDriver(Node):
-    """Wires a `Playback` to its topics, services and the 100 Hz timer."""
+    """Connects a `Playback` with its topics, services and the 100 Hz timer."""
 
     def __init__(self) -> None:
         super().__init__("maneuver_driver")
@@ -65,7 +56,7 @@ class ManeuverDriver(Node):
         timeout = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
         self._playback = Playback(max_deviation=deviation, odom_timeout=timeout)
         self._plan_id = ""
-        self._said: tuple[object, ...] = ()  # what the last maneuver/state said
+        self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
         self._state = self.create_publisher(
             DiagnosticStatus, "maneuver/state", **overridable(LATCHED)
@@ -89,14 +80,14 @@ class ManeuverDriver(Node):
                 every_tick, post_callback=lambda _: self._on_tick()
             )
         else:
-            self.create_timer(PERIOD, self._on_tick)
+            self.create_timer(TICK, self._on_tick)
 
     def _now(self) -> float:
-        return _seconds(self.get_clock().now())
+        return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _on_commands(self, message: JointTrajectory) -> None:
         try:
-            self._playback.load(_schedule(message), _stamp(message))
+            self._playback.load(_schedule(message), nanoseconds_of(message.header.stamp))
         except ValueError as error:
             self.get_logger().error(f"maneuver/commands refused: {error}")
             return
@@ -104,10 +95,12 @@ class ManeuverDriver(Node):
 
     def _on_path(self, message: Path) -> None:
         points = [(p.pose.position.x, p.pose.position.y) for p in message.poses]
-        self._playback.load_path(np.array(points).reshape(-1, 2), _stamp(message))
+        self._playback.load_path(
+            np.array(points).reshape(-1, 2), nanoseconds_of(message.header.stamp)
+        )
 
     def _on_odom(self, message: Odometry) -> None:
-        self._playback.observe(_pose(message), _seconds(Time.from_msg(message.header.stamp)))
+        self._playback.observe(_planar_state(message), seconds_of(message.header.stamp))
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._attempt(response, lambda: self._playback.start(self._now()), "started")
@@ -129,22 +122,22 @@ class ManeuverDriver(Node):
 
     def _on_tick(self) -> None:
         now = self.get_clock().now()
-        setpoint = self._playback.tick(_seconds(now))
+        command = self._playback.tick(float(now.nanoseconds) * 1e-9)
         message = JointState(name=list(JOINTS))
         message.header.stamp = now.to_msg()
-        message.position = [setpoint.steering_motor_angle, 0.0]
-        message.velocity = [0.0, setpoint.wheel_rate]
+        message.position = [command.steering_motor_angle, 0.0]
+        message.velocity = [0.0, command.wheel_rate]
         self._joints.publish(message)
         self._publish_state()
 
     def _publish_state(self) -> None:
-        """Say the state when it changes, and every `STATE_EVERY` while running."""
+        """Publish the state when it changes, and every `STATE_EVERY` while running."""
         playback = self._playback
         beat = int(playback.elapsed / STATE_EVERY)
-        said = (playback.state, self._plan_id, playback.start_time, beat)
-        if said == self._said:
+        content = (playback.state, self._plan_id, playback.start_time, beat)
+        if content == self._published:
             return
-        self._said = said
+        self._published = content
         start = f"{playback.start_time:.9f}" if playback.start_time is not None else ""
         values = {
             "state": playback.state.value,
@@ -156,9 +149,7 @@ class ManeuverDriver(Node):
         }
         self._state.publish(
             DiagnosticStatus(
-                level=DiagnosticStatus.ERROR
-                if playback.state is PlaybackState.ABORTED
-                else DiagnosticStatus.OK,
+                level=bytes([Level.ERROR if playback.state is PlaybackState.ABORTED else Level.OK]),
                 name="maneuver_driver: maneuver",
                 message=": ".join(filter(None, (playback.state.value, playback.reason))),
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],

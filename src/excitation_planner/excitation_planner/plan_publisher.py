@@ -1,4 +1,4 @@
-"""Publishes a plan on the latched `maneuver/*` topics; part of every node that hands out plans."""
+"""Publication of a plan on the latched `maneuver/*` topics, for every node that has plans."""
 
 import math
 from typing import Any
@@ -7,22 +7,20 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.time import Time
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from excitation_planner.plan import Plan
 from tricycle_core.joints import JOINTS
-from tricycle_core.nodes import overridable
+from tricycle_core.nodes import LATCHED, overridable, time_message
+from tricycle_core.stamps import split_seconds
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 FRAME = "odom"
 
 
 def _pose(x: float, y: float, yaw: float, time: float) -> PoseStamped:
     pose = PoseStamped()
     pose.header.frame_id = FRAME
-    pose.header.stamp = Time(nanoseconds=round(time * 1e9)).to_msg()
+    pose.header.stamp = time_message(time)
     pose.pose.position.x, pose.pose.position.y = x, y
     pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
     return pose
@@ -33,7 +31,12 @@ class PlanPublisher:
 
     A joint trajectory has no frame, so `maneuver/commands` carries the plan id in its header's
     `frame_id`: the driver repeats it in `maneuver/state`. The three headers share one stamp, by
-    which a bag with several plans tells what belongs together.
+    which the messages of a plan are found in a bag with several.
+
+    Parameters
+    ----------
+    node : Node
+        Has the publishers.
     """
 
     def __init__(self, node: Node) -> None:
@@ -64,15 +67,13 @@ class PlanPublisher:
             point = JointTrajectoryPoint(
                 positions=[angle, 0.0], velocities=[0.0, speed / plan.tyre_radius]
             )
-            nanoseconds = round(time * 1e9)
-            point.time_from_start.sec = nanoseconds // 1_000_000_000
-            point.time_from_start.nanosec = nanoseconds % 1_000_000_000
+            point.time_from_start.sec, point.time_from_start.nanosec = split_seconds(time)
             commands.points.append(point)
         self._path.publish(path)
         self._reference.publish(reference)
         self._commands.publish(commands)
 
     def received(self) -> bool:
-        """Whether every subscriber known has taken the plan."""
+        """Return whether every known subscriber has acknowledged the plan."""
         publishers = (self._path, self._reference, self._commands)
         return all(publisher.wait_for_all_acked(Duration()) for publisher in publishers)

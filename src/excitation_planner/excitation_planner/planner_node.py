@@ -5,6 +5,7 @@ import signal
 import sys
 from functools import partial
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +16,21 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from excitation_planner import planning
 from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.planning import PlanRequest, plan_maneuver
+from excitation_planner.planning import PlanRequest
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import DesignError, PlanError, VehicleError
 from tricycle_core.nodes import declare, overridable, run_node
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
-POLL = 0.2  # s between looks at the planning process
+POLL = 0.2  # s between polls of the planning process
 DIAGNOSTICS_PERIOD = 1.0  # s
+SPAWN = multiprocessing.get_context("spawn")  # a fork would inherit the middleware's threads
 NOISES = {
     "noise_std": "m, of the measured position per axis",
     "yaw_rate_std": "rad/s, of a yaw-rate gyro; 0: there is none",
@@ -41,7 +46,7 @@ Settings = dict[str, Any]  # parameter name -> value, as declared below
 
 
 def _request(settings: Settings) -> PlanRequest:
-    """The request that the parameters describe; raises PlanError or VehicleError."""
+    """Request that the parameters describe; raises PlanError or VehicleError."""
     file = settings["vehicle_file"]
     if settings["criterion"] not in set(Criterion):
         raise PlanError(f"criterion {settings['criterion']!r}; one of: {', '.join(Criterion)}")
@@ -53,7 +58,7 @@ def _request(settings: Settings) -> PlanRequest:
         samples=settings["samples"],
         budget=settings["budget"],
         seed=settings["seed"],
-        **{name: settings[name] for name in NOISES},
+        noise=MeasurementNoise(**{name: settings[name] for name in NOISES}),
     )
 
 
@@ -63,7 +68,7 @@ def _plan_in_process(settings: Settings, output: Path, connection: Connection) -
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     try:
-        plan = plan_maneuver(
+        plan = planning.plan_maneuver(  # imports SciPy and Numba: in this process only
             _request(settings),
             progress=lambda done, total: connection.send(("progress", done, total)),
         )
@@ -87,11 +92,11 @@ class ExcitationPlanner(Node):
         setting("budget", 12_000, "largest number of simulations", (1, 1e9))
         setting("seed", 0, "same seed, same plan", (0, 2**31 - 1))
         for name, description in NOISES.items():
-            setting(name, getattr(PlanRequest, name), description, (0, 1e4))
+            setting(name, getattr(MeasurementNoise, name), description, (0, 1e4))
         setting("plan_file", "plan.json", "the newest plan: published when it exists or is made")
         self._plans = PlanPublisher(self)
         self._plan: Plan | None = None
-        self._process: multiprocessing.process.BaseProcess | None = None
+        self._process: SpawnProcess | None = None
         self._connection: Connection | None = None
         self._progress = (0, 0)
         self._problem = ""
@@ -118,7 +123,7 @@ class ExcitationPlanner(Node):
         self.get_logger().info(f"plan {plan.id}: {plan.maneuver} for {plan.target}")
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse a plan file that exists and is none."""
+        """Refuse a plan file that exists but is not a plan."""
         for parameter in parameters:
             if parameter.name == "plan_file" and Path(parameter.value).exists():
                 try:
@@ -142,10 +147,8 @@ class ExcitationPlanner(Node):
         except (PlanError, VehicleError, OSError) as error:
             response.message = str(error)
             return response
-        # a fresh interpreter: a fork would inherit the middleware's threads
-        context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe(duplex=False)
-        self._process = context.Process(
+        self._connection, theirs = SPAWN.Pipe(duplex=False)
+        self._process = SPAWN.Process(
             target=_plan_in_process, args=(settings, self._file.absolute(), theirs)
         )
         self._process.start()
@@ -162,7 +165,7 @@ class ExcitationPlanner(Node):
         return response
 
     def _watch(self) -> None:
-        """Take what the planning process has sent."""
+        """Read what the planning process has sent."""
         if self._process is None or self._connection is None:
             return
         try:
@@ -181,7 +184,7 @@ class ExcitationPlanner(Node):
             self._end("the planning process died")
 
     def _end(self, problem: str) -> None:
-        """Leave the planning process behind."""
+        """End the planning process, or reap one that has ended."""
         if self._process is not None and self._connection is not None:
             if problem:
                 self._process.terminate()
@@ -198,7 +201,7 @@ class ExcitationPlanner(Node):
         if self._process is not None:
             status.message = f"planning: {done} of at most {total} simulations"
         elif self._problem:
-            status.level, status.message = DiagnosticStatus.WARN, self._problem
+            status.level, status.message = bytes([Level.WARN]), self._problem
         elif self._plan is None:
             status.message = "no plan yet; call ~/plan"
         else:

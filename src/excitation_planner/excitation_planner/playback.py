@@ -1,4 +1,4 @@
-"""Playing a maneuver's commands open loop: the driver's state machine, without ROS.
+"""Playback of a maneuver's commands, open loop: the state machine of the driver, without ROS.
 
 Time is an argument everywhere; the node that owns a `Playback` passes its ROS clock.
 """
@@ -12,12 +12,15 @@ import numpy as np
 
 from tricycle_core.quantities import FloatArray
 
-STANDSTILL_SPEED = 0.05  # m/s, above which a maneuver does not start
-PATHS_KEPT = 8  # of several planners, until commands say which is theirs
+STANDSTILL_SPEED = 0.05
+"""Speed above which a maneuver does not start [m/s]."""
+
+PATHS_KEPT = 8
+"""Paths that are kept until the commands with the same stamp arrive."""
 
 
 class PlaybackState(Enum):
-    """What the driver is doing; the values are what `maneuver/state` says."""
+    """What the driver is doing; the values are those of `maneuver/state`."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -31,12 +34,12 @@ class Schedule:
 
     Attributes
     ----------
-    time
-        (c,) s from the start of the maneuver, starting at 0.
-    steering_motor_angle
-        (c,) rad, left positive.
-    wheel_rate
-        (c,) rad/s of the rear wheel, forward positive.
+    time : ndarray of float, shape (c,)
+        Time from the start of the maneuver, starting at 0 [s].
+    steering_motor_angle : ndarray of float, shape (c,)
+        Left positive [rad].
+    wheel_rate : ndarray of float, shape (c,)
+        Of the rear wheel, forward positive [rad/s].
 
     Raises
     ------
@@ -62,52 +65,85 @@ class Schedule:
 
 
 @dataclass(frozen=True)
-class Pose:
-    """Planar pose and speed of `base_link` in `odom`."""
+class PlanarState:
+    """Planar pose and speed of `base_link` in `odom`.
 
-    x: float  # m
-    y: float  # m
-    yaw: float  # rad, left positive
-    speed: float  # m/s
+    Attributes
+    ----------
+    x, y : float
+        Position [m].
+    yaw : float
+        Left positive [rad].
+    speed : float
+        Absolute value [m/s].
+    """
+
+    x: float
+    y: float
+    yaw: float
+    speed: float
 
 
 @dataclass(frozen=True)
-class Setpoint:
-    """What the two PLCs are asked for."""
+class JointCommand:
+    """What is commanded of the two joints.
 
-    steering_motor_angle: float  # rad, left positive
-    wheel_rate: float  # rad/s
+    Attributes
+    ----------
+    steering_motor_angle : float
+        Left positive [rad].
+    wheel_rate : float
+        Of the rear wheel, forward positive [rad/s].
+    """
+
+    steering_motor_angle: float
+    wheel_rate: float
 
 
 @dataclass
 class Playback:
     """Plays one schedule after the other.
 
-    Parameters
+    Attributes
     ----------
-    max_deviation
-        Distance in m from the path beyond which the run is aborted.
-    odom_timeout
-        Age in s of the newest pose beyond which the run is aborted.
+    max_deviation : float
+        Distance from the path beyond which the run is aborted [m].
+    odom_timeout : float
+        Age of the newest pose beyond which the run is aborted [s].
+    state : PlaybackState
+        What it is doing.
+    reason : str
+        Why it was aborted; empty otherwise.
+    start_time : float or None
+        When row 0 was played [s].
+    elapsed : float
+        Time since then, at the newest tick of the run [s].
     """
 
     max_deviation: float
     odom_timeout: float
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
-    start_time: float | None = None  # s, when row 0 was played
-    elapsed: float = 0.0  # s since then, of the newest tick of the run
+    start_time: float | None = None
+    elapsed: float = 0.0
     _schedule: Schedule | None = None
     _stamp: int = 0  # of the schedule
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
     _path: FloatArray | None = None  # (m, 2) from the pose at the start, of the maneuver running
-    _pose: Pose | None = None
-    _pose_time: float = -math.inf
-    _anchor: Pose | None = None
-    _hold: Setpoint = field(default_factory=lambda: Setpoint(0.0, 0.0))
+    _observed: PlanarState | None = None
+    _observed_at: float = -math.inf
+    _anchor: PlanarState | None = None
+    _held: JointCommand = field(default_factory=lambda: JointCommand(0.0, 0.0))
 
     def load(self, schedule: Schedule, stamp: int = 0) -> None:
-        """Take a new schedule, published at `stamp`; while one is being played it is refused.
+        """Take a new schedule; while one is being played it is refused.
+
+        Parameters
+        ----------
+        schedule : Schedule
+            To be played next.
+        stamp : int
+            Of its message [ns].
 
         Raises
         ------
@@ -117,23 +153,36 @@ class Playback:
         if self.state is PlaybackState.RUNNING:
             raise ValueError("a maneuver is running; abort it before sending new commands")
         self._schedule, self._stamp = schedule, stamp
-        self._hold = Setpoint(0.0, 0.0)
+        self._held = JointCommand(0.0, 0.0)
         self._set(PlaybackState.WAITING, "")
         self.start_time, self.elapsed = None, 0.0
 
     def load_path(self, points: FloatArray, stamp: int = 0) -> None:
-        """Path (m, 2) in m, relative to the start pose, for the deviation limit.
+        """Take the path of the schedule with the same stamp, for the deviation limit.
 
-        It is that of the schedule with the same stamp, whichever comes first.
+        Parameters
+        ----------
+        points : ndarray of float, shape (m, 2)
+            Relative to the start pose [m].
+        stamp : int
+            Of its message [ns]; path and schedule may come in either order.
         """
         self._paths.append((stamp, points))
 
-    def observe(self, pose: Pose, now: float) -> None:
-        """Take the newest pose."""
-        self._pose, self._pose_time = pose, now
+    def observe(self, state: PlanarState, now: float) -> None:
+        """Take the newest pose and speed.
+
+        Parameters
+        ----------
+        state : PlanarState
+            Of the vehicle.
+        now : float
+            Time of the measurement [s].
+        """
+        self._observed, self._observed_at = state, now
 
     def start(self, now: float) -> None:
-        """Begin with row 0 at the next tick.
+        """Start the maneuver; row 0 is played at the next tick.
 
         Raises
         ------
@@ -144,11 +193,11 @@ class Playback:
             raise ValueError("no commands yet; publish a plan on maneuver/commands")
         if self.state is PlaybackState.RUNNING:
             raise ValueError("already running")
-        if self._pose is None or now - self._pose_time > self.odom_timeout:
+        if self._observed is None or now - self._observed_at > self.odom_timeout:
             raise ValueError("no pose on odom; the maneuver starts only where it can be watched")
-        if abs(self._pose.speed) > STANDSTILL_SPEED:
+        if abs(self._observed.speed) > STANDSTILL_SPEED:
             raise ValueError(
-                f"the vehicle moves at {self._pose.speed:.2f} m/s; it must stand still"
+                f"the vehicle moves at {self._observed.speed:.2f} m/s; it must stand still"
             )
         paths = [points for stamp, points in self._paths if stamp == self._stamp]
         if self._paths and not paths:
@@ -156,12 +205,12 @@ class Playback:
                 "the path on maneuver/path is that of other commands; publish both with one stamp"
             )
         self._path = paths[-1] if paths else None
-        self._anchor = self._pose
+        self._anchor = self._observed
         self.start_time, self.elapsed = None, 0.0
         self._set(PlaybackState.RUNNING, "")
 
     def abort(self, reason: str) -> None:
-        """Stop a running maneuver; the set-point becomes standstill.
+        """Stop a running maneuver; standstill is commanded.
 
         Raises
         ------
@@ -170,30 +219,30 @@ class Playback:
         """
         if self.state is not PlaybackState.RUNNING:
             raise ValueError("no maneuver is running")
-        self._hold = Setpoint(self._hold.steering_motor_angle, 0.0)
+        self._held = JointCommand(self._held.steering_motor_angle, 0.0)
         self._set(PlaybackState.ABORTED, reason)
 
-    def tick(self, now: float) -> Setpoint:
-        """The set-point for now; standstill unless a maneuver is running."""
+    def tick(self, now: float) -> JointCommand:
+        """Return the command for now; standstill unless a maneuver is running."""
         if self.state is not PlaybackState.RUNNING or self._schedule is None:
-            return self._hold
+            return self._held
         if self.start_time is None:
             self.start_time = now
         reason = self._unsafe(now)
         if reason:
             self.abort(reason)
-            return self._hold
+            return self._held
         self.elapsed = now - self.start_time
         if self.elapsed >= self._schedule.duration - 1e-6:
-            self._hold = Setpoint(float(self._schedule.steering_motor_angle[-1]), 0.0)
+            self._held = JointCommand(float(self._schedule.steering_motor_angle[-1]), 0.0)
             self._set(PlaybackState.DONE, "")
-            return self._hold
+            return self._held
         # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
         row = int(np.searchsorted(self._schedule.time, self.elapsed + 1e-6, side="right")) - 1
-        self._hold = Setpoint(
+        self._held = JointCommand(
             float(self._schedule.steering_motor_angle[row]), float(self._schedule.wheel_rate[row])
         )
-        return self._hold
+        return self._held
 
     @property
     def duration(self) -> float:
@@ -204,11 +253,11 @@ class Playback:
         self.state, self.reason = state, reason
 
     def _unsafe(self, now: float) -> str:
-        if now - self._pose_time > self.odom_timeout:
-            return f"no pose on odom for {now - self._pose_time:.2f} s"
-        if self._path is None or self._pose is None or self._anchor is None:
+        if now - self._observed_at > self.odom_timeout:
+            return f"no pose on odom for {now - self._observed_at:.2f} s"
+        if self._path is None or self._observed is None or self._anchor is None:
             return ""
-        dx, dy = self._pose.x - self._anchor.x, self._pose.y - self._anchor.y
+        dx, dy = self._observed.x - self._anchor.x, self._observed.y - self._anchor.y
         c, s = math.cos(self._anchor.yaw), math.sin(self._anchor.yaw)
         here = np.array([c * dx + s * dy, -s * dx + c * dy])
         deviation = float(np.sqrt(((self._path - here) ** 2).sum(axis=1).min()))

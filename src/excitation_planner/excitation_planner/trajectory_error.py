@@ -18,20 +18,24 @@ from numpy.typing import NDArray
 
 from tricycle_core.quantities import FloatArray
 
-POINTS = 10_000  # t in Eq. 14
+POINTS = 10_000
+"""t in Eq. 14."""
 
 
 def trajectory_error(x: FloatArray, y: FloatArray, x0: FloatArray, y0: FloatArray) -> float:
-    """Trajectory error of matched points, Eq. 14.
+    """Return the trajectory error of matched points, Eq. 14.
 
     Parameters
     ----------
-    x, y : (j,) trajectory, m
-    x0, y0 : (j,) nominal trajectory at the same times and in the same frame, m
+    x, y : ndarray of float, shape (j,)
+        Trajectory [m].
+    x0, y0 : ndarray of float, shape (j,)
+        Nominal trajectory at the same times and in the same frame [m].
 
     Returns
     -------
-    Mean squared distance, m². A straight line at a constant distance of 0.1 m gives 0.01 m².
+    error : float
+        Mean squared distance [m²]. A straight line at a constant distance of 0.1 m gives 0.01 m².
 
     Raises
     ------
@@ -52,17 +56,23 @@ def hermite(
     *,
     points: int = POINTS,
 ) -> FloatArray:
-    """Cubic Hermite interpolation of values whose time derivatives are known.
+    """Return values interpolated by cubic Hermite polynomials, from their time derivatives.
 
     Parameters
     ----------
-    time : (t,) strictly increasing, s
-    value, rate : (..., t) value and its derivative, unit and unit/s
-    at : (j,) times to interpolate at, s; the points of Eq. 14 (``points`` of them) if omitted
+    time : ndarray of float, shape (t,)
+        Strictly increasing [s].
+    value, rate : ndarray of float, shape (..., t)
+        Value and its derivative [unit, unit/s].
+    at : ndarray of float, shape (j,), optional
+        Times to interpolate at [s]; the points of Eq. 14 if omitted.
+    points : int
+        Number of points of Eq. 14.
 
     Returns
     -------
-    (..., j) interpolated values. Exact for cubic polynomials.
+    interpolated : ndarray of float, shape (..., j)
+        Exact for cubic polynomials.
     """
     if at is None:
         at = np.linspace(time[0], time[-1], points)
@@ -80,10 +90,14 @@ class NominalTrajectory:
 
     Attributes
     ----------
-    time : (t,) strictly increasing, s
-    x, y : (t,) position, m
-    vx, vy : (t,) velocity in the same frame, m/s
-    points : number of points in Eq. 14
+    time : ndarray of float, shape (t,)
+        Strictly increasing [s].
+    x, y : ndarray of float, shape (t,)
+        Position [m].
+    vx, vy : ndarray of float, shape (t,)
+        Velocity in the same frame [m/s].
+    points : int
+        Number of points in Eq. 14.
     """
 
     time: FloatArray
@@ -108,15 +122,17 @@ class NominalTrajectory:
         object.__setattr__(self, "_weight", weight)
 
     def error(self, x: FloatArray, y: FloatArray, vx: FloatArray, vy: FloatArray) -> FloatArray:
-        """Trajectory error (Eq. 14) of each sample of a block.
+        """Return the trajectory error (Eq. 14) of each sample of a block.
 
         Parameters
         ----------
-        x, y, vx, vy : (n, t) samples on the grid of the nominal trajectory, m and m/s
+        x, y, vx, vy : ndarray of float, shape (n, t)
+            Samples on the grid of the nominal trajectory [m, m/s].
 
         Returns
         -------
-        (n,) TE, m²; NaN where the sample holds NaN.
+        errors : ndarray of float, shape (n,)
+            TE [m²]; NaN where the sample holds NaN.
         """
         if {np.shape(values) for values in (x, y, vx, vy)} != {(len(x), len(self.time))}:
             raise ValueError(f"x, y, vx, vy must be (n, {len(self.time)}); got {np.shape(x)}")

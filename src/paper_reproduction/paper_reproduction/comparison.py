@@ -1,4 +1,4 @@
-"""One table or figure of the paper beside ours."""
+"""Comparison of one table or figure of the paper with ours."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Data = TypeVar("Data")
 
 
 class Agreement(StrEnum):
-    """How our number stands to the published one."""
+    """Relation of our number to the published one."""
 
     REPRODUCED = "reproduced"
     BETTER = "better than published"
@@ -25,7 +25,17 @@ class Agreement(StrEnum):
 
 @dataclass(frozen=True)
 class Comparison:
-    """One published quantity and ours; a published string is a statement, not a number."""
+    """One published quantity and ours.
+
+    Attributes
+    ----------
+    quantity : str
+        What is compared.
+    published, ours : float or str
+        A string is a statement, not a number.
+    agreement : Agreement
+        How ours stands to the published one.
+    """
 
     quantity: str
     published: float | str
@@ -39,12 +49,14 @@ class Item(Generic[Data]):
 
     Attributes
     ----------
-    comparisons
+    name, title : str
+        Short name (`table1`, `fig5`), and what it shows.
+    comparisons : tuple of Comparison
         Published numbers beside ours.
-    findings
-        What we find, in sentences with their numbers.
-    data
-        What the figure shows; its class says how.
+    findings : tuple of str
+        Results, in sentences with their numbers.
+    data : object
+        Content of the figure, described by its class.
     """
 
     name: str
@@ -68,13 +80,13 @@ class ErrorStatistics:
 
     Attributes
     ----------
-    r2
+    r2 : float
         Coefficient of determination.
-    raae, rmae
+    raae, rmae : float
         Mean and largest absolute error, divided by the output's standard deviation.
-    mean, std
+    mean, std : float
         Of the error, predicted minus true.
-    output_mean, output_std
+    output_mean, output_std : float
         Of the true output.
     """
 
@@ -88,7 +100,13 @@ class ErrorStatistics:
 
 
 def error_statistics(predicted: FloatArray, true: FloatArray) -> ErrorStatistics:
-    """Compare predicted and true outputs (n,)."""
+    """Compare predicted and true outputs.
+
+    Parameters
+    ----------
+    predicted, true : ndarray of float, shape (n,)
+        Outputs.
+    """
     error, std = predicted - true, float(true.std())
     return ErrorStatistics(
         r2=float(1 - np.mean(error**2) / std**2),

@@ -12,14 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from excitation_planner.design.search import Search
+from excitation_planner.design.problem import Search
 from paper_reproduction.comparison import Item
-from paper_reproduction.math_model import (
-    Convergence,
-    Predictions,
-    Table1,
-    Verification,
-)
+from paper_reproduction.first_stage import Predictions
+from paper_reproduction.math_model import Convergence, Table1, Verification
 from paper_reproduction.tricycle import (
     NUMBERS,
     TARGETS,
@@ -28,16 +24,20 @@ from paper_reproduction.tricycle import (
     Screening,
     Trajectories,
 )
+from tricycle_core.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 
-# Okabe and Ito's palette
-BLUE, VERMILLION, GREEN, ORANGE, PURPLE = "#0072B2", "#D55E00", "#009E73", "#E69F00", "#CC79A7"
-GREY = "0.45"
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE)
 MARKERS = ("o", "s", "^", "D", "v")
 
 
 def draw(item: Item[Any]) -> Figure:
-    """Return the figure of a table or figure of the paper."""
+    """Return the figure of an item.
+
+    Parameters
+    ----------
+    item : Item
+        Table or figure, reproduced.
+    """
     figure: Figure = _DRAWINGS[item.name](item.data)
     return figure
 

@@ -1,4 +1,4 @@
-"""Indices at one operating point, the paper's way and ours.
+"""The first stage at one operating point, the paper's way and ours.
 
 n: samples, k: unknown parameters.
 """
@@ -10,13 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Box, sobol_sequence
+from excitation_planner.box import Box
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.indices.sensitivity import sensitivity
 from excitation_planner.indices.sobol import Indices, monte_carlo_indices
 from excitation_planner.indices.threads import THREADPOOLS
 from paper_reproduction import published
+from paper_reproduction.comparison import ErrorStatistics, error_statistics
 from tricycle_core.quantities import FloatArray
 
 _FITTED_ON = 500  # samples that the hyperparameters of a large model are fitted on
@@ -29,13 +31,13 @@ class PaperBudget:
 
     Attributes
     ----------
-    initial, infill
+    initial, infill : int
         Simulations by Sobol' sequence and where the Kriging variance is largest (Algorithm 1).
         The paper stops the infill once the largest variance is at most 0.01 of the mean one, which
         cannot be: a largest value is never below the mean. So all of them are spent.
-    monte_carlo
+    monte_carlo : int
         Base samples N of Eqs. 7-10 on the metamodel; the paper does not say how many.
-    levels
+    levels : int
         Levels per axis of the second stage's full factorial; likewise.
     """
 
@@ -51,10 +53,11 @@ class FirstStage:
 
     Attributes
     ----------
-    indices
-    validation
-        Predicted and true outputs (2, v) at random points.
-    simulations
+    indices : Indices
+        Of the metamodel.
+    validation : ndarray of float, shape (2, v)
+        Predicted and true outputs at random points.
+    simulations : int
         Samples that the metamodel was trained on.
     """
 
@@ -69,7 +72,21 @@ Function = Callable[[FloatArray], FloatArray]  # P (n, k) -> (n,)
 def fast(
     f: Function, unknown: Box, *, samples: int, validation: int = 0, seed: int = 0
 ) -> FirstStage:
-    """Our way: `sensitivity`, and predictions at ``validation`` random points."""
+    """Return the first stage our way: `sensitivity`.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator: P (n, k) to outputs (n,).
+    unknown : Box
+        Unknown parameters.
+    samples : int
+        Simulations to train the metamodel on.
+    validation : int
+        Random points at which it predicts as well.
+    seed : int
+        Of the samples.
+    """
     with THREADPOOLS.limit(limits=1):
         result = sensitivity(f, unknown, samples=samples, seed=seed)
         return FirstStage(
@@ -78,10 +95,21 @@ def fast(
 
 
 def faithful(f: Function, unknown: Box, *, budget: PaperBudget, validation: int = 0) -> FirstStage:
-    """Algorithm 1 and Eqs. 7-10, as the paper has them.
+    """Return the first stage by Algorithm 1 and Eqs. 7-10, as the paper has them.
 
     How it fits Kriging is not said: here by maximum likelihood on the first 500 samples, as good
     as on all of them and hours faster.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator: P (n, k) to outputs (n,).
+    unknown : Box
+        Unknown parameters.
+    budget : PaperBudget
+        What is spent.
+    validation : int
+        Random points at which the metamodel predicts as well.
     """
     k = len(unknown)
     with THREADPOOLS.limit(limits=1):
@@ -103,6 +131,42 @@ def faithful(f: Function, unknown: Box, *, budget: PaperBudget, validation: int 
         return FirstStage(indices, _validate(model, f, unknown, validation), len(U))
 
 
+@dataclass(frozen=True)
+class Predictions:
+    """Predicted and true outputs at validation points.
+
+    Attributes
+    ----------
+    unit : str
+        Of the outputs.
+    validation : dict of str to ndarray, shape (2, v)
+        By label: predicted and true outputs.
+    statistics : dict of str to ErrorStatistics
+        By label.
+    """
+
+    unit: str
+    validation: dict[str, FloatArray]
+    statistics: dict[str, ErrorStatistics]
+
+
+def predictions(stages: dict[str, FirstStage], unit: str) -> Predictions:
+    """Return the statistics of the validation of each stage.
+
+    Parameters
+    ----------
+    stages : dict of str to FirstStage
+        By label.
+    unit : str
+        Of the outputs.
+    """
+    return Predictions(
+        unit,
+        {label: stage.validation for label, stage in stages.items()},
+        {label: error_statistics(*stage.validation) for label, stage in stages.items()},
+    )
+
+
 def _without_failed(U: FloatArray, m: FloatArray) -> tuple[FloatArray, FloatArray]:
     valid = np.isfinite(m)
     return U[valid], m[valid]
@@ -118,6 +182,14 @@ def _validate(model: Kriging, f: Function, unknown: Box, points: int) -> FloatAr
 
 
 def in_blocks(predict: Function, U: FloatArray) -> FloatArray:
-    """Predict at U (n, k) in blocks: all at once would need n times the samples in memory."""
+    """Predict in blocks: all at once would need n times the samples in memory.
+
+    Parameters
+    ----------
+    predict : callable
+        Points (n, k) to outputs (n,).
+    U : ndarray of float, shape (n, k)
+        Points.
+    """
     blocks = [predict(U[i : i + _BLOCK]) for i in range(0, len(U), _BLOCK)]
     return np.concatenate(blocks)

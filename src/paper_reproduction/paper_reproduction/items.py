@@ -25,11 +25,11 @@ class Reproduction:
 
     Parameters
     ----------
-    executor
+    executor : Executor
         Where the long computations run.
-    budget
+    budget : PaperBudget, optional
         To do everything the paper's way as well, or None to leave that out.
-    maneuvers
+    maneuvers : int
         Evaluated in each search on the tricycle.
     """
 
@@ -53,5 +53,13 @@ class Reproduction:
         }
 
     def item(self, name: str, progress: Progress) -> Item[Any]:
-        """Return the table or figure of that name (one of `NAMES`)."""
+        """Return the table or figure of that name (one of `NAMES`).
+
+        Parameters
+        ----------
+        name : str
+            Of the table or figure.
+        progress : callable
+            Called with (work done, work in all).
+        """
         return self._items[name](progress)

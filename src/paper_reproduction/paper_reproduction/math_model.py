@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy.optimize import direct
 
-from excitation_planner.box import Box, sobol_sequence
+from excitation_planner.box import Box
 from excitation_planner.design.criteria import excitation_cost
 from excitation_planner.design.excitation import Design, design_excitation
 from excitation_planner.design.search import modelled_cost
@@ -20,17 +20,23 @@ from excitation_planner.indices.analytic import (
     math_model,
     quadrature_indices,
 )
+from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.indices.sensitivity import sensitivity
 from excitation_planner.indices.sobol import Indices, monte_carlo_indices
 from paper_reproduction import published
 from paper_reproduction.comparison import (
     Agreement,
     Comparison,
-    ErrorStatistics,
     Item,
-    error_statistics,
 )
-from paper_reproduction.first_stage import FirstStage, PaperBudget, faithful, fast
+from paper_reproduction.first_stage import (
+    FirstStage,
+    PaperBudget,
+    Predictions,
+    faithful,
+    fast,
+    predictions,
+)
 from tricycle_core.quantities import FloatArray, Progress
 
 _RANDOM_REPEATS = 200  # repetitions of the estimator with random numbers
@@ -42,12 +48,26 @@ _VALLEY = (-5.0, -0.5)  # range of x in which nothing is degenerate
 
 
 def exact_indices(x: FloatArray, *, nodes: int = 20) -> Indices:
-    """Return the indices of the math model at x (4,) by quadrature."""
+    """Return the indices of the math model by quadrature.
+
+    Parameters
+    ----------
+    x : ndarray of float, shape (4,)
+        Operation parameters.
+    nodes : int
+        Of the quadrature, per axis.
+    """
     return quadrature_indices(partial(math_model, x), MATH_MODEL_UNKNOWN, nodes=nodes)
 
 
 def largest_error(indices: Indices, exact: Indices) -> float:
-    """Return the largest error of any main or total index."""
+    """Return the largest error of any main or total index.
+
+    Parameters
+    ----------
+    indices, exact : Indices
+        What is compared.
+    """
     return float(
         max(np.abs(indices.main - exact.main).max(), np.abs(indices.total - exact.total).max())
     )
@@ -58,10 +78,23 @@ def largest_error(indices: Indices, exact: Indices) -> float:
 
 @dataclass(frozen=True)
 class Table1:
-    """S of p1 by Monte Carlo at N = `samples`; all arrays (q,).
+    """S of p1 by Monte Carlo with N base samples, and the indices by projection.
 
     `sobol` with one Sobol' sequence, `random_std` the deviation with random numbers; `ours` the
     largest error of any index by projection and the runs of f it took.
+
+    Attributes
+    ----------
+    exact, ours : Indices
+        By quadrature, and by Kriging and projection.
+    samples : ndarray of float, shape (q,)
+        N, base samples.
+    published, sobol : ndarray of float, shape (q,)
+        S of p1, as printed, and with one Sobol' sequence.
+    random_std : ndarray of float, shape (q,)
+        Its standard deviation with random numbers.
+    ours_samples : int
+        Runs of f that ours took.
     """
 
     exact: Indices
@@ -145,26 +178,14 @@ def _rounded(quantity: str, printed: float, ours: float, tolerance: float) -> Co
 # --- Fig. 5 ---------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Predictions:
-    """Predicted and true outputs (2, v) at validation points, by label, and their statistics."""
-
-    unit: str
-    validation: dict[str, FloatArray]
-    statistics: dict[str, ErrorStatistics]
-
-
-def predictions(stages: dict[str, FirstStage], unit: str) -> Predictions:
-    """Statistics of the validation of each stage."""
-    return Predictions(
-        unit,
-        {label: stage.validation for label, stage in stages.items()},
-        {label: error_statistics(*stage.validation) for label, stage in stages.items()},
-    )
-
-
 def figure_5(budget: PaperBudget | None) -> Item[Predictions]:
-    """Kriging of the math model with 1000 samples, validated on 10 000."""
+    """Kriging of the math model with 1000 samples, validated on 10 000.
+
+    Parameters
+    ----------
+    budget : PaperBudget or None
+        To do it the paper's way as well.
+    """
     f, validation = partial(math_model, np.array(published.FIG_5_X)), published.FIG_5_VALIDATION
     stages = {
         f"{n} samples": fast(f, MATH_MODEL_UNKNOWN, samples=n, validation=validation)
@@ -206,7 +227,17 @@ def _quality(quantity: str, printed: float, ours: float, *, larger_is_better: bo
 
 @dataclass(frozen=True)
 class Convergence:
-    """Largest error of any index over runs of f, by method: (runs (q,), errors (q,))."""
+    """Largest error of any index over runs of f.
+
+    Attributes
+    ----------
+    curves : dict of str to (ndarray, ndarray)
+        By method: runs (q,) and errors (q,).
+    published_error : (float, float)
+        Range that the paper shows.
+    published_runs : float
+        From where on.
+    """
 
     curves: dict[str, tuple[FloatArray, FloatArray]]
     published_error: tuple[float, float]
@@ -214,7 +245,13 @@ class Convergence:
 
 
 def figure_6(budget: PaperBudget | None) -> Item[Convergence]:
-    """Convergence of the Monte-Carlo estimator, beside ours."""
+    """Convergence of the Monte-Carlo estimator, beside ours.
+
+    Parameters
+    ----------
+    budget : PaperBudget or None
+        To do it the paper's way as well.
+    """
     x = np.array(published.TABLE_1_X)
     f, exact = partial(math_model, x), exact_indices(x)
     sizes = 2 ** np.arange(10, 20)
@@ -279,9 +316,11 @@ class Verification:
 
     Attributes
     ----------
-    histories
+    target : str
+        Parameter to excite.
+    histories : dict of str to ndarray
         By search: the cost (q,) of each evaluation, in order.
-    optima
+    optima : dict of str to (ndarray, Indices, float)
         By search: x (4,), exact indices and exact H there, without noise.
     """
 
@@ -293,7 +332,19 @@ class Verification:
 def figure_8_or_9(
     target: str, budget: PaperBudget | None, executor: Executor, progress: Progress
 ) -> Item[Verification]:
-    """DIRECT on exact indices, DIRECT on Kriging models of them, and ours, for p1 or p3."""
+    """Compare DIRECT on exact indices, DIRECT on Kriging models of them, and our search.
+
+    Parameters
+    ----------
+    target : str
+        Parameter to excite: p1 (Fig. 8) or p3 (Fig. 9).
+    budget : PaperBudget or None
+        To do it the paper's way as well.
+    executor : Executor
+        Where designs run.
+    progress : callable
+        Called with (searches done, searches in all).
+    """
     axis = MATH_MODEL_UNKNOWN.index(target)
     valley = Box.of(dict.fromkeys(MATH_MODEL_OPERATION.names, _VALLEY))
     searches: dict[str, tuple[Box, Callable[[FloatArray], float]]] = {

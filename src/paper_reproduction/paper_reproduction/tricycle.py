@@ -19,15 +19,22 @@ from scipy.optimize import direct
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import excitation_cost
 from excitation_planner.design.excitation import Design, Verdict, design_excitation
-from excitation_planner.design.search import Search, modelled_cost
+from excitation_planner.design.problem import Search
+from excitation_planner.design.search import modelled_cost
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.indices.sobol import Indices
 from excitation_planner.maneuver import Circle, DoubleLaneChange, ManeuverFamily
 from excitation_planner.planning.replay import ReplayedTrajectoryError
 from paper_reproduction import published
 from paper_reproduction.comparison import Agreement, Comparison, Item
-from paper_reproduction.first_stage import FirstStage, PaperBudget, faithful, fast
-from paper_reproduction.math_model import Predictions, predictions
+from paper_reproduction.first_stage import (
+    FirstStage,
+    PaperBudget,
+    Predictions,
+    faithful,
+    fast,
+    predictions,
+)
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.vehicle import Vehicle, load_vehicle
@@ -49,15 +56,15 @@ class Bars:
 
     Attributes
     ----------
-    names
+    names : tuple of str
         The unknown parameters.
-    x
+    x : dict of str to ndarray
         By maneuver ("random", "designed"): operation parameters (l,).
-    indices
+    indices : dict of str to Sensitivity
         By maneuver: ours, with intervals.
-    faithful
+    faithful : dict of str to Indices
         By maneuver: the paper's way, where asked for.
-    costs
+    costs : dict of str to float
         By maneuver: H.
     """
 
@@ -70,7 +77,15 @@ class Bars:
 
 @dataclass(frozen=True)
 class Screening:
-    """Shares of the variance: by maneuver S and ST (6,) of all six parameters."""
+    """Shares of the variance, S and ST of all six parameters.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the six parameters.
+    rows : dict of str to Sensitivity
+        By maneuver.
+    """
 
     names: tuple[str, ...]
     rows: dict[str, Sensitivity]
@@ -82,12 +97,12 @@ class Trajectories:
 
     Attributes
     ----------
-    time
-        (t,) s
-    soft, stiff
-        (t, 2) positions in m with the lowest and the highest cornering stiffness.
-    distance
-        (t,) between them at equal times, m
+    time : ndarray of float, shape (t,)
+        Time [s].
+    soft, stiff : ndarray of float, shape (t, 2)
+        Positions with the lowest and the highest cornering stiffness [m].
+    distance : ndarray of float, shape (t,)
+        Between them at equal times [m].
     """
 
     time: FloatArray
@@ -102,12 +117,12 @@ class Costs:
 
     Attributes
     ----------
-    operation
-        Box of x.
-    designs
+    operation : Box
+        Ranges of x.
+    designs : dict
         By (target, k, search).
-    faithful
-        By (target, k): the points (n, l) that DIRECT asks the paper's Kriging models for, with
+    faithful : dict
+        By (target, k): the points (n, l) at which DIRECT evaluates the paper's Kriging models, with
         their costs (n,).
     """
 
@@ -116,7 +131,15 @@ class Costs:
     faithful: dict[tuple[str, int], tuple[FloatArray, FloatArray]]
 
     def best(self, target: str, k: int) -> Design:
-        """The cheaper of the two designs."""
+        """Return the cheaper of the two designs.
+
+        Parameters
+        ----------
+        target : str
+            Parameter to excite.
+        k : int
+            Number of unknown parameters.
+        """
         found = [design for key, design in self.designs.items() if key[:2] == (target, k)]
         return min(found, key=lambda design: design.cost)
 
@@ -125,16 +148,20 @@ FAMILIES: dict[str, ManeuverFamily] = {"circle": Circle(), "double_lane_change":
 
 
 class Tricycle:
-    """What the figures of the tricycle share: designs are made once, when first asked for.
+    """The figures of the tricycle; designs that several of them need are made once.
 
     Parameters
     ----------
-    executor
+    executor : Executor
         Where simulations run.
-    budget
-        The paper's, or None to leave its way out.
-    maneuvers
+    budget : PaperBudget, optional
+        The paper's; None leaves its way out.
+    maneuvers : int
         Evaluated per search.
+    vehicle : Vehicle, optional
+        The paper's by default.
+    seed : int
+        Of the random maneuvers and of the searches.
     """
 
     def __init__(
@@ -151,7 +178,15 @@ class Tricycle:
         self._costs: dict[str, Costs] = {}
 
     def simulator(self, family: str, k: int) -> tuple[ReplayedTrajectoryError, Box]:
-        """TE of the family as a function of x and of the first k parameters, and their box."""
+        """Return TE as a function of x and of the first k parameters, and their box.
+
+        Parameters
+        ----------
+        family : str
+            Name of the family.
+        k : int
+            Number of unknown parameters.
+        """
         names = list(self._vehicle.unknown)[:k]
         unknown = {name: self._vehicle.unknown[name] for name in names}
         vehicle = dataclasses.replace(self._vehicle, unknown=unknown)
@@ -263,7 +298,15 @@ class Tricycle:
         )
 
     def bars(self, family: str, progress: Progress) -> Item[dict[tuple[str, int], Bars]]:
-        """Figs. 14 (circle) and 15 (double lane change): random beside designed maneuver."""
+        """Figs. 14 (circle) and 15 (double lane change): a random beside the designed maneuver.
+
+        Parameters
+        ----------
+        family : str
+            Name of the family.
+        progress : callable
+            Called with (work done, work in all).
+        """
         costs = self._designs(family, progress)
         random = next(self.random_maneuvers(family))
         data, comparisons, findings = {}, [], []
@@ -350,7 +393,15 @@ class Tricycle:
         return Item("fig16", title, tuple(comparisons), findings, data)
 
     def figure_17_or_18(self, family: str, progress: Progress) -> Item[Costs]:
-        """DIRECT on H over x for both targets (17: circle, 18: double lane change)."""
+        """DIRECT on H over x for both targets (17: circle, 18: double lane change).
+
+        Parameters
+        ----------
+        family : str
+            Name of the family.
+        progress : callable
+            Called with (work done, work in all).
+        """
         costs = self._designs(family, progress)
         comparisons, findings = [], []
         for target in TARGETS:
@@ -476,7 +527,7 @@ def _faithful_or_none(
 
 
 def _in_order(futures: list[Future[T]], progress: Progress) -> list[T]:
-    """Results of the futures, told as they come."""
+    """Results of the futures; progress is reported as they end."""
     for done, _ in enumerate(as_completed(futures), start=1):
         progress(done, len(futures))
     return [future.result() for future in futures]

@@ -128,7 +128,7 @@ def identify(
         model = problem.models[0]
         return Identification(
             vehicle=vehicle.name,
-            vehicle_hash=vehicle.file_hash,
+            vehicle_hash=vehicle.fingerprint,
             parameters=_estimates(problem, optimum, curves, level),
             covariance=optimum.covariance[: problem.k, : problem.k]
             * np.outer(model.width, model.width),

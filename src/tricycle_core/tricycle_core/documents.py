@@ -112,6 +112,40 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
         raise error(f"{where}: is not JSON: {problem}") from problem
 
 
+def check_texts(values: object, where: str, error: type[ExcitationError]) -> None:
+    """Refuse JSON values with texts that are not printable: terminal escapes, half characters.
+
+    Parameters
+    ----------
+    values : object
+        From `parse_json`; names are checked, too.
+    where : str
+        Named first in the message.
+    error : type
+        Raised when a text is not printable.
+
+    Raises
+    ------
+    ExcitationError
+        Of the type `error`; the message names the place.
+    """
+    places = [("", values)]
+    while places:
+        place, value = places.pop()
+        inner: list[tuple[str, object]] = []
+        if isinstance(value, dict):
+            for name in value:
+                if not name.isprintable():
+                    what = f"{place}: " if place else ""
+                    raise error(f"{where}: {what}its names must be printable texts")
+            inner = [(f"{place}.{name}" if place else name, item) for name, item in value.items()]
+        elif isinstance(value, list):
+            inner = [(place, item) for item in value if isinstance(item, str | list | dict)]
+        elif isinstance(value, str) and not value.isprintable():
+            raise error(f"{where}: {place} must be a printable text")
+        places += inner
+
+
 def encode(document: object) -> Any:
     """Return a document as plain JSON values: dict, list, str, numbers, None.
 
@@ -147,7 +181,16 @@ def decode(
     try:
         return msgspec.convert(values, kind, dec_hook=_special)
     except (msgspec.ValidationError, ExcitationError) as problem:
-        raise error(f"{where}: {problem}") from problem
+        raise error(f"{where}: {_plain_words(str(problem))}") from problem
+
+
+def _plain_words(message: str) -> str:
+    """Return msgspec's message with the place first: "reference: lacks `yaw`"."""
+    text, _, place = message.partition(" - at `$")
+    text = text.replace("Object missing required field", "lacks")
+    text = text.replace("Expected ", "expected ", 1) if text.startswith("Expected ") else text
+    place = place.rstrip("`").lstrip(".")
+    return f"{place}: {text}" if place else text
 
 
 def _infinity(text: str) -> float:

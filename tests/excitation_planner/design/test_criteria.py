@@ -1,4 +1,4 @@
-"""Costs by hand, and the noise of a trajectory error by simulation."""
+"""Costs by hand."""
 
 import math
 
@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from excitation_planner import Criterion, TrajectoryErrorNoise
+from excitation_planner import Criterion
 from excitation_planner.design.criteria import excitation_cost
-from tricycle_core.errors import DesignError
 
 
 def test_cost_by_hand():
@@ -34,21 +33,3 @@ def test_less_noise_is_never_worse(weights, noise_share):
 )
 def test_search_scale_keeps_the_order(criterion, low, high):
     assert criterion.search_scale(low) < criterion.search_scale(high)
-
-
-@pytest.mark.parametrize("points", [1, 200])
-def test_noise_of_a_trajectory_error(points):
-    """White noise on `points` positions, or one offset of them all, by simulation."""
-    rng, std = np.random.default_rng(0), 0.05
-    deviation = rng.normal(0, 0.3, size=(points, 2))
-    te = np.mean(np.sum(deviation**2, axis=1))
-    noise = rng.normal(0, std, size=(20_000, points, 2))
-    measured = np.mean(np.sum((deviation + noise) ** 2, axis=2), axis=1)
-    expected = TrajectoryErrorNoise(std, points=points)(np.array([te]))
-    assert np.var(measured) == pytest.approx(expected, rel=0.05)
-
-
-@pytest.mark.parametrize(("std", "points"), [(-0.1, 1), (math.nan, 1), (0.1, 0)])
-def test_impossible_noise_is_refused(std, points):
-    with pytest.raises(DesignError, match="noise"):
-        TrajectoryErrorNoise(std, points=points)

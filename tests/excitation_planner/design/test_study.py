@@ -191,7 +191,7 @@ def test_a_study_of_another_version_is_refused(tmp_path):
     with pytest.raises(DesignError, match="study of version 2; this program reads 1"):
         Study.open(tmp_path)
     (tmp_path / "study.json").write_text("{")
-    with pytest.raises(DesignError, match="is not the description of a study"):
+    with pytest.raises(DesignError, match=r"study\.json: is not JSON"):
         Study.open(tmp_path)
 
 

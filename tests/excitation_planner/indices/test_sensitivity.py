@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from excitation_planner import Infill, monte_carlo_indices, sensitivity
-from excitation_planner.box import sobol_sequence
 from excitation_planner.indices.analytic import (
     ISHIGAMI_UNKNOWN,
     MATH_MODEL_UNKNOWN,
@@ -15,6 +14,7 @@ from excitation_planner.indices.analytic import (
     math_model,
     quadrature_indices,
 )
+from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.indices.sobol import effects
 from tricycle_core.errors import DesignError
 

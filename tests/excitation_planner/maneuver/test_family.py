@@ -1,83 +1,17 @@
-"""Paths against their geometry: circles are circles, Bézier curves end where they should."""
+"""Families by name, their operation points, and paths that cannot be driven."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from excitation_planner.maneuver.family import (
-    ACCELERATION,
     PATH_SPACING,
-    SETTLING_TIME,
-    Circle,
-    DoubleLaneChange,
-    Drive,
-    Slalom,
+    DrivenPath,
     family_by_name,
     family_names,
     operation_point,
 )
+from excitation_planner.maneuver.paths import Circle
 from tricycle_core.errors import PlanError
-from tricycle_sim.vehicle import load_vehicle
-
-VEHICLE = load_vehicle()
-REAR = -VEHICLE.com_to_rear_axle
-PATHS = ["circle", "double_lane_change", "slalom"]
-
-
-def curvature(drive):
-    heading = np.unwrap(np.arctan2(np.diff(drive.y), np.diff(drive.x)))
-    return np.diff(heading) / PATH_SPACING
-
-
-@given(radius=st.floats(2, 6), speed=st.floats(0.6, 1.0))
-def test_circle_has_its_radius_after_a_run_in_long_enough_to_settle(radius, speed):
-    drive = Circle().drive(np.array([radius, speed]), VEHICLE)
-    run_in = 0.5 * speed**2 / ACCELERATION + SETTLING_TIME * speed
-    on_circle = drive.x - (REAR + run_in) > 0.1
-    distance = np.hypot(drive.x - REAR - run_in, drive.y - radius)[on_circle]
-    assert drive.x[0] == REAR
-    assert np.allclose(distance, radius, atol=1e-4)
-    assert drive.length == pytest.approx(run_in + 20.0 * speed)
-
-
-@given(d1=st.floats(0.5, 8), d2=st.floats(0.5, 8))
-def test_lane_change_goes_out_by_its_width_and_comes_back(d1, d2):
-    family = DoubleLaneChange()
-    drive = family.drive(np.array([d1, d2]), VEHICLE)
-    assert drive.y.max() == pytest.approx(family.width, abs=1e-3)
-    assert drive.y.min() > -1e-9
-    assert drive.y[-1] == pytest.approx(0.0, abs=1e-9)
-    assert np.all(np.diff(drive.x) > 0)
-
-
-def test_lane_change_starts_with_the_end_curvature_of_its_bezier_curve():
-    # (2/3) (W) / d1^2 is the curvature of a cubic Bézier curve at its first control point
-    # where P1 - P0 = (d1, 0) and P2 is W to the side: kappa = (2/3) W / d1^2
-    drive = DoubleLaneChange().drive(np.array([4.0, 4.0]), VEHICLE)
-    start = drive.x > REAR + 0.5 * 4.0 / ACCELERATION + SETTLING_TIME * 2.0 + 0.1
-    first = curvature(drive)[np.argmax(start)]
-    assert first == pytest.approx(2 / 3 * 2.0 / 4.0**2, rel=0.1)
-
-
-@given(spacing=st.floats(2, 6), offset=st.floats(0.1, 1))
-def test_slalom_passes_its_gates_on_alternate_sides(spacing, offset):
-    family = Slalom()
-    drive = family.drive(np.array([spacing, offset]), VEHICLE)
-    run_in = 0.5 * family.speed**2 / ACCELERATION + SETTLING_TIME * family.speed
-    gates = np.arange(1, family.gates + 1)
-    passed = np.interp(REAR + run_in + gates * spacing, drive.x, drive.y)
-    assert np.allclose(passed, offset * -((-1.0) ** gates), atol=2e-3)
-    assert np.abs(drive.y).max() < offset + 1e-3
-    assert drive.y[-1] == pytest.approx(0.0, abs=1e-9)
-
-
-@pytest.mark.parametrize("name", PATHS)
-def test_points_are_evenly_spaced_and_go_on_beyond_the_end(name):
-    family = family_by_name(name)
-    drive = family.drive(np.array(family.operation.high), VEHICLE)
-    assert np.allclose(np.hypot(np.diff(drive.x), np.diff(drive.y)), PATH_SPACING, rtol=1e-3)
-    assert drive.x.size * PATH_SPACING > drive.length + 2.0
 
 
 def test_hyphens_count_as_underscores():
@@ -121,11 +55,6 @@ LINE = np.arange(100) * PATH_SPACING
         ((LINE, 0 * LINE, 1.0, 3.0), "beyond its length, 3 m"),
     ],
 )
-def test_a_drive_that_cannot_be_tracked_is_refused(path, message):
+def test_a_path_that_cannot_be_tracked_is_refused(path, message):
     with pytest.raises(PlanError, match=message):
-        Drive(*path)
-
-
-def test_path_that_runs_backwards_is_refused():
-    with pytest.raises(PlanError, match=r"length must be at least 8\.00 m"):
-        DoubleLaneChange(length=6.0).drive(np.array([8.0, 8.0]), VEHICLE)
+        DrivenPath(*path)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from excitation_planner.maneuver.family import Circle, DoubleLaneChange
+from excitation_planner.maneuver.paths import Circle, DoubleLaneChange
 from excitation_planner.maneuver.tracking import COMMAND_TICKS, track
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.quantities import TICK

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from excitation_planner.design.criteria import Criterion
+from excitation_planner import Criterion, MeasurementNoise
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import SearchHistory, load_plan, save_plan
-from excitation_planner.planning.planner import (
+from excitation_planner.planning import (
     PlanRequest,
     plan_at,
     plan_maneuver,
@@ -51,11 +51,19 @@ def test_indices_agree_with_saltelli_on_the_simulator(request_, plan):
     assert plan.variance == pytest.approx(variance, rel=0.1)
 
 
+def plan_measured(request, **noise):
+    return plan_at(
+        dataclasses.replace(request, noise=MeasurementNoise(**noise)), np.array([3.0, 0.8])
+    )
+
+
 def test_cost_is_eq_11_with_the_noise_as_one_more_contributor(request_, plan):
     main = {name: index.value for name, index in plan.main.items()}
     target = plan.target
     paper = plan.total[target].value - main[target] + sum(main.values()) - main[target]
-    quiet = plan_at(dataclasses.replace(request_, noise_std=0.0), np.array([3.0, 0.8]))
+    quiet = plan_at(
+        dataclasses.replace(request_, noise=MeasurementNoise(noise_std=0.0)), np.array([3.0, 0.8])
+    )
     assert quiet.cost == pytest.approx(paper / main[target], rel=1e-9)
     assert plan.cost > quiet.cost
 
@@ -99,18 +107,24 @@ def _with(document, value, *path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: _without(d, "target"), "target must be a text"),
+        (lambda d: _without(d, "target"), "lacks `target`"),
         (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 2"),
-        (lambda d: _with(d, "b", "criterion"), "criterion must be one of h, c, d, a"),
-        (lambda d: _with(d, None, "predicted_std", "yaw_inertia"), "yaw_inertia must be a number"),
-        (lambda d: _with(d, "x", "cost"), "cost must be a number"),
-        (lambda d: _with(d, True, "seed"), "seed must be a whole number"),
+        (lambda d: _with(d, "b", "criterion"), "criterion: Invalid enum value 'b'"),
+        (
+            lambda d: _with(d, None, "predicted_std", "yaw_inertia"),
+            r"predicted_std.*: expected `float`",
+        ),
+        (lambda d: _with(d, "x", "cost"), "cost: expected `float`, got `str`"),
+        (lambda d: _with(d, True, "seed"), "seed: expected `int`, got `bool`"),
         (lambda d: _with(d, [1, 2], "commands", "time"), r"commands: .*"),
-        (lambda d: _with(d, ["a"], "commands", "speed"), "speed must be a list of finite numbers"),
+        (
+            lambda d: _with(d, ["a"], "commands", "speed"),
+            r"commands\.speed: expected a list of numbers",
+        ),
         (lambda d: _with(d, [[1, 2, 3]], "path"), "path must be a list of finite numbers"),
-        (lambda d: _without(d, "reference", "yaw"), "reference: yaw must be a list"),
+        (lambda d: _without(d, "reference", "yaw"), "reference: lacks `yaw`"),
         (lambda d: _with(d, 0.5, "commands", "speed", 7), "changed after planning"),
-        (lambda d: _with(d, {}, "main", "cornering_stiffness"), "value must be a number"),
+        (lambda d: _with(d, {}, "main", "cornering_stiffness"), r"main.*: lacks `value`"),
         (lambda d: _with(d, {"x": [[1, 2]], "cost": []}, "search"), "search: cost must be a list"),
     ],
 )
@@ -149,21 +163,30 @@ def test_a_plan_says_what_the_drive_will_teach(request_, plan):
     assert set(plan.predicted_std) == set(VEHICLE.unknown)
     for name, (low, high) in VEHICLE.unknown.items():
         assert 0.0 < plan.predicted_std[name] <= 1.0001 * (high - low) / np.sqrt(12.0)
-    better = plan_at(dataclasses.replace(request_, yaw_rate_std=0.002), np.array([3.0, 0.8]))
-    worse = plan_at(dataclasses.replace(request_, drift_std=0.02), np.array([3.0, 0.8]))
+    better = plan_at(
+        dataclasses.replace(request_, noise=MeasurementNoise(yaw_rate_std=0.002)),
+        np.array([3.0, 0.8]),
+    )
+    worse = plan_at(
+        dataclasses.replace(request_, noise=MeasurementNoise(drift_std=0.02)), np.array([3.0, 0.8])
+    )
     for name in ("cornering_stiffness", "camber_stiffness", "yaw_inertia"):
         stds = [p.predicted_std[name] for p in (better, plan, worse)]
         assert stds == sorted(stds)
-    quiet = plan_at(dataclasses.replace(request_, noise_std=0.0), np.array([3.0, 0.8]))
+    quiet = plan_at(
+        dataclasses.replace(request_, noise=MeasurementNoise(noise_std=0.0)), np.array([3.0, 0.8])
+    )
     assert quiet.predicted_std == {}
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"criterion": Criterion.C, "noise_std": 0.0}, "criterion c needs noise_std above 0"),
+        (
+            {"criterion": Criterion.C, "noise": MeasurementNoise(noise_std=0.0)},
+            "criterion c needs noise_std above 0",
+        ),
         ({"others": (DoubleLaneChange(),)}, "criterion h judges one maneuver"),
-        ({"drift_std": -1.0}, "drift_std = -1 m must be from 0 to 10"),
     ],
 )
 def test_a_request_that_cannot_be_judged_is_refused(request_, change, message):

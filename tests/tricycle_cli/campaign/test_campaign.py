@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from excitation_planner import MeasurementNoise
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import load_plan
 from parameter_identification.drives.measured import (
@@ -28,7 +29,8 @@ TARGETS = ("cornering_stiffness", "camber_stiffness")
 
 
 def request(**changes):
-    settings = {"tolerance": 0.05, "budget": 2600, "yaw_rate_std": 0.005, "true_seed": 3}
+    noise = MeasurementNoise(yaw_rate_std=0.005)
+    settings = {"tolerance": 0.05, "budget": 2600, "noise": noise, "true_seed": 3}
     families = (Circle(duration=8.0), DoubleLaneChange())
     return CampaignRequest(VEHICLE, families, TARGETS, **(settings | changes))
 
@@ -109,8 +111,9 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
 
 def test_other_settings_do_not_continue_a_campaign(tmp_path):
     Campaign(tmp_path / "c", request())
+    noise = MeasurementNoise(noise_std=0.02, yaw_rate_std=0.005)
     with pytest.raises(PlanError, match=r"other settings \(different: noise_std, true_seed\)"):
-        Campaign(tmp_path / "c", request(noise_std=0.02, true_seed=4))
+        Campaign(tmp_path / "c", request(noise=noise, true_seed=4))
 
 
 def test_a_foreign_folder_or_a_damaged_state_is_left_alone(tmp_path):
@@ -131,7 +134,7 @@ def test_a_foreign_folder_or_a_damaged_state_is_left_alone(tmp_path):
     [
         ({"tolerance": 0.0}, "tolerance 0 must be"),
         ({"most_drives": 0}, "most drives 0"),
-        ({"noise_std": 0.0}, "criterion c needs noise_std above 0"),
+        ({"noise": MeasurementNoise(noise_std=0.0)}, "criterion c needs noise_std above 0"),
     ],
 )
 def test_impossible_requests_are_refused(changes, message):

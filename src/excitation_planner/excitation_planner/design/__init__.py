@@ -1,1 +1,1 @@
-"""Search of the operation parameters for the most informative maneuver."""
+"""Design: the operation parameters of the maneuver that teaches most, for any simulator."""

@@ -6,26 +6,29 @@ n: samples, k: unknown parameters, l: operation parameters, t: time points, c: c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Box
-from excitation_planner.design.criteria import Criterion, cost_interval, excitation_cost
+from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.information import (
-    Prior,
-    TrajectoryNoise,
     difference_points,
     information,
     information_costs,
     posterior_covariance,
 )
-from excitation_planner.design.search import Search
+from excitation_planner.design.problem import (
+    VERIFICATION,
+    DesignProblem,
+    Evaluation,
+    Outcome,
+    Simulator,
+    Verified,
+)
+from excitation_planner.indices.sampling import parameter_samples
 from excitation_planner.indices.sensitivity import (
     Sensitivity,
     fit_metamodel,
-    parameter_samples,
+    half_width,
     sensitivity_of_model,
 )
 from excitation_planner.indices.sobol import sobol_indices
@@ -33,163 +36,78 @@ from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 
-Trajectories = FloatArray | tuple[FloatArray, ...]  # (n, t, c), of each maneuver of a set
-Simulator = Callable[[FloatArray, FloatArray], Trajectories]  # x (l,), P (n, k) -> (n,) or those
-# what f gave at one x: outputs (n,) or trajectories of each maneuver; or why it is infeasible
-Outcome = tuple[FloatArray, ...] | str
-NoiseVariance = float | Callable[[FloatArray], float]  # V_n, or V_n of the outputs (n,)
 
-VERIFIED = 3  # distinct candidates that are evaluated afresh before one is handed out
-VERIFICATION = 3  # times the samples of an evaluation during the search
+def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArray:
+    """Return the points (n, k) of the unit box to simulate at.
 
+    The same at every x, so that the cost is smooth in x; fresh ones for the verification.
 
-@dataclass(frozen=True)
-class Evaluation:
-    """One maneuver of the family, evaluated.
-
-    Attributes
+    Parameters
     ----------
-    x : ndarray (l,)
-        Operation parameters.
-    cost : float
-        Criterion at x; infinite for a maneuver that is infeasible or excites nothing.
-    main, total : ndarray (k,)
-        Sobol' indices; NaN where they were not asked for or the cost is infinite.
-    variance : float
-        Variance of the output.
-    noise_share : float
-        Variance of its noise, as a share of that.
-    leave_one_out_q2 : float
-        Of the metamodel.
-    posterior_std : ndarray (k,)
-        Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
-    simulations, failed : int
-        Runs of f, and those of them that failed (NaN).
-    infeasible : str
-        Why the maneuver cannot be driven or judged; empty when it can.
+    problem : DesignProblem
+        Says how many, and the seed.
+    verification : bool
+        Whether they are for the verification.
     """
-
-    x: FloatArray
-    cost: float
-    main: FloatArray
-    total: FloatArray
-    variance: float
-    noise_share: float
-    leave_one_out_q2: float
-    posterior_std: FloatArray
-    simulations: int
-    failed: int
-    infeasible: str
-
-
-@dataclass(frozen=True)
-class Verified:
-    """An evaluation on fresh samples, with what the metamodel of the output knows."""
-
-    evaluation: Evaluation
-    cost_interval: tuple[float, float]
-    sensitivity: Sensitivity | None  # None where the maneuver is infeasible
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A design to be made: everything but the simulator. See `design_excitation`."""
-
-    operation: Box
-    unknown: Box
-    target: str | None
-    criterion: Criterion
-    noise_variance: NoiseVariance
-    trajectory_noise: TrajectoryNoise
-    samples: int
-    draws: int
-    budget: int
-    seed: int
-    search: Search
-    prior: Prior | None = None
-
-    def __post_init__(self) -> None:
-        if self.target is not None:
-            self.unknown.index(self.target)
-        elif self.criterion in (Criterion.H, Criterion.C):
-            raise DesignError(f"criterion {self.criterion} needs a target: {self._names}")
-        if not callable(self.noise_variance) and not 0 <= self.noise_variance < math.inf:
-            raise DesignError(f"noise variance {self.noise_variance:g} must be 0 or more, finite")
-        if self.prior is not None and len(self.prior.mean) != len(self.unknown):
-            raise DesignError(f"prior: must be about {self._names}")
-        if self.draws < 1:
-            raise DesignError(f"draws = {self.draws}: at least one is needed")
-        self.parameters(verification=False)
-        if self.points < 1:
-            raise DesignError(
-                f"budget = {self.budget} is too small: an evaluation and the verification take "
-                f"{self.runs_per_point + self._reserve} runs"
-            )
-
-    @property
-    def _names(self) -> str:
-        return ", ".join(self.unknown.names)
-
-    @property
-    def target_index(self) -> int | None:
-        """Axis of the target."""
-        return None if self.target is None else self.unknown.index(self.target)
-
-    @property
-    def runs_per_point(self) -> int:
-        """Runs of f per maneuver during the search."""
-        return len(self.parameters(verification=False))
-
-    @property
-    def _reserve(self) -> int:
-        return VERIFIED * len(self.parameters(verification=True))
-
-    @property
-    def points(self) -> int:
-        """Maneuvers that the search may evaluate."""
-        return (self.budget - self._reserve) // self.runs_per_point
-
-    def parameters(self, *, verification: bool) -> FloatArray:
-        """Points (n, k) of the unit box to simulate at.
-
-        The same at every x, so that the cost is smooth in x; fresh ones for the verification.
-        """
-        times, seed = (VERIFICATION, self.seed + 1) if verification else (1, self.seed)
-        k = len(self.unknown)
-        samples = parameter_samples(self.unknown, times * self.samples, seed=seed)
-        if self.criterion is Criterion.H:
-            return samples
-        differences = difference_points(k, times * self.draws, seed=seed, prior=self.prior)
-        if not verification:
-            return differences
-        # the indices of the squared deviation from the middle of the box are reported as well
-        return np.vstack([differences, np.full((1, k), 0.5), samples])
+    times, seed = (VERIFICATION, problem.seed + 1) if verification else (1, problem.seed)
+    k = len(problem.unknown)
+    if problem.criterion is Criterion.H:
+        return parameter_samples(problem.unknown, times * problem.samples, seed=seed)
+    differences = difference_points(k, times * problem.draws, seed=seed, prior=problem.prior)
+    if not verification:
+        return differences
+    # the indices of the squared deviation from the middle of the box are reported as well
+    samples = parameter_samples(problem.unknown, times * problem.samples, seed=seed)
+    return np.vstack([differences, np.full((1, k), 0.5), samples])
 
 
 def evaluate(
     f: Simulator,
-    problem: Problem,
+    problem: DesignProblem,
     x: FloatArray,
     *,
     verification: bool,
     outcome: Outcome | None = None,
 ) -> tuple[Outcome, Verified]:
-    """Simulate one maneuver x (l,), unless its outcome is known, and judge it.
+    """Simulate one maneuver, unless its outcome is known, and judge it.
 
-    Runs wherever an executor says.
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    problem : DesignProblem
+        What is evaluated.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    verification : bool
+        Whether fresh samples are taken.
+    outcome : tuple or str, optional
+        What f gave there, if it is known.
     """
     with THREADPOOLS.limit(limits=1):
         if outcome is None:
-            outcome = simulate(f, problem, x, problem.parameters(verification=verification))
+            outcome = simulate(f, problem, x, parameter_points(problem, verification=verification))
         judged = judge_outcome(problem, x, outcome, verification=verification)
         # trajectories stay where they were simulated: they are large
         return (outcome if problem.criterion is Criterion.H else ""), judged
 
 
 def judge_outcome(
-    problem: Problem, x: FloatArray, outcome: Outcome, *, verification: bool
+    problem: DesignProblem, x: FloatArray, outcome: Outcome, *, verification: bool
 ) -> Verified:
-    """Indices and cost at x (l,) from what f gave there."""
+    """Return indices and cost from what f gave at one maneuver.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        What is evaluated.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    outcome : tuple or str
+        What f gave there.
+    verification : bool
+        Whether the samples were those of the verification.
+    """
     if isinstance(outcome, str):
         return _rejected(problem, x, outcome, simulations=0, failed=0)
     if problem.criterion is Criterion.H:
@@ -197,8 +115,20 @@ def judge_outcome(
     return _assess_trajectories(problem, x, outcome, verification=verification)
 
 
-def simulate(f: Simulator, problem: Problem, x: FloatArray, U: FloatArray) -> Outcome:
-    """Outcome of f at x for parameters U (n, k) of the unit box."""
+def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray) -> Outcome:
+    """Return the outcome of f at one maneuver.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    problem : DesignProblem
+        Has the boxes and the criterion, which decides the shape of outputs.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    U : ndarray of float, shape (n, k)
+        Parameters in the unit box.
+    """
     try:
         returned = f(x, problem.unknown.from_unit(U))
     except InfeasibleManeuver as infeasible:
@@ -226,9 +156,11 @@ def simulate(f: Simulator, problem: Problem, x: FloatArray, U: FloatArray) -> Ou
     return outputs
 
 
-def _assess(problem: Problem, x: FloatArray, m: FloatArray, *, verification: bool) -> Verified:
+def _assess(
+    problem: DesignProblem, x: FloatArray, m: FloatArray, *, verification: bool
+) -> Verified:
     """Indices and cost H from outputs m (n,), NaN where failed."""
-    U, failed = problem.parameters(verification=verification), int(np.sum(~np.isfinite(m)))
+    U, failed = parameter_points(problem, verification=verification), int(np.sum(~np.isfinite(m)))
     try:
         model = fit_metamodel(U, m)
     except DesignError as error:
@@ -260,14 +192,14 @@ def _assess(problem: Problem, x: FloatArray, m: FloatArray, *, verification: boo
 
 
 def _assess_trajectories(
-    problem: Problem,
+    problem: DesignProblem,
     x: FloatArray,
     outputs: tuple[FloatArray, ...],
     *,
     verification: bool,
 ) -> Verified:
     """Cost C, D or A from trajectories (n, t, c) of each maneuver of a set."""
-    U = problem.parameters(verification=verification)
+    U = parameter_points(problem, verification=verification)
     k, n = len(problem.unknown), len(U)
     failed = int(np.sum(~np.all([np.isfinite(Y).all(axis=(1, 2)) for Y in outputs], axis=0)))
     rows = (k + 1) * problem.draws * (VERIFICATION if verification else 1)
@@ -307,8 +239,36 @@ def _assess_trajectories(
     return Verified(evaluation, (cost - half, cost + half), sensitivity)
 
 
+def cost_interval(
+    result: Sensitivity, target: int, *, noise_share: float = 0.0
+) -> tuple[float, float]:
+    """Return the 95 % interval of `excitation_cost`, from the folds of the indices.
+
+    Parameters
+    ----------
+    result : Sensitivity
+        Indices with their folds.
+    target : int
+        Axis of the parameter to excite.
+    noise_share : float
+        V_n / V.
+    """
+    cost = excitation_cost(result.main, result.total, target, noise_share=noise_share)
+    folds = [
+        # the noise keeps its variance, so that its share follows that of the output
+        excitation_cost(
+            f.main, f.total, target, noise_share=noise_share * result.variance / f.variance
+        )
+        for f in result.folds
+    ]
+    if not np.all(np.isfinite([cost, *folds])):
+        return (0.0, math.inf)
+    half = float(half_width(np.array(folds) - cost))
+    return (max(0.0, cost - half), cost + half)
+
+
 def _rejected(
-    problem: Problem, x: FloatArray, reason: str, *, simulations: int, failed: int
+    problem: DesignProblem, x: FloatArray, reason: str, *, simulations: int, failed: int
 ) -> Verified:
     """Evaluation of a maneuver that cannot be driven or judged."""
     nothing = np.full(len(problem.unknown), np.nan)

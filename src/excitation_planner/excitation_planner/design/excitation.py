@@ -1,4 +1,4 @@
-"""Design of an excitation maneuver: second stage of the method (Fig. 1, Eqs. 11-12).
+"""The design of an excitation maneuver: second stage of the method (Fig. 1, Eqs. 11-12).
 
 n: samples, k: unknown parameters, l: operation parameters.
 """
@@ -16,31 +16,24 @@ import numpy as np
 
 from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.evaluation import (
+from excitation_planner.design.executors import Result, running
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import PRIOR_INFORMATION, BoxPrior
+from excitation_planner.design.problem import (
     VERIFIED,
+    DesignProblem,
     Evaluation,
     NoiseVariance,
-    Problem,
+    Search,
     Simulator,
     Verified,
 )
-from excitation_planner.design.executors import Result, running
-from excitation_planner.design.information import PRIOR_INFORMATION, Prior, TrajectoryNoise
-from excitation_planner.design.search import Search, search_steps
+from excitation_planner.design.search import search_steps
 from excitation_planner.design.store import Store
 from excitation_planner.indices.sensitivity import Sensitivity
 from excitation_planner.indices.threads import THREADPOOLS
-from tricycle_core.errors import DesignError, InfeasibleManeuver
+from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray, Progress
-
-__all__ = [
-    "Design",
-    "DesignError",
-    "Evaluation",
-    "InfeasibleManeuver",
-    "Verdict",
-    "design_excitation",
-]
 
 
 class Verdict(StrEnum):
@@ -56,7 +49,13 @@ class Design:
 
     Attributes
     ----------
-    x : ndarray (l,)
+    operation : Box
+        Ranges of the operation parameters.
+    target : str or None
+        Unknown parameter to excite.
+    criterion : Criterion
+        What was minimised.
+    x : ndarray of float, shape (l,)
         Operation parameters of the maneuver.
     cost : float
         Criterion at x, from the verification.
@@ -70,6 +69,7 @@ class Design:
     posterior_std : ndarray (k,)
         Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
     verdict : Verdict
+        Whether the maneuver excites the target.
     explanation : str
         The verdict in a sentence with its numbers.
     history : tuple of Evaluation
@@ -119,7 +119,7 @@ def design_excitation(
     noise_variance: NoiseVariance = 0.0,
     trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
     samples: int = 100,
-    prior: Prior | None = None,
+    prior: BoxPrior | None = None,
     draws: int = 16,
     budget: int = 25_000,
     seed: int = 0,
@@ -151,7 +151,7 @@ def design_excitation(
         For C, D and A.
     samples : int
         Runs of f per maneuver during the search for H; its verification takes three times as many.
-    prior : Prior, optional
+    prior : BoxPrior, optional
         For C, D and A: what earlier drives have taught; None: uniform.
     draws : int
         For C, D and A: parameter values over which the criterion is averaged, k + 1 runs each.
@@ -176,7 +176,7 @@ def design_excitation(
         Unknown target, budget too small, f that raises or cannot be sent to another process,
         no maneuver of the family that can be driven and judged, a store of another design.
     """
-    problem = Problem(
+    problem = DesignProblem(
         operation=Box.of(operation),
         unknown=Box.of(unknown),
         target=target,
@@ -217,9 +217,17 @@ def design_excitation(
 
 
 def search_design(
-    problem: Problem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
+    problem: DesignProblem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
 ) -> Design:
-    """Search, verify and judge; ``evaluate_all`` takes points x (l,) and whether to verify."""
+    """Search, verify and judge.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        What is designed.
+    evaluate_all : callable
+        Evaluates points x (l,); called with them and with whether to verify.
+    """
     history: list[Evaluation] = []
     steps = search_steps(problem)
     try:
@@ -273,7 +281,9 @@ def _distinct_cheapest(operation: Box, history: list[Evaluation]) -> list[Evalua
     return chosen
 
 
-def _judge(problem: Problem, at_x: Evaluation, history: list[Evaluation]) -> tuple[Verdict, str]:
+def _judge(
+    problem: DesignProblem, at_x: Evaluation, history: list[Evaluation]
+) -> tuple[Verdict, str]:
     target, names = problem.target_index, problem.unknown.names
     if problem.criterion is not Criterion.H:
         # what is left of the prior's deviation; of the worst parameter when all are meant

@@ -1,4 +1,4 @@
-"""Where simulations run: in this process, in processes of this machine, or on any executor."""
+"""Execution of simulations: in this process, in processes of this machine, or on any executor."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_complet
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
-from excitation_planner.design.evaluation import Outcome, Problem, Simulator, Verified, evaluate
+from excitation_planner.design.evaluation import evaluate
+from excitation_planner.design.problem import DesignProblem, Outcome, Simulator, Verified
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -24,11 +25,22 @@ Run = Callable[[list[Task], Callable[[int, Result], None]], list[Result]]
 
 @contextmanager
 def running(
-    f: Simulator, problem: Problem, executor: Executor | None, workers: int | None
+    f: Simulator, problem: DesignProblem, executor: Executor | None, workers: int | None
 ) -> Iterator[Run]:
-    """Give a function that evaluates tasks and tells each (index, result) as soon as it is there.
+    """Give a function that evaluates tasks and reports each (index, result) as soon as it is known.
 
     Without executor and workers, processes of this machine are made and ended.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    problem : DesignProblem
+        What is evaluated.
+    executor : Executor, optional
+        Where tasks run.
+    workers : int, optional
+        Processes to be made; 1 runs everything in this process.
     """
     if executor is None and workers == 1:
 
@@ -56,7 +68,13 @@ def running(
 
 @contextmanager
 def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Processes of this machine, by default one per core, ended without finishing what waits."""
+    """Give processes of this machine; at the end of the block what waits is cancelled.
+
+    Parameters
+    ----------
+    workers : int, optional
+        Their number, by default one per core.
+    """
     pool = ProcessPoolExecutor(
         workers or os.cpu_count(),
         # a forked child can hang on the locks of its parent's threads
@@ -69,7 +87,7 @@ def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
         pool.shutdown(cancel_futures=True)
 
 
-def _submitting(f: Simulator, problem: Problem, executor: Executor) -> Run:
+def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run:
     def run(tasks: list[Task], done: Callable[[int, Result], None]) -> list[Result]:
         futures: list[Future[Result]] = [
             executor.submit(evaluate, f, problem, x, verification=verification, outcome=outcome)
@@ -90,7 +108,7 @@ def _submitting(f: Simulator, problem: Problem, executor: Executor) -> Run:
 
 
 def _prepare_worker() -> None:
-    """Leave Ctrl-C to the parent, and keep to one thread: more only wait for each other."""
+    """Leave Ctrl-C to the parent, and keep to one thread: more would only wait for each other."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if "numba" in sys.modules:
         sys.modules["numba"].set_num_threads(1)

@@ -1,4 +1,4 @@
-"""Fisher information of whole trajectories: criteria that look at more than one number.
+"""Fisher information of whole trajectories, for the criteria C, D and A.
 
 n: simulations, k: unknown parameters, t: time points, c: measured channels. Parameters are counted
 in units of their ranges, in which a uniform prior has variance 1/12.
@@ -6,7 +6,6 @@ in units of their ranges, in which a uniform prior has variance 1/12.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,99 +13,37 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ndtri
 
-from excitation_planner.box import Box, sobol_sequence
+from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import PRIOR_INFORMATION, BoxPrior
+from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
-
-PRIOR_INFORMATION = 12.0  # of each unknown parameter, uniform on its range
 
 _STEP = 1e-3  # of the finite differences, in ranges
 
 
-@dataclass(frozen=True)
-class TrajectoryNoise:
-    """What is unknown about a measured trajectory besides the parameters of the vehicle.
+def difference_points(
+    k: int, draws: int, *, seed: int, prior: BoxPrior | None = None
+) -> FloatArray:
+    """Return points (draws (k + 1), k) of the unit box: each draw, and one step from it per axis.
 
-    Attributes
+    Parameters
     ----------
-    std : float or tuple of float, length c
-        White noise per channel, in the unit of the channel; default 1 cm.
-    drift_std, drift_time : float
-        Standard deviation and correlation time (s) of a slow drift of the first two channels.
-    period : float
-        Time between trajectory points, s.
-    start_position_std, start_heading_std : float
-        How well the start pose is known, m per axis and rad; 0: exactly. Channels 0 and 1 are then
-        x and y, m.
-    heading_channel : int, optional
-        Channel that is the heading, rad, and turns with the start pose.
-    delay_std : float
-        How well the clock of the start pose's channels, and that of each further channel, agrees
-        with the maneuver's, s; 0: exactly.
-    bias_std : float
-        Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
+    k : int
+        Number of unknown parameters.
+    draws : int
+        Number of draws.
+    seed : int
+        Of the draws.
+    prior : BoxPrior, optional
+        Drawn from; None: uniform.
     """
-
-    std: float | tuple[float, ...] = 0.01
-    drift_std: float = 0.0
-    drift_time: float = 5.0
-    period: float = 0.05
-    start_position_std: float = 0.0
-    start_heading_std: float = 0.0
-    heading_channel: int | None = None
-    delay_std: float = 0.0
-    bias_std: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (np.all(np.asarray(self.std) > 0) and np.all(np.isfinite(self.std))):
-            raise DesignError(f"noise: std = {self.std} must be positive")
-        for name in (
-            *("drift_std", "start_position_std", "start_heading_std"),
-            *("delay_std", "bias_std"),
-        ):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise DesignError(f"noise: {name} = {getattr(self, name)} must not be negative")
-        if not (self.drift_time > 0 and self.period > 0):
-            raise DesignError("noise: drift_time and period must be positive")
-
-
-@dataclass(frozen=True)
-class Prior:
-    """What is known about the parameters before a drive, e.g. from the drives before it.
-
-    Attributes
-    ----------
-    mean : ndarray (k,)
-        In the unit box.
-    covariance : ndarray (k, k)
-        In squared ranges.
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
-
-    def __post_init__(self) -> None:
-        k = len(self.mean)
-        C = np.asarray(self.covariance)
-        if not (C.shape == (k, k) and np.isfinite(C).all() and np.isfinite(self.mean).all()):
-            raise DesignError(f"prior: the covariance must be ({k}, {k}) finite numbers")
-        if not (np.allclose(C, C.T) and np.linalg.eigvalsh(C)[0] > 0.0):
-            raise DesignError("prior: the covariance must be symmetric and positive definite")
-
-    def draws(self, n: int, *, seed: int) -> FloatArray:
-        """Points (n, k) of the unit box: normal, clipped to the box."""
-        normal = ndtri(sobol_sequence(n, len(self.mean), seed=seed))
-        drawn = self.mean + normal @ np.asarray(np.linalg.cholesky(self.covariance)).T
-        return np.asarray(np.clip(drawn, 0.0, 1.0), dtype=np.float64)
-
-
-def difference_points(k: int, draws: int, *, seed: int, prior: Prior | None = None) -> FloatArray:
-    """Points (draws (k + 1), k) of the unit box: each draw and one step from it along each axis.
-
-    Drawn from the prior; None: uniform.
-    """
-    base = sobol_sequence(draws, k, seed=seed) if prior is None else prior.draws(draws, seed=seed)
+    base = sobol_sequence(draws, k, seed=seed)
+    if prior is not None:
+        drawn = prior.mean + ndtri(base) @ np.asarray(np.linalg.cholesky(prior.covariance)).T
+        base = np.clip(drawn, 0.0, 1.0)
     step = _steps(base)
     points = np.repeat(base[:, None], k + 1, axis=1)
     for j in range(k):
@@ -120,16 +57,18 @@ def _steps(base: FloatArray) -> FloatArray:
 
 
 def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatArray:
-    """Fisher information (draws, k, k) about the parameters in one measured trajectory.
+    """Return the Fisher information (draws, k, k) about the parameters in a measured trajectory.
+
+    An unknown start pose and the noise's correlation reduce it.
 
     Parameters
     ----------
-    U : ndarray (draws (k + 1), k)
+    U : ndarray of float, shape (draws (k + 1), k)
         From `difference_points`.
-    Y : ndarray (draws (k + 1), t, c)
+    Y : ndarray of float, shape (draws (k + 1), t, c)
         Trajectories there.
-
-    An unknown start pose and the noise's correlation take their part of the information away.
+    noise : TrajectoryNoise
+        Of the measurement.
     """
     k = U.shape[1]
     draws, (t, c) = len(U) // (k + 1), Y.shape[1:]
@@ -191,8 +130,16 @@ def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, Float
     return np.stack(columns, axis=-1), np.array(stds)
 
 
-def posterior_covariance(F: FloatArray, prior: Prior | None = None) -> FloatArray:
-    """Covariance (draws, k, k) of the parameters, in ranges, after a drive with information F."""
+def posterior_covariance(F: FloatArray, prior: BoxPrior | None = None) -> FloatArray:
+    """Return the covariance (draws, k, k) of the parameters after a drive, in squared ranges.
+
+    Parameters
+    ----------
+    F : ndarray of float, shape (draws, k, k)
+        Information in the drive, per squared range.
+    prior : BoxPrior, optional
+        What was known before; None: uniform.
+    """
     k = F.shape[-1]
     known = PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
     whole = F + known
@@ -202,7 +149,17 @@ def posterior_covariance(F: FloatArray, prior: Prior | None = None) -> FloatArra
 def information_costs(
     covariance: FloatArray, criterion: Criterion, target: int | None
 ) -> FloatArray:
-    """Cost (draws,) of each posterior covariance (draws, k, k); its mean is the criterion."""
+    """Return the cost (draws,) of each posterior covariance; its mean is the criterion.
+
+    Parameters
+    ----------
+    covariance : ndarray of float, shape (draws, k, k)
+        Posterior covariances.
+    criterion : Criterion
+        C, D or A.
+    target : int or None
+        Axis of the target, for C.
+    """
     if criterion is Criterion.C:
         costs: FloatArray = covariance[:, target, target]
     elif criterion is Criterion.A:

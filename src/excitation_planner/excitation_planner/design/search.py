@@ -1,33 +1,29 @@
-"""Search of the operation box for the cheapest maneuver, as generators.
+"""Searches of the operation box for the cheapest maneuver, as generators.
 
 A search yields points X (b, l) of the unit box, receives their evaluations, whose cost is infinite
-where the maneuver cannot be driven, and ends by returning. Who drives it decides where the
-evaluations come from: an executor, a study on disk, or a function in the same process; the points
-of one batch are independent of each other.
+where the maneuver cannot be driven, and ends by returning. The evaluations may come from an
+executor, a study on disk, or a function in the same process; the points of one batch are
+independent of each other.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from enum import StrEnum
 from queue import SimpleQueue
 from threading import Thread
-from typing import TYPE_CHECKING
 
 import cobyqa
 import numpy as np
 from scipy.optimize import direct
 
-from excitation_planner.box import sobol_sequence
 from excitation_planner.design.criteria import Criterion, excitation_cost
+from excitation_planner.design.problem import DesignProblem, Evaluation, Search
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
-if TYPE_CHECKING:
-    from excitation_planner.design.evaluation import Evaluation, Problem
-
-SearchSteps = Generator[FloatArray, list["Evaluation"], None]
+SearchSteps = Generator[FloatArray, list[Evaluation], None]
 Objective = Callable[[FloatArray], float]
 
 _SOBOL_POINTS = 16  # of the screening
@@ -37,15 +33,6 @@ _FIRST_RADIUS, _LAST_RADIUS = 0.25, 2e-3  # of their trust regions
 _LOCAL_POINTS = 60  # most points of one of them
 
 
-class Search(StrEnum):
-    """How the second stage looks for the cheapest maneuver."""
-
-    ADAPTIVE = "adaptive"  # corners and Sobol' points, then trust regions from the best of them
-    DIRECT = "direct"  # DIRECT on the cost itself
-    ONE_SHOT_SOBOL = "one-shot-sobol"  # the paper: 2k Kriging models over a Sobol' sequence
-    ONE_SHOT_FACTORIAL = "one-shot-factorial"  # the same over a c-level full factorial
-
-
 def adaptive_search(
     dimensions: int,
     *,
@@ -53,10 +40,21 @@ def adaptive_search(
     seed: int,
     criterion: Criterion,
 ) -> SearchSteps:
-    """Corners and Sobol' points of the unit box, then COBYQA from the best of them.
+    """Search corners and Sobol' points of the unit box, then by COBYQA from the best of them.
 
     Optima often lie on faces, which DIRECT never samples: hence the corners. A local search that
-    ends, or runs into a better one, makes room for one from the best point far from all starts.
+    ends, or comes close to a better one, is replaced by one from the best point far from all.
+
+    Parameters
+    ----------
+    dimensions : int
+        l, number of operation parameters.
+    points : int
+        Largest number of points.
+    seed : int
+        Of the Sobol' points.
+    criterion : Criterion
+        Decides the scale on which costs are searched.
     """
     X = np.vstack(
         [_corners(dimensions, seed=seed), sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)]
@@ -96,9 +94,9 @@ def adaptive_search(
 
 
 def _infeasible_cost(x: FloatArray, X: FloatArray, costs: FloatArray, best: float) -> float:
-    """What a local search is told at an infeasible x (l,): a bit more than nearby at X (n, l).
+    """Cost given to a local search at an infeasible x (l,): above that of the nearest of X (n, l).
 
-    A high wall would spoil its quadratic model, and it would keep away from optima at the wall.
+    A high value would spoil its quadratic model, and hide optima at the limit of what is feasible.
     """
     X, costs = X[np.isfinite(costs)], costs[np.isfinite(costs)]
     nearest = float(costs[np.argmin(np.linalg.norm(X - x, axis=1))])
@@ -106,8 +104,20 @@ def _infeasible_cost(x: FloatArray, X: FloatArray, costs: FloatArray, best: floa
 
 
 def direct_search(dimensions: int, *, points: int, criterion: Criterion) -> SearchSteps:
-    """DIRECT on the cost itself, over a box widened by a quarter and clipped: it sees faces."""
-    search = _TurnedInsideOut(lambda cost: _direct(cost, dimensions, points=points))
+    """Search by DIRECT on the cost itself.
+
+    Over a box widened by a quarter and clipped, because DIRECT does not sample faces.
+
+    Parameters
+    ----------
+    dimensions : int
+        l, number of operation parameters.
+    points : int
+        Largest number of points.
+    criterion : Criterion
+        Decides the scale on which costs are searched.
+    """
+    search = _AskedMinimiser(lambda cost: _direct(cost, dimensions, points=points))
     try:
         for _ in range(points):
             if search.asked is None:
@@ -136,9 +146,18 @@ def _direct(cost: Objective, dimensions: int, *, points: int) -> FloatArray:
 
 
 def one_shot_search(X: FloatArray, *, target: int, noise: bool) -> SearchSteps:
-    """Return the paper's second stage: Kriging models of S and ST over x, DIRECT on them (Eq. 12).
+    """Search as the paper does: Kriging models of S and ST over x, DIRECT on them (Eq. 12).
 
     All points X (n, l) at once; then the minimum of the cost that the models give.
+
+    Parameters
+    ----------
+    X : ndarray of float, shape (n, l)
+        Points of the unit box, all evaluated at once.
+    target : int
+        Axis of the parameter to excite.
+    noise : bool
+        Whether the cost has a noise term.
     """
     evaluations = yield X
     usable = [i for i, evaluation in enumerate(evaluations) if not evaluation.infeasible]
@@ -163,7 +182,19 @@ def modelled_cost(
     target: int,
     noise_share: FloatArray | None = None,
 ) -> Objective:
-    """Cost H of x (l,) by 2k Kriging models of S and ST (n, k) at points X (n, l) (Eq. 12)."""
+    """Return the cost H of x (l,) by 2k Kriging models of the indices (Eq. 12).
+
+    Parameters
+    ----------
+    X : ndarray of float, shape (n, l)
+        Points of the unit box.
+    main, total : ndarray of float, shape (n, k)
+        Sobol' indices there.
+    target : int
+        Axis of the parameter to excite.
+    noise_share : ndarray of float, shape (n,), optional
+        V_n / V there.
+    """
 
     def modelled(y: FloatArray) -> Callable[[FloatArray], float]:
         if np.ptp(y) <= 1e-12 * np.abs(y).max():
@@ -177,7 +208,7 @@ def modelled_cost(
 
     def cost(x: FloatArray) -> float:
         S, ST = np.array([g(x) for g in main_models]), np.array([g(x) for g in total_models])
-        # the models do not know that 0 < S <= ST
+        # the models may violate 0 < S <= ST
         S = np.maximum(S, 1e-6)
         noise = 0.0 if share is None else float(np.exp(share(x)))
         return excitation_cost(S, np.maximum(ST, S), target, noise_share=noise)
@@ -191,18 +222,18 @@ def _scaled(evaluations: list[Evaluation], criterion: Criterion) -> FloatArray:
 
 
 class _StoppedError(Exception):
-    """Ends the thread of a minimiser that is not wanted any more."""
+    """Ends the thread of a minimiser whose search is stopped."""
 
 
-class _TurnedInsideOut:
-    """A minimiser that calls its objective, made to ask for each cost instead.
+class _AskedMinimiser:
+    """Ask and tell around a minimiser that calls its objective.
 
-    It runs in a thread of its own, which sleeps until it is told.
+    The minimiser runs in a thread of its own, which sleeps until `tell` gives it the cost.
 
     Attributes
     ----------
     asked : ndarray (l,) or None
-        Point whose cost it waits for; None when it has ended.
+        Point whose cost is needed next; None when the minimiser has ended.
     """
 
     def __init__(self, minimise: Callable[[Objective], object]) -> None:
@@ -246,7 +277,7 @@ class _TurnedInsideOut:
             self._questions.put(None)
 
 
-class _LocalSearch(_TurnedInsideOut):
+class _LocalSearch(_AskedMinimiser):
     """COBYQA (Ragonneau 2022) from one start, and the best point it has seen."""
 
     def __init__(self, x: FloatArray, cost: float) -> None:
@@ -273,7 +304,7 @@ class _LocalSearch(_TurnedInsideOut):
 
 
 def _going_on(searches: list[_LocalSearch]) -> list[_LocalSearch]:
-    """Those that neither ended nor ran into a better one; the others are stopped."""
+    """Searches that have neither ended nor come close to a better one; the others are stopped."""
     kept: list[_LocalSearch] = []
     for search in sorted(searches, key=lambda search: search.cost):
         alone = all(np.abs(search.x - other.x).max() > 0.05 for other in kept)
@@ -303,8 +334,14 @@ def _best_apart(X: FloatArray, costs: FloatArray, others: FloatArray) -> int | N
     return None
 
 
-def search_steps(problem: Problem) -> SearchSteps:
-    """Return the search that the problem asks for."""
+def search_steps(problem: DesignProblem) -> SearchSteps:
+    """Return the search that the problem asks for.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Has the search, its budget and its seed.
+    """
     dimensions, points = len(problem.operation), problem.points
     if problem.search is Search.ADAPTIVE:
         return adaptive_search(

@@ -1,4 +1,4 @@
-"""Every simulation of a design on disk, so that nothing is lost and nothing is run twice.
+"""The store of a study: every simulation of a design on disk, so that nothing is run twice.
 
 The directory holds three files:
 
@@ -20,26 +20,121 @@ import json
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
 from excitation_planner.box import Box
-from excitation_planner.design.criteria import Criterion, TrajectoryErrorNoise
-from excitation_planner.design.evaluation import NoiseVariance, Outcome, Problem
-from excitation_planner.design.information import TrajectoryNoise
-from excitation_planner.design.search import Search
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
+from excitation_planner.design.problem import DesignProblem, NoiseVariance, Outcome, Search
+from tricycle_core.documents import (
+    check_texts,
+    decode,
+    encode,
+    parse_json,
+    read_bounded,
+    write_whole,
+)
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
 VERSION = 1
-MAX_BYTES = 256_000_000  # of a file; a result takes about 30
-MAX_RUNS = 10_000_000  # of a study that is read: its samples are drawn on opening
+"""Of the description in ``study.json``."""
+
+MAX_BYTES = 256_000_000
+"""Largest file that is read; a result takes about 30 bytes."""
+
+MAX_RUNS = 10_000_000
+"""Most runs of a study that is read: its samples are drawn on opening."""
 
 FAILED = "failed"
+"""Output of a failed simulation."""
+
 INFEASIBLE = "infeasible: "
+"""Begins the output of a maneuver that cannot be driven."""
+
+
+@dataclass(frozen=True)
+class StudyDocument:
+    """Content of ``study.json``.
+
+    Attributes
+    ----------
+    version : int
+        `VERSION`.
+    operation, unknown : mapping of str to (float, float)
+        Ranges by name.
+    target : str
+        Unknown parameter to excite.
+    noise_variance : float or TrajectoryErrorNoise
+        V_n.
+    samples : int
+        Runs per maneuver during the search.
+    budget : int
+        Largest number of runs.
+    seed : int
+        Of the design.
+    search : Search
+        How the operation box is searched.
+
+    Raises
+    ------
+    DesignError
+        A number that is out of range.
+    """
+
+    version: int
+    operation: dict[str, tuple[float, float]]
+    unknown: dict[str, tuple[float, float]]
+    target: str
+    noise_variance: float | TrajectoryErrorNoise
+    samples: int
+    budget: int
+    seed: int
+    search: Search
+
+    def __post_init__(self) -> None:
+        for name, high in (("samples", MAX_RUNS), ("budget", MAX_RUNS), ("seed", 2**63)):
+            if not 0 <= getattr(self, name) <= high:
+                raise DesignError(f"{name} must be a whole number from 0 to {high}")
+
+    @classmethod
+    def of(cls, problem: DesignProblem) -> Self:
+        """Return the description of a problem."""
+        if problem.criterion is not Criterion.H or problem.target is None:
+            raise DesignError(f"a study keeps scalar outputs: criterion h, not {problem.criterion}")
+        noise = problem.noise_variance
+        if callable(noise) and not isinstance(noise, TrajectoryErrorNoise):
+            raise DesignError(
+                "a study needs a noise variance that is a number or TrajectoryErrorNoise"
+            )
+        return cls(
+            version=VERSION,
+            operation=problem.operation.bounds(),
+            unknown=problem.unknown.bounds(),
+            target=problem.target,
+            noise_variance=noise,
+            samples=problem.samples,
+            budget=problem.budget,
+            seed=problem.seed,
+            search=problem.search,
+        )
+
+    def problem(self) -> DesignProblem:
+        """Return the problem that is described."""
+        return problem_of_outputs(
+            Box.of(self.operation),
+            Box.of(self.unknown),
+            self.target,
+            noise_variance=self.noise_variance,
+            samples=self.samples,
+            budget=self.budget,
+            seed=self.seed,
+            search=self.search,
+        )
 
 
 class Store:
@@ -48,13 +143,19 @@ class Store:
     Attributes
     ----------
     path : Path
-    problem : Problem
+        Directory.
+    problem : DesignProblem
         With the criterion H: trajectories are not kept.
+
+    Raises
+    ------
+    DesignError
+        Files that are damaged.
     """
 
-    def __init__(self, path: Path, problem: Problem) -> None:
+    def __init__(self, path: Path, problem: DesignProblem) -> None:
         self.path, self.problem = path, problem
-        self._sizes = [len(problem.parameters(verification=v)) for v in (False, True)]
+        self._sizes = [problem.runs(verification=v) for v in (False, True)]
         self._points: dict[tuple[float, ...], int] = {}  # (verification, *x) -> point
         self._outputs: dict[int, dict[int, float]] = {}  # point -> sample -> output
         self._reasons: dict[int, str] = {}  # point -> why it is infeasible
@@ -79,32 +180,53 @@ class Store:
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open the store in a directory."""
+        file = path / "study.json"
+        described = decode(StudyDocument, _load(path), str(file), DesignError)
         try:
-            return cls(path, _problem(_load(path)))
-        except DesignError:
-            raise
-        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
-            raise DesignError(f"{path}: study.json is damaged: {error!r}") from error
+            problem = described.problem()
+        except DesignError as error:
+            raise DesignError(f"{file}: {error}") from error
+        return cls(path, problem)
 
     @classmethod
-    def of(cls, path: Path, problem: Problem) -> Self:
-        """Open the store of this problem, or begin it."""
-        described = _description(problem)
+    def of(cls, path: Path, problem: DesignProblem) -> Self:
+        """Open the store of a problem, or begin it.
+
+        Parameters
+        ----------
+        path : Path
+            Directory.
+        problem : DesignProblem
+            Of the design; that of an existing store must be the same.
+
+        Raises
+        ------
+        DesignError
+            A directory with the study of another problem.
+        """
+        text = json.dumps(encode(StudyDocument.of(problem)), indent=2) + "\n"
         if (path / "study.json").exists():
-            kept = _load(path)
-            different = sorted(key for key in described if kept[key] != described[key])
+            kept, described = _load(path), json.loads(text)
+            different = sorted(key for key in described if kept.get(key) != described[key])
             if different:
                 raise DesignError(
                     f"{path}: is a study of another design (different: {', '.join(different)}); "
                     "give another directory"
                 )
         else:
-            path.mkdir(parents=True, exist_ok=True)
-            replace_file(path / "study.json", json.dumps(described, indent=2) + "\n")
+            write_whole(path / "study.json", text)
         return cls(path, problem)
 
     def outcome(self, x: FloatArray, *, verification: bool) -> Outcome | None:
-        """All outputs at x (l,), or why it is infeasible; None when some are missing."""
+        """Return all outputs at a maneuver, or why it is infeasible; None when some are missing.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         point = self._points.get((verification, *x.tolist()))
         if point is None:
             return None
@@ -116,12 +238,28 @@ class Store:
         return (np.array([known[sample] for sample in range(len(known))]),)
 
     def missing(self, point: int, *, verification: bool) -> list[int]:
-        """Samples of a point that have no output yet."""
+        """Return the samples of a point that have no output yet.
+
+        Parameters
+        ----------
+        point : int
+            Number of the maneuver.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         known = self._outputs.get(point, {})
         return [sample for sample in range(self._sizes[verification]) if sample not in known]
 
     def number(self, x: FloatArray, *, verification: bool) -> int:
-        """Point number of the maneuver x (l,), given now if it has none."""
+        """Return the number of a maneuver, given now if it has none.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         key = (float(verification), *x.tolist())
         if key not in self._points:
             point = len(self._points)
@@ -134,7 +272,17 @@ class Store:
         return self._points[key]
 
     def keep(self, x: FloatArray, outcome: Outcome, *, verification: bool) -> None:
-        """Add the outcome of the maneuver x (l,), unless it is there already."""
+        """Add the outcome of a maneuver, unless it is known.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        outcome : tuple or str
+            What f gave there.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
         if self.outcome(x, verification=verification) is not None:
             return
         point = self.number(x, verification=verification)
@@ -149,13 +297,28 @@ class Store:
         self.add(results, {})
 
     def add_reason(self, point: int, reason: str) -> None:
-        """Mark the maneuver as one that cannot be driven."""
+        """Mark the maneuver as one that cannot be driven.
+
+        Parameters
+        ----------
+        point : int
+            Number of the maneuver.
+        reason : str
+            Why it cannot be driven.
+        """
         self.add([], {point: reason})
 
     def add(self, results: Sequence[tuple[int, int, float]], reasons: Mapping[int, str]) -> None:
-        """Add outputs (point, sample, output) and reasons why points are infeasible.
+        """Add outputs and reasons why points are infeasible, all or none.
 
         DesignError, and nothing added, for one never asked for or one that is known otherwise.
+
+        Parameters
+        ----------
+        results : sequence of (int, int, float)
+            Point, sample and output.
+        reasons : mapping of int to str
+            By point, why it is infeasible.
         """
         sizes = {point: self._sizes[int(key[0])] for key, point in self._points.items()}
         new: dict[tuple[int, int], float] = {}
@@ -206,32 +369,27 @@ class Store:
 
 
 def csv_text(rows: Iterable[Iterable[object]]) -> str:
-    """Rows as the text of a CSV file."""
+    """Return rows as the text of a CSV file.
+
+    Parameters
+    ----------
+    rows : iterable
+        Of cells.
+    """
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Write a whole file, or leave the old one."""
-    part = path.with_suffix(".part")
-    part.write_text(text)
-    part.replace(path)
+def read_study_file(path: Path) -> bytes:
+    """Return the content of a file of a study.
 
-
-def read_limited(path: Path) -> bytes:
-    """Content of a file.
-
-    Raises
-    ------
-    DesignError
-        If it is larger than any study's.
+    Parameters
+    ----------
+    path : Path
+        File of a study, or of outputs for one.
     """
-    with path.open("rb") as file:
-        content = file.read(MAX_BYTES + 1)
-    if len(content) > MAX_BYTES:
-        raise DesignError(f"{path}: larger than {MAX_BYTES} bytes; not a file of a study")
-    return content
+    return read_bounded(path, MAX_BYTES, "a file of a study", DesignError)
 
 
 def _append(path: Path, header: list[str], rows: list[list[object]]) -> None:
@@ -249,7 +407,7 @@ def _rows(path: Path) -> list[list[str]]:
     """Rows of a CSV file without its header; a last line cut off by a crash is removed from it."""
     if not path.exists():
         return []
-    whole = read_limited(path)
+    whole = read_study_file(path)
     kept = whole[: whole.rfind(b"\n") + 1]
     if len(kept) < len(whole):
         with path.open("r+b") as file:
@@ -261,55 +419,15 @@ def _load(path: Path) -> dict[str, Any]:
     file = path / "study.json"
     if not file.exists():
         raise DesignError(f"{path}: holds no study (study.json is missing)")
-    try:
-        kept: dict[str, Any] = json.loads(read_limited(file))
-        version = kept["version"]
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        raise DesignError(f"{file}: is not the description of a study ({error!r})") from error
-    if version != VERSION:
-        raise DesignError(f"{path}: study of version {version}; this program reads {VERSION}")
+    kept = parse_json(read_study_file(file), str(file), DesignError)
+    if not isinstance(kept, dict) or "version" not in kept:
+        raise DesignError(f"{file}: is not the description of a study")
+    check_texts(kept, str(file), DesignError)
+    if kept["version"] != VERSION:
+        raise DesignError(
+            f"{path}: study of version {kept['version']!r}; this program reads {VERSION}"
+        )
     return kept
-
-
-def _description(problem: Problem) -> dict[str, Any]:
-    """The problem as JSON values."""
-    if problem.criterion is not Criterion.H:
-        raise DesignError(f"a study keeps scalar outputs: criterion h, not {problem.criterion}")
-    noise: object = problem.noise_variance
-    if isinstance(noise, TrajectoryErrorNoise):
-        noise = asdict(noise)
-    elif callable(noise):
-        raise DesignError("a study needs a noise variance that is a number or TrajectoryErrorNoise")
-    return {
-        "version": VERSION,
-        "operation": {name: list(limits) for name, limits in problem.operation.bounds().items()},
-        "unknown": {name: list(limits) for name, limits in problem.unknown.bounds().items()},
-        "target": problem.target,
-        "noise_variance": noise,
-        "samples": problem.samples,
-        "budget": problem.budget,
-        "seed": problem.seed,
-        "search": str(problem.search),
-    }
-
-
-def _problem(kept: dict[str, Any]) -> Problem:
-    for name, high in (("samples", MAX_RUNS), ("budget", MAX_RUNS), ("seed", 2**63)):
-        if not isinstance(kept[name], int) or not 0 <= kept[name] <= high:
-            raise ValueError(f"{name} must be a whole number from 0 to {high}")
-    noise: NoiseVariance = kept["noise_variance"]
-    if isinstance(noise, dict):
-        noise = TrajectoryErrorNoise(**noise)
-    return problem_of_outputs(
-        Box.of(kept["operation"]),
-        Box.of(kept["unknown"]),
-        kept["target"],
-        noise_variance=noise,
-        samples=kept["samples"],
-        budget=kept["budget"],
-        seed=kept["seed"],
-        search=Search(kept["search"]),
-    )
 
 
 def problem_of_outputs(
@@ -322,9 +440,27 @@ def problem_of_outputs(
     budget: int,
     seed: int,
     search: Search,
-) -> Problem:
-    """Problem of the criterion H."""
-    return Problem(
+) -> DesignProblem:
+    """Return a problem of the criterion H.
+
+    Parameters
+    ----------
+    operation, unknown : Box
+        Ranges of the operation and of the unknown parameters.
+    target : str
+        Unknown parameter to excite.
+    noise_variance : float or callable
+        V_n.
+    samples : int
+        Runs per maneuver during the search.
+    budget : int
+        Largest number of runs.
+    seed : int
+        The same seed gives the same design.
+    search : Search
+        How the operation box is searched.
+    """
+    return DesignProblem(
         operation=operation,
         unknown=unknown,
         target=target,

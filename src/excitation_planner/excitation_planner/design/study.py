@@ -1,4 +1,6 @@
-"""Ask and tell: a design for those whose simulator is elsewhere (Simulink, a test track).
+"""The study, a design by ask and tell: for those whose simulator is elsewhere.
+
+E.g. in Simulink or on a test track.
 
 >>> study = Study.create(path, operation, unknown, "cornering_stiffness")   # doctest: +SKIP
 >>> while proposals := study.ask():                                         # doctest: +SKIP
@@ -23,20 +25,20 @@ from typing import Self
 import numpy as np
 
 from excitation_planner.box import Bounds, Box
-from excitation_planner.design.criteria import TrajectoryErrorNoise
-from excitation_planner.design.evaluation import Verified, judge_outcome
+from excitation_planner.design.evaluation import judge_outcome, parameter_points
 from excitation_planner.design.excitation import Design, search_design
-from excitation_planner.design.search import Search
+from excitation_planner.design.noise import TrajectoryErrorNoise
+from excitation_planner.design.problem import Search, Verified
 from excitation_planner.design.store import (
     FAILED,
     INFEASIBLE,
     Store,
     csv_text,
     problem_of_outputs,
-    read_limited,
-    replace_file,
+    read_study_file,
 )
 from excitation_planner.indices.threads import THREADPOOLS
+from tricycle_core.documents import write_whole
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -64,7 +66,13 @@ class Proposal:
 
 
 class Study:
-    """A design on disk that asks for simulations; made by `create` or `open`."""
+    """A design on disk that asks for simulations; made by `create` or `open`.
+
+    Parameters
+    ----------
+    store : Store
+        Of the simulations.
+    """
 
     def __init__(self, store: Store) -> None:
         self._store = store
@@ -84,7 +92,27 @@ class Study:
         seed: int = 0,
         search: Search = Search.ADAPTIVE,
     ) -> Self:
-        """Begin a study in a directory; arguments as of `design_excitation`."""
+        """Begin a study of the criterion H in a directory.
+
+        Parameters
+        ----------
+        path : Path
+            Directory, made if missing.
+        operation, unknown : Box or dict
+            Ranges of the operation and of the unknown parameters.
+        target : str
+            Unknown parameter to excite.
+        noise_variance : float or TrajectoryErrorNoise
+            V_n.
+        samples : int
+            Runs per maneuver during the search.
+        budget : int
+            Largest number of runs.
+        seed : int
+            The same seed gives the same design.
+        search : Search
+            How the operation box is searched.
+        """
         if (path / "study.json").exists():
             raise DesignError(f"{path}: holds a study already; open it")
         problem = problem_of_outputs(
@@ -122,16 +150,34 @@ class Study:
             for p in proposals
             for sample, values in zip(p.samples, p.P.tolist(), strict=True)
         ]
-        replace_file(self._store.path / "pending.csv", csv_text([header, *rows]))
+        write_whole(self._store.path / "pending.csv", csv_text([header, *rows]))
         return proposals
 
     def tell(self, point: int, samples: Sequence[int], outputs: FloatArray) -> None:
-        """Take outputs (q,) of some samples of a point, in any order; NaN marks a failed one."""
+        """Take outputs of some samples of a point.
+
+        Parameters
+        ----------
+        point : int
+            Number of the maneuver.
+        samples : sequence of int, length q
+            Numbers of the simulations, in any order.
+        outputs : ndarray of float, shape (q,)
+            Of f; NaN marks a failed simulation.
+        """
         results = zip([point] * len(samples), samples, np.asarray(outputs).tolist(), strict=True)
         self._store.add_outputs(list(results))
 
     def tell_infeasible(self, point: int, reason: str) -> None:
-        """Mark a maneuver as one that cannot be driven, whatever the parameters."""
+        """Mark a maneuver as one that cannot be driven, whatever the parameters.
+
+        Parameters
+        ----------
+        point : int
+            Number of the maneuver.
+        reason : str
+            Why it cannot be driven.
+        """
         self._store.add_reason(point, reason)
 
     def tell_csv(self, path: Path) -> None:
@@ -143,7 +189,7 @@ class Study:
         results: list[tuple[int, int, float]] = []
         reasons: dict[int, str] = {}
         try:
-            text = read_limited(path).decode("utf-8-sig")
+            text = read_study_file(path).decode("utf-8-sig")
             reader = csv.DictReader(io.StringIO(text, newline=""))
             missing = {"point", "sample", "output"} - set(reader.fieldnames or ())
             if missing:
@@ -192,12 +238,20 @@ class Study:
         problem = self._store.problem
         point = self._store.number(x, verification=verification)
         samples = self._store.missing(point, verification=verification)
-        U = problem.parameters(verification=verification)[samples]
+        U = parameter_points(problem, verification=verification)[samples]
         return Proposal(point, tuple(samples), x, problem.unknown.from_unit(U))
 
 
 class PendingError(DesignError):
-    """Simulations are missing: ask for them."""
+    """Simulations are missing: ask for them.
+
+    Parameters
+    ----------
+    points : list of ndarray
+        Maneuvers x (l,) whose simulations are missing.
+    verification : bool
+        Whether they are for the verification.
+    """
 
     def __init__(self, points: list[FloatArray], verification: bool) -> None:
         super().__init__(f"simulations of {len(points)} maneuvers are missing: ask for them")

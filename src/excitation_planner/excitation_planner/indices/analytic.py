@@ -1,4 +1,4 @@
-"""Functions whose Sobol' indices are known exactly.
+"""Analytic test functions, whose Sobol' indices are known exactly.
 
 Each takes points P (n, k) in its own box and returns values (n,).
 """
@@ -19,10 +19,17 @@ ISHIGAMI_UNKNOWN = Box.of({f"p{i}": (-np.pi, np.pi) for i in (1, 2, 3)})
 
 
 def math_model(x: FloatArray, P: FloatArray) -> FloatArray:
-    """Return the paper's math model (Eq. 13) with a1 = 1; x (4,), P (n, 4) -> (n,).
+    """Return the paper's math model (Eq. 13) with a1 = 1.
 
     At x = (-2, -0.5, -2, -0.5) the exact indices are S = (.0033, .0033, .2063, .2063) and
     ST = (.5798, .5798, .2220, .2220) (Table 1).
+
+    Parameters
+    ----------
+    x : ndarray of float, shape (4,)
+        Operation parameters.
+    P : ndarray of float, shape (n, 4)
+        Unknown parameters.
     """
     p1, p2, p3, p4 = P.T
     others = p3**2 + p4**2
@@ -35,13 +42,27 @@ def math_model(x: FloatArray, P: FloatArray) -> FloatArray:
 
 
 def ishigami(P: FloatArray, *, a: float = 7.0, b: float = 0.1) -> FloatArray:
-    """Ishigami and Homma (1990): sin p1 + a sin² p2 + b p3⁴ sin p1 on [-pi, pi]³."""
+    """Return sin p1 + a sin² p2 + b p3⁴ sin p1 (Ishigami and Homma, 1990).
+
+    Parameters
+    ----------
+    P : ndarray of float, shape (n, 3)
+        Points of `ISHIGAMI_UNKNOWN`.
+    a, b : float
+        Its constants.
+    """
     m: FloatArray = np.sin(P[:, 0]) * (1 + b * P[:, 2] ** 4) + a * np.sin(P[:, 1]) ** 2
     return m
 
 
 def ishigami_indices(*, a: float = 7.0, b: float = 0.1) -> Indices:
-    """Exact indices of `ishigami`: S = (.3139, .4424, 0), ST = (.5576, .4424, .2437)."""
+    """Return the exact indices of `ishigami`: S = (.3139, .4424, 0), ST = (.5576, .4424, .2437).
+
+    Parameters
+    ----------
+    a, b : float
+        Its constants.
+    """
     v1 = 0.5 * (1 + b * np.pi**4 / 5) ** 2
     v2 = a**2 / 8
     v13 = b**2 * np.pi**8 * (1 / 18 - 1 / 50)
@@ -52,13 +73,27 @@ def ishigami_indices(*, a: float = 7.0, b: float = 0.1) -> Indices:
 
 
 def g_function(P: FloatArray, a: FloatArray) -> FloatArray:
-    """Sobol's G function on [0, 1]^k: the product of (|4 p_i - 2| + a_i)/(1 + a_i); a (k,)."""
+    """Return Sobol's G function: the product of (|4 p_i - 2| + a_i)/(1 + a_i).
+
+    Parameters
+    ----------
+    P : ndarray of float, shape (n, k)
+        Points of the unit box.
+    a : ndarray of float, shape (k,)
+        0: the parameter matters most.
+    """
     m: FloatArray = np.prod((np.abs(4 * P - 2) + a) / (1 + a), axis=1)
     return m
 
 
 def g_function_indices(a: FloatArray) -> Indices:
-    """Exact indices of `g_function`; with a = 0 on one axis, S = 3/4 ... of what is left there."""
+    """Return the exact indices of `g_function`.
+
+    Parameters
+    ----------
+    a : ndarray of float, shape (k,)
+        Its constants.
+    """
     v = 1 / (3 * (1 + a) ** 2)  # variance of each factor, whose mean is 1
     variance = float(np.prod(1 + v) - 1)
     return Indices(
@@ -69,9 +104,18 @@ def g_function_indices(a: FloatArray) -> Indices:
 def quadrature_indices(
     f: Callable[[FloatArray], FloatArray], box: Box, *, nodes: int = 20
 ) -> Indices:
-    """Sobol' indices of f over the box by tensor Gauss-Legendre quadrature, ``nodes`` per axis.
+    """Return the Sobol' indices of f over a box by tensor Gauss-Legendre quadrature.
 
     Exact to round-off for smooth f; needs nodes^k evaluations, so for k up to 4 or 5.
+
+    Parameters
+    ----------
+    f : callable
+        Points (n, k) to outputs (n,).
+    box : Box
+        Ranges of the parameters.
+    nodes : int
+        Per axis.
     """
     k = len(box)
     t, w = np.polynomial.legendre.leggauss(nodes)

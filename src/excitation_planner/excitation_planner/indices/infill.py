@@ -1,4 +1,4 @@
-"""Where to simulate next to make a Kriging model better."""
+"""Infill: where to simulate next to improve a Kriging model."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from enum import StrEnum
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
-from scipy.spatial.distance import cdist
 
-from excitation_planner.box import sobol_sequence, training_points
-from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.kriging import Kriging, correlations
+from excitation_planner.indices.sampling import sobol_sequence, training_points
 from excitation_planner.indices.sobol import effects
 from tricycle_core.quantities import FloatArray
 
@@ -37,16 +36,24 @@ def infill_points(
 ) -> FloatArray:
     """Return the next points (batch, k) of the unit box to simulate at.
 
+    The variance does not depend on outputs, so a batch is chosen one point after the other, each
+    counted as known when the next one is looked for.
+
     Parameters
     ----------
-    avoid : ndarray (q, k), optional
+    model : Kriging
+        On the unit box.
+    by : Infill
+        What the points are to reduce.
+    batch : int
+        Number of points.
+    seed : int
+        Of the candidates.
+    avoid : ndarray of float, shape (q, k), optional
         Points not in the model that count as known, e.g. those of failed simulations.
     polish : bool
         Whether the largest variance is looked for beyond the candidates, which takes O(n³) per
         point: too long with thousands of samples.
-
-    The variance does not depend on outputs, so a batch is chosen one point after the other, each
-    counted as known when the next one is looked for.
     """
     k = model.X_train_.shape[1]
     known = model.X_train_ if avoid is None else np.vstack([model.X_train_, avoid])
@@ -126,9 +133,7 @@ class _Posterior:
         self._factor = np.linalg.cholesky(K)
 
     def kernel(self, A: FloatArray, B: FloatArray) -> FloatArray:
-        squared = cdist(A / self._length_scale, B / self._length_scale, "sqeuclidean")
-        kernel: FloatArray = np.exp(-0.5 * squared)
-        return kernel
+        return correlations(A, B, self._length_scale)
 
     def whitened(self, U: FloatArray) -> FloatArray:
         """Covariances (n, u) with the known points, divided by their Cholesky factor."""

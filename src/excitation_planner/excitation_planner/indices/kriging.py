@@ -5,16 +5,13 @@ n: samples, k: unknown parameters. Inputs are meant to be scaled to the unit box
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import lapack
+from scipy.linalg import lapack, solve_triangular
 from scipy.optimize import minimize
-from sklearn.base import clone
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, Sum, WhiteKernel
-from sklearn.utils.validation import check_X_y
+from scipy.spatial.distance import cdist, pdist, squareform
 
 from tricycle_core.quantities import FloatArray
 
@@ -22,12 +19,12 @@ _STARTS = (0.15, 0.3, 0.6, 1.2, 2.4)  # length scales that the fit may start fro
 _IMPOSSIBLE = 1e25  # negative log-likelihood of a matrix that cannot be factorised
 
 
-class Kriging(GaussianProcessRegressor):
+class Kriging:
     """Gaussian-process regressor with constant mean, ARD-Gaussian kernel and fitted nugget.
 
-    Differs from its base class in the fit alone: mean and variance are profiled out of the
-    likelihood in closed form, length scales and nugget follow from its analytic gradient by
-    L-BFGS-B. Prediction, sampling and scoring are scikit-learn's.
+    Mean and variance are profiled out of the likelihood in closed form; length scales and nugget
+    follow from its analytic gradient by L-BFGS-B.
+    Source: Rasmussen and Williams (2006), Eqs. 2.23-2.24, 5.9; Sacks et al. (1989), Sec. 4.
 
     Parameters
     ----------
@@ -38,18 +35,20 @@ class Kriging(GaussianProcessRegressor):
 
     Attributes
     ----------
-    kernel_ : RBF + WhiteKernel
-        Fitted correlation kernel (unit variance).
-    alpha_ : ndarray (n,)
-        Weights of the samples in the mean, for outputs scaled by the process deviation.
-    inverse_ : ndarray (n, n)
-        Inverse of the correlation matrix.
-    length_scale_ : ndarray (k,)
+    X_train_, y_train_ : ndarray of float, shape (n, k) and (n,)
+        Samples; the outputs less the mean, divided by the process deviation.
+    length_scale_ : ndarray of float, shape (k,)
+        Fitted length scales, in units of the inputs.
     nugget_ : float
+        Fitted nugget, as a share of the process variance.
     mean_, deviation_ : float
         Profiled mean and standard deviation of the process, in units of the output.
-
-    Source: Rasmussen and Williams (2006), Eqs. 2.23-2.24, 5.9; Sacks et al. (1989), Sec. 4.
+    alpha_ : ndarray of float, shape (n,)
+        Weights of the samples in the mean, for outputs divided by the process deviation.
+    L_ : ndarray of float, shape (n, n)
+        Lower Cholesky factor of the correlation matrix.
+    inverse_ : ndarray of float, shape (n, n)
+        Inverse of the correlation matrix.
     """
 
     def __init__(
@@ -58,20 +57,29 @@ class Kriging(GaussianProcessRegressor):
         length_scale_bounds: tuple[float, float] = (0.05, 50.0),
         nugget_bounds: tuple[float, float] = (1e-12, 1e-3),
     ) -> None:
-        super().__init__(optimizer=None)
         self.length_scale_bounds = length_scale_bounds
         self.nugget_bounds = nugget_bounds
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Fit to inputs X (n, k) and outputs y (n,).
+        """Fit hyperparameters and model.
+
+        Parameters
+        ----------
+        X : array_like of float, shape (n, k)
+            Inputs.
+        y : array_like of float, shape (n,)
+            Outputs.
 
         Raises
         ------
         ValueError
-            NaN or infinite numbers, or a constant output: there is nothing to model.
+            Shapes that do not fit, NaN or infinite numbers, or a constant output.
         """
-        X, y = check_X_y(X, y, y_numeric=True, ensure_min_samples=2)
         X, y = np.asarray(X, dtype=float), np.asarray(y, dtype=float)
+        if X.ndim != 2 or y.shape != (len(X),) or len(X) < 2:
+            raise ValueError(f"X must be (n, k) and y (n,), n >= 2; they are {X.shape}, {y.shape}")
+        if not (np.isfinite(X).all() and np.isfinite(y).all()):
+            raise ValueError("X and y must not contain NaN or infinite numbers")
         if y.std() <= 1e-14 * np.abs(y).max():
             raise ValueError(f"the output is constant ({y[0]:g}): nothing to model")
         standardised = (y - y.mean()) / y.std()
@@ -85,44 +93,91 @@ class Kriging(GaussianProcessRegressor):
             for length_scale in _STARTS
         ]
         theta = minimize(
-            _profiled_likelihood,
-            min(starts, key=lambda theta: _profiled_likelihood(theta, X, standardised)[0]),
+            profiled_likelihood,
+            min(starts, key=lambda theta: profiled_likelihood(theta, X, standardised)[0]),
             args=(X, standardised),
             jac=True,
             method="L-BFGS-B",
             bounds=log_bounds,
             options={"ftol": 1e-8, "maxiter": 100},
         ).x
-        kernel = RBF(np.exp(theta[:k])) + WhiteKernel(np.exp(theta[k]))
-        return self._fit_process(X, y, kernel)
+        return self.fit_process(
+            X, y, length_scale=np.exp(theta[:k]), nugget=float(np.exp(theta[k]))
+        )
 
-    def _fit_process(self, X: FloatArray, y: FloatArray, kernel: Sum) -> Self:
-        """Mean, variance and weights for given hyperparameters (R&W Alg. 2.1)."""
-        self.kernel_ = kernel
-        self.length_scale_: FloatArray = np.atleast_1d(kernel.k1.length_scale)
-        self.nugget_ = float(kernel.k2.noise_level)
-        self.n_features_in_ = X.shape[1]
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[False] = False) -> FloatArray: ...
+
+    @overload
+    def predict(self, X: ArrayLike, return_std: Literal[True]) -> tuple[FloatArray, FloatArray]: ...
+
+    def predict(
+        self, X: ArrayLike, return_std: bool = False
+    ) -> FloatArray | tuple[FloatArray, FloatArray]:
+        """Return the mean (q,), and the standard deviation (q,) of the output where asked for.
+
+        Parameters
+        ----------
+        X : array_like of float, shape (q, k)
+            Inputs.
+        return_std : bool
+            Whether the standard deviation is returned as well; it contains the nugget.
+        """
+        correlation = correlations(np.asarray(X, dtype=float), self.X_train_, self.length_scale_)
+        mean: FloatArray = self.deviation_ * (correlation @ self.alpha_) + self.mean_
+        if not return_std:
+            return mean
+        v = solve_triangular(self.L_, correlation.T, lower=True, check_finite=False)
+        variance = np.maximum(1.0 + self.nugget_ - np.einsum("ij,ij->j", v, v), 0.0)
+        return mean, np.sqrt(variance * self.deviation_**2)
+
+    def fit_process(
+        self, X: FloatArray, y: FloatArray, *, length_scale: FloatArray, nugget: float
+    ) -> Self:
+        """Fit mean and variance for given hyperparameters (R&W Alg. 2.1).
+
+        Parameters
+        ----------
+        X : ndarray of float, shape (n, k)
+            Inputs.
+        y : ndarray of float, shape (n,)
+            Outputs.
+        length_scale : ndarray of float, shape (k,)
+            In units of the inputs.
+        nugget : float
+            As a share of the process variance.
+        """
+        self.length_scale_, self.nugget_ = length_scale, nugget
         self.X_train_ = X
         shift, scale = y.mean(), y.std()
-        self.L_, mean, variance, weights = _profile(kernel(X), (y - shift) / scale)
+        self.L_, mean, variance, weights = _profile(
+            _correlation_matrix(X, length_scale) + nugget * np.eye(len(X)), (y - shift) / scale
+        )
         self.inverse_ = _inverse(self.L_)
         self.mean_ = float(shift + scale * mean)
         self.deviation_ = float(scale * np.sqrt(variance))
-        self._y_train_mean, self._y_train_std = self.mean_, self.deviation_
         self.y_train_ = (y - self.mean_) / self.deviation_
         self.alpha_: FloatArray = weights / np.sqrt(variance)
-        self.log_marginal_likelihood_value_ = float(
-            -0.5 * self.y_train_ @ self.alpha_
-            - np.log(np.diag(self.L_)).sum()
-            - 0.5 * len(y) * np.log(2 * np.pi)
-        )
         return self
 
     def conditioned_on(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Return a model of inputs X (n, k) and outputs y (n,) with these hyperparameters."""
-        model: Self = clone(self)
-        return model._fit_process(
-            np.asarray(X, dtype=float), np.asarray(y, dtype=float), self.kernel_
+        """Return a model of other samples with these hyperparameters.
+
+        Parameters
+        ----------
+        X : array_like of float, shape (n, k)
+            Inputs.
+        y : array_like of float, shape (n,)
+            Outputs.
+        """
+        model = type(self)(
+            length_scale_bounds=self.length_scale_bounds, nugget_bounds=self.nugget_bounds
+        )
+        return model.fit_process(
+            np.asarray(X, dtype=float),
+            np.asarray(y, dtype=float),
+            length_scale=self.length_scale_,
+            nugget=self.nugget_,
         )
 
     def without(self, left_out: NDArray[np.bool_]) -> Self:
@@ -131,7 +186,7 @@ class Kriging(GaussianProcessRegressor):
         return self.conditioned_on(self.X_train_[~left_out], y[~left_out])
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
-        """Residuals (n,) and predicted deviations (n,) with each sample left out in turn.
+        """Return residuals (n,) and predicted deviations (n,) with each sample left out in turn.
 
         In closed form at the fitted hyperparameters, mean re-estimated (Dubrule 1983).
         """
@@ -140,10 +195,32 @@ class Kriging(GaussianProcessRegressor):
         return self.deviation_ * self.alpha_ / diagonal, self.deviation_ / np.sqrt(diagonal)
 
     def leave_one_out_q2(self) -> float:
-        """Share of the output's variance predicted with each sample left out: 1 is perfect."""
+        """Return the share of the output's variance predicted with each sample left out."""
         residual, _ = self.leave_one_out()
         y = self.y_train_ * self.deviation_
         return float(1 - np.sum(residual**2) / np.sum((y - y.mean()) ** 2))
+
+
+def correlations(A: FloatArray, B: FloatArray, length_scale: FloatArray) -> FloatArray:
+    """Return the Gaussian correlations (a, b) of points with other points.
+
+    Parameters
+    ----------
+    A, B : ndarray of float, shape (a, k) and (b, k)
+        Points.
+    length_scale : ndarray of float, shape (k,)
+        Of the process.
+    """
+    squared = cdist(A / length_scale, B / length_scale, "sqeuclidean")
+    found: FloatArray = np.exp(-0.5 * squared)
+    return found
+
+
+def _correlation_matrix(X: FloatArray, length_scale: FloatArray) -> FloatArray:
+    """Gaussian correlations (n, n) of points X (n, k) with each other."""
+    matrix: FloatArray = squareform(np.exp(-0.5 * pdist(X / length_scale, "sqeuclidean")))
+    np.fill_diagonal(matrix, 1.0)
+    return matrix
 
 
 def _profile(K: FloatArray, y: FloatArray) -> tuple[FloatArray, float, float, FloatArray]:
@@ -167,13 +244,23 @@ def _inverse(factor: FloatArray) -> FloatArray:
     return inverse
 
 
-def _profiled_likelihood(
+def profiled_likelihood(
     theta: FloatArray, X: FloatArray, y: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Negative profiled log-likelihood and its gradient at theta = log (length scales, nugget)."""
+    """Return the negative profiled log-likelihood, without its constant, and its gradient (k + 1,).
+
+    Parameters
+    ----------
+    theta : ndarray of float, shape (k + 1,)
+        Logarithms of the length scales and of the nugget.
+    X : ndarray of float, shape (n, k)
+        Inputs.
+    y : ndarray of float, shape (n,)
+        Outputs.
+    """
     n, k = X.shape
     length_scale, nugget = np.exp(theta[:k]), np.exp(theta[k])
-    R = RBF(length_scale)(X)
+    R = _correlation_matrix(X, length_scale)
     try:
         factor, _, variance, b = _profile(R + nugget * np.eye(n), y)
     except np.linalg.LinAlgError:

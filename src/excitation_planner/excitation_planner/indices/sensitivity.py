@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from excitation_planner.box import Bounds, Box, training_points
+from excitation_planner.box import Bounds, Box
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import parameter_samples
 from excitation_planner.indices.sobol import Indices, sobol_indices
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError, InfeasibleManeuver
@@ -27,7 +28,7 @@ _HALF_WIDTH = 2.2
 
 @dataclass(frozen=True)
 class Sensitivity(Indices):
-    """Sobol' indices of a simulator, with what they rest on.
+    """Sobol' indices of a simulator, with the metamodel that they come from.
 
     Attributes
     ----------
@@ -36,7 +37,9 @@ class Sensitivity(Indices):
     main_interval, total_interval : ndarray (k, 2)
         95 % intervals of `main` and `total`.
     folds : tuple of Indices
-        Indices without a fifth of the samples, each fifth in turn: what the intervals rest on.
+        Indices without a fifth of the samples, each fifth in turn; the intervals follow from them.
+    unknown : Box
+        Ranges of the unknown parameters.
     model : Kriging
         The metamodel, fitted on the unit box; `predict` takes parameters in their own units.
     leave_one_out_q2 : float
@@ -83,11 +86,11 @@ def sensitivity(
         Unknown parameters ``{name: (low, high)}``, uniform and independent.
     samples : int
         Simulations to train the metamodel on, at least k + 2. Two thirds fill the box; the others
-        go, in a second call of f, where a first metamodel says that the indices gain most.
+        go, in a second call of f, where by a first metamodel the indices gain most.
     seed : int
         Scrambles the sample points.
     infill : int
-        Further simulations, where ``infill_by`` says.
+        Further simulations, chosen by ``infill_by``.
     infill_by : Infill
         What they are to reduce.
     batch : int
@@ -132,16 +135,16 @@ def sensitivity(
         )
 
 
-def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
-    """Points (samples, k) of the unit box to simulate at."""
-    if samples < len(unknown) + 2:
-        need = f"{len(unknown)} unknown parameters need {len(unknown) + 2} at least"
-        raise DesignError(f"samples = {samples}: {need}")
-    return training_points(samples, len(unknown), seed=seed)
-
-
 def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> FloatArray:
-    """f(P) as floats (n,), its shape checked."""
+    """Return f(P) as floats (n,), its shape checked.
+
+    Parameters
+    ----------
+    f : callable
+        Simulator.
+    P : ndarray of float, shape (n, k)
+        Unknown parameters.
+    """
     try:
         m = np.asarray(f(P), dtype=float)
     except (DesignError, InfeasibleManeuver):
@@ -156,7 +159,15 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
 
 
 def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
-    """Kriging of outputs m (n,) at points U (n, k) of the unit box, failed ones (NaN) left out."""
+    """Return the Kriging model of outputs, failed ones left out.
+
+    Parameters
+    ----------
+    U : ndarray of float, shape (n, k)
+        Points of the unit box.
+    m : ndarray of float, shape (n,)
+        Outputs there; NaN where failed.
+    """
     valid = np.isfinite(m)
     if valid.sum() < U.shape[1] + 2:
         raise DesignError(
@@ -173,7 +184,19 @@ def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
 def sensitivity_of_model(
     unknown: Box, model: Kriging, indices: Indices, *, failed: int
 ) -> Sensitivity:
-    """Sensitivity from a metamodel on the unit box and its indices; ``failed`` samples left out."""
+    """Return the sensitivity from a metamodel and its indices.
+
+    Parameters
+    ----------
+    unknown : Box
+        Unknown parameters.
+    model : Kriging
+        Metamodel on the unit box.
+    indices : Indices
+        Of the metamodel.
+    failed : int
+        Samples that were left out.
+    """
     fold = np.arange(len(model.X_train_)) % _FOLDS
     folds = tuple(sobol_indices(model.without(fold == i)) for i in range(_FOLDS))
     main_half = half_width(np.array([f.main for f in folds]) - indices.main)
@@ -195,7 +218,13 @@ def sensitivity_of_model(
 
 
 def half_width(changes: FloatArray) -> FloatArray:
-    """Half width of a 95 % interval from the changes (folds, ...) that leaving a fold out makes."""
+    """Return the half width of a 95 % interval.
+
+    Parameters
+    ----------
+    changes : ndarray of float, shape (folds, ...)
+        Differences that leaving out a fold makes.
+    """
     half: FloatArray = _HALF_WIDTH * np.sqrt(np.mean(changes**2, axis=0))
     return half
 

@@ -15,8 +15,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.box import sobol_sequence
 from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.quantities import FloatArray
 
 _TERMS = 1000  # basis products kept per half of the axes: 10 degrees on each of 3 axes
@@ -54,11 +54,16 @@ class _Half:
 
 
 def sobol_indices(model: Kriging) -> Indices:
-    """Sobol' indices of a fitted Kriging mean over the unit box (any k; measured up to 20).
+    """Return the Sobol' indices of a fitted Kriging mean (any k; measured up to 20).
 
     The axes are split in two halves, and the coefficients of all pairs of products are one matrix
     product. Up to k = 6 each half holds the full tensor of degrees as far as the length scales ask
     for it; beyond, those products that the kernel can excite most.
+
+    Parameters
+    ----------
+    model : Kriging
+        On the unit box.
     """
     k = model.X_train_.shape[1]
     left, right = _halves(model)
@@ -67,9 +72,16 @@ def sobol_indices(model: Kriging) -> Indices:
 
 
 def effects(model: Kriging, U: FloatArray) -> FloatArray:
-    """Parts of the Kriging mean that the indices are made of, at points U (u, k): (1 + 2k, u).
+    """Return the parts (1 + 2k, u) of the Kriging mean that the indices are made of.
 
     The deviation from its average; for each parameter its main effect, and all it takes part in.
+
+    Parameters
+    ----------
+    model : Kriging
+        On the unit box.
+    U : ndarray of float, shape (u, k)
+        Points of it.
     """
     k = model.X_train_.shape[1]
     weights = model.deviation_ * model.alpha_
@@ -156,10 +168,20 @@ def _indices(
 def monte_carlo_indices(
     g: Callable[[FloatArray], FloatArray], k: int, *, samples: int, seed: int | None = None
 ) -> Indices:
-    """Sobol' indices of g: (n, k) -> (n,) over the unit box by the paper's estimator (Eqs. 7-10).
+    """Return the Sobol' indices of g over the unit box by the paper's estimator (Eqs. 7-10).
 
-    ``samples`` rows of P and Q, hence samples (k + 2) evaluations; ``seed=None`` is the paper's
-    unscrambled sequence. Unlike `sobol_indices` it can leave [0, 1].
+    Unlike those of `sobol_indices` they can leave [0, 1].
+
+    Parameters
+    ----------
+    g : callable
+        Points (n, k) to outputs (n,).
+    k : int
+        Number of parameters.
+    samples : int
+        N, base samples: N (k + 2) evaluations of g.
+    seed : int, optional
+        ``None`` is the paper's unscrambled sequence.
     """
     PQ = sobol_sequence(samples, 2 * k, seed=seed)
     P, Q = PQ[:, :k], PQ[:, k:]

@@ -1,22 +1,22 @@
 """Maneuver families: operation parameters to paths or commands."""
 
 from excitation_planner.maneuver.family import (
-    Circle,
-    DoubleLaneChange,
-    Drive,
+    DrivenPath,
     ManeuverFamily,
-    Slalom,
-    evenly_spaced,
     family_by_name,
     family_names,
     operation_point,
 )
+from excitation_planner.maneuver.paths import Circle, DoubleLaneChange, Slalom, evenly_spaced
 from tricycle_core.errors import PlanError
+
+Drive = DrivenPath  # the name that the documentation of version 0.1 showed
 
 __all__ = [
     "Circle",
     "DoubleLaneChange",
     "Drive",
+    "DrivenPath",
     "ManeuverFamily",
     "PlanError",
     "Slalom",

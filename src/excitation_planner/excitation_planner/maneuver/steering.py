@@ -12,8 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from excitation_planner.box import Box
-from excitation_planner.maneuver.family import ACCELERATION, SETTLING_TIME
-from excitation_planner.maneuver.tracking import COMMAND_TICKS
+from excitation_planner.maneuver.family import ACCELERATION, COMMAND_TICKS, SETTLING_TIME
 from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -25,18 +24,18 @@ SWEEP_OPERATION = Box.of({"amplitude": (0.05, 0.4), "frequency": (0.4, 2.0)})  #
 def steered(
     vehicle: Vehicle, speed: float, angle: Callable[[FloatArray], FloatArray], *, duration: float
 ) -> Commands:
-    """Run-in straight ahead to a speed, then a steering input.
+    """Return the commands of a run-in straight ahead to a speed, then a steering input.
 
     Parameters
     ----------
-    vehicle
+    vehicle : Vehicle
         Its acceleration limits the run-in.
-    speed
-        m/s, held after the run-in.
-    angle
-        Steering motor angle (t,) in rad, left positive, at times (t,) in s after the run-in.
-    duration
-        s after the run-in.
+    speed : float
+        Held after the run-in [m/s].
+    angle : callable
+        Steering motor angle (t,) [rad], left positive, at times (t,) [s] after the run-in.
+    duration : float
+        Time after the run-in [s].
     """
     acceleration = min(ACCELERATION, vehicle.acceleration)
     run_in = speed / acceleration + SETTLING_TIME
@@ -54,15 +53,30 @@ def steered(
 class StepSteer:
     """Step of the steering to the left: x = (steering motor angle in rad, speed in m/s).
 
-    As fast as the steering slews, then held for `duration`: the transient and the steady state.
+    As fast as the steering slews, then held: the transient and the steady state.
+
+    Attributes
+    ----------
+    operation : Box
+        Ranges of x.
+    duration : float
+        Time from the step to the end [s].
     """
 
     operation: Box = STEP_OPERATION
-    duration: float = 8.0  # s from the step to the end
+    duration: float = 8.0
     name: ClassVar[str] = "step_steer"
 
     def drive(self, x: FloatArray, vehicle: Vehicle) -> Commands:
-        """Run-in, ramp at the vehicle's slew, hold."""
+        """Return the run-in, the ramp at the vehicle's slew rate, and the hold.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (2,)
+            Steering motor angle [rad] and speed [m/s].
+        vehicle : Vehicle
+            Its nominal values.
+        """
         angle, speed = (float(v) for v in x)
         return steered(
             vehicle,
@@ -76,17 +90,36 @@ class StepSteer:
 class SineSweep:
     """Sine of the steering whose frequency rises: x = (amplitude in rad, last frequency in Hz).
 
-    The frequency rises linearly with time from `first_frequency`.
+    The frequency rises linearly with time.
+
+    Attributes
+    ----------
+    operation : Box
+        Ranges of x.
+    first_frequency : float
+        Frequency at the beginning of the sweep [Hz].
+    duration : float
+        Of the sweep [s].
+    speed : float
+        During the sweep [m/s].
     """
 
     operation: Box = SWEEP_OPERATION
-    first_frequency: float = 0.2  # Hz
-    duration: float = 15.0  # s
-    speed: float = 2.0  # m/s
+    first_frequency: float = 0.2
+    duration: float = 15.0
+    speed: float = 2.0
     name: ClassVar[str] = "sine_sweep"
 
     def drive(self, x: FloatArray, vehicle: Vehicle) -> Commands:
-        """Run-in, then the sweep."""
+        """Return the run-in and the sweep.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (2,)
+            Amplitude [rad] and last frequency [Hz].
+        vehicle : Vehicle
+            Its nominal values.
+        """
         amplitude, frequency = (float(v) for v in x)
         rise = (frequency - self.first_frequency) / self.duration  # Hz/s
 

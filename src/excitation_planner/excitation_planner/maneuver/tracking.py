@@ -1,6 +1,6 @@
-"""Nominal path tracking: the steer and drive commands with which the nominal vehicle drives a path.
+"""Path tracking: the steer and drive commands with which the nominal vehicle follows a path.
 
-Pure pursuit of the rear axle's ground point, every 20 ms, on the same compiled vehicle as all else.
+Pure pursuit of the rear axle's ground point, every 20 ms, on the compiled vehicle model.
 Commands change no faster than the PLCs slew their set-points, so that no limiter acts when they are
 replayed; a path that the vehicle cannot hold at full lock makes the drive infeasible.
 """
@@ -11,7 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from excitation_planner.maneuver.family import ACCELERATION, PATH_SPACING, Drive
+from excitation_planner.maneuver.family import (
+    ACCELERATION,
+    COMMAND_TICKS,
+    PATH_SPACING,
+    DrivenPath,
+)
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.commands import Commands
@@ -21,7 +26,6 @@ from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import compiled_for, position, yaw
 from tricycle_sim.vehicle.parts import steering_constants
 
-COMMAND_TICKS = 2  # PLC ticks per command: 50 Hz
 LOOK_AHEAD = 0.6  # m, of pure pursuit ...
 LOOK_AHEAD_TIME = 0.3  # s, ... plus this times the speed
 AT_LOCK = 0.1  # m from the path, at full lock, at which the steering does not suffice
@@ -34,9 +38,9 @@ class Tracking:
 
     Attributes
     ----------
-    commands
+    commands : Commands
         50 Hz, from rest to the end of the path.
-    infeasible
+    infeasible : str
         Why the vehicle could not drive the path, with time and place; empty when it could.
     """
 
@@ -71,11 +75,16 @@ def _track(
 
     Parameters
     ----------
-    vehicle : from `pack`, at rest at the start of the path; advanced in place
-    servo : shape (2,), see `advance_tick`
-    steering : `steering_constants` of the batch's step
-    lock : largest steering motor angle [rad]
-    commands : shape (c, 2), receives steering motor angle [rad] and speed [m/s]
+    vehicle : ndarray of float, shape (1, GROUP_SIZE)
+        At rest at the start of the path; advanced in place.
+    servo : ndarray of float, shape (2,)
+        See `advance_tick`.
+    steering : ndarray of float
+        `steering_constants` of the batch's step.
+    lock : float
+        Largest steering motor angle [rad].
+    commands : ndarray of float, shape (c, 2)
+        Receives steering motor angle [rad] and speed [m/s].
     """
     near = 0
     angle, target = 0.0, 0.0
@@ -107,7 +116,7 @@ def _track(
         reach = slew_rate * COMMAND_TICKS * TICK
         angle += min(max(motor_angle_for(wanted, steering) - angle, -reach), reach)
         target = min(speed, target + acceleration * COMMAND_TICKS * TICK)
-        # what the protocol can say is what is driven, here too: 0.5 mm/s are 1 cm after 20 s
+        # rounded to the protocol's units, as it is driven: 0.5 mm/s are 1 cm after 20 s
         angle = round(angle / ANGLE_UNIT) * ANGLE_UNIT
         commands[row, 0] = angle
         commands[row, 1] = round(target / SPEED_UNIT) * SPEED_UNIT
@@ -118,18 +127,18 @@ def _track(
     return commands.shape[0], saturated, commands.shape[0]
 
 
-def track(vehicle: Vehicle, drive: Drive) -> Tracking:
+def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
     """Drive a path with the nominal vehicle.
 
     Parameters
     ----------
-    vehicle
+    vehicle : Vehicle
         Its nominal values are driven, from rest at the origin heading +x.
-    drive
+    path : DrivenPath
         Path of the rear axle's ground point, starting where that point is.
     """
     acceleration = min(ACCELERATION, vehicle.acceleration)
-    duration = drive.length / drive.speed + drive.speed / acceleration
+    duration = path.length / path.speed + path.speed / acceleration
     period = COMMAND_TICKS * TICK
     rows = np.empty((math.ceil(1.5 * duration / period), 2))
     steering = steering_constants(vehicle, 0.5 * TICK)
@@ -137,12 +146,12 @@ def track(vehicle: Vehicle, drive: Drive) -> Tracking:
         pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle)),
         np.zeros(2),
         steering,
-        drive.x,
-        drive.y,
-        drive.length,
+        path.x,
+        path.y,
+        path.length,
         vehicle.com_to_front_axle + vehicle.com_to_rear_axle,
         vehicle.com_to_rear_axle,
-        drive.speed,
+        path.speed,
         vehicle.steering_slew,
         acceleration,
         vehicle.steering_limit - 1e-9,

@@ -1,17 +1,5 @@
-"""Plans: a maneuver family, a vehicle and a target to the maneuver that is driven."""
+"""Planning: from a vehicle, maneuver families and a target to plans; modules load on first use."""
 
-from excitation_planner.planning.planner import (
-    PlanRequest,
-    plan_at,
-    plan_maneuver,
-    plan_set,
-    random_feasible_point,
-)
+import lazy_loader
 
-__all__ = [
-    "PlanRequest",
-    "plan_at",
-    "plan_maneuver",
-    "plan_set",
-    "random_feasible_point",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""What a drive will teach: standard deviations of the parameters, before anyone drives.
+"""Prediction of what a drive will teach: standard deviations of the parameters, before it.
 
 n: samples, k: unknown parameters, l: operation parameters, t: time points, c: measured channels.
 """
@@ -10,12 +10,12 @@ import numpy as np
 
 from excitation_planner.box import Box
 from excitation_planner.design.information import (
-    Prior,
-    TrajectoryNoise,
     difference_points,
     information,
     posterior_covariance,
 )
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import DesignError
@@ -23,10 +23,17 @@ from tricycle_core.quantities import TICK, FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 
-PERIOD = 0.05  # s between the time points: 20 Hz, as localisations give poses
-STANDSTILL = 1.0  # s before the start that are measured too: they tell start and gyro bias
-BLOCK = 128  # vehicles simulated at a time, which bounds the memory
-DRAWS = 48  # parameter values over which a prediction is averaged
+PERIOD = 0.05
+"""Time between points [s]: 20 Hz, as localisations give poses."""
+
+STANDSTILL = 1.0
+"""Time before the start that is measured, too [s]: it gives start pose and gyro bias."""
+
+BLOCK = 128
+"""Vehicles simulated at a time, which bounds the memory."""
+
+DRAWS = 48
+"""Parameter values over which a prediction is averaged."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,11 @@ class ReplayedTrajectories:
 
     Attributes
     ----------
-    columns
+    vehicle : Vehicle
+        Nominal vehicle with its unknown parameters.
+    family : ManeuverFamily
+        Of the maneuvers.
+    columns : tuple of str, length c
         The channels, by their names in `tricycle_sim.vehicle.batch.Trajectory`.
     """
 
@@ -69,17 +80,23 @@ def predicted_covariance(
     noise: TrajectoryNoise,
     *,
     seed: int,
-    prior: Prior | None = None,
+    prior: BoxPrior | None = None,
 ) -> FloatArray:
-    """Expected posterior covariance (k, k) in squared ranges, after drives one after the other.
+    """Return the expected posterior covariance (k, k), in squared ranges, after several drives.
 
     Parameters
     ----------
-    simulators
+    simulators : tuple of callable
         Of each drive: x (l,), P (n, k) to trajectories (n, t, c).
-    points
+    points : tuple of ndarray
         Operation parameters x (l,) of each drive.
-    prior
+    unknown : Box
+        Ranges of the unknown parameters.
+    noise : TrajectoryNoise
+        Of the measurement.
+    seed : int
+        Of the parameter values over which is averaged.
+    prior : BoxPrior, optional
         What is known before; None: uniform in the box.
 
     Raises

@@ -1,4 +1,4 @@
-"""Open-loop replay: the trajectory error of perturbed vehicles driving one command history."""
+"""Replay, open loop: the trajectory error of perturbed vehicles driving one command history."""
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
@@ -16,7 +16,8 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import PlanarBlock, simulate, simulate_planar
 
-KEPT_RUNS = 4  # nominal runs kept: the search asks for the same x once per batch of samples
+KEPT_RUNS = 4
+"""Nominal runs that are kept: the search asks for the same x once per batch of samples."""
 
 
 @dataclass(frozen=True)
@@ -25,13 +26,13 @@ class NominalRun:
 
     Attributes
     ----------
-    commands
+    commands : Commands
         Steer and drive commands of the family, or of the tracked path.
-    path
-        (m, 2) path of the rear axle's ground point, m.
-    reference
+    path : ndarray of float, shape (m, 2)
+        Path of the rear axle's ground point [m].
+    reference : Reference
         Trajectory of the nominal vehicle replaying the commands.
-    nominal
+    nominal : NominalTrajectory
         The same, on the simulation's grid, as TE needs it.
     """
 
@@ -42,9 +43,18 @@ class NominalRun:
 
 
 def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: FloatArray) -> FloatArray:
-    """TE (n,) in m^2 of vehicles with unknown parameters (n, k), replaying the run's commands.
+    """Return TE (n,) [m²] of perturbed vehicles that replay the commands of a run.
 
     NaN where a vehicle rolled over.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Nominal vehicle.
+    run : NominalRun
+        Has the commands.
+    parameters : ndarray of float, shape (n, k)
+        Unknown parameters.
     """
     errors = np.empty(len(parameters))
 
@@ -59,7 +69,16 @@ def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: FloatArray) -
 
 
 def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> NominalRun:
-    """Replay the maneuver with operation parameters x (l,); a path is tracked first.
+    """Return what the nominal vehicle does in a maneuver; a path is tracked first.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Nominal vehicle.
+    family : ManeuverFamily
+        Of the maneuver.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
 
     Raises
     ------

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from excitation_planner.box import sobol_sequence
+from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.noise import (

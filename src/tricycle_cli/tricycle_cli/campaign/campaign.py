@@ -18,14 +18,15 @@ from typing import Any
 import numpy as np
 
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.information import Prior
-from excitation_planner.design.store import replace_file
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_maneuver
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.identification import identify
 from parameter_identification.identification_file import document_of
+from tricycle_core.documents import write_whole
 from tricycle_core.errors import DesignError, PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
@@ -56,8 +57,8 @@ class CampaignRequest:
         Simulations to plan one drive with, per family.
     seed
         Same seed, same plans from the same bags.
-    noise_std, yaw_rate_std, drift_std
-        Measurement that is planned for, see `PlanRequest`.
+    noise : MeasurementNoise
+        How the drives will be measured.
     true_seed
         Of the simulated vehicle's hidden parameters; None: the real vehicle.
 
@@ -74,9 +75,7 @@ class CampaignRequest:
     most_drives: int = 10
     budget: int = 6_000
     seed: int = 0
-    noise_std: float = PlanRequest.noise_std
-    yaw_rate_std: float = PlanRequest.yaw_rate_std
-    drift_std: float = PlanRequest.drift_std
+    noise: MeasurementNoise = MeasurementNoise()  # noqa: RUF009  (frozen)
     true_seed: int | None = None
 
     def __post_init__(self) -> None:
@@ -92,7 +91,7 @@ class CampaignRequest:
             self.plan_request(self.families[0], target, None, seed=0)  # checks the rest
 
     def plan_request(
-        self, family: ManeuverFamily, target: str, prior: Prior | None, *, seed: int
+        self, family: ManeuverFamily, target: str, prior: BoxPrior | None, *, seed: int
     ) -> PlanRequest:
         """The plan of one drive."""
         return PlanRequest(
@@ -102,9 +101,7 @@ class CampaignRequest:
             criterion=Criterion.C,
             budget=self.budget,
             seed=seed,
-            noise_std=self.noise_std,
-            yaw_rate_std=self.yaw_rate_std,
-            drift_std=self.drift_std,
+            noise=self.noise,
             prior=prior,
         )
 
@@ -115,9 +112,9 @@ class CampaignRequest:
             "vehicle_hash": self.vehicle.fingerprint,
             "families": [family.name for family in self.families],
             "seed": self.seed,
-            "noise_std": self.noise_std,
-            "yaw_rate_std": self.yaw_rate_std,
-            "drift_std": self.drift_std,
+            "noise_std": self.noise.noise_std,
+            "yaw_rate_std": self.noise.yaw_rate_std,
+            "drift_std": self.noise.drift_std,
             "true_seed": self.true_seed,
         }
 
@@ -221,7 +218,7 @@ class Campaign:
             "settings": self.request.description(),
             "steps": [dataclasses.asdict(step) for step in steps],
         }
-        replace_file(self._state, json.dumps(document, indent=1) + "\n")
+        write_whole(self._state, json.dumps(document, indent=1) + "\n")
         self.steps = steps
 
     def known(self, after: int | None = None) -> dict[str, Knowledge]:
@@ -291,7 +288,7 @@ class Campaign:
         self._keep((*self.steps, step))
         return plan
 
-    def _prior(self) -> Prior | None:
+    def _prior(self) -> BoxPrior | None:
         """What the drives so far have taught, in ranges."""
         if not self.steps:
             return None
@@ -300,7 +297,7 @@ class Campaign:
         low, high = np.array([self.request.vehicle.unknown[name] for name in found["parameters"]]).T
         estimates = np.array([entry["estimate"] for entry in found["parameters"].values()])
         covariance = np.array(found["covariance"]) / np.outer(high - low, high - low)
-        return Prior((estimates - low) / (high - low), 0.5 * (covariance + covariance.T))
+        return BoxPrior((estimates - low) / (high - low), 0.5 * (covariance + covariance.T))
 
     def drive(self, drive: Drive, progress: Progress) -> None:
         """Drive the last plan, unless its bag is complete."""

@@ -10,14 +10,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from excitation_planner.design.store import replace_file
+from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.plan import Plan
-from excitation_planner.planning import PlanRequest
 from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest, Drive
 from tricycle_cli.operation.session import running_session, simulated_session
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.figures import plot_campaign
+from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.rig.emulated import draw_truth
@@ -69,7 +69,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
         ("--drift-std", "M", "of a slow drift of the position"),
     ):
-        default = getattr(PlanRequest, option[2:].replace("-", "_"))
+        default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
         add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
     add("--true-seed", type=int, default=0, help="of the simulation's hidden true parameters")
     add("--real-time-factor", type=float, default=10.0, help="largest; the nodes set the pace")
@@ -89,9 +89,11 @@ def run(args: argparse.Namespace) -> int:
         most_drives=args.most_drives,
         budget=args.budget,
         seed=args.seed,
-        noise_std=args.noise_std,
-        yaw_rate_std=args.yaw_rate_std,
-        drift_std=args.drift_std,
+        noise=MeasurementNoise(
+            noise_std=args.noise_std,
+            yaw_rate_std=args.yaw_rate_std,
+            drift_std=args.drift_std,
+        ),
         true_seed=None if args.vehicle_nodes else args.true_seed,
     )
     campaign = Campaign(args.output, request)
@@ -108,7 +110,7 @@ def run(args: argparse.Namespace) -> int:
         else draw_truth(vehicle, np.random.default_rng(request.true_seed))
     )
     report = campaign.report(truth)
-    replace_file(args.output / "report.json", json.dumps(report, indent=1) + "\n")
+    write_whole(args.output / "report.json", json.dumps(report, indent=1) + "\n")
     plot_campaign(campaign, truth, args.output / "report.png")
     table = _table(campaign, truth)
     with (args.output / "report.txt").open("w", encoding="utf-8") as file:

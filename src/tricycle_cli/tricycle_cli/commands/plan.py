@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names, operation_point
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_set
@@ -68,7 +69,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add(
         "--noise-std",
         type=float,
-        default=PlanRequest.noise_std,
+        default=MeasurementNoise.noise_std,
         metavar="M",
         help="standard deviation of the measured position per axis; 0: the paper's cost",
     )
@@ -78,7 +79,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         ("--start-position-std", "M", "of the start position per axis"),
         ("--start-heading-std", "RAD", "of the start heading"),
     ):
-        default = getattr(PlanRequest, option[2:].replace("-", "_"))
+        default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
         add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
     add("--output", type=Path, default=Path("out/plan"), metavar="DIR")
     add("--json", action="store_true", help="print one JSON object")
@@ -127,11 +128,13 @@ def _request(args: argparse.Namespace) -> PlanRequest:
         samples=args.samples,
         budget=args.budget,
         seed=args.seed,
-        noise_std=args.noise_std,
-        yaw_rate_std=args.yaw_rate_std,
-        drift_std=args.drift_std,
-        start_position_std=args.start_position_std,
-        start_heading_std=args.start_heading_std,
+        noise=MeasurementNoise(
+            noise_std=args.noise_std,
+            yaw_rate_std=args.yaw_rate_std,
+            drift_std=args.drift_std,
+            start_position_std=args.start_position_std,
+            start_heading_std=args.start_heading_std,
+        ),
     )
 
 

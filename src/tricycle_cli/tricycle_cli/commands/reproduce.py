@@ -14,8 +14,8 @@ from excitation_planner.design.executors import process_pool
 from paper_reproduction import PaperBudget
 from paper_reproduction.comparison import Item
 from paper_reproduction.figures import draw
+from paper_reproduction.first_stage import Predictions
 from paper_reproduction.items import NAMES, Reproduction
-from paper_reproduction.math_model import Predictions
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 

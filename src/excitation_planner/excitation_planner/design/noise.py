@@ -1,0 +1,165 @@
+"""Noise of the measurement that a maneuver is designed for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tricycle_core.errors import DesignError, PlanError
+from tricycle_core.quantities import FloatArray
+
+DELAY_STD = 0.05
+"""Uncertainty of each sensor's clock [s]; identification estimates it, too."""
+
+GYRO_BIAS_STD = 0.02
+"""Standard deviation of a gyro's constant offset [rad/s]; identification estimates it, too."""
+
+
+@dataclass(frozen=True)
+class TrajectoryErrorNoise:
+    """Variance that noise of the measured position gives to a trajectory error (Eq. 14).
+
+    ``V_n = 4 std² (E[TE] + std²) / points``
+
+    Attributes
+    ----------
+    std : float
+        Standard deviation of the position noise per axis [m].
+    points : int
+        Number of independent noise values in a trajectory. 1 bounds noise so slow that it is a
+        constant offset.
+
+    Raises
+    ------
+    DesignError
+        A negative or infinite deviation, or no point.
+    """
+
+    std: float
+    points: int = 1
+
+    def __post_init__(self) -> None:
+        if not (0 <= self.std < math.inf and self.points >= 1):
+            raise DesignError("noise: std must not be negative, points at least 1")
+
+    def __call__(self, m: FloatArray) -> float:
+        """V_n [m⁴] from trajectory errors m (n,) [m²] of one maneuver; failed ones are NaN."""
+        return float(4 * self.std**2 * (np.nanmean(m) + self.std**2) / self.points)
+
+
+@dataclass(frozen=True)
+class TrajectoryNoise:
+    """What is unknown about a measured trajectory besides the parameters of the vehicle.
+
+    Attributes
+    ----------
+    std : float or tuple of float, length c
+        White noise per channel, in the unit of the channel; default 1 cm.
+    drift_std, drift_time : float
+        Standard deviation and correlation time [s] of a slow drift of the first two channels.
+    period : float
+        Time between trajectory points [s].
+    start_position_std, start_heading_std : float
+        Uncertainty of the start pose [m per axis, rad]; 0: known exactly. Channels 0 and 1 are
+        then x and y [m].
+    heading_channel : int, optional
+        Channel that is the heading [rad] and turns with the start pose.
+    delay_std : float
+        Uncertainty of the clock of the start pose's channels, and of that of each further channel,
+        relative to the maneuver's [s]; 0: exact.
+    bias_std : float
+        Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
+
+    Raises
+    ------
+    DesignError
+        A standard deviation or time that is impossible.
+    """
+
+    std: float | tuple[float, ...] = 0.01
+    drift_std: float = 0.0
+    drift_time: float = 5.0
+    period: float = 0.05
+    start_position_std: float = 0.0
+    start_heading_std: float = 0.0
+    heading_channel: int | None = None
+    delay_std: float = 0.0
+    bias_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (np.all(np.asarray(self.std) > 0) and np.all(np.isfinite(self.std))):
+            raise DesignError(f"noise: std = {self.std} must be positive")
+        for name in (
+            *("drift_std", "start_position_std", "start_heading_std"),
+            *("delay_std", "bias_std"),
+        ):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise DesignError(f"noise: {name} = {getattr(self, name)} must not be negative")
+        if not (self.drift_time > 0 and self.period > 0):
+            raise DesignError("noise: drift_time and period must be positive")
+
+
+@dataclass(frozen=True)
+class MeasurementNoise:
+    """How a drive is measured: what a plan assumes about position, gyro and start pose.
+
+    Attributes
+    ----------
+    noise_std : float
+        White noise of the measured position per axis [m]; 0 is the paper's cost.
+    yaw_rate_std : float
+        White noise of a yaw-rate gyro [rad/s]; 0: there is none.
+    drift_std, drift_time : float
+        Standard deviation [m] and correlation time [s] of a slow drift of the position.
+    start_position_std, start_heading_std : float
+        Uncertainty of the start pose [m per axis, rad]. A design for a start pose that is known
+        exactly (0) is a poor one when it is not.
+
+    Raises
+    ------
+    PlanError
+        A deviation that is not from 0 to 10, or a correlation time that is not above 0.
+    """
+
+    noise_std: float = 0.01
+    yaw_rate_std: float = 0.0
+    drift_std: float = 0.0
+    drift_time: float = 5.0
+    start_position_std: float = 0.02
+    start_heading_std: float = 0.0175
+
+    def __post_init__(self) -> None:
+        for name, unit in (
+            *(("noise_std", "m"), ("yaw_rate_std", "rad/s"), ("drift_std", "m")),
+            *(("start_position_std", "m"), ("start_heading_std", "rad")),
+        ):
+            if not 0.0 <= getattr(self, name) < 10.0:
+                raise PlanError(f"{name} = {getattr(self, name):g} {unit} must be from 0 to 10")
+        if not 0.0 < self.drift_time < 1e4:
+            raise PlanError(f"drift_time = {self.drift_time:g} s must be above 0")
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What is measured, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
+        return ("x", "y", "yaw_rate") if self.yaw_rate_std else ("x", "y")
+
+    @property
+    def of_trajectory(self) -> TrajectoryNoise:
+        """Noise of these channels, for the criteria C, D and A."""
+        position = (self.noise_std, self.noise_std)
+        return TrajectoryNoise(
+            std=(*position, self.yaw_rate_std) if self.yaw_rate_std else position,
+            drift_std=self.drift_std,
+            drift_time=self.drift_time,
+            start_position_std=self.start_position_std,
+            start_heading_std=self.start_heading_std,
+            delay_std=DELAY_STD,
+            bias_std=GYRO_BIAS_STD,
+        )
+
+    @property
+    def of_trajectory_error(self) -> TrajectoryErrorNoise:
+        """Noise of TE, for the criterion H: the worst case, a constant offset of the position."""
+        return TrajectoryErrorNoise(self.noise_std)

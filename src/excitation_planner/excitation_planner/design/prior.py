@@ -1,0 +1,42 @@
+"""Prior knowledge about the unknown parameters, before a drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
+
+PRIOR_INFORMATION = 12.0
+"""Information about a parameter that is uniform on its range: 1 / variance, in ranges."""
+
+
+@dataclass(frozen=True)
+class BoxPrior:
+    """Normal distribution of the parameters in their unit box, e.g. learnt from earlier drives.
+
+    Attributes
+    ----------
+    mean : ndarray of float, shape (k,)
+        In the unit box.
+    covariance : ndarray of float, shape (k, k)
+        In squared ranges.
+
+    Raises
+    ------
+    DesignError
+        Shapes that do not fit, or a covariance that is none.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.mean)
+        C = np.asarray(self.covariance)
+        if not (C.shape == (k, k) and np.isfinite(C).all() and np.isfinite(self.mean).all()):
+            raise DesignError(f"prior: the covariance must be ({k}, {k}) finite numbers")
+        if not (np.allclose(C, C.T) and np.linalg.eigvalsh(C)[0] > 0.0):
+            raise DesignError("prior: the covariance must be symmetric and positive definite")

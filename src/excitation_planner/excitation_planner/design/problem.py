@@ -1,0 +1,202 @@
+"""The problem of a design, and what is found out about a maneuver: data without computation.
+
+n: samples, k: unknown parameters, l: operation parameters, t: time points, c: channels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from excitation_planner.box import Box
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import BoxPrior
+from tricycle_core.errors import DesignError
+from tricycle_core.quantities import FloatArray
+
+if TYPE_CHECKING:  # it needs SciPy
+    from excitation_planner.indices.sensitivity import Sensitivity
+
+Trajectories = FloatArray | tuple[FloatArray, ...]
+"""Trajectories (n, t, c) of one maneuver, or of each maneuver of a set."""
+
+Simulator = Callable[[FloatArray, FloatArray], Trajectories]
+"""f of x (l,) and P (n, k): outputs (n,), or trajectories."""
+
+Outcome = tuple[FloatArray, ...] | str
+"""What f gave at one x: outputs or trajectories of each maneuver; or why it is infeasible."""
+
+NoiseVariance = float | Callable[[FloatArray], float]
+"""V_n, or V_n as a function of the outputs (n,)."""
+
+VERIFIED = 3
+"""Distinct candidates that are evaluated on fresh samples before one is handed out."""
+
+VERIFICATION = 3
+"""Samples of a verification, as a multiple of those of an evaluation during the search."""
+
+
+class Search(StrEnum):
+    """How the second stage looks for the cheapest maneuver."""
+
+    ADAPTIVE = "adaptive"  # corners and Sobol' points, then trust regions from the best of them
+    DIRECT = "direct"  # DIRECT on the cost itself
+    ONE_SHOT_SOBOL = "one-shot-sobol"  # the paper: 2k Kriging models over a Sobol' sequence
+    ONE_SHOT_FACTORIAL = "one-shot-factorial"  # the same over a c-level full factorial
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """One maneuver of the family, evaluated.
+
+    Attributes
+    ----------
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    cost : float
+        Criterion at x; infinite for a maneuver that is infeasible or excites nothing.
+    main, total : ndarray of float, shape (k,)
+        Sobol' indices; NaN where they were not asked for or the cost is infinite.
+    variance : float
+        Variance of the output.
+    noise_share : float
+        Variance of its noise, as a share of that.
+    leave_one_out_q2 : float
+        Of the metamodel.
+    posterior_std : ndarray of float, shape (k,)
+        Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
+    simulations, failed : int
+        Runs of f, and those of them that failed (NaN).
+    infeasible : str
+        Why the maneuver cannot be driven or judged; empty when it can.
+    """
+
+    x: FloatArray
+    cost: float
+    main: FloatArray
+    total: FloatArray
+    variance: float
+    noise_share: float
+    leave_one_out_q2: float
+    posterior_std: FloatArray
+    simulations: int
+    failed: int
+    infeasible: str
+
+
+@dataclass(frozen=True)
+class Verified:
+    """An evaluation on fresh samples, with the metamodel's sensitivity.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+        On the fresh samples.
+    cost_interval : (float, float)
+        95 % interval of its cost.
+    sensitivity : Sensitivity or None
+        None where the maneuver is infeasible.
+    """
+
+    evaluation: Evaluation
+    cost_interval: tuple[float, float]
+    sensitivity: Sensitivity | None
+
+
+@dataclass(frozen=True)
+class DesignProblem:
+    """A design to be made: everything but the simulator.
+
+    Attributes
+    ----------
+    operation, unknown : Box
+        Ranges of the operation and of the unknown parameters.
+    target : str or None
+        Unknown parameter to excite; the criteria D and A need none.
+    criterion : Criterion
+        What is minimised.
+    noise_variance : float or callable
+        For H: V_n.
+    trajectory_noise : TrajectoryNoise
+        For C, D and A.
+    samples : int
+        For H: runs per maneuver during the search.
+    draws : int
+        For C, D and A: parameter values over which the criterion is averaged.
+    budget : int
+        Largest number of runs in all.
+    seed : int
+        The same seed gives the same design.
+    search : Search
+        How the operation box is searched.
+    prior : BoxPrior, optional
+        For C, D and A; None: uniform.
+
+    Raises
+    ------
+    DesignError
+        Unknown target, impossible noise, budget too small.
+    """
+
+    operation: Box
+    unknown: Box
+    target: str | None
+    criterion: Criterion
+    noise_variance: NoiseVariance
+    trajectory_noise: TrajectoryNoise
+    samples: int
+    draws: int
+    budget: int
+    seed: int
+    search: Search
+    prior: BoxPrior | None = None
+
+    def __post_init__(self) -> None:
+        if self.target is not None:
+            self.unknown.index(self.target)
+        elif self.criterion in (Criterion.H, Criterion.C):
+            raise DesignError(f"criterion {self.criterion} needs a target: {self._names}")
+        if not callable(self.noise_variance) and not 0 <= self.noise_variance < math.inf:
+            raise DesignError(f"noise variance {self.noise_variance:g} must be 0 or more, finite")
+        if self.prior is not None and len(self.prior.mean) != len(self.unknown):
+            raise DesignError(f"prior: must be about {self._names}")
+        if self.draws < 1:
+            raise DesignError(f"draws = {self.draws}: at least one is needed")
+        # the criteria C, D and A have indices from the verification alone
+        times = 1 if self.criterion is Criterion.H else VERIFICATION
+        self.unknown.check_samples(times * self.samples)
+        if self.points < 1:
+            raise DesignError(
+                f"budget = {self.budget} is too small: an evaluation and the verification take "
+                f"{self.runs(verification=False) + self._reserve} runs"
+            )
+
+    @property
+    def _names(self) -> str:
+        return ", ".join(self.unknown.names)
+
+    @property
+    def target_index(self) -> int | None:
+        """Axis of the target."""
+        return None if self.target is None else self.unknown.index(self.target)
+
+    def runs(self, *, verification: bool) -> int:
+        """Return the runs of f per maneuver, in the search or in the verification."""
+        times = VERIFICATION if verification else 1
+        if self.criterion is Criterion.H:
+            return times * self.samples
+        differences = times * self.draws * (len(self.unknown) + 1)
+        return differences + (1 + times * self.samples if verification else 0)
+
+    @property
+    def _reserve(self) -> int:
+        return VERIFIED * self.runs(verification=True)
+
+    @property
+    def points(self) -> int:
+        """Maneuvers that the search may evaluate."""
+        return (self.budget - self._reserve) // self.runs(verification=False)

@@ -1,0 +1,70 @@
+"""Points at which a simulator is sampled.
+
+n: points, k: axes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.stats import qmc
+
+from excitation_planner.box import Box
+from tricycle_core.quantities import FloatArray
+
+
+def sobol_sequence(n: int, k: int, *, seed: int | None = 0) -> FloatArray:
+    """Return the first points (n, k) of a Sobol' sequence in the unit box.
+
+    Parameters
+    ----------
+    n, k : int
+        Numbers of points and of axes.
+    seed : int, optional
+        Scrambles the sequence (0 is a seed); ``None`` gives the unscrambled one of the paper.
+    """
+    # a power of two is drawn because scipy warns of anything else; its first n points are the same
+    exponent = max(0, math.ceil(math.log2(n)))
+    sequence = qmc.Sobol(k, scramble=seed is not None, seed=seed)
+    points: FloatArray = sequence.random_base2(exponent)[:n]
+    return points
+
+
+def training_points(n: int, k: int, *, seed: int = 0) -> FloatArray:
+    """Return points (n, k) of the unit box to train a metamodel on, denser towards the faces.
+
+    A Sobol' sequence u blended half and half with its arcsine-distributed image (1 - cos pi u)/2:
+    a metamodel is worst at the faces, where it has neighbours on one side only.
+
+    Parameters
+    ----------
+    n, k : int
+        Numbers of points and of axes.
+    seed : int
+        Scrambles the sequence.
+    """
+    u = sobol_sequence(n, k, seed=seed)
+    points: FloatArray = 0.5 * u + 0.25 * (1.0 - np.cos(np.pi * u))
+    return points
+
+
+def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
+    """Return points (samples, k) of the unit box to simulate at.
+
+    Parameters
+    ----------
+    unknown : Box
+        Unknown parameters.
+    samples : int
+        Number of points, at least k + 2.
+    seed : int
+        Scrambles the sequence.
+
+    Raises
+    ------
+    DesignError
+        Too few samples for a metamodel.
+    """
+    unknown.check_samples(samples)
+    return training_points(samples, len(unknown), seed=seed)

@@ -1,0 +1,77 @@
+"""The request of a plan: data without computation, which command line and node read quickly."""
+
+from dataclasses import dataclass
+
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.prior import BoxPrior
+from excitation_planner.design.problem import Search
+from excitation_planner.maneuver import ManeuverFamily
+from tricycle_core.errors import PlanError
+from tricycle_sim.vehicle import Vehicle
+
+
+@dataclass(frozen=True)
+class PlanRequest:
+    """What is to be planned.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+        Nominal vehicle with the ranges of its unknown parameters.
+    family : ManeuverFamily
+        Maneuver family, with its settings and operation box.
+    target : str
+        Unknown parameter to excite; the criteria D and A look at all of them.
+    criterion : Criterion
+        What is minimised; H is the paper's.
+    others : tuple of ManeuverFamily
+        Families of the maneuvers driven after the first, designed as one set with it.
+    samples : int
+        For H: simulations per maneuver during the search.
+    budget : int
+        Largest number of simulations in all.
+    seed : int
+        Same seed, same plan.
+    noise : MeasurementNoise
+        How the drive will be measured.
+    prior : BoxPrior, optional
+        What earlier drives have taught; None: uniform on the ranges of the vehicle.
+    search : Search
+        How the operation box is searched.
+
+    Raises
+    ------
+    PlanError
+        A target that is not one of the vehicle's unknown parameters, or a criterion that cannot
+        judge this request.
+    """
+
+    vehicle: Vehicle
+    family: ManeuverFamily
+    target: str
+    criterion: Criterion = Criterion.H
+    others: tuple[ManeuverFamily, ...] = ()
+    samples: int = 100
+    budget: int = 12_000
+    seed: int = 0
+    noise: MeasurementNoise = MeasurementNoise()  # noqa: RUF009  (frozen)
+    prior: BoxPrior | None = None
+    search: Search = Search.ADAPTIVE
+
+    def __post_init__(self) -> None:
+        if self.target not in self.vehicle.unknown:
+            raise PlanError(
+                f"unknown target {self.target!r}; the unknown parameters of "
+                f"{self.vehicle.name} are: {', '.join(self.vehicle.unknown)}"
+            )
+        if self.criterion is Criterion.H:
+            if self.others:
+                raise PlanError("criterion h judges one maneuver; a set needs c, d or a")
+        elif self.noise.noise_std == 0.0:
+            raise PlanError(f"criterion {self.criterion} needs noise_std above 0; h does without")
+
+    @property
+    def families(self) -> tuple[ManeuverFamily, ...]:
+        """Families of the maneuvers, in the order in which they are driven."""
+        return (self.family, *self.others)

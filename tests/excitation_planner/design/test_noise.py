@@ -1,0 +1,61 @@
+"""Noise of a measured trajectory error by simulation, and what is no noise."""
+
+import math
+
+import numpy as np
+import pytest
+
+from excitation_planner import MeasurementNoise, TrajectoryErrorNoise, TrajectoryNoise
+from tricycle_core.errors import DesignError, PlanError
+
+
+@pytest.mark.parametrize("points", [1, 200])
+def test_noise_of_a_trajectory_error(points):
+    """White noise on `points` positions, or one offset of them all, by simulation."""
+    rng, std = np.random.default_rng(0), 0.05
+    deviation = rng.normal(0, 0.3, size=(points, 2))
+    te = np.mean(np.sum(deviation**2, axis=1))
+    noise = rng.normal(0, std, size=(20_000, points, 2))
+    measured = np.mean(np.sum((deviation + noise) ** 2, axis=2), axis=1)
+    expected = TrajectoryErrorNoise(std, points=points)(np.array([te]))
+    assert np.var(measured) == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(("std", "points"), [(-0.1, 1), (math.nan, 1), (0.1, 0)])
+def test_impossible_noise_of_a_trajectory_error_is_refused(std, points):
+    with pytest.raises(DesignError, match="noise"):
+        TrajectoryErrorNoise(std, points=points)
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"std": 0.0}, {"std": (1.0, -1.0)}, {"drift_std": -1.0}, {"period": 0.0}]
+)
+def test_impossible_noise_of_a_trajectory_is_refused(arguments):
+    with pytest.raises(DesignError, match="noise"):
+        TrajectoryNoise(**arguments)
+
+
+def test_a_gyro_is_one_more_channel():
+    with_gyro = MeasurementNoise(noise_std=0.02, yaw_rate_std=0.003)
+    assert with_gyro.channels == ("x", "y", "yaw_rate")
+    assert with_gyro.of_trajectory.std == (0.02, 0.02, 0.003)
+    assert MeasurementNoise(noise_std=0.02).of_trajectory.std == (0.02, 0.02)
+    assert with_gyro.of_trajectory_error == TrajectoryErrorNoise(0.02)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"drift_std": -1.0}, "drift_std = -1 m must be from 0 to 10"),
+        ({"yaw_rate_std": math.nan}, "yaw_rate_std = nan rad/s must be from 0 to 10"),
+        ({"drift_time": 0.0}, "drift_time = 0 s must be above 0"),
+    ],
+)
+def test_impossible_measurements_are_refused(arguments, message):
+    with pytest.raises(PlanError, match=message):
+        MeasurementNoise(**arguments)
+
+
+def test_failed_simulations_have_no_part_in_the_noise():
+    noise = TrajectoryErrorNoise(0.1)
+    assert noise(np.array([1.0, np.nan])) == noise(np.array([1.0]))
