@@ -1,7 +1,7 @@
 """What the recorder does with the messages of its topics, without ROS.
 
 `Recording` keeps the latched messages of all topics also while nothing is recorded, so that a bag
-begins with them; it opens and closes bags, watches the disk, and says how it is.
+begins with them; it opens and closes bags, watches the disk, and reports its state.
 """
 
 import shutil
