@@ -187,7 +187,7 @@ def test_a_bag_begins_with_the_latched_message_that_waits_and_not_the_one_before
         latched = node.create_publisher(String, "maneuver/path", LATCHED)
         latched.publish(String(data="old"))
         deadline = time.monotonic() + 20
-        while not (source := node._sources.get("/maneuver/path")) or not source.latched:
+        while not (source := node.recording.topics.get("/maneuver/path")) or not source.latched:
             assert time.monotonic() < deadline
             rclpy.spin_once(node, timeout_sec=0.02)
         latched.publish(String(data="new"))

@@ -1,10 +1,10 @@
-"""Playing a bag against the wall clock: order, rate, pause, step and loop, without ROS."""
+"""Playback of a bag against the wall clock: order, rate, pause, step and loop, without ROS."""
 
 import time
 from collections.abc import Callable, Collection
 from threading import Condition
 
-from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 
 CLOCK_PERIOD = 10_000_000  # ns of recorded time between ticks of the clock
 
@@ -16,12 +16,23 @@ class Player:
 
     Parameters
     ----------
-    bag : open bag
-    topics : names to play
-    rate : recorded seconds per second; 0 plays as fast as ``publish`` returns
-    start : recorded seconds to skip, latched topics excepted
-    loop : begin again at the end
-    paused : begin paused
+    bag : BagReader
+        Open bag.
+    topics : collection of str
+        Names to play.
+    rate : float
+        Recorded seconds per second; 0 plays as fast as ``publish`` returns.
+    start : float
+        Recorded time to skip [s], latched topics excepted.
+    loop : bool
+        Whether to begin again at the end.
+    paused : bool
+        Whether to begin paused.
+
+    Raises
+    ------
+    ValueError
+        If rate or start are negative.
     """
 
     def __init__(
@@ -47,13 +58,15 @@ class Player:
         self._changed = Condition()
         self._origin: tuple[float, int] | None = None  # wall s and recorded ns that coincide
 
-    def run(self, publish: Callable[[Message], None], tick: Callable[[int], None]) -> None:
+    def run(self, publish: Callable[[RecordedMessage], None], tick: Callable[[int], None]) -> None:
         """Play until the end, or until `stop`.
 
         Parameters
         ----------
-        publish : called for each message when it is due
-        tick : called with recorded time, ns, every CLOCK_PERIOD of it
+        publish : callable
+            Called for each message when it is due.
+        tick : callable
+            Called with recorded time [ns], every CLOCK_PERIOD of it.
         """
         while True:
             self._play_once(publish, tick)
@@ -92,7 +105,9 @@ class Player:
         """Whether `stop` was called."""
         return self._stopped
 
-    def _play_once(self, publish: Callable[[Message], None], tick: Callable[[int], None]) -> None:
+    def _play_once(
+        self, publish: Callable[[RecordedMessage], None], tick: Callable[[int], None]
+    ) -> None:
         self._origin = None
         begin = next_tick = last = None
         for message in self._bag.messages(self._topics):

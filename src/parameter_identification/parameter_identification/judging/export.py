@@ -1,4 +1,4 @@
-"""Judged drives as files for other tools, and as a figure."""
+"""Judged drives in files for other tools, and in a figure."""
 
 from collections.abc import Sequence
 from enum import Enum
@@ -26,13 +26,17 @@ def export(
 
     Parameters
     ----------
-    judgements : the files are named after their bags; after the first of a name, with a number
-    directory : created if need be; files of the same name are replaced
-    export_format : see `ExportFormat`; numbers are written with all their digits
+    judgements : sequence of Judgement
+        The files are named after their bags; after the first of a name, with a number.
+    directory : Path
+        Created if need be; files of the same name are replaced.
+    export_format : ExportFormat
+        Of the files; numbers are written with all their digits.
 
     Returns
     -------
-    The files written.
+    files : list of Path
+        Those written.
     """
     directory.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
@@ -65,7 +69,15 @@ def _tum(time: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray) ->
 
 
 def plot(judgements: Sequence[Judgement], path: Path) -> None:
-    """Save a figure: the trajectories, and their deviations over time, one row per drive."""
+    """Save a figure: the trajectories, and their deviations over time, one row per drive.
+
+    Parameters
+    ----------
+    judgements : sequence of Judgement
+        Drives to show.
+    path : Path
+        Its suffix is one of `PICTURES`.
+    """
     # The backend is for files, and importing it takes a while: only who plots pays.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,9 +1,9 @@
-"""Judge: the trajectory error of a recorded drive against its reference (Eq. 14), from its bag.
+"""JUDGE: the trajectory error of a recorded drive against its reference (Eq. 14), from its bag.
 
 In time, the recorded start event ties the measured poses to the reference. In space, the reference
 starts at the *anchor*, by default the mean measured pose of the standstill before the start
-event. Neither is fitted: what another anchor would give, and by how much the vehicle seems to lag
-behind the reference, is reported and not applied.
+event. Neither is fitted: the error with another anchor, and the time by which the vehicle seems to
+lag behind the reference, are reported and not applied.
 
 The measured trajectory is interpolated linearly to the 10 000 points of Eq. 14 (at 100 Hz and
 0.5 m/s² of lateral acceleration that is wrong by 6 µm), the reference by a cubic spline.
@@ -14,15 +14,16 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from excitation_planner.trajectory_error import POINTS, trajectory_error
-from parameter_identification.drives.recorded import Datum, Drive, Path2D, Topics, read_drive
+from parameter_identification.drives.poses import Datum, PlanarTrajectory
+from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
+from parameter_identification.judging.spline import CubicSpline
 from tricycle_core.errors import JudgeError
 from tricycle_core.quantities import FloatArray
 
 __all__ = [
-    "Anchor", "Datum", "JudgeError", "Judgement", "Pose", "TimeSeries", "Topics", "judge",
+    "Anchor", "Datum", "JudgeError", "Judgement", "PlanarPose", "TimeSeries", "TopicNames", "judge",
     "judge_drive",
 ]  # fmt: skip
 
@@ -35,7 +36,7 @@ STRAIGHT = 0.1  # rad of heading up to which the drive is straight, for the time
 
 
 class Anchor(Enum):
-    """Pose of the reference's origin in the frame of the measured poses."""
+    """PlanarPose of the reference's origin in the frame of the measured poses."""
 
     STANDSTILL = "standstill"  # mean pose before the start event
     START = "start"  # the single pose at the start event
@@ -43,12 +44,20 @@ class Anchor(Enum):
 
 
 @dataclass(frozen=True)
-class Pose:
-    """Planar pose in the frame of the measured poses."""
+class PlanarPose:
+    """Planar pose in the frame of the measured poses.
 
-    x: float  # m
-    y: float  # m
-    heading: float  # rad, left positive
+    Attributes
+    ----------
+    x, y : float
+        Position [m].
+    heading : float
+        Left positive [rad].
+    """
+
+    x: float
+    y: float
+    heading: float
 
 
 @dataclass(frozen=True)
@@ -57,11 +66,16 @@ class TimeSeries:
 
     Attributes
     ----------
-    time : (j,) s since the start event
-    x, y, heading : (j,) measured, m and rad
-    reference_x, reference_y, reference_heading : (j,) m and rad
-    along, cross : (j,) deviation along the reference's heading and to its left, m
-    heading_error : (j,) rad, NaN for a sensor without heading
+    time : ndarray of float, shape (j,)
+        Since the start event [s].
+    x, y, heading : ndarray of float, shape (j,)
+        Measured [m] and [rad].
+    reference_x, reference_y, reference_heading : ndarray of float, shape (j,)
+        Of the reference [m] and [rad].
+    along, cross : ndarray of float, shape (j,)
+        Deviation along the reference's heading and to its left [m].
+    heading_error : ndarray of float, shape (j,)
+        Deviation of the heading [rad]; NaN for a sensor without heading.
     """
 
     time: FloatArray
@@ -77,33 +91,52 @@ class TimeSeries:
 
     @property
     def distance(self) -> FloatArray:
-        """Distance from the reference (j,), m."""
+        """Distance from the reference (j,) [m]."""
         return np.hypot(self.along, self.cross)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Trajectory error of one drive, and what belongs to it.
+    """Trajectory error of one drive, with its uncertainty and its components.
 
     Attributes
     ----------
-    bag, plan_id : which drive
-    te : trajectory error, m² (Eq. 14), at the chosen anchor
-    te_corrected : less what the measurement noise adds on average, m²; it may come out negative
-    te_deviation : standard deviation of te from the noise of the anchor, m²
-    te_by_anchor : te at every anchor, m²
-    rms, max : root mean square and largest distance, m
-    rms_x, rms_y, rms_along, rms_cross : of the components, m
-    rms_heading : rad; NaN for a sensor without heading
-    points : number of points in Eq. 14
-    duration : of the reference, s
-    matched_fraction : of the points that lie between two poses not far apart in time
-    anchor : which, and
-    anchor_pose : where
-    noise : standard deviation of a measured position, per axis, m
-    time_offset : by how much the drive seems to lag behind the reference, s; NaN if unknown
-    time_offset_deviation : its standard deviation, s
-    series : the drive at the points of Eq. 14
+    bag : Path
+        Where the drive was recorded.
+    plan_id : str
+        Of the maneuver driven.
+    te : float
+        Trajectory error (Eq. 14) with the chosen anchor [m²].
+    te_corrected : float
+        `te` less the mean contribution of the measurement noise [m²]; it may come out negative.
+    te_deviation : float
+        Standard deviation of `te` from the noise of the anchor [m²].
+    te_by_anchor : dict of Anchor to float
+        Trajectory error with every anchor [m²].
+    rms, max : float
+        Root mean square and largest distance from the reference [m].
+    rms_x, rms_y, rms_along, rms_cross : float
+        Root mean squares of its components [m].
+    rms_heading : float
+        Root mean square of the deviation of the heading [rad]; NaN for a sensor without heading.
+    points : int
+        Number of points in Eq. 14.
+    duration : float
+        Of the reference [s].
+    matched_fraction : float
+        Of the points that lie between two poses not far apart in time.
+    anchor : Anchor
+        The chosen one.
+    anchor_pose : PlanarPose
+        Pose of the reference's origin with that anchor.
+    noise : float
+        Standard deviation of a measured position, per axis [m].
+    time_offset : float
+        Time by which the drive seems to lag behind the reference [s]; NaN if unknown.
+    time_offset_deviation : float
+        Its standard deviation [s].
+    series : TimeSeries
+        The drive at the points of Eq. 14.
     """
 
     bag: Path
@@ -123,7 +156,7 @@ class Judgement:
     duration: float
     matched_fraction: float
     anchor: Anchor
-    anchor_pose: Pose
+    anchor_pose: PlanarPose
     noise: float
     time_offset: float
     time_offset_deviation: float
@@ -131,15 +164,18 @@ class Judgement:
 
 
 def judge(
-    bag: Path, *, topics: Topics | None = None, anchor: Anchor = Anchor.STANDSTILL
+    bag: Path, *, topics: TopicNames | None = None, anchor: Anchor = Anchor.STANDSTILL
 ) -> Judgement:
-    """Trajectory error of the drive in a bag.
+    """Compute the trajectory error of the drive in a bag.
 
     Parameters
     ----------
-    bag : rosbag2 directory, ``.mcap`` or ``.db3`` file
-    topics : names of the topics where they differ from the suite's
-    anchor : where the reference starts; `Anchor.FIT` aligns it with what was measured
+    bag : Path
+        rosbag2 directory, ``.mcap`` or ``.db3`` file.
+    topics : TopicNames, optional
+        Where names differ from the suite's.
+    anchor : Anchor
+        Where the reference starts; `Anchor.FIT` aligns it with the measured poses.
 
     Raises
     ------
@@ -148,11 +184,25 @@ def judge(
     JudgeError
         If the bag holds no drive that can be judged, or not all of it.
     """
-    return judge_drive(read_drive(bag, topics=topics), anchor=anchor)
+    return judge_drive(read_drive(bag, topics=topics, sensors=False), anchor=anchor)
 
 
-def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgement:
-    """Trajectory error of a drive; see `judge`."""
+def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgement:
+    """Compute the trajectory error of a drive that was read already.
+
+    Parameters
+    ----------
+    drive : RecordedDrive
+        From `read_drive`.
+    anchor : Anchor
+        Where the reference starts.
+
+    Raises
+    ------
+    JudgeError
+        If poses are missing, the vehicle does not stand still before the start event, or the anchor
+        needs a heading that is not measured.
+    """
     time = np.linspace(0.0, drive.duration, POINTS)
     matched = _matched(drive, time)
     reference = _interpolate_reference(drive.reference, time)
@@ -160,7 +210,7 @@ def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgemen
     standing = _standstill(drive)
     poses = {
         Anchor.STANDSTILL: _mean_pose(standing),
-        Anchor.START: Pose(measured.x[0], measured.y[0], measured.heading[0]),
+        Anchor.START: PlanarPose(measured.x[0], measured.y[0], measured.heading[0]),
         Anchor.FIT: _fit(measured, reference),
     }
     if np.isnan(poses[anchor].heading):
@@ -207,7 +257,7 @@ def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgemen
     )
 
 
-def _matched(drive: Drive, time: FloatArray) -> float:
+def _matched(drive: RecordedDrive, time: FloatArray) -> float:
     """Fraction of the points between poses at most MAX_GAP apart; raises unless it is 1."""
     known = drive.poses.time
     after = np.searchsorted(known, time, side="left")
@@ -226,7 +276,7 @@ def _matched(drive: Drive, time: FloatArray) -> float:
     )
 
 
-def _standstill(drive: Drive) -> Path2D:
+def _standstill(drive: RecordedDrive) -> PlanarTrajectory:
     """Poses just before the start event; raises if there are none or the vehicle moves."""
     time = drive.poses.time
     standing = drive.poses.part((time >= -STANDSTILL) & (time < 0))
@@ -259,38 +309,38 @@ def _slope_deviation(time: FloatArray, values: FloatArray) -> float:
     return float(np.sqrt(rest @ rest / max(len(time) - 2, 1) / (centred @ centred)))
 
 
-def _mean_pose(path: Path2D) -> Pose:
-    return Pose(float(path.x.mean()), float(path.y.mean()), float(path.heading.mean()))
+def _mean_pose(path: PlanarTrajectory) -> PlanarPose:
+    return PlanarPose(float(path.x.mean()), float(path.y.mean()), float(path.heading.mean()))
 
 
-def _fit(measured: Path2D, reference: Path2D) -> Pose:
+def _fit(measured: PlanarTrajectory, reference: PlanarTrajectory) -> PlanarPose:
     """Anchor of the smallest TE: least squares of a rotation and a translation (Umeyama 1991)."""
     z = measured.x + 1j * measured.y
     z0 = reference.x + 1j * reference.y
     rotation = np.vdot(z0 - z0.mean(), z - z.mean())
     heading = float(np.angle(rotation))
     origin = z.mean() - z0.mean() * np.exp(1j * heading)
-    return Pose(float(origin.real), float(origin.imag), heading)
+    return PlanarPose(float(origin.real), float(origin.imag), heading)
 
 
-def _in_frame(path: Path2D, anchor: Pose) -> Path2D:
+def _in_frame(path: PlanarTrajectory, anchor: PlanarPose) -> PlanarTrajectory:
     """Path in the frame of the reference, whose origin lies at the anchor."""
     c, s = np.cos(anchor.heading), np.sin(anchor.heading)
     x, y = path.x - anchor.x, path.y - anchor.y
-    return Path2D(path.time, c * x + s * y, c * y - s * x, path.heading - anchor.heading)
+    return PlanarTrajectory(path.time, c * x + s * y, c * y - s * x, path.heading - anchor.heading)
 
 
-def _interpolate(path: Path2D, time: FloatArray) -> Path2D:
+def _interpolate(path: PlanarTrajectory, time: FloatArray) -> PlanarTrajectory:
     x, y, heading = (np.interp(time, path.time, v) for v in (path.x, path.y, path.heading))
-    return Path2D(time, x, y, heading)
+    return PlanarTrajectory(time, x, y, heading)
 
 
-def _interpolate_reference(path: Path2D, time: FloatArray) -> Path2D:
+def _interpolate_reference(path: PlanarTrajectory, time: FloatArray) -> PlanarTrajectory:
     x, y = (CubicSpline(path.time, v)(time) for v in (path.x, path.y))
-    return Path2D(time, x, y, np.interp(time, path.time, path.heading))
+    return PlanarTrajectory(time, x, y, np.interp(time, path.time, path.heading))
 
 
-def _series(measured: Path2D, reference: Path2D) -> TimeSeries:
+def _series(measured: PlanarTrajectory, reference: PlanarTrajectory) -> TimeSeries:
     c, s = np.cos(reference.heading), np.sin(reference.heading)
     dx, dy = measured.x - reference.x, measured.y - reference.y
     error = measured.heading - reference.heading
@@ -308,14 +358,16 @@ def _series(measured: Path2D, reference: Path2D) -> TimeSeries:
     )
 
 
-def _residual(drive: Drive, anchor: Pose) -> tuple[Path2D, Path2D]:
+def _residual(
+    drive: RecordedDrive, anchor: PlanarPose
+) -> tuple[PlanarTrajectory, PlanarTrajectory]:
     """Poses during the drive in the frame of the reference, and the reference at their times."""
     during = (drive.poses.time >= 0) & (drive.poses.time <= drive.duration)
     path = _in_frame(drive.poses.part(during), anchor)
     return path, _interpolate_reference(drive.reference, path.time)
 
 
-def _noise_variance(drive: Drive, anchor: Pose) -> float:
+def _noise_variance(drive: RecordedDrive, anchor: PlanarPose) -> float:
     """Variance of the white part of the position noise, both axes together, m².
 
     From third differences of the deviation, which is smooth but for the noise: those of white
@@ -333,7 +385,11 @@ def _noise_variance(drive: Drive, anchor: Pose) -> float:
 
 
 def _noise_effect(
-    poses: Path2D, standing: Path2D, series: TimeSeries, noise: float, anchor: Anchor
+    poses: PlanarTrajectory,
+    standing: PlanarTrajectory,
+    series: TimeSeries,
+    noise: float,
+    anchor: Anchor,
 ) -> tuple[float, float]:
     """What white noise adds to TE on average, and TE's standard deviation from the anchor's noise.
 
@@ -358,7 +414,7 @@ def _noise_effect(
     return added, float(np.sqrt(variance / n))
 
 
-def _time_offset(drive: Drive, anchor: Pose) -> tuple[float, float]:
+def _time_offset(drive: RecordedDrive, anchor: PlanarPose) -> tuple[float, float]:
     """Lag of the drive behind the reference and its standard deviation, s.
 
     While the drive is straight, the unknown parameters hardly matter and a lag τ shows as a

@@ -1,36 +1,49 @@
-"""What a bag knows of a topic: type, message definition, type hash, offered quality of service."""
+"""What a bag holds about a topic: type, definition, type hash, offered quality of service."""
 
 import importlib
 import os
 import re
 import reprlib
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Qos, QosTime
+import yaml
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from trajectory_recorder.bag.metadata import load_yaml
 from tricycle_core.errors import BagError
+from tricycle_core.stamps import SECOND
 
 FOREVER = 2**63 - 1  # ns; how ROS 2 writes an infinite deadline, lifespan or lease
 
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """Quality of service one publisher offered, in the words of rosbag2's metadata.
+    """Quality of service that one publisher offered, with the names of rosbag2's metadata.
 
     Attributes
     ----------
-    history : keep_last, keep_all, ...
-    depth : messages kept by keep_last; 0 where the middleware does not tell
-    reliability : reliable, best_effort, ...
-    durability : volatile, transient_local, ...
-    deadline, lifespan, lease : ns, FOREVER where unlimited
-    liveliness : automatic, manual_by_topic, ...
+    history : str
+        "keep_last", "keep_all", ...
+    depth : int
+        Messages kept by "keep_last"; 0 where the middleware does not say.
+    reliability : str
+        "reliable", "best_effort", ...
+    durability : str
+        "volatile", "transient_local", ...
+    deadline, lifespan : int
+        Largest time between messages, and age of a message [ns]; FOREVER where unlimited.
+    liveliness : str
+        "automatic", "manual_by_topic", ...
+    lease : int
+        Time within which the publisher must show its liveliness [ns]; FOREVER where unlimited.
     """
 
     history: str = "keep_last"
@@ -49,27 +62,52 @@ class OfferedQos:
 
     @classmethod
     def of_connection(cls, qos: Qos) -> "OfferedQos":
-        """Quality of service as `rosbags` reads it."""
-
-        def join(time: QosTime) -> int:
-            return time.sec * 10**9 + time.nsec
-
+        """Return the quality of service that `rosbags` read."""
         return cls(
             history=qos.history.name.lower(),
             depth=qos.depth,
             reliability=qos.reliability.name.lower(),
             durability=qos.durability.name.lower(),
-            deadline=join(qos.deadline),
-            lifespan=join(qos.lifespan),
+            deadline=qos.deadline.sec * SECOND + qos.deadline.nsec,
+            lifespan=qos.lifespan.sec * SECOND + qos.lifespan.nsec,
             liveliness=qos.liveliness.name.lower(),
-            lease=join(qos.liveliness_lease_duration),
+            lease=qos.liveliness_lease_duration.sec * SECOND + qos.liveliness_lease_duration.nsec,
+        )
+
+    @classmethod
+    def of_yaml(cls, entry: Mapping[str, Any]) -> "OfferedQos":
+        """Return the quality of service of an entry of ``offered_qos_profiles``.
+
+        Parameters
+        ----------
+        entry : mapping
+            Policies as names (metadata version 9) or as numbers (before).
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is none.
+        """
+
+        def nanoseconds(time: Mapping[str, int]) -> int:
+            return int(time["sec"]) * SECOND + int(time["nsec"])
+
+        return cls(
+            history=_policy(QosHistory, entry["history"]),
+            depth=int(entry["depth"]),
+            reliability=_policy(QosReliability, entry["reliability"]),
+            durability=_policy(QosDurability, entry["durability"]),
+            deadline=nanoseconds(entry["deadline"]),
+            lifespan=nanoseconds(entry["lifespan"]),
+            liveliness=_policy(QosLiveliness, entry["liveliness"]),
+            lease=nanoseconds(entry["liveliness_lease_duration"]),
         )
 
     def to_yaml(self) -> dict[str, Any]:
-        """Entry of ``offered_qos_profiles``, rosbag2 metadata version 9."""
+        """Return the entry of ``offered_qos_profiles``, rosbag2 metadata version 9."""
 
         def split(ns: int) -> dict[str, int]:
-            return {"sec": ns // 10**9, "nsec": ns % 10**9}
+            return {"sec": ns // SECOND, "nsec": ns % SECOND}
 
         return {
             "history": self.history,
@@ -84,18 +122,47 @@ class OfferedQos:
         }
 
 
+def parse_profiles(text: str) -> tuple[OfferedQos, ...]:
+    """Return the publishers in the metadata of an MCAP channel; empty if unreadable.
+
+    Parameters
+    ----------
+    text : str
+        YAML of ``offered_qos_profiles``.
+    """
+    try:
+        return tuple(OfferedQos.of_yaml(entry) for entry in load_yaml(text) or ())
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):  # of another vendor
+        return ()
+
+
+def _policy(kind: type[Enum], value: str | int) -> str:
+    """Name of a policy as a number or a name; "unknown" where it is none."""
+    try:
+        found = kind(value) if isinstance(value, int) else kind[str(value).upper()]
+    except (KeyError, ValueError):
+        return "unknown"
+    return found.name.lower()
+
+
 @dataclass(frozen=True)
 class Topic:
     """A recorded topic.
 
     Attributes
     ----------
-    name : absolute, ``/odom``
-    type : ``nav_msgs/msg/Odometry``
-    definition : message definition in ``.msg`` syntax with its dependencies; empty if unknown
-    type_hash : ``RIHS01_...``; empty if unknown
-    qos : one per publisher when recording began
-    count : messages in the bag
+    name : str
+        Absolute: ``/odom``.
+    type : str
+        ``nav_msgs/msg/Odometry``.
+    definition : str
+        In ``.msg`` syntax with its dependencies; empty if unknown.
+    type_hash : str
+        ``RIHS01_...``; empty if unknown.
+    qos : tuple of OfferedQos
+        One per publisher when recording began.
+    count : int
+        Messages in the bag.
     """
 
     name: str
@@ -112,7 +179,16 @@ class Topic:
 
     @classmethod
     def of_type(cls, name: str, type_name: str, *, qos: tuple[OfferedQos, ...] = ()) -> "Topic":
-        """Topic of a type of ROS 2 Jazzy or of an installed package, with definition and hash.
+        """Return a topic of a type of ROS 2 Jazzy or of an installed package.
+
+        Parameters
+        ----------
+        name : str
+            Of the topic.
+        type_name : str
+            Of its messages; definition and hash are looked up.
+        qos : tuple of OfferedQos
+            One per publisher.
 
         Raises
         ------
@@ -127,7 +203,7 @@ class Topic:
 
 @cache
 def jazzy() -> Typestore:
-    """Message types of ROS 2 Jazzy: (de)serialisation, definitions and hashes without ROS."""
+    """Return the message types of ROS 2 Jazzy: definitions, hashes and CDR, without ROS."""
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -157,7 +233,12 @@ def _register(type_name: str) -> None:
 
 
 def message_class(type_name: str) -> type:
-    """Class of an installed ROS message type, ``nav_msgs/msg/Odometry``.
+    """Return the class of an installed ROS message type.
+
+    Parameters
+    ----------
+    type_name : str
+        ``nav_msgs/msg/Odometry``.
 
     Raises
     ------
@@ -174,6 +255,13 @@ def message_class(type_name: str) -> type:
 
 def decode(type_name: str, data: bytes) -> Any:
     """Deserialise a CDR message of a Jazzy type.
+
+    Parameters
+    ----------
+    type_name : str
+        ``nav_msgs/msg/Odometry``.
+    data : bytes
+        Serialised message.
 
     Raises
     ------

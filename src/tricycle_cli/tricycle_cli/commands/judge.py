@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from parameter_identification.judging.export import PICTURES, ExportFormat, export, plot
-from parameter_identification.judging.judgement import Anchor, Datum, Judgement, Topics, judge
+from parameter_identification.judging.judgement import Anchor, Datum, Judgement, TopicNames, judge
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError, JudgeError
 
@@ -51,7 +51,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         default=Anchor.STANDSTILL.value,
         help="where the reference starts; fit aligns it with what was measured",
     )
-    names = Topics()
+    names = TopicNames()
     add = parser.add_argument_group("bags that were not recorded by this suite").add_argument
     add(
         "--pose",
@@ -73,7 +73,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Judge the bags and print what was found."""
-    topics = Topics(
+    topics = TopicNames(
         pose=args.pose,
         reference=args.reference,
         state=args.state,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from excitation_planner.plan import Plan, load_plan
-from parameter_identification.drives.recorded import Drive, read_drive
+from parameter_identification.drives.recorded import RecordedDrive, read_drive
 from parameter_identification.judging.judgement import Judgement, judge_drive
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import decode
@@ -259,7 +259,7 @@ def _driven(bag: Path, plans: Mapping[str, Plan], result: Mapping[str, Any]) -> 
     return Maneuver(name, None, judgement, motion)
 
 
-def _motion(drive: Drive) -> Motion | None:
+def _motion(drive: RecordedDrive) -> Motion | None:
     """Joint states of the drive; None where the bag has none."""
     rows: list[tuple[float, float, float]] = []
     with BagReader(drive.bag) as reader:
