@@ -31,6 +31,7 @@ from parameter_identification.estimation.noise import (
     whiten,
 )
 from parameter_identification.estimation.whiteness import resolution
+from tricycle_core.closing import Closing
 from tricycle_core.quantities import FloatArray
 
 CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
@@ -60,7 +61,7 @@ class Fit:
     cost: float
 
 
-class Problem:
+class LeastSquares(Closing):
     """Least squares over all drives.
 
     Parameters

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from parameter_identification.estimation.problem import Fit, Problem
+from parameter_identification.estimation.problem import Fit, LeastSquares
 from tricycle_core.quantities import FloatArray
 
 STEPS = (0.7, 1.4, 2.1, 2.8, 4.0, 6.0, 9.0, 13.0, 20.0)  # standard deviations
@@ -36,7 +36,9 @@ class ProfileCurve:
     interval: tuple[float, float]
 
 
-def profile(problem: Problem, best: Fit, inverse: FloatArray, i: int, level: float) -> ProfileCurve:
+def profile(
+    problem: LeastSquares, best: Fit, inverse: FloatArray, i: int, level: float
+) -> ProfileCurve:
     """Profile of parameter number `i`.
 
     Parameters

@@ -66,6 +66,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.drives.measured import read_measured_drive
     from parameter_identification.estimation.problem import Loss
     from parameter_identification.identification import identify
+    from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.tables import parameter_table, remarks
 
@@ -97,5 +98,5 @@ def run(args: argparse.Namespace) -> int:
         save_identification(found, args.vehicle, args.output)
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:
-        print(json.dumps(found.to_json(), allow_nan=False))
+        print(json.dumps(document_of(found).to_json(), allow_nan=False))
     return 0

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Estimate, Identification
+from parameter_identification.identification_file import document_of, save_identification_file
 from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, remarks
@@ -174,8 +175,8 @@ def _without_empty(
 
 def _start(drive: DriveFit) -> TableBlock:
     rows = tuple(
-        (name, f"{value:.4g} ± {std:.2g}", unit)
-        for name, (value, std, unit) in drive.nuisances.items()
+        (name, f"{n.estimate:.4g} ± {n.standard_deviation:.2g}", n.unit)
+        for name, n in drive.nuisances.items()
     )
     return TableBlock(("nuisance", "estimate", "unit"), rows, caption=drive.name)
 
@@ -206,7 +207,6 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         If something cannot be written.
     """
     texts = {
-        "identification.json": json.dumps(found.to_json(), allow_nan=False) + "\n",
         "vehicle.yaml": identified_vehicle(
             found, vehicle_file, bags=[drive.name for drive in found.drives]
         ),
@@ -215,6 +215,7 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
     figures = {"trajectories": trajectories_figure(found), "residuals": residuals_figure(found)}
     if any(e.profile is not None for e in found.parameters.values()):
         figures["profiles"] = profiles_figure(found)
+    save_identification_file(document_of(found), folder / "identification.json")
     for name, text in texts.items():
         write_whole(folder / name, text)
     for name, figure in figures.items():

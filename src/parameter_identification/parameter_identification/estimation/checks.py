@@ -1,0 +1,117 @@
+"""Checks of measured drives before anything is estimated from them."""
+
+import dataclasses
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.prior import prior_in_ranges
+from parameter_identification.estimation.problem import LeastSquares, Loss
+from tricycle_core.errors import IdentificationError
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+MIN_POSITIONS = 20
+MIN_MOTION = 0.5  # m that a vehicle must have come from its start
+SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
+WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
+
+
+def check_drives(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
+    """Raise if nothing can be identified from one of the drives.
+
+    Parameters
+    ----------
+    drives : sequence of MeasuredDrive
+        All of them, also those that will only be predicted.
+    vehicle : Vehicle
+        The one that should have driven.
+
+    Raises
+    ------
+    IdentificationError
+        If two are the same, the vehicle hardly moves, or the drive was planned for another vehicle.
+    """
+    for a, b in itertools.combinations(drives, 2):
+        # counted twice, it would make the estimates look more certain than they are
+        if np.array_equal(a.signals[Sensor.POSITION].values, b.signals[Sensor.POSITION].values):
+            raise IdentificationError(f"{a.name} and {b.name} are the same drive")
+    for drive in drives:
+        check_motion(drive)
+        check_vehicle(drive, vehicle)
+
+
+def check_motion(drive: MeasuredDrive) -> None:
+    """Raise if the vehicle hardly moves.
+
+    Parameters
+    ----------
+    drive : MeasuredDrive
+        What was measured.
+
+    Raises
+    ------
+    IdentificationError
+        If there are fewer than `MIN_POSITIONS`, or none is `MIN_MOTION` away from the start.
+    """
+    position = drive.signals[Sensor.POSITION].values
+    if len(position) < MIN_POSITIONS:
+        raise IdentificationError(f"{drive.name}: {len(position)} positions are too few")
+    start = np.median(position[: min(10, len(position) // 2)], axis=0)
+    reach = float(np.quantile(np.hypot(*(position - start).T), 0.98))
+    if reach < MIN_MOTION:
+        raise IdentificationError(
+            f"{drive.name}: the vehicle comes {reach:.2f} m from its start: too little motion to "
+            f"identify anything, {MIN_MOTION} m are needed"
+        )
+
+
+def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
+    """Raise if no parameters of the vehicle give the trajectory that the drive was planned with.
+
+    They may lie outside the ranges: a vehicle file may be better known than when it was planned.
+
+    Parameters
+    ----------
+    drive : MeasuredDrive
+        Its reference is compared; without one, nothing is checked.
+    vehicle : Vehicle
+        The one that should have driven.
+
+    Raises
+    ------
+    IdentificationError
+        If the closest trajectory is more than `SAME_VEHICLE` (rms) away from the reference.
+    """
+    reference = drive.reference
+    if reference is None or not vehicle.unknown:
+        return
+    motion = simulate(vehicle, drive.commands, threads=1)
+    nominal = (np.interp(reference.time, motion.time, row[0]) for row in (motion.x, motion.y))
+    position = np.column_stack([reference.x, reference.y])
+    if np.hypot(*(position - np.column_stack(list(nominal))).T).max() < SAME_VEHICLE:
+        return
+    planned = MeasuredDrive(
+        drive.name,
+        drive.commands,
+        {Sensor.POSITION: Signal(reference.time, position)},
+        start=StartPose(0.0, 0.0, 0.0, position_std=1e-6, heading_std=1e-6),
+    )
+    wide = {name: (low / WIDER, high * WIDER) for name, (low, high) in vehicle.unknown.items()}
+    any_such = dataclasses.replace(vehicle, unknown=wide)
+    mean, information = prior_in_ranges(any_such, None)
+    with LeastSquares([DriveModel(any_such, planned)], mean, information, Loss.SQUARED) as problem:
+        problem.noise = {Sensor.POSITION: NoiseLevel(0.1 * SAME_VEHICLE)}
+        fits = [problem.minimise(start) for start in problem.candidates(6, seed=0)]
+        ((found,),) = problem.predictions(min(fits, key=lambda fit: fit.cost).at)
+    distance = float(np.sqrt(np.mean(np.sum(found.residual**2, axis=1))))
+    if distance > SAME_VEHICLE:
+        raise IdentificationError(
+            f"{drive.name}: planned for another vehicle: whatever its unknown parameters, "
+            f"{vehicle.name} comes no closer than {distance:.2g} m (rms) to the plan's reference; "
+            "give the vehicle file of the drive"
+        )

@@ -1,0 +1,59 @@
+"""Which parameters, and which combinations of them, the drives show."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parameter_identification.estimation.optimum import Optimum
+from parameter_identification.estimation.problem import LeastSquares
+from parameter_identification.estimation.results import Combination
+
+IDENTIFIABLE = 0.5  # of the prior's standard deviation: what the drives must at least reach
+SMALL_WEIGHT = 0.25  # of a parameter that is not named in a combination
+
+
+def identifiable(problem: LeastSquares, optimum: Optimum) -> NDArray[np.bool_]:
+    """Return for each of the k parameters whether the drives at least halve its prior deviation.
+
+    None is identifiable where other parameters fit as well.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        Holds the prior.
+    optimum : Optimum
+        Holds what is known after the drives.
+    """
+    prior_std = np.sqrt(np.diag(np.linalg.inv(problem.information)))
+    std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
+    shown: NDArray[np.bool_] = (std <= IDENTIFIABLE * prior_std) & (not optimum.rivals)
+    return shown
+
+
+def hidden_combinations(problem: LeastSquares, optimum: Optimum) -> tuple[Combination, ...]:
+    """Return the directions whose standard deviation stays above half of the prior's.
+
+    They are eigenvectors of the posterior covariance in units of the prior's.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        Holds the prior.
+    optimum : Optimum
+        Holds what is known after the drives.
+    """
+    k, names = problem.k, tuple(problem.models[0].vehicle.unknown)
+    root = np.linalg.cholesky(problem.information)  # information = root rootᵀ
+    share, vectors = np.linalg.eigh(root.T @ optimum.covariance[:k, :k] @ root)
+    found = []
+    for variance, vector in zip(share[::-1], vectors.T[::-1], strict=True):
+        if variance < IDENTIFIABLE**2:
+            break
+        direction = np.linalg.solve(root.T, vector)
+        direction /= np.linalg.norm(direction)
+        direction *= np.sign(direction[np.argmax(np.abs(direction))])
+        order = [i for i in np.argsort(-np.abs(direction)) if abs(direction[i]) > SMALL_WEIGHT]
+        weights = {names[i]: float(direction[i]) for i in order}
+        found.append(Combination(weights, float(min(1.0, math.sqrt(variance)))))
+    return tuple(found)

@@ -1,0 +1,105 @@
+"""Search for the best fit: several starts, noise and fit in turns, and other minima as good."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.problem import Fit, LeastSquares
+from tricycle_core.quantities import FloatArray
+
+ROUGH = 0.3  # of the cost: tolerance of fits of which most are discarded
+NOISE_ROUNDS = 6  # of noise and fit in turns
+SAME_MINIMUM = 0.02  # of the ranges between minima that are counted as one
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Best fit of a least-squares problem of n variables, k of them parameters.
+
+    Attributes
+    ----------
+    fit : Fit
+        The minimum.
+    covariance : ndarray of float, shape (n, n)
+        Of the variables: inverse information at the minimum.
+    rivals : tuple of ndarray of float, shape (k,)
+        Parameters, in their ranges, of other minima that fit as well.
+    starts : (int, int)
+        Number of fits, and how many of them ended at the best one.
+    """
+
+    fit: Fit
+    covariance: FloatArray
+    rivals: tuple[FloatArray, ...]
+    starts: tuple[int, int]
+
+
+def find_optimum(problem: LeastSquares, *, starts: int, seed: int, level: float) -> Optimum:
+    """Find the best fit and the noise that belongs to it; the noise stays set in the problem.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        The problem, with its first guess of the noise.
+    starts : int
+        Number of fits from different starts.
+    seed : int
+        Of the starts.
+    level : float
+        Probability of the intervals: a minimum within what they allow is a rival.
+    """
+    fits = [problem.minimise(start, tolerance=ROUGH) for start in problem.candidates(starts, seed)]
+    best = min(fits, key=lambda fit: fit.cost)
+    for _ in range(NOISE_ROUNDS):
+        before = problem.noise
+        problem.estimate_noise(best.at)
+        best = problem.minimise(best.at)
+        if _same_noise(before, problem.noise):
+            break
+    best, rivals, agreed = _compare(problem, fits, best, level)
+    covariance: FloatArray = np.asarray(
+        np.linalg.inv(problem.gram(best.at)[:-1, :-1]), dtype=np.float64
+    )
+    return Optimum(best, covariance, tuple(rivals), (len(fits), agreed))
+
+
+def _same_noise(a: Mapping[Sensor, NoiseLevel], b: Mapping[Sensor, NoiseLevel]) -> bool:
+    """Whether another round would hardly change the weights."""
+    return all(
+        abs(math.log(a[s].white / b[s].white)) < 0.02
+        and abs(a[s].drift - b[s].drift) < 0.05 * b[s].white
+        for s in a
+    )
+
+
+def _compare(
+    problem: LeastSquares, fits: Sequence[Fit], best: Fit, level: float
+) -> tuple[Fit, list[FloatArray], int]:
+    """Repeat other fits with the final noise: the best of all, its rivals (k,), and the agreement.
+
+    A rival is a different minimum whose cost is within what the interval allows.
+    """
+    allowed = float(chi2.ppf(level, 1))
+    k, agreed = problem.k, 0
+    rivals: list[FloatArray] = []
+    for fit in fits:
+        if _near(fit, best, k):
+            agreed += 1
+            continue
+        again = problem.minimise(fit.at, tolerance=ROUGH)
+        if _near(again, best, k):
+            agreed += 1
+        elif again.cost < best.cost:
+            best, rivals = again, [*rivals, best.at[:k]]
+        elif again.cost < best.cost + allowed:
+            rivals.append(again.at[:k])
+    return best, rivals, agreed
+
+
+def _near(a: Fit, b: Fit, k: int) -> bool:
+    return bool(np.all(np.abs(a.at[:k] - b.at[:k]) < SAME_MINIMUM))

@@ -1,0 +1,67 @@
+"""What is known of the parameters before the drives: their ranges, or an earlier identification."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle import Vehicle
+
+UNIFORM_VARIANCE = 1.0 / 12.0  # of a parameter that is uniform in its range, in ranges squared
+
+
+@dataclass(frozen=True, eq=False)
+class GaussianPrior:
+    """Gaussian knowledge of parameters before the drives.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of the k parameters.
+    mean : ndarray of float, shape (k,)
+        In their units.
+    covariance : ndarray of float, shape (k, k)
+        In their units.
+    """
+
+    names: tuple[str, ...]
+    mean: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        k = len(self.names)
+        if self.mean.shape != (k,) or self.covariance.shape != (k, k):
+            raise IdentificationError(f"prior: needs mean ({k},) and covariance ({k}, {k})")
+        if not np.all(np.linalg.eigvalsh(self.covariance) > 0):
+            raise IdentificationError("prior: the covariance must be positive definite")
+
+
+def prior_in_ranges(vehicle: Vehicle, prior: GaussianPrior | None) -> tuple[FloatArray, FloatArray]:
+    """Return mean and information matrix of the unknown parameters, in their ranges (0 to 1).
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its k unknown parameters, with their ranges.
+    prior : GaussianPrior, optional
+        Replaces the ranges for the parameters that it names.
+
+    Returns
+    -------
+    mean : ndarray of float, shape (k,)
+        Middle of the range unless the prior says otherwise.
+    information : ndarray of float, shape (k, k)
+        Inverse covariance.
+    """
+    names = tuple(vehicle.unknown)
+    low, high = np.array(list(vehicle.unknown.values())).T
+    mean, covariance = np.full(len(names), 0.5), UNIFORM_VARIANCE * np.eye(len(names))
+    if prior is not None:
+        given = [i for i, name in enumerate(names) if name in prior.names]
+        taken = [prior.names.index(names[i]) for i in given]
+        width = (high - low)[given]
+        mean[given] = (prior.mean[taken] - low[given]) / width
+        part = prior.covariance[np.ix_(taken, taken)] / np.outer(width, width)
+        covariance[np.ix_(given, given)] = part
+    return mean, np.asarray(np.linalg.inv(covariance), dtype=np.float64)

@@ -1,0 +1,252 @@
+"""Results of an identification: what `identify` returns."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.model import Prediction
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.prior import GaussianPrior
+from parameter_identification.estimation.whiteness import Whiteness, all_white
+from tricycle_core.quantities import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Profile likelihood of one parameter.
+
+    Attributes
+    ----------
+    values : ndarray of float, shape (g,)
+        Of the parameter, in its unit.
+    rise : ndarray of float, shape (g,)
+        Of twice the negative log-likelihood above its minimum, everything else fitted anew.
+    """
+
+    values: FloatArray
+    rise: FloatArray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """Estimate of one parameter from the drives and the prior.
+
+    Attributes
+    ----------
+    unit : str
+        Of all numbers.
+    estimate : float
+        Of the parameter.
+    standard_deviation : float
+        Of the estimate, by linearisation.
+    low, high : float
+        Interval, from the profile likelihood where it was computed, else `linear`.
+    linear : (float, float)
+        Interval by linearisation at the estimate.
+    range : (float, float)
+        Of the vehicle file.
+    identifiable : bool
+        Whether the drives at least halved the prior's standard deviation.
+    profile : Profile, optional
+        Profile likelihood, where it was asked for.
+    """
+
+    unit: str
+    estimate: float
+    standard_deviation: float
+    low: float
+    high: float
+    linear: tuple[float, float]
+    range: tuple[float, float]
+    identifiable: bool
+    profile: Profile | None = None
+
+
+@dataclass(frozen=True)
+class Combination:
+    """A direction in the space of the parameters that the drives do not show.
+
+    Attributes
+    ----------
+    weights : mapping of str to float
+        Component of each parameter, in ranges, largest first; small ones are left out.
+    remaining : float
+        Standard deviation along it, divided by the prior's: 0.5 to 1.
+    """
+
+    weights: Mapping[str, float]
+    remaining: float
+
+    def __str__(self) -> str:
+        if len(self.weights) == 1:
+            return next(iter(self.weights))
+        return " ".join(f"{weight:+.2f} {name}" for name, weight in self.weights.items())
+
+
+@dataclass(frozen=True)
+class NuisanceEstimate:
+    """Estimate of a quantity of one drive that is no vehicle parameter, e.g. its start heading.
+
+    Attributes
+    ----------
+    estimate, standard_deviation : float
+        Of the quantity.
+    unit : str
+        Of both.
+    """
+
+    estimate: float
+    standard_deviation: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class DriveFit:
+    """Predictions of one drive before and after the identification.
+
+    Attributes
+    ----------
+    name : str
+        Of the drive.
+    nuisances : mapping of str to NuisanceEstimate
+        By name.
+    before : mapping of Sensor to Prediction
+        By the nominal vehicle from the same start.
+    after : mapping of Sensor to Prediction
+        By the estimates.
+    weights : mapping of Sensor to ndarray of float, shape (m,)
+        Of the m samples; below 1 where errors of their stamps or the robust loss reduce it.
+    """
+
+    name: str
+    nuisances: Mapping[str, NuisanceEstimate]
+    before: Mapping[Sensor, Prediction]
+    after: Mapping[Sensor, Prediction]
+    weights: Mapping[Sensor, FloatArray]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Prediction of a drive that was not used for the estimates.
+
+    Its start pose, delays and bias are fitted, the parameters are not.
+
+    Attributes
+    ----------
+    name : str
+        Of the drive.
+    rms_nominal, rms_estimated : float
+        Root mean square distance of measured and predicted positions [m], with the nominal and with
+        the estimated parameters.
+    noise : float
+        The same if there were only the measurement noise [m].
+    """
+
+    name: str
+    rms_nominal: float
+    rms_estimated: float
+    noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """Estimates of the k parameters with their uncertainty, and how well they fit the drives.
+
+    Attributes
+    ----------
+    vehicle : str
+        Name in the vehicle file.
+    vehicle_hash : str
+        Hash of the values of the vehicle file.
+    parameters : mapping of str to Estimate
+        By name.
+    covariance : ndarray of float, shape (k, k)
+        Of the estimates, in their units.
+    fixed : mapping of str to float
+        Parameters that were not to be identified, at their nominal values.
+    hidden : tuple of Combination
+        Directions that the drives do not show; along them the ranges still hold.
+    noise : mapping of Sensor to NoiseLevel
+        Estimated noise of each sensor.
+    whiteness : tuple of Whiteness
+        Test of the residuals of each channel of each drive.
+    drives : tuple of DriveFit
+        Predictions of each drive, for reports.
+    held_out : tuple of HeldOut
+        Predictions of the drives that were not used.
+    outliers : int
+        Number of samples beyond 6 standard deviations.
+    rivals : tuple of ndarray of float, shape (k,)
+        Other parameters that fit the drives as well, at the level of the intervals.
+    starts : (int, int)
+        Number of fits, and how many of them ended at the estimate.
+    truth : mapping of str to float
+        True parameters, where the drives were simulated and all have the same.
+    level : float
+        Probability of the intervals.
+    seed : int
+        Of the starts.
+    seconds : float
+        That the computation took.
+    """
+
+    vehicle: str
+    vehicle_hash: str
+    parameters: Mapping[str, Estimate]
+    covariance: FloatArray
+    fixed: Mapping[str, float]
+    hidden: tuple[Combination, ...]
+    noise: Mapping[Sensor, NoiseLevel]
+    whiteness: tuple[Whiteness, ...]
+    drives: tuple[DriveFit, ...]
+    held_out: tuple[HeldOut, ...]
+    outliers: int
+    rivals: tuple[FloatArray, ...]
+    starts: tuple[int, int]
+    truth: Mapping[str, float]
+    level: float
+    seed: int
+    seconds: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the k parameters."""
+        return tuple(self.parameters)
+
+    @property
+    def estimates(self) -> FloatArray:
+        """Estimates (k,) in their units."""
+        return np.array([e.estimate for e in self.parameters.values()])
+
+    @property
+    def standard_deviations(self) -> FloatArray:
+        """Standard deviations (k,) in their units."""
+        return np.array([e.standard_deviation for e in self.parameters.values()])
+
+    @property
+    def intervals(self) -> FloatArray:
+        """Lower and upper ends (k, 2) in their units."""
+        return np.array([(e.low, e.high) for e in self.parameters.values()])
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix (k, k) of the estimates."""
+        std = np.sqrt(np.diag(self.covariance))
+        correlation: FloatArray = self.covariance / np.outer(std, std)
+        return correlation
+
+    @property
+    def identifiable(self) -> dict[str, bool]:
+        """Whether the drives show each parameter, by name."""
+        return {name: e.identifiable for name, e in self.parameters.items()}
+
+    @property
+    def white(self) -> bool:
+        """Whether residuals look white; else the model lacks an effect, or a sensor drifts."""
+        return all_white(self.whiteness)
+
+    def posterior(self) -> GaussianPrior:
+        """Return the estimates as the prior of the next identification."""
+        return GaussianPrior(self.names, self.estimates, self.covariance)
