@@ -1,8 +1,7 @@
-"""The cycle of a campaign: plan, drive, identify, and again with what is known, until it suffices.
+"""The cycle of a campaign: plan, drive, identify, until the targets are known well enough.
 
-Everything is in one folder: `campaign.json`, the state; `plans/` and `bags/`, one per drive. After a
-kill the same call continues: a bag that was being recorded is driven again, everything finished is
-kept.
+Everything is in one folder: `campaign.json`, the state; `plans/` and `bags/`, one per drive. After
+a kill the same call continues: a bag that was being recorded is driven again, all else is kept.
 """
 
 import dataclasses

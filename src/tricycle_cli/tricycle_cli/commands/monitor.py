@@ -62,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
         dashboard = monitor.dashboard
         if args.json:
             deadline = time.monotonic() + PATIENCE
-            while time.monotonic() < deadline and not (dashboard.diagnostics and dashboard.maneuver):
+            while time.monotonic() < deadline and not (
+                dashboard.diagnostics and dashboard.maneuver
+            ):
                 monitor.listen(REFRESH)
             if dashboard.heard is None:
                 raise NodeError(f"{where}: nothing heard in {PATIENCE:.0f} s; is the run on it?")

@@ -210,6 +210,5 @@ def _search_summary(plan: Plan) -> str:
         else f" (the search had {plan.predicted_cost:.4g}), {plan.simulations} simulations"
     )
     return (
-        f"criterion {plan.criterion} = {plan.criterion_cost:.4g}{predicted} "
-        f"in {plan.seconds:.1f} s"
+        f"criterion {plan.criterion} = {plan.criterion_cost:.4g}{predicted} in {plan.seconds:.1f} s"
     )

@@ -24,9 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser : argparse.ArgumentParser
         Parser of the subcommand.
     """
-    parser.description = (
-        "Starts the node trajectory_recorder and records until Ctrl-C."
-    )
+    parser.description = "Starts the node trajectory_recorder and records until Ctrl-C."
     parser.epilog = EXAMPLE
     add = parser.add_argument
     add("--output", type=Path, metavar="DIR", help="bag to create (default: bags/<date and time>)")

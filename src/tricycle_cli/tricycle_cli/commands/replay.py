@@ -25,8 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         Parser of the subcommand.
     """
     parser.description = (
-        "Starts the node bag_replayer; its services ~/pause, ~/resume and ~/step hold "
-        "and move it."
+        "Starts the node bag_replayer; its services ~/pause, ~/resume and ~/step hold and move it."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument

@@ -8,13 +8,14 @@ from matplotlib.figure import Figure
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
-from parameter_identification.identification import DriveFit, Estimate, Identification
+from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
 from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, remarks
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.palette import BLUE, VERMILLION
+
 
 def trajectories_figure(found: Identification) -> Figure:
     """Return each drive as measured, with the nominal vehicle and with the estimates.

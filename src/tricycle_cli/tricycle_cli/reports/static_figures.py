@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
-
 from matplotlib.figure import Figure
 
 from excitation_planner.plan import Plan
