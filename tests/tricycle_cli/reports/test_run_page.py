@@ -15,9 +15,9 @@ from excitation_planner.planning import PlanRequest, plan_at
 from trajectory_recorder.bag.topics import Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.main import main
-from tricycle_cli.reports import run_figures as report_figures
-from tricycle_cli.reports.run_data import Maneuver, Run, read_run, wheel_loads
-from tricycle_cli.reports.run_report import report_page
+from tricycle_cli.reports import interactive_figures
+from tricycle_cli.reports.run_folder import Maneuver, Run, read_run, wheel_loads
+from tricycle_cli.reports.run_page import run_page
 from tricycle_core.errors import ReportError
 from tricycle_sim.vehicle import load_vehicle
 
@@ -133,12 +133,12 @@ def test_a_bag_is_shown_with_the_plan_that_was_driven_whatever_their_names(folde
     assert maneuver.plan.id == plan.id
     assert maneuver.judgement.te == pytest.approx(OFFSET**2, rel=0.01)
     assert maneuver.te_expected == 0.00123
-    assert np.all(maneuver.motion.wheel_rate == 2.0)
-    assert maneuver.motion.time[0] == 0.0
+    assert np.all(maneuver.joints.wheel_rate == 2.0)
+    assert maneuver.joints.time[0] == 0.0
 
 
 def test_the_table_says_what_was_measured(folder):
-    page = report_page(read_run(folder), vehicle=VEHICLE)
+    page = run_page(read_run(folder), vehicle=VEHICLE)
     table = page.partition("<h2>Results</h2>")[2].partition("</table>")[0]
     for text in ("designed", "radius 3, speed 0.8", "0.00123", "50.0"):
         assert f">{text}<" in table
@@ -161,7 +161,7 @@ def test_a_bag_that_cannot_be_judged_is_shown_with_its_reason(plan, tmp_path):
     record(plan, tmp_path / "bag", end="aborted")
     (maneuver,) = read_run(tmp_path).maneuvers
     assert "aborted" in maneuver.failure
-    assert "Not judged" in report_page(read_run(tmp_path), vehicle=VEHICLE)
+    assert "Not judged" in run_page(read_run(tmp_path), vehicle=VEHICLE)
 
 
 @pytest.mark.parametrize(
@@ -194,15 +194,17 @@ def test_loads_carry_the_vehicle_and_belong_to_the_plans_vehicle(plan):
     assert np.mean(carried) == pytest.approx(VEHICLE.mass * VEHICLE.gravity, rel=1e-3)
     other = dataclasses.replace(plan, vehicle_hash="0" * 64)
     run = Run(Path("run"), (Maneuver("other", other),))
-    assert "No wheel loads" in report_page(run, vehicle=VEHICLE)
+    assert "No wheel loads" in run_page(run, vehicle=VEHICLE)
 
 
 def test_figures_show_the_numbers_of_the_plan(plan):
-    main_index, total = report_figures.indices(plan).data
+    main_index, total = interactive_figures.indices(plan).data
     assert main_index.name == "main index S"
     assert list(main_index.x) == [index.value for index in plan.main.values()]
     assert list(total.error_x.array) == [i.high - i.value for i in plan.total.values()]
-    traces = {trace.name: trace for trace in report_figures.search_path(plan, plan.search).data}
+    traces = {
+        trace.name: trace for trace in interactive_figures.search_path(plan, plan.search).data
+    }
     assert list(traces["best so far"].x) == [2.5, 3.0, 2.5, 3.0]  # costs 3, 2, 1.5, 1
     assert list(traces["cannot be driven"].x) == [4.0]
 
@@ -226,14 +228,14 @@ IDENTIFIED = {
 def test_an_identification_is_shown_with_its_profiles(tmp_path):
     (tmp_path / "identification.json").write_text(json.dumps(IDENTIFIED))
     run = read_run(tmp_path)
-    page = report_page(run, vehicle=VEHICLE)
+    page = run_page(run, vehicle=VEHICLE)
     for text in ("610", "590 … 640", "600", "not shown"):
         assert f"<td>{text}</td>" in page
     (tmp_path / "report.html").write_text("of identify")
     assert main(["report", str(tmp_path)]) == 0
     assert (tmp_path / "report.html").read_text() == "of identify"
     assert (tmp_path / "run.html").exists()
-    (curve,) = report_figures.profiles(run.identifications[0]).data
+    (curve,) = interactive_figures.profiles(run.identifications[0][1]).data
     assert list(curve.y) == [3.8, 0.0, 3.8]
 
 
@@ -257,7 +259,7 @@ def test_a_damaged_identification_is_told(name, value, message, tmp_path):
 def test_a_search_over_three_parameters_is_drawn_over_each(plan):
     search = SearchHistory(np.random.default_rng(0).random((5, 3)), np.arange(1.0, 6.0))
     wide = dataclasses.replace(plan, operation={"a": 0.1, "b": 0.2, "c": 0.3}, search=search)
-    figure = report_figures.search_path(wide, search)
+    figure = interactive_figures.search_path(wide, search)
     assert len(figure.data) == 3
     assert [axis.title.text for axis in figure.select_xaxes()] == ["a", "b", "c"]
 

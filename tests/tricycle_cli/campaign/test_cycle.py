@@ -15,7 +15,9 @@ from parameter_identification.drives.measured import (
     StartPose,
     measure,
 )
-from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest
+from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
+from tricycle_cli.campaign.request import CampaignRequest
+from tricycle_cli.campaign.results import campaign_report
 from tricycle_cli.main import main
 from tricycle_core.errors import PlanError
 from tricycle_sim.rig.emulated import draw_truth
@@ -94,7 +96,7 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
     again = Campaign(tmp_path / "c", request())
     assert again.finished
     assert again.known() == campaign.known()
-    report = again.report(TRUTH)
+    report = campaign_report(again, TRUTH)
     assert report["targets"]["camber_stiffness"]["within_tolerance"]
     assert len(report["steps"]) == report["drives"] == len(campaign.steps)
     # a finer tolerance goes on from there, with what is known as the prior
