@@ -23,7 +23,8 @@ import numpy as np
 
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
-from parameter_identification.drives.measured import Motion, Sensor, SensorNoise, Signal, measure
+from parameter_identification.drives.measured import Sensor, Signal
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
 from tricycle_bridge.protocol.messages import SPEED_UNIT
 from tricycle_core.quantities import TICK
@@ -90,7 +91,7 @@ def one_vehicle(arguments):
     """Deviation in ranges, whether covered by profile and linear interval, whether identifiable."""
     seed, all_commands, noises = arguments
     truth = draw(seed)
-    motions = [Motion.of(simulate(VEHICLE, c, truth[None], threads=1)) for c in all_commands]
+    motions = [SensedMotion.of(simulate(VEHICLE, c, truth[None], threads=1)) for c in all_commands]
     rows = []
     for number, noise in enumerate(noises):
         rng = np.random.default_rng([seed, 1, number])
@@ -163,7 +164,7 @@ def with_wind(commands, truth, force):
         states[V] += kick * np.cos(yaw)
         advance_tick(group, servo, constants, angle, (1.0, speed, 0.0), 1)
     x, y, yaw, yaw_rate, spin = np.transpose(record)
-    return Motion(TICK * np.arange(len(record)), x, y, np.unwrap(yaw), yaw_rate, spin)
+    return SensedMotion(TICK * np.arange(len(record)), x, y, np.unwrap(yaw), yaw_rate, spin)
 
 
 def offset(commands, degrees):
@@ -174,7 +175,7 @@ def offset(commands, degrees):
 
 
 def replayed(vehicle, commands, truth):
-    return Motion.of(simulate(vehicle, commands, truth[None], threads=1))
+    return SensedMotion.of(simulate(vehicle, commands, truth[None], threads=1))
 
 
 EFFECTS = {

@@ -39,14 +39,8 @@ from excitation_planner.planning.prediction import (
     predicted_covariance,
 )
 from excitation_planner.planning.replay import nominal_run
-from parameter_identification.drives.measured import (
-    MeasuredDrive,
-    Motion,
-    Sensor,
-    SensorNoise,
-    StartPose,
-    measure,
-)
+from parameter_identification.drives.measured import MeasuredDrive, Sensor, StartPose
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
@@ -201,7 +195,7 @@ def error_of(name, points, scenario, draw):
         commands = run_of(family, x).commands
         motion = simulate(VEHICLE, commands, UNKNOWN.from_unit(z)[None], threads=1)
         drive = measure(
-            Motion.of(motion),
+            SensedMotion.of(motion),
             commands,
             scenario.sensors(),
             rng=rng,

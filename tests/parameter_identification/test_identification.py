@@ -10,16 +10,9 @@ import pytest
 
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
-from parameter_identification.drives.measured import (
-    MeasuredDrive,
-    Motion,
-    Sensor,
-    SensorNoise,
-    Signal,
-    StartPose,
-    measure,
-)
-from parameter_identification.drives.recorded import Path2D
+from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from parameter_identification.drives.poses import PlanarTrajectory
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.estimation.problem import Loss
 from parameter_identification.identification import GaussianPrior, identify
 from parameter_identification.identification_file import document_of
@@ -48,7 +41,7 @@ def commands():
 
 
 def driven(commands, *, noise=0.01, seed=0, truth=TRUTH, vehicle=VEHICLE, others=(), **options):
-    motion = Motion.of(simulate(vehicle, commands, truth[None]))
+    motion = SensedMotion.of(simulate(vehicle, commands, truth[None]))
     sensors = {Sensor.POSITION: SensorNoise(noise), **dict(others)}
     return measure(motion, commands, sensors, rng=np.random.default_rng(seed), **options)
 
@@ -101,7 +94,7 @@ def test_delays_bias_and_rolling_start_are_found(commands):
     truth = TRUTH
     motion = simulate(VEHICLE, commands["lane"], truth[None], speed=0.03)
     drive = measure(
-        Motion.of(motion),
+        SensedMotion.of(motion),
         commands["lane"],
         {
             Sensor.POSITION: SensorNoise(0.003, rate=100.0),
@@ -135,7 +128,7 @@ def test_a_gyro_narrows_the_intervals(commands):
 def test_drift_widens_the_intervals_and_is_told(commands, pair):
     drift = [
         measure(
-            Motion.of(simulate(VEHICLE, c, TRUTH[None])),
+            SensedMotion.of(simulate(VEHICLE, c, TRUTH[None])),
             c,
             {Sensor.POSITION: SensorNoise(0.01, drift=0.01, drift_time=5.0)},
             rng=np.random.default_rng(i),
@@ -159,7 +152,7 @@ def test_a_steering_that_is_two_degrees_off_leaves_residuals_that_are_not_white(
     drives = []
     for i, c in enumerate(commands.values()):
         angle = np.clip(c.steering_motor_angle + np.radians(2.0), -0.785, 0.785)
-        motion = Motion.of(simulate(VEHICLE, Commands(c.time, angle, c.speed), TRUTH[None]))
+        motion = SensedMotion.of(simulate(VEHICLE, Commands(c.time, angle, c.speed), TRUTH[None]))
         rng = np.random.default_rng(i)
         drives.append(measure(motion, c, {Sensor.POSITION: SensorNoise(0.01)}, rng=rng))
     assert not identify(drives, VEHICLE).white
@@ -261,7 +254,7 @@ def test_three_seconds_leave_the_ranges_as_they_were(commands):
 
 def with_reference(drive, vehicle):
     motion = simulate(vehicle, drive.commands)
-    reference = Path2D(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
+    reference = PlanarTrajectory(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
     return dataclasses.replace(drive, reference=reference)
 
 

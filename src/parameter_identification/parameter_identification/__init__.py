@@ -1,10 +1,11 @@
 """JUDGE and IDENTIFY: trajectory error of bags, parameter estimates.
 
-`judge.judge(bag)` gives the trajectory error of a recorded drive.
+    recorded = read_drive(bag)                                # one pass over the bag
+    judge_drive(recorded).te                                  # trajectory error
+    identify([measured_drive(recorded, vehicle)], vehicle)    # unknown parameters
 
-`identification.identify(drives, vehicle)` estimates the unknown parameters. A drive comes from a
-bag, `measured_drive.read_measured_drive(bag, vehicle)`, or from a simulation,
-`measured_drive.measure(Motion.of(trajectory), commands, noise, rng=rng)`.
+`drives` makes drives of bags and of simulations, `judging` compares them with their reference,
+`estimation` holds the steps of an `identification`.
 """
 
 from tricycle_core.renamed import install

@@ -11,13 +11,8 @@ import pytest
 
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.replay import nominal_run
-from parameter_identification.drives.measured import (
-    Motion,
-    Sensor,
-    SensorNoise,
-    measure,
-    read_measured_drive,
-)
+from parameter_identification.drives.measured import Sensor, read_measured_drive
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.main import main
@@ -155,10 +150,10 @@ class Recording:
 
     def write(self, path: Path) -> Path:
         commands = self.commands()
-        motion = Motion.of(simulate(self.vehicle.replace(**dict(self.truth)), commands))
+        motion = SensedMotion.of(simulate(self.vehicle.replace(**dict(self.truth)), commands))
         if self.standing:
             zero = np.zeros_like(motion.time)
-            motion = Motion(motion.time, zero, zero, zero, zero, zero)
+            motion = SensedMotion(motion.time, zero, zero, zero, zero, zero)
         nominal = simulate(self.vehicle, commands)
         rows: list[tuple[int, str, Any]] = []
         noise = {

@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from parameter_identification.drives.recorded import read_drive
 from parameter_identification.judging.export import ExportFormat, export, plot
-from parameter_identification.judging.judgement import Anchor, Datum, Topics, judge
+from parameter_identification.judging.judgement import Anchor, Datum, TopicNames, judge
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.commands.judge import add_parser
@@ -294,7 +294,7 @@ def test_foreign_bags(tmp_path: Path, poses: str, plugin: StoragePlugin) -> None
             topic = bag.add_connection(names.get(name, name), types[name], typestore=jazzy())
             for ns, message in messages:
                 bag.write(topic, ns, jazzy().serialize_cdr(message, types[name]))
-    j = judge(tmp_path / "bag", topics=Topics(pose="/mocap/tricycle"))
+    j = judge(tmp_path / "bag", topics=TopicNames(pose="/mocap/tricycle"))
     assert j.te == pytest.approx(0.04 * 3 / 8, rel=1e-3)
 
 
@@ -303,9 +303,9 @@ def test_satellite_fixes_need_datum_and_a_fitted_anchor(tmp_path: Path) -> None:
     with pytest.raises(JudgeError, match="give the datum"):
         judge(bag)
     with pytest.raises(JudgeError, match=r"no heading .* 'fit'"):
-        judge(bag, topics=Topics(datum=DATUM))
+        judge(bag, topics=TopicNames(datum=DATUM))
     exact = judge(Scene(deviation=sideways(0.2)).write(tmp_path / "exact"), anchor=Anchor.FIT)
-    j = judge(bag, topics=Topics(datum=DATUM), anchor=Anchor.FIT)
+    j = judge(bag, topics=TopicNames(datum=DATUM), anchor=Anchor.FIT)
     assert j.te == pytest.approx(exact.te, rel=1e-2)
     assert math.isnan(j.rms_heading)
 
@@ -501,13 +501,13 @@ def test_what_cannot_be_judged_is_told_in_one_line(
 def test_types_that_hold_no_pose_are_named(tmp_path: Path) -> None:
     bag = Scene().write(tmp_path / "bag")
     with pytest.raises(JudgeError, match="is nav_msgs/msg/Path: poses are read from geometry_msgs"):
-        judge(bag, topics=Topics(pose="/maneuver/reference"))
+        judge(bag, topics=TopicNames(pose="/maneuver/reference"))
 
 
 def test_a_child_frame_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
     bag = Scene(poses="tf").write(tmp_path / "bag")
     with pytest.raises(JudgeError, match="no transform to wheel; it holds those to base_link, lid"):
-        judge(bag, topics=Topics(child_frame="wheel"))
+        judge(bag, topics=TopicNames(child_frame="wheel"))
 
 
 def test_a_truncated_bag_fails_with_the_fraction_matched(tmp_path: Path) -> None:
@@ -522,7 +522,7 @@ def test_a_truncated_bag_fails_with_the_fraction_matched(tmp_path: Path) -> None
 
 
 def test_east_north_of_one_degree_at_the_equator() -> None:
-    from parameter_identification.drives.recorded import east_north
+    from parameter_identification.drives.poses import east_north
 
     east, north = east_north(0.0, 1.0, 0.0, Datum(0.0, 0.0))
     assert east == pytest.approx(6_378_137 * math.sin(math.radians(1)), rel=1e-12)

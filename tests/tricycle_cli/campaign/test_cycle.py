@@ -8,13 +8,8 @@ import pytest
 
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import load_plan
-from parameter_identification.drives.measured import (
-    Motion,
-    Sensor,
-    SensorNoise,
-    StartPose,
-    measure,
-)
+from parameter_identification.drives.measured import Sensor, StartPose
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.results import campaign_report
@@ -58,7 +53,7 @@ class Track:
         plan = load_plan(bag.parents[1] / "plans" / f"{bag.name}.json")
         parameters = np.array([list(TRUTH.values())])
         return measure(
-            Motion.of(simulate(vehicle, plan.commands, parameters, threads=1)),
+            SensedMotion.of(simulate(vehicle, plan.commands, parameters, threads=1)),
             plan.commands,
             {Sensor.POSITION: SensorNoise(0.01), Sensor.YAW_RATE: SensorNoise(0.005)},
             rng=np.random.default_rng(int(bag.name)),

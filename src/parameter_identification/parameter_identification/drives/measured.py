@@ -1,13 +1,12 @@
-"""What identification needs of a drive: the commands, and what the sensors said of the motion.
+"""What an identification needs of a drive: the commands, and the signals of the sensors.
 
-A bag makes one (`read_measured_drive`), and so does a simulation (`measure`), so that the estimator
-cannot tell them apart. Times are seconds since the start event, at which row 0 of the commands was
-played; samples before it, at standstill, are welcome: they tell the start pose and a gyro's bias.
-Letters of shapes: `m` samples of a signal, `t` points of a motion.
+A bag gives one (`read_measured_drive`), and so does a simulation (`drives.simulated.measure`), so
+that the estimator cannot tell them apart. Times are seconds since the start event, at which row 0
+of the commands was played; samples before it, at standstill, show the start pose and a gyro's bias.
+Letters of shapes: `m` samples of a signal, `c` channels.
 """
 
 import contextlib
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -15,15 +14,14 @@ from pathlib import Path
 
 import numpy as np
 
-from parameter_identification.drives.recorded import Path2D, Topics, read_drive
-from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import decode
+from parameter_identification.drives.poses import PlanarTrajectory
+from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
-from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
+from tricycle_core.joints import JOINTS
 from tricycle_core.quantities import FloatArray
+from tricycle_core.stamps import seconds_of
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle
-from tricycle_sim.vehicle.batch import Trajectory
 
 STANDSTILL = 1.0  # s before the start event that are used
 
@@ -57,9 +55,17 @@ class Signal:
 
     Attributes
     ----------
-    time : (m,) s since the start event, strictly increasing
-    values : (m, c) one column per channel; headings are continuous
-    jitter : standard deviation of the stamps, s: noise where the values change quickly
+    time : ndarray of float, shape (m,)
+        Since the start event [s], strictly increasing.
+    values : ndarray of float, shape (m, c)
+        One column per channel; headings are continuous.
+    jitter : float
+        Standard deviation of the stamps [s]; it is noise where the values change quickly.
+
+    Raises
+    ------
+    IdentificationError
+        If shapes differ, numbers are not finite, or times do not increase.
     """
 
     time: FloatArray
@@ -77,19 +83,34 @@ class Signal:
             raise IdentificationError("signal: times must increase")
 
     def between(self, start: float, end: float) -> "Signal":
-        """Samples from `start` to `end`, s, both included."""
+        """Return the samples between two times, both included.
+
+        Parameters
+        ----------
+        start, end : float
+            Since the start event [s].
+        """
         inside = (self.time >= start) & (self.time <= end)
         return Signal(self.time[inside], self.values[inside], self.jitter)
 
 
 @dataclass(frozen=True)
 class StartPose:
-    """What is known of the pose at the start event besides the signals: by default nothing.
+    """Pose at the start event as far as it is known besides the signals; by default not at all.
 
     Attributes
     ----------
-    x, y, heading : m, m, rad in the frame of the positions; None: seen from the signals
-    position_std, heading_std : standard deviations per axis, m and rad
+    x, y : float, optional
+        In the frame of the positions [m]; None: taken from the signals.
+    heading : float, optional
+        Left positive [rad]; None: taken from the signals.
+    position_std, heading_std : float
+        Standard deviations per axis [m] and of the heading [rad].
+
+    Raises
+    ------
+    IdentificationError
+        If a standard deviation is not positive.
     """
 
     x: float | None = None
@@ -105,24 +126,36 @@ class StartPose:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredDrive:
-    """One drive.
+    """Commands and signals of one drive.
 
     Attributes
     ----------
-    name : for messages and figures
-    commands : what was played from the start event on
-    signals : by sensor; a position is needed, the others are welcome
-    start : what is known of the start pose
-    reference : the plan's nominal trajectory, where there is one: tells a bag of another vehicle
-    truth : true values of the unknown parameters, where the drive was simulated and says them
-    complete : False where the recording was cut off
+    name : str
+        For messages and figures.
+    commands : Commands
+        Played from the start event on.
+    signals : mapping of Sensor to Signal
+        A position is needed, the others narrow the intervals.
+    start : StartPose
+        Start pose as far as it is known.
+    reference : PlanarTrajectory, optional
+        The plan's nominal trajectory; shows whether the vehicle is the one of the plan.
+    truth : mapping of str to float
+        True values of the unknown parameters, where the drive was simulated and they are recorded.
+    complete : bool
+        False where the recording was cut off.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no position, or a signal has the wrong number of columns.
     """
 
     name: str
     commands: Commands
     signals: Mapping[Sensor, Signal]
     start: StartPose = field(default_factory=StartPose)
-    reference: Path2D | None = None
+    reference: PlanarTrajectory | None = None
     truth: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True
 
@@ -136,127 +169,19 @@ class MeasuredDrive:
                 )
 
 
-@dataclass(frozen=True)
-class SensorNoise:
-    """Noise of a synthetic sensor.
-
-    Attributes
-    ----------
-    white : standard deviation of the white part, in the sensor's unit
-    drift, drift_time : standard deviation and correlation time (s) of an exponentially correlated
-        part
-    rate : Hz
-    """
-
-    white: float
-    drift: float = 0.0
-    drift_time: float = 5.0
-    rate: float = 20.0
-
-    def __post_init__(self) -> None:
-        if not (self.white >= 0 and self.drift >= 0 and self.drift_time > 0 and self.rate > 0):
-            raise IdentificationError(
-                f"noise: {self}: needs white, drift >= 0 and drift_time, rate > 0"
-            )
-
-    def draw(self, m: int, rng: np.random.Generator) -> FloatArray:
-        """Noise (m,) of samples at `rate`."""
-        noise = self.white * rng.standard_normal(m)
-        if self.drift > 0:
-            a = math.exp(-1.0 / (self.rate * self.drift_time))
-            kicks = self.drift * rng.standard_normal(m)
-            drift = np.empty(m)
-            drift[0] = kicks[0]
-            for k in range(1, m):
-                drift[k] = a * drift[k - 1] + math.sqrt(1.0 - a * a) * kicks[k]
-            noise += drift
-        return noise
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """Motion of one vehicle, as sensors see it; arrays (t,), SI, from the start event on."""
-
-    time: FloatArray
-    x: FloatArray
-    y: FloatArray
-    heading: FloatArray
-    yaw_rate: FloatArray
-    wheel_speed: FloatArray
-
-    @classmethod
-    def of(cls, trajectory: Trajectory, sample: int = 0) -> "Motion":
-        """One sample of a simulated trajectory."""
-        t = trajectory
-        return cls(
-            t.time,
-            *(v[sample] for v in (t.x, t.y, t.yaw, t.yaw_rate, t.wheel_speed_rear)),
-        )
-
-
-def measure(
-    motion: Motion,
-    commands: Commands,
-    noise: Mapping[Sensor, SensorNoise],
-    *,
-    rng: np.random.Generator,
-    name: str = "simulated",
-    standstill: float = 0.0,
-    pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    start: StartPose | None = None,
-    truth: Mapping[str, float] | None = None,
-) -> MeasuredDrive:
-    """Measure a motion with sensors of given noise.
-
-    Parameters
-    ----------
-    motion : what the vehicle did
-    commands : what it was told
-    noise : of the sensors there are
-    rng : of the noise
-    standstill : s before the start event at which the sensors begin
-    pose : of the start in the frame of the positions, m, m, rad
-    start : what is told of the start pose
-    truth : parameters of the motion, for `MeasuredDrive.truth`
-    """
-    x0, y0, psi0 = pose
-    c, s = math.cos(psi0), math.sin(psi0)
-    columns = {
-        Sensor.POSITION: (x0 + c * motion.x - s * motion.y, y0 + s * motion.x + c * motion.y),
-        Sensor.HEADING: (psi0 + motion.heading,),
-        Sensor.YAW_RATE: (motion.yaw_rate,),
-        Sensor.WHEEL_SPEED: (motion.wheel_speed,),
-    }
-    signals = {}
-    for sensor, model in noise.items():
-        before = math.floor(standstill * model.rate)
-        count = math.floor(motion.time[-1] * model.rate + 1e-9)
-        time = np.arange(-before, count + 1) / model.rate
-        exact = [np.interp(time, motion.time, column) for column in columns[sensor]]
-        values = [v + model.draw(len(time), rng) for v in exact]
-        signals[sensor] = Signal(time, np.column_stack(values))
-    return MeasuredDrive(name, commands, signals, start or StartPose(), truth=dict(truth or {}))
-
-
-@dataclass(frozen=True)
-class SignalTopics:
-    """Where a bag keeps what identification needs besides what the judge needs."""
-
-    judged: Topics = field(default_factory=Topics)
-    imu: str = "imu"
-    joints: str = "joint_states"
-
-
 def read_measured_drive(
-    bag: Path, vehicle: Vehicle, *, topics: SignalTopics | None = None
+    bag: Path, vehicle: Vehicle, *, topics: TopicNames | None = None
 ) -> MeasuredDrive:
-    """Take a drive out of a bag.
+    """Read a drive from a bag; `measured_drive` takes one that was read already.
 
     Parameters
     ----------
-    bag : rosbag2 directory, ``.mcap`` or ``.db3`` file
-    vehicle : its tyre radius turns the wheel's speeds into set-points
-    topics : names where they differ from the suite's
+    bag : Path
+        rosbag2 directory, ``.mcap`` or ``.db3`` file.
+    vehicle : Vehicle
+        Its tyre radius turns wheel rates into speeds.
+    topics : TopicNames, optional
+        Where names differ from the suite's.
 
     Raises
     ------
@@ -267,38 +192,44 @@ def read_measured_drive(
     IdentificationError
         If it holds no commands.
     """
-    topics = topics or SignalTopics()
-    drive = read_drive(bag, topics=topics.judged)
+    return measured_drive(read_drive(bag, topics=topics), vehicle)
+
+
+def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
+    """Return what an identification needs of a recorded drive.
+
+    Parameters
+    ----------
+    drive : RecordedDrive
+        From `read_drive` with its sensors.
+    vehicle : Vehicle
+        Its tyre radius turns wheel rates into speeds.
+
+    Raises
+    ------
+    JudgeError
+        If a sensor's value is not a number.
+    IdentificationError
+        If it holds no commands.
+    """
     if drive.commands is None:
         raise IdentificationError(
-            f"{bag} holds no topic {topics.judged.commands}: without commands there is no model "
-            "of the drive"
+            f"{drive.bag} holds no topic {drive.topics.commands}: without commands there is no "
+            "model of the drive"
         )
-    commands = _commands(drive.commands, vehicle, bag)
-    rows: dict[Sensor, list[tuple[int, float]]] = {Sensor.YAW_RATE: [], Sensor.WHEEL_SPEED: []}
-    with BagReader(bag) as reader:
-        wanted = {
-            known: name
-            for name in (topics.imu, topics.joints)
-            for known in reader.topics
-            if known == name or known.endswith("/" + name)
-        }
-        for topic, _, data in reader.messages(set(wanted)):
-            message = decode(reader.topics[topic].type, data)
-            stamp = message.header.stamp
-            nanoseconds = int(stamp.sec) * 10**9 + int(stamp.nanosec) - drive.start
-            if wanted[topic] == topics.imu:
-                rows[Sensor.YAW_RATE].append((nanoseconds, message.angular_velocity.z))
-            elif REAR_WHEEL_JOINT in message.name:
-                speed = message.velocity[message.name.index(REAR_WHEEL_JOINT)]
-                rows[Sensor.WHEEL_SPEED].append((nanoseconds, speed))
+    commands = _commands(drive, vehicle)
     poses = drive.poses
     signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
     if np.isfinite(poses.heading).all():
         signals[Sensor.HEADING] = Signal(poses.time, poses.heading[:, None])
-    for sensor, samples in rows.items():
-        if samples:
-            signals[sensor] = _signal(np.array(samples, dtype=np.float64), bag, sensor)
+    if drive.yaw_rates is not None:
+        rates = drive.yaw_rates
+        signals[Sensor.YAW_RATE] = _signal(drive.bag, Sensor.YAW_RATE, rates.time, rates.yaw_rate)
+    if drive.joint_states is not None:
+        wheel = drive.joint_states
+        signals[Sensor.WHEEL_SPEED] = _signal(
+            drive.bag, Sensor.WHEEL_SPEED, wheel.time, wheel.wheel_rate
+        )
     end = commands.duration
     return MeasuredDrive(
         name=drive.bag.stem,
@@ -319,25 +250,24 @@ def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
     return truth
 
 
-def _signal(samples: FloatArray, bag: Path, sensor: Sensor) -> Signal:
-    """Signal of (m, 2) stamps in ns since the start event and values, in the order of time."""
-    time, first = np.unique(samples[:, 0] * 1e-9, return_index=True)
-    values = samples[first, 1]
+def _signal(bag: Path, sensor: Sensor, stamps: FloatArray, samples: FloatArray) -> Signal:
+    """Signal of samples (m,) at stamps (m,) s, in the order of time; a stamp counts once."""
+    time, first = np.unique(stamps, return_index=True)
+    values = samples[first]
     wrong = ~np.isfinite(values)
     if wrong.any():
         raise JudgeError(f"{bag}: {sensor.value} at {time[wrong][0]:.3f} s is not a number")
     return Signal(time, values[:, None], STAMP_JITTER[sensor])
 
 
-def _commands(message: object, vehicle: Vehicle, bag: Path) -> Commands:
-    points = message.points  # type: ignore[attr-defined]
-    names = list(message.joint_names)  # type: ignore[attr-defined]
+def _commands(drive: RecordedDrive, vehicle: Vehicle) -> Commands:
+    points = drive.commands.points
     try:
-        steer, wheel = names.index(STEERING_JOINT), names.index(REAR_WHEEL_JOINT)
+        steer, wheel = map(list(drive.commands.joint_names).index, JOINTS)
         return Commands(
-            [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in points],
+            [seconds_of(p.time_from_start) for p in points],
             [p.positions[steer] for p in points],
             [p.velocities[wheel] * vehicle.tyre_radius for p in points],
         )
     except (ValueError, IndexError, CommandsError) as error:
-        raise IdentificationError(f"{bag}: commands: {error}") from error
+        raise IdentificationError(f"{drive.bag}: commands: {error}") from error

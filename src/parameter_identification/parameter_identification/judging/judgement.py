@@ -17,12 +17,13 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from excitation_planner.trajectory_error import POINTS, trajectory_error
-from parameter_identification.drives.recorded import Datum, Drive, Path2D, Topics, read_drive
+from parameter_identification.drives.poses import Datum, PlanarTrajectory
+from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
 from tricycle_core.errors import JudgeError
 from tricycle_core.quantities import FloatArray
 
 __all__ = [
-    "Anchor", "Datum", "JudgeError", "Judgement", "Pose", "TimeSeries", "Topics", "judge",
+    "Anchor", "Datum", "JudgeError", "Judgement", "PlanarPose", "TimeSeries", "TopicNames", "judge",
     "judge_drive",
 ]  # fmt: skip
 
@@ -35,7 +36,7 @@ STRAIGHT = 0.1  # rad of heading up to which the drive is straight, for the time
 
 
 class Anchor(Enum):
-    """Pose of the reference's origin in the frame of the measured poses."""
+    """PlanarPose of the reference's origin in the frame of the measured poses."""
 
     STANDSTILL = "standstill"  # mean pose before the start event
     START = "start"  # the single pose at the start event
@@ -43,7 +44,7 @@ class Anchor(Enum):
 
 
 @dataclass(frozen=True)
-class Pose:
+class PlanarPose:
     """Planar pose in the frame of the measured poses."""
 
     x: float  # m
@@ -123,7 +124,7 @@ class Judgement:
     duration: float
     matched_fraction: float
     anchor: Anchor
-    anchor_pose: Pose
+    anchor_pose: PlanarPose
     noise: float
     time_offset: float
     time_offset_deviation: float
@@ -131,7 +132,7 @@ class Judgement:
 
 
 def judge(
-    bag: Path, *, topics: Topics | None = None, anchor: Anchor = Anchor.STANDSTILL
+    bag: Path, *, topics: TopicNames | None = None, anchor: Anchor = Anchor.STANDSTILL
 ) -> Judgement:
     """Trajectory error of the drive in a bag.
 
@@ -148,10 +149,10 @@ def judge(
     JudgeError
         If the bag holds no drive that can be judged, or not all of it.
     """
-    return judge_drive(read_drive(bag, topics=topics), anchor=anchor)
+    return judge_drive(read_drive(bag, topics=topics, sensors=False), anchor=anchor)
 
 
-def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgement:
+def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgement:
     """Trajectory error of a drive; see `judge`."""
     time = np.linspace(0.0, drive.duration, POINTS)
     matched = _matched(drive, time)
@@ -160,7 +161,7 @@ def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgemen
     standing = _standstill(drive)
     poses = {
         Anchor.STANDSTILL: _mean_pose(standing),
-        Anchor.START: Pose(measured.x[0], measured.y[0], measured.heading[0]),
+        Anchor.START: PlanarPose(measured.x[0], measured.y[0], measured.heading[0]),
         Anchor.FIT: _fit(measured, reference),
     }
     if np.isnan(poses[anchor].heading):
@@ -207,7 +208,7 @@ def judge_drive(drive: Drive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgemen
     )
 
 
-def _matched(drive: Drive, time: FloatArray) -> float:
+def _matched(drive: RecordedDrive, time: FloatArray) -> float:
     """Fraction of the points between poses at most MAX_GAP apart; raises unless it is 1."""
     known = drive.poses.time
     after = np.searchsorted(known, time, side="left")
@@ -226,7 +227,7 @@ def _matched(drive: Drive, time: FloatArray) -> float:
     )
 
 
-def _standstill(drive: Drive) -> Path2D:
+def _standstill(drive: RecordedDrive) -> PlanarTrajectory:
     """Poses just before the start event; raises if there are none or the vehicle moves."""
     time = drive.poses.time
     standing = drive.poses.part((time >= -STANDSTILL) & (time < 0))
@@ -259,38 +260,38 @@ def _slope_deviation(time: FloatArray, values: FloatArray) -> float:
     return float(np.sqrt(rest @ rest / max(len(time) - 2, 1) / (centred @ centred)))
 
 
-def _mean_pose(path: Path2D) -> Pose:
-    return Pose(float(path.x.mean()), float(path.y.mean()), float(path.heading.mean()))
+def _mean_pose(path: PlanarTrajectory) -> PlanarPose:
+    return PlanarPose(float(path.x.mean()), float(path.y.mean()), float(path.heading.mean()))
 
 
-def _fit(measured: Path2D, reference: Path2D) -> Pose:
+def _fit(measured: PlanarTrajectory, reference: PlanarTrajectory) -> PlanarPose:
     """Anchor of the smallest TE: least squares of a rotation and a translation (Umeyama 1991)."""
     z = measured.x + 1j * measured.y
     z0 = reference.x + 1j * reference.y
     rotation = np.vdot(z0 - z0.mean(), z - z.mean())
     heading = float(np.angle(rotation))
     origin = z.mean() - z0.mean() * np.exp(1j * heading)
-    return Pose(float(origin.real), float(origin.imag), heading)
+    return PlanarPose(float(origin.real), float(origin.imag), heading)
 
 
-def _in_frame(path: Path2D, anchor: Pose) -> Path2D:
+def _in_frame(path: PlanarTrajectory, anchor: PlanarPose) -> PlanarTrajectory:
     """Path in the frame of the reference, whose origin lies at the anchor."""
     c, s = np.cos(anchor.heading), np.sin(anchor.heading)
     x, y = path.x - anchor.x, path.y - anchor.y
-    return Path2D(path.time, c * x + s * y, c * y - s * x, path.heading - anchor.heading)
+    return PlanarTrajectory(path.time, c * x + s * y, c * y - s * x, path.heading - anchor.heading)
 
 
-def _interpolate(path: Path2D, time: FloatArray) -> Path2D:
+def _interpolate(path: PlanarTrajectory, time: FloatArray) -> PlanarTrajectory:
     x, y, heading = (np.interp(time, path.time, v) for v in (path.x, path.y, path.heading))
-    return Path2D(time, x, y, heading)
+    return PlanarTrajectory(time, x, y, heading)
 
 
-def _interpolate_reference(path: Path2D, time: FloatArray) -> Path2D:
+def _interpolate_reference(path: PlanarTrajectory, time: FloatArray) -> PlanarTrajectory:
     x, y = (CubicSpline(path.time, v)(time) for v in (path.x, path.y))
-    return Path2D(time, x, y, np.interp(time, path.time, path.heading))
+    return PlanarTrajectory(time, x, y, np.interp(time, path.time, path.heading))
 
 
-def _series(measured: Path2D, reference: Path2D) -> TimeSeries:
+def _series(measured: PlanarTrajectory, reference: PlanarTrajectory) -> TimeSeries:
     c, s = np.cos(reference.heading), np.sin(reference.heading)
     dx, dy = measured.x - reference.x, measured.y - reference.y
     error = measured.heading - reference.heading
@@ -308,14 +309,16 @@ def _series(measured: Path2D, reference: Path2D) -> TimeSeries:
     )
 
 
-def _residual(drive: Drive, anchor: Pose) -> tuple[Path2D, Path2D]:
+def _residual(
+    drive: RecordedDrive, anchor: PlanarPose
+) -> tuple[PlanarTrajectory, PlanarTrajectory]:
     """Poses during the drive in the frame of the reference, and the reference at their times."""
     during = (drive.poses.time >= 0) & (drive.poses.time <= drive.duration)
     path = _in_frame(drive.poses.part(during), anchor)
     return path, _interpolate_reference(drive.reference, path.time)
 
 
-def _noise_variance(drive: Drive, anchor: Pose) -> float:
+def _noise_variance(drive: RecordedDrive, anchor: PlanarPose) -> float:
     """Variance of the white part of the position noise, both axes together, m².
 
     From third differences of the deviation, which is smooth but for the noise: those of white
@@ -333,7 +336,11 @@ def _noise_variance(drive: Drive, anchor: Pose) -> float:
 
 
 def _noise_effect(
-    poses: Path2D, standing: Path2D, series: TimeSeries, noise: float, anchor: Anchor
+    poses: PlanarTrajectory,
+    standing: PlanarTrajectory,
+    series: TimeSeries,
+    noise: float,
+    anchor: Anchor,
 ) -> tuple[float, float]:
     """What white noise adds to TE on average, and TE's standard deviation from the anchor's noise.
 
@@ -358,7 +365,7 @@ def _noise_effect(
     return added, float(np.sqrt(variance / n))
 
 
-def _time_offset(drive: Drive, anchor: Pose) -> tuple[float, float]:
+def _time_offset(drive: RecordedDrive, anchor: PlanarPose) -> tuple[float, float]:
     """Lag of the drive behind the reference and its standard deviation, s.
 
     While the drive is straight, the unknown parameters hardly matter and a lag τ shows as a

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parameter_identification.judging.export import PICTURES, ExportFormat
-from parameter_identification.judging.judgement import Anchor, Datum, Topics
+from parameter_identification.judging.judgement import Anchor, Datum, TopicNames
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError, JudgeError
 
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Anchor.STANDSTILL.value,
         help="where the reference starts; fit aligns it with what was measured",
     )
-    names = Topics()
+    names = TopicNames()
     add = parser.add_argument_group("bags that were not recorded by this suite").add_argument
     add(
         "--pose",
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.judging.judgement import judge
     from tricycle_cli.reports.tables import judgement_table
 
-    topics = Topics(
+    topics = TopicNames(
         pose=args.pose,
         reference=args.reference,
         state=args.state,

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from excitation_planner.plan import Plan, SearchHistory
+from parameter_identification.drives.recorded import JointStates
 from parameter_identification.identification_file import IdentificationDocument
 from parameter_identification.judging.judgement import Judgement
-from tricycle_cli.reports.run_folder import JointHistory, WheelLoads
+from tricycle_cli.reports.run_folder import WheelLoads
 from tricycle_cli.reports.tables import allowed_rise
 from tricycle_core.palette import BLUE, GREEN, GREY, PURPLE, VERMILLION
 from tricycle_core.quantities import FloatArray
@@ -59,14 +60,14 @@ def trajectories(plan: Plan | None, judgement: Judgement | None) -> go.Figure:
     return figure
 
 
-def commands(plan: Plan | None, joints: JointHistory | None) -> go.Figure:
+def commands(plan: Plan | None, joints: JointStates | None) -> go.Figure:
     """Return the commands of a plan and what the joints did, over the time since the start.
 
     Parameters
     ----------
     plan : Plan, optional
         What was planned.
-    joints : JointHistory, optional
+    joints : JointStates, optional
         What the PLCs measured.
     """
     figure = _figure(rows=2)

@@ -9,45 +9,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from excitation_planner.plan import Plan, load_plan
-from parameter_identification.drives.recorded import Drive, read_drive
+from parameter_identification.drives.recorded import JointStates, RecordedDrive, read_drive
 from parameter_identification.identification_file import (
     IdentificationDocument,
     load_identification_file,
 )
 from parameter_identification.judging.judgement import Judgement, judge_drive
-from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import decode
 from tricycle_cli.reports.result_file import DemoResult
 from tricycle_core.errors import BagError, JudgeError, PlanError, ReportError
-from tricycle_core.joints import JOINTS
 from tricycle_core.quantities import FloatArray
-from tricycle_core.stamps import nanoseconds_of
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 IDENTIFIED = "identification.json"
-
-
-@dataclass(frozen=True)
-class JointHistory:
-    """What the joints did, as measured by the PLCs.
-
-    Attributes
-    ----------
-    time : ndarray of float, shape (t,)
-        Since the start event [s].
-    steering_motor_angle : ndarray of float, shape (t,)
-        Position of the steering motor [rad].
-    wheel_rate : ndarray of float, shape (t,)
-        Rate of the rear wheel [rad/s].
-    """
-
-    time: FloatArray
-    steering_motor_angle: FloatArray
-    wheel_rate: FloatArray
 
 
 @dataclass(frozen=True)
@@ -80,8 +55,8 @@ class Maneuver:
         None where only its bag is there.
     judgement : Judgement, optional
         None where it was not driven, or where its bag cannot be judged.
-    joints : JointHistory, optional
-        None where the bag has no joint states.
+    joints : JointStates, optional
+        During the drive; None where the bag has none.
     failure : str
         Why its bag cannot be judged; empty when it can.
     te_expected : float, optional
@@ -91,7 +66,7 @@ class Maneuver:
     name: str
     plan: Plan | None = None
     judgement: Judgement | None = None
-    joints: JointHistory | None = None
+    joints: JointStates | None = None
     failure: str = ""
     te_expected: float | None = None
 
@@ -199,25 +174,15 @@ def _driven(bag: Path, plans: Mapping[str, Plan], result: DemoResult) -> Maneuve
     return Maneuver(name, None, judgement, joints)
 
 
-def _joints(drive: Drive) -> JointHistory | None:
-    """Joint states of the drive; None where the bag has none."""
-    rows: list[tuple[float, float, float]] = []
-    with BagReader(drive.bag) as reader:
-        found = [name for name in reader.topics if name.endswith("joint_states")]
-        for topic, _, data in reader.messages(found[:1]):
-            message = decode(reader.topics[topic].type, data)
-            try:
-                steering, wheel = map(message.name.index, JOINTS)
-                angle, rate = message.position[steering], message.velocity[wheel]
-            except (ValueError, IndexError, AttributeError):
-                continue  # a message of other joints
-            since = nanoseconds_of(message.header.stamp) - drive.start
-            rows.append((since * 1e-9, angle, rate))
-    time, angle, rate = np.array(rows, dtype=float).reshape(-1, 3).T
-    inside = (time >= 0.0) & (time <= drive.duration)
-    if not inside.any():
+def _joints(drive: RecordedDrive) -> JointStates | None:
+    """Joint states from the start to the end of the drive."""
+    found = drive.joint_states
+    if found is None:
         return None
-    return JointHistory(time[inside], angle[inside], rate[inside])
+    during = (found.time >= 0.0) & (found.time <= drive.duration)
+    return (
+        JointStates(*(values[during] for values in vars(found).values())) if during.any() else None
+    )
 
 
 def wheel_loads(vehicle: Vehicle, plan: Plan) -> WheelLoads:

@@ -1,0 +1,165 @@
+"""Drives measured in simulation: the motion of a vehicle seen by sensors of given noise.
+
+Letters of shapes: `m` samples of a signal, `t` times of a motion.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle.batch import Trajectory
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Noise of a simulated sensor.
+
+    Attributes
+    ----------
+    white : float
+        Standard deviation of the white part, in the sensor's unit.
+    drift : float
+        Standard deviation of an exponentially correlated part, in the sensor's unit.
+    drift_time : float
+        Its correlation time [s].
+    rate : float
+        Samples per second [Hz].
+
+    Raises
+    ------
+    IdentificationError
+        If a standard deviation is negative, or a time or rate is not positive.
+    """
+
+    white: float
+    drift: float = 0.0
+    drift_time: float = 5.0
+    rate: float = 20.0
+
+    def __post_init__(self) -> None:
+        if not (self.white >= 0 and self.drift >= 0 and self.drift_time > 0 and self.rate > 0):
+            raise IdentificationError(
+                f"noise: {self}: needs white, drift >= 0 and drift_time, rate > 0"
+            )
+
+    def draw(self, m: int, rng: np.random.Generator) -> FloatArray:
+        """Return the noise (m,) of samples at `rate`.
+
+        Parameters
+        ----------
+        m : int
+            Number of samples.
+        rng : Generator
+            Source of random numbers.
+        """
+        noise = self.white * rng.standard_normal(m)
+        if self.drift > 0:
+            a = math.exp(-1.0 / (self.rate * self.drift_time))
+            kicks = self.drift * rng.standard_normal(m)
+            drift = np.empty(m)
+            drift[0] = kicks[0]
+            for k in range(1, m):
+                drift[k] = a * drift[k - 1] + math.sqrt(1.0 - a * a) * kicks[k]
+            noise += drift
+        return noise
+
+
+@dataclass(frozen=True, eq=False)
+class SensedMotion:
+    """The quantities of one vehicle's motion that sensors measure.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (t,)
+        From the start event on [s].
+    x, y : ndarray of float, shape (t,)
+        Position [m].
+    heading, yaw_rate : ndarray of float, shape (t,)
+        Left positive [rad] and [rad/s].
+    wheel_speed : ndarray of float, shape (t,)
+        Of the rear wheel relative to the body [rad/s].
+    """
+
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    heading: FloatArray
+    yaw_rate: FloatArray
+    wheel_speed: FloatArray
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, sample: int = 0) -> "SensedMotion":
+        """Return the motion of one sample of a simulation.
+
+        Parameters
+        ----------
+        trajectory : Trajectory
+            From `tricycle_sim.vehicle.batch.simulate`.
+        sample : int
+            Number of the vehicle in it.
+        """
+        t = trajectory
+        return cls(
+            t.time,
+            *(v[sample] for v in (t.x, t.y, t.yaw, t.yaw_rate, t.wheel_speed_rear)),
+        )
+
+
+def measure(
+    motion: SensedMotion,
+    commands: Commands,
+    noise: Mapping[Sensor, SensorNoise],
+    *,
+    rng: np.random.Generator,
+    name: str = "simulated",
+    standstill: float = 0.0,
+    pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    start: StartPose | None = None,
+    truth: Mapping[str, float] | None = None,
+) -> MeasuredDrive:
+    """Measure a motion with sensors of given noise.
+
+    Parameters
+    ----------
+    motion : SensedMotion
+        Of the vehicle.
+    commands : Commands
+        That it was driven with.
+    noise : mapping of Sensor to SensorNoise
+        Of the sensors that there are.
+    rng : Generator
+        Source of the noise.
+    name : str
+        Of the drive.
+    standstill : float
+        Time before the start event at which the sensors begin [s].
+    pose : (float, float, float)
+        Of the start in the frame of the positions [m, m, rad].
+    start : StartPose, optional
+        Start pose as far as the identification shall know it.
+    truth : mapping of str to float, optional
+        Parameters of the vehicle, for `MeasuredDrive.truth`.
+    """
+    x0, y0, psi0 = pose
+    c, s = math.cos(psi0), math.sin(psi0)
+    columns = {
+        Sensor.POSITION: (x0 + c * motion.x - s * motion.y, y0 + s * motion.x + c * motion.y),
+        Sensor.HEADING: (psi0 + motion.heading,),
+        Sensor.YAW_RATE: (motion.yaw_rate,),
+        Sensor.WHEEL_SPEED: (motion.wheel_speed,),
+    }
+    signals = {}
+    for sensor, model in noise.items():
+        before = math.floor(standstill * model.rate)
+        count = math.floor(motion.time[-1] * model.rate + 1e-9)
+        time = np.arange(-before, count + 1) / model.rate
+        exact = [np.interp(time, motion.time, column) for column in columns[sensor]]
+        values = [v + model.draw(len(time), rng) for v in exact]
+        signals[sensor] = Signal(time, np.column_stack(values))
+    return MeasuredDrive(name, commands, signals, start or StartPose(), truth=dict(truth or {}))
