@@ -7,7 +7,7 @@ from threading import Thread
 
 import pytest
 
-from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.topics import OfferedQos, Topic
 from trajectory_recorder.bag.writer import BagWriter
 from trajectory_recorder.player import CLOCK_PERIOD, Player
@@ -28,8 +28,8 @@ def bag(tmp_path: Path) -> BagReader:
     return BagReader(tmp_path / "bag")
 
 
-def play(player: Player) -> tuple[list[tuple[float, Message]], list[int]]:
-    played: list[tuple[float, Message]] = []
+def play(player: Player) -> tuple[list[tuple[float, RecordedMessage]], list[int]]:
+    played: list[tuple[float, RecordedMessage]] = []
     ticks: list[int] = []
     begin = time.monotonic()
     player.run(lambda m: played.append((time.monotonic() - begin, m)), ticks.append)
@@ -61,7 +61,7 @@ def test_rate_start_and_topics(bag: BagReader) -> None:
 
 
 def test_pause_step_and_stop(bag: BagReader) -> None:
-    played: list[Message] = []
+    played: list[RecordedMessage] = []
     player = Player(bag, bag.topics, paused=True)
     thread = Thread(target=player.run, args=(played.append, lambda _: None))
     thread.start()
@@ -84,7 +84,7 @@ def test_loop_begins_again(bag: BagReader) -> None:
     played: list[int] = []
     player = Player(bag, bag.topics, rate=0, loop=True)
 
-    def publish(message: Message) -> None:
+    def publish(message: RecordedMessage) -> None:
         played.append(message.stamp)
         if len(played) == 100:
             player.stop()

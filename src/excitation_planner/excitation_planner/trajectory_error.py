@@ -10,9 +10,10 @@ trajectory is interpolated instead of either trajectory.
 Letters: ``n`` samples, ``t`` grid times, ``j`` points of Eq. 14.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -125,9 +126,7 @@ class NominalTrajectory:
             (x, vx, self.x, self.vx),
             (y, vy, self.y, self.vy),
         ):
-            _add_mean_square(
-                values, rates, nominal, nominal_rate, self._interval, self._weight, result
-            )
+            _compiled()(values, rates, nominal, nominal_rate, self._interval, self._weight, result)
         return result
 
 
@@ -147,7 +146,16 @@ def _weights(time: FloatArray, at: FloatArray) -> tuple[NDArray[np.int64], Float
     return interval, weight
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
+@cache
+def _compiled() -> Callable[..., None]:
+    """Return `_add_mean_square` as machine code."""
+    import numba  # takes a while, and judging one drive does without
+
+    options = {"cache": True, "nogil": True, "fastmath": {"contract", "reassoc"}}
+    compiled: Callable[..., None] = numba.njit(_add_mean_square, **options)
+    return compiled
+
+
 def _add_mean_square(  # type: ignore[no-untyped-def]  # pragma: no cover
     values, rates, nominal, nominal_rate, interval, weight, result
 ):

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Collection
 from threading import Condition
 
-from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 
 CLOCK_PERIOD = 10_000_000  # ns of recorded time between ticks of the clock
 
@@ -47,7 +47,7 @@ class Player:
         self._changed = Condition()
         self._origin: tuple[float, int] | None = None  # wall s and recorded ns that coincide
 
-    def run(self, publish: Callable[[Message], None], tick: Callable[[int], None]) -> None:
+    def run(self, publish: Callable[[RecordedMessage], None], tick: Callable[[int], None]) -> None:
         """Play until the end, or until `stop`.
 
         Parameters
@@ -92,7 +92,9 @@ class Player:
         """Whether `stop` was called."""
         return self._stopped
 
-    def _play_once(self, publish: Callable[[Message], None], tick: Callable[[int], None]) -> None:
+    def _play_once(
+        self, publish: Callable[[RecordedMessage], None], tick: Callable[[int], None]
+    ) -> None:
         self._origin = None
         begin = next_tick = last = None
         for message in self._bag.messages(self._topics):

@@ -19,7 +19,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.topics import OfferedQos, message_class
 from trajectory_recorder.player import Player
 from tricycle_core.errors import BagError
@@ -90,7 +90,7 @@ class BagReplayer(Node):
         except BagError as error:
             self._failure = error
 
-    def _publish(self, message: Message) -> None:
+    def _publish(self, message: RecordedMessage) -> None:
         while True:
             try:
                 self._to[message.topic].publish(message.data)

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
-from trajectory_recorder.bag.reader import BagReader, Message
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import Topic, decode, jazzy
 from trajectory_recorder.bag.writer import BagWriter, Compression
@@ -20,7 +20,7 @@ from tricycle_core.errors import BagError
 
 STRING = "std_msgs/msg/String"
 DEFINITION = b"string data"
-MESSAGES = [Message(f"/chatter{i % 3}", i, bytes([i % 256]) * (i % 50)) for i in range(300)]
+MESSAGES = [RecordedMessage(f"/chatter{i % 3}", i, bytes([i % 256]) * (i % 50)) for i in range(300)]
 
 
 def write_own(path: Path, compression: Compression = Compression.ZSTD) -> Path:

@@ -14,11 +14,11 @@ from enum import Enum
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from excitation_planner.trajectory_error import POINTS, trajectory_error
 from parameter_identification.drives.poses import Datum, PlanarTrajectory
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
+from parameter_identification.judging.spline import CubicSpline
 from tricycle_core.errors import JudgeError
 from tricycle_core.quantities import FloatArray
 

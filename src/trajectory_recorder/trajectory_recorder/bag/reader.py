@@ -5,7 +5,6 @@ cost no more than their chunks, and up to the tear where a recorder was killed. 
 compressed files of rosbag2 are read through `rosbags`.
 """
 
-import io
 import os
 import re
 import struct
@@ -15,57 +14,61 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
-from typing import Any, NamedTuple, Protocol, Self, cast
+from typing import Any, NamedTuple, Protocol, cast
 
 import lz4.frame
-import yaml
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
-from rosbags.rosbag2 import Reader as RosbagsReader
-from rosbags.rosbag2 import ReaderError
-from rosbags.rosbag2.metadata import parse_qos
 
-from trajectory_recorder.bag.topics import OfferedQos, Topic
-from trajectory_recorder.bag.writer import MAGIC, METADATA_RECORD
+from trajectory_recorder.bag.metadata import one_line, read_metadata
+from trajectory_recorder.bag.records import (
+    CHUNK,
+    FOOTER_SIZE,
+    MAGIC,
+    MESSAGE,
+    METADATA_RECORD,
+    RECORD,
+    Buffer,
+    split_records,
+    stream,
+)
+from trajectory_recorder.bag.topics import OfferedQos, Topic, parse_profiles
+from tricycle_core.closing import Closing
 from tricycle_core.errors import BagError
 
-__all__ = ["BagError", "BagReader", "Message"]
-
-_RECORD = struct.Struct("<BQ")  # opcode, length
-_CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, CRC, length of compression name
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_FOOTER_SIZE = _RECORD.size + 20 + len(MAGIC)
+__all__ = ["BagError", "BagReader", "RecordedMessage"]
 
 _DAMAGED = (
     *(struct.error, ValueError, RuntimeError, MemoryError, OverflowError),
     *(zstandard.ZstdError, McapError),
 )
 
-Buffer = bytes | memoryview
 Damaged = Callable[[BagError], None]
+"""Called for each damaged chunk."""
 
-MAX_METADATA = 16_000_000  # bytes of metadata.yaml; a bag of thousands of files has a fifth
 MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
 
 
-class _YamlLoader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML without merge keys, by which a small file describes an enormous document."""
+class RecordedMessage(NamedTuple):
+    """One recorded message.
 
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Leave `<<` as it stands; it is then refused."""
-
-
-class Message(NamedTuple):
-    """One recorded message."""
+    Attributes
+    ----------
+    topic : str
+        Its name.
+    stamp : int
+        Time of receipt by the recorder's clock [ns].
+    data : bytes
+        Serialised (CDR).
+    """
 
     topic: str
-    stamp: int  # ns, clock of the recorder on receipt
-    data: bytes  # CDR
+    stamp: int
+    data: bytes
 
 
 class _Storage(Protocol):
@@ -77,12 +80,12 @@ class _Storage(Protocol):
     @property
     def topics(self) -> list[Topic]: ...
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]: ...
+    def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]: ...
 
     def close(self) -> None: ...
 
 
-class BagReader:
+class BagReader(Closing):
     """An open bag: a rosbag2 directory, or a single ``.mcap`` or ``.db3`` file.
 
     Parameters
@@ -128,7 +131,7 @@ class BagReader:
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
             self._closing = stack.pop_all()
 
-    def messages(self, topics: Collection[str] | None = None) -> Iterator[Message]:
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
         """Messages of the named topics (all, if None) in the order they were recorded.
 
         Raises
@@ -143,17 +146,6 @@ class BagReader:
     def close(self) -> None:
         """Close the files."""
         self._closing.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
 
 def _open_storages(
@@ -186,7 +178,7 @@ def _open_storages(
 def _information(path: Path) -> dict[str, Any]:
     """Content of a bag's metadata.yaml; empty where all that is needed is in the files."""
     try:
-        return _metadata_yaml(path / "metadata.yaml")
+        return read_metadata(path)
     except BagError:
         if not any(path.glob("*.mcap")):
             raise
@@ -196,29 +188,6 @@ def _information(path: Path) -> dict[str, Any]:
 def _texts(pairs: object) -> dict[str, str]:
     """Key and value pairs as text; empty for anything else."""
     return {str(k): str(v) for k, v in pairs.items()} if isinstance(pairs, dict) else {}
-
-
-def _metadata_yaml(path: Path) -> dict[str, Any]:
-    """Content of metadata.yaml; empty if there is none, as after a crash of rosbag2."""
-    if not path.exists():
-        return {}
-    with path.open("rb") as file:
-        text = file.read(MAX_METADATA + 1)
-    if len(text) > MAX_METADATA:
-        raise BagError(f"{path}: larger than {MAX_METADATA} bytes; not a rosbag2 metadata file")
-    try:
-        content = yaml.load(text, Loader=_YamlLoader)  # noqa: S506 - a safe loader
-        information = dict(content["rosbag2_bagfile_information"])
-        files = [Path(name) for name in information.get("relative_file_paths") or []]
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BagError(f"{path} is not a rosbag2 metadata file: {_one_line(error)}") from error
-    if any(file.name != str(file) or file.name == ".." for file in files):
-        raise BagError(f"{path} names files outside of the bag")
-    return information
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def _part_number(path: Path) -> tuple[int, str]:
@@ -271,23 +240,19 @@ class _McapFile:
         topics = []
         for channel in self._channels.values():
             schema = self._schemas.get(channel.schema_id)
-            try:
-                profiles = parse_qos(channel.metadata.get("offered_qos_profiles", ""))
-            except (ReaderError, KeyError, TypeError):  # of another vendor, or damaged
-                profiles = []
             topics.append(
                 Topic(
                     name=channel.topic,
                     type=schema.name if schema else "",
                     definition=schema.data.decode(errors="replace") if schema else "",
                     type_hash=channel.metadata.get("topic_type_hash", ""),
-                    qos=tuple(OfferedQos.of_connection(qos) for qos in profiles),
+                    qos=parse_profiles(channel.metadata.get("offered_qos_profiles", "")),
                     count=self._counts[channel.id],
                 )
             )
         return topics
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+    def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]:
         names = {c.id: c.topic for c in self._channels.values() if c.topic in topics}
         for chunk in self._chunks:
             indexes = [offset for id_, offset in chunk.indexes.items() if id_ in names]
@@ -307,7 +272,7 @@ class _McapFile:
                 continue
             for channel_id, stamp, start, end in found:
                 if channel_id in names:
-                    yield Message(names[channel_id], stamp, bytes(data[start:end]))
+                    yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
 
     def close(self) -> None:
         if self._fd >= 0:
@@ -336,25 +301,25 @@ class _McapFile:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
         entries: list[tuple[int, int]] = []  # offset, stamp
         for index in indexes:
-            _, length = _RECORD.unpack(self._read(index, _RECORD.size))
-            pairs = self._read(index + _RECORD.size + 6, length - 6)
+            _, length = RECORD.unpack(self._read(index, RECORD.size))
+            pairs = self._read(index + RECORD.size + 6, length - 6)
             entries += ((offset, stamp) for stamp, offset in struct.iter_unpack("<QQ", pairs))
         found = []
         for offset, stamp in sorted(entries):
-            opcode, length = _RECORD.unpack_from(data, offset)
-            start = offset + _RECORD.size
-            channel_id, _, log_time, _ = _MESSAGE.unpack_from(data, start)
+            opcode, length = RECORD.unpack_from(data, offset)
+            start = offset + RECORD.size
+            channel_id, _, log_time, _ = MESSAGE.unpack_from(data, start)
             if opcode != Opcode.MESSAGE or log_time != stamp or start + length > len(data):
                 raise ValueError("its message index is wrong")
-            found.append((channel_id, stamp, start + _MESSAGE.size, start + length))
+            found.append((channel_id, stamp, start + MESSAGE.size, start + length))
         return found
 
     def _read_footer(self) -> Footer | None:
         """Footer of a file that was finished."""
-        start = self._size - _FOOTER_SIZE
+        start = self._size - FOOTER_SIZE
         if start < len(MAGIC) or self._read(self._size - len(MAGIC), len(MAGIC)) != MAGIC:
             return None
-        footer: Footer = Footer.read(_stream(self._read(start + _RECORD.size, 20)))
+        footer: Footer = Footer.read(stream(self._read(start + RECORD.size, 20)))
         return footer
 
     def _read_summary(self, footer: Footer) -> bool:
@@ -365,18 +330,18 @@ class _McapFile:
         One of _DAMAGED
             If what is called the summary is none.
         """
-        end = self._size - _FOOTER_SIZE
+        end = self._size - FOOTER_SIZE
         if not len(MAGIC) <= footer.summary_start < end:
             return False
         summary = self._read(footer.summary_start, end - footer.summary_start)
-        signed = summary + self._read(end, _RECORD.size + 16)
+        signed = summary + self._read(end, RECORD.size + 16)
         if footer.summary_crc and zlib.crc32(signed) != footer.summary_crc:
             return False
         statistics = None
-        for opcode, start, length in _records(summary):
-            stream = _stream(summary[start : start + length])
+        for opcode, start, length in split_records(summary):
+            content = stream(summary[start : start + length])
             if opcode == Opcode.CHUNK_INDEX:
-                index = ChunkIndex.read(stream)
+                index = ChunkIndex.read(content)
                 self._chunks.append(
                     _Chunk(
                         index.chunk_start_offset,
@@ -385,14 +350,14 @@ class _McapFile:
                     )
                 )
             elif opcode == Opcode.STATISTICS:
-                statistics = Statistics.read(stream)
+                statistics = Statistics.read(content)
             elif opcode == Opcode.METADATA_INDEX:
-                metadata = MetadataIndex.read(stream)
+                metadata = MetadataIndex.read(content)
                 if metadata.name == METADATA_RECORD:
-                    record = self._read(metadata.offset + _RECORD.size, metadata.length)
-                    self.metadata = Metadata.read(_stream(record)).metadata
+                    record = self._read(metadata.offset + RECORD.size, metadata.length)
+                    self.metadata = Metadata.read(stream(record)).metadata
             else:
-                self._take_channel(opcode, stream)
+                self._take_channel(opcode, content)
         if statistics is None or (statistics.message_count and not self._chunks):
             return False
         self._counts.update(statistics.channel_message_counts)
@@ -403,11 +368,11 @@ class _McapFile:
         self._chunks.clear()
         offset = len(MAGIC)
         while offset < self._size:
-            head = self._read(offset, _RECORD.size)
-            if len(head) < _RECORD.size:
+            head = self._read(offset, RECORD.size)
+            if len(head) < RECORD.size:
                 return
-            opcode, length = _RECORD.unpack(head)
-            end = offset + _RECORD.size + length
+            opcode, length = RECORD.unpack(head)
+            end = offset + RECORD.size + length
             if end > self._size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             try:
@@ -425,18 +390,18 @@ class _McapFile:
             offset = end
 
     def _take_records(self, data: Buffer) -> None:
-        for opcode, start, length in _records(data):
+        for opcode, start, length in split_records(data):
             if opcode == Opcode.MESSAGE:
                 self._counts[int.from_bytes(data[start : start + 2], "little")] += 1
             else:
-                self._take_channel(opcode, _stream(data[start : start + length]))
+                self._take_channel(opcode, stream(data[start : start + length]))
 
-    def _take_channel(self, opcode: int, stream: ReadDataStream) -> None:
+    def _take_channel(self, opcode: int, content: ReadDataStream) -> None:
         if opcode == Opcode.SCHEMA:
-            schema = Schema.read(stream)
+            schema = Schema.read(content)
             self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
+            channel = Channel.read(content)
             self._channels[channel.id] = channel
 
 
@@ -446,24 +411,26 @@ class _RosbagsStorage:
     complete = True
 
     def __init__(self, path: Path) -> None:
+        from rosbags.rosbag2 import Reader  # takes a while, and few bags need it
+
         self.path = path
         self.metadata: dict[str, str] = {}
         try:
-            self._reader = RosbagsReader(path)
+            self._reader = Reader(path)
             self._reader.open()
             self.topics = [_rosbags_topic(c) for c in self._reader.connections]
         except Exception as error:  # what is damaged comes up as an error of any kind
-            raise BagError(f"{path}: {_one_line(error)}") from error
+            raise BagError(f"{path}: {one_line(error)}") from error
 
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
+    def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]:
         connections = [c for c in self._reader.connections if c.topic in topics]
         if not connections:  # which would mean all to rosbags
             return
         try:
             for connection, stamp, data in self._reader.messages(connections):
-                yield Message(connection.topic, stamp, bytes(memoryview(data)))
+                yield RecordedMessage(connection.topic, stamp, bytes(memoryview(data)))
         except Exception as error:
-            raise BagError(f"{self.path}: {_one_line(error)}") from error
+            raise BagError(f"{self.path}: {one_line(error)}") from error
 
     def close(self) -> None:
         self._reader.close()
@@ -486,36 +453,20 @@ def _rosbags_topic(connection: Connection) -> Topic:
     )
 
 
-def _records(data: Buffer) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and length of the content of each record."""
-    offset, size = 0, len(data)
-    while offset < size:
-        opcode, length = _RECORD.unpack_from(data, offset)
-        offset += _RECORD.size
-        if offset + length > size:
-            raise struct.error(f"record of {length} bytes ends beyond its chunk")
-        yield opcode, offset, length
-        offset += length
-
-
 def _messages(data: Buffer) -> list[tuple[int, int, int, int]]:
     """Channel, stamp, start and end of the data of each message in a chunk."""
     found = []
-    for opcode, start, length in _records(data):
+    for opcode, start, length in split_records(data):
         if opcode == Opcode.MESSAGE:
-            channel_id, _, stamp, _ = _MESSAGE.unpack_from(data, start)
-            found.append((channel_id, stamp, start + _MESSAGE.size, start + length))
+            channel_id, _, stamp, _ = MESSAGE.unpack_from(data, start)
+            found.append((channel_id, stamp, start + MESSAGE.size, start + length))
     return found
-
-
-def _stream(data: Buffer) -> ReadDataStream:
-    return ReadDataStream(io.BytesIO(data))
 
 
 def _uncompress(record: bytes) -> Buffer:
     """Content of a chunk record, checked."""
-    _, _, size, crc, name_length = _CHUNK.unpack_from(record, _RECORD.size)
-    start = _RECORD.size + _CHUNK.size + name_length
+    _, _, size, crc, name_length = CHUNK.unpack_from(record, RECORD.size)
+    start = RECORD.size + CHUNK.size + name_length
     compression = record[start - name_length : start]
     data: Buffer = memoryview(record)[start + 8 :]
     if size > MAX_CHUNK:

@@ -5,16 +5,21 @@ import os
 import re
 import reprlib
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import Enum
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from rosbags.interfaces import Qos, QosTime
+import yaml
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from trajectory_recorder.bag.metadata import load_yaml
 from tricycle_core.errors import BagError
+from tricycle_core.stamps import SECOND
 
 FOREVER = 2**63 - 1  # ns; how ROS 2 writes an infinite deadline, lifespan or lease
 
@@ -50,26 +55,51 @@ class OfferedQos:
     @classmethod
     def of_connection(cls, qos: Qos) -> "OfferedQos":
         """Quality of service as `rosbags` reads it."""
-
-        def join(time: QosTime) -> int:
-            return time.sec * 10**9 + time.nsec
-
         return cls(
             history=qos.history.name.lower(),
             depth=qos.depth,
             reliability=qos.reliability.name.lower(),
             durability=qos.durability.name.lower(),
-            deadline=join(qos.deadline),
-            lifespan=join(qos.lifespan),
+            deadline=qos.deadline.sec * SECOND + qos.deadline.nsec,
+            lifespan=qos.lifespan.sec * SECOND + qos.lifespan.nsec,
             liveliness=qos.liveliness.name.lower(),
-            lease=join(qos.liveliness_lease_duration),
+            lease=qos.liveliness_lease_duration.sec * SECOND + qos.liveliness_lease_duration.nsec,
+        )
+
+    @classmethod
+    def of_yaml(cls, entry: Mapping[str, Any]) -> "OfferedQos":
+        """Return the quality of service of an entry of ``offered_qos_profiles``.
+
+        Parameters
+        ----------
+        entry : mapping
+            Policies as names (metadata version 9) or as numbers (before).
+
+        Raises
+        ------
+        KeyError, TypeError, ValueError
+            If it is none.
+        """
+
+        def nanoseconds(time: Mapping[str, int]) -> int:
+            return int(time["sec"]) * SECOND + int(time["nsec"])
+
+        return cls(
+            history=_policy(QosHistory, entry["history"]),
+            depth=int(entry["depth"]),
+            reliability=_policy(QosReliability, entry["reliability"]),
+            durability=_policy(QosDurability, entry["durability"]),
+            deadline=nanoseconds(entry["deadline"]),
+            lifespan=nanoseconds(entry["lifespan"]),
+            liveliness=_policy(QosLiveliness, entry["liveliness"]),
+            lease=nanoseconds(entry["liveliness_lease_duration"]),
         )
 
     def to_yaml(self) -> dict[str, Any]:
         """Entry of ``offered_qos_profiles``, rosbag2 metadata version 9."""
 
         def split(ns: int) -> dict[str, int]:
-            return {"sec": ns // 10**9, "nsec": ns % 10**9}
+            return {"sec": ns // SECOND, "nsec": ns % SECOND}
 
         return {
             "history": self.history,
@@ -82,6 +112,29 @@ class OfferedQos:
             "liveliness_lease_duration": split(self.lease),
             "avoid_ros_namespace_conventions": False,
         }
+
+
+def parse_profiles(text: str) -> tuple[OfferedQos, ...]:
+    """Return what the metadata of an MCAP channel says of its publishers; empty if unreadable.
+
+    Parameters
+    ----------
+    text : str
+        YAML of ``offered_qos_profiles``.
+    """
+    try:
+        return tuple(OfferedQos.of_yaml(entry) for entry in load_yaml(text) or ())
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError):  # of another vendor
+        return ()
+
+
+def _policy(kind: type[Enum], value: str | int) -> str:
+    """Name of a policy as a number or a name; "unknown" where it is none."""
+    try:
+        found = kind(value) if isinstance(value, int) else kind[str(value).upper()]
+    except (KeyError, ValueError):
+        return "unknown"
+    return found.name.lower()
 
 
 @dataclass(frozen=True)

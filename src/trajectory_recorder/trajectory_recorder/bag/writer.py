@@ -4,7 +4,7 @@ A bag under construction is a complete one: every `BagWriter.flush` writes the c
 the last one *and* the file's summary and footer behind them; the next flush overwrites that
 summary. A process that is killed thus leaves a bag that any reader opens, with everything up to
 the last flush in it. Only a process killed within the write itself leaves a torn summary;
-`bag_reader` reads such a file up to the tear.
+`BagReader` reads such a file up to the tear.
 
 The records are those of https://mcap.dev/spec, the directory that of rosbag2 (metadata version 9).
 """
@@ -18,13 +18,9 @@ from contextlib import suppress
 from enum import Enum
 from itertools import islice
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
 import lz4.frame
-import yaml
 import zstandard
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
@@ -32,7 +28,6 @@ from mcap.records import (
     DataEnd,
     Footer,
     Header,
-    McapRecord,
     Metadata,
     MetadataIndex,
     Schema,
@@ -40,23 +35,20 @@ from mcap.records import (
     SummaryOffset,
 )
 
+from trajectory_recorder.bag.metadata import dump_yaml, write_metadata
+from trajectory_recorder.bag.records import CHUNK, MAGIC, METADATA_RECORD, RECORD, encode
 from trajectory_recorder.bag.topics import Topic
+from tricycle_core.closing import Closing
 from tricycle_core.errors import BagError
 
-MAGIC = b"\x89MCAP0\r\n"
-METADATA_RECORD = "tricycle"  # MCAP metadata record with plan id, vehicle hash, versions
-
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log and publish time
-_MESSAGE_FIELDS = _MESSAGE.size - 9  # bytes of the record that are not opcode, length or data
+_MESSAGE = struct.Struct("<BQHIQQ")  # `RECORD` and `MESSAGE` in one, for speed
+_MESSAGE_FIELDS = _MESSAGE.size - RECORD.size  # bytes of the content that are not data
 _MESSAGE_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, bytes of entries
-_CHUNK = struct.Struct("<BQQQQI")  # opcode, length, start, end, uncompressed size, CRC
 _PENDING_BYTES = 8 * 2**20  # chunks kept before the file, and with it its summary, is written
 _PENDING_TAILS = 4  # and not before they are so much more than that summary, which grows
 _CACHED_BYTES = 2**27  # of a file that is being written are left in the machine's memory
 
 _BUFFERS = 64  # in one call to the operating system
-
-_YamlDumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)  # tens of times faster, where built
 
 
 class Compression(Enum):
@@ -67,7 +59,7 @@ class Compression(Enum):
     ZSTD = "zstd"
 
 
-class BagWriter:
+class BagWriter(Closing):
     """A rosbag2 directory being written.
 
     Parameters
@@ -120,7 +112,7 @@ class BagWriter:
         self._chunk: list[bytes] = []  # pieces: a large message is not copied until written
         self._chunk_bytes = 0
         self._index: dict[int, list[int]] = {}  # topic id -> stamp, offset, stamp, offset, ...
-        self._files = [_McapFile(self._next_path(0))]
+        self._files = [_OutputFile(self._next_path(0))]
         self.flush()
 
     @property
@@ -155,7 +147,7 @@ class BagWriter:
         """Make the bag on disk complete; a process killed later loses what comes after this."""
         self._finish_chunk()
         self._files[-1].flush(self.metadata)
-        self._write_metadata_yaml()
+        self._write_metadata()
 
     def close(self) -> None:
         """Flush and close; further calls do nothing."""
@@ -165,17 +157,6 @@ class BagWriter:
                 self.flush()
         finally:
             file.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
 
     def _append(self, topic_id: int, stamp: int, data: bytes) -> None:
         entries = self._index.get(topic_id)
@@ -206,7 +187,7 @@ class BagWriter:
 
     def _split(self, stamp: int) -> None:
         self.close()
-        self._files.append(_McapFile(self._next_path(len(self._files))))
+        self._files.append(_OutputFile(self._next_path(len(self._files))))
         for topic_id, topic in enumerate(self._topics, start=1):
             self._files[-1].add_channel(topic_id, topic)
         for topic_id, last in self._latched.items():
@@ -214,12 +195,11 @@ class BagWriter:
                 self._append(topic_id, stamp, data)
         self.flush()
 
-    def _write_metadata_yaml(self) -> None:
+    def _write_metadata(self) -> None:
         files = [file for file in self._files if file.messages]
         start = min((file.start for file in files), default=0)
         end = max((file.end for file in files), default=0)
         information = {
-            "version": 9,
             "storage_identifier": "mcap",
             "duration": {"nanoseconds": end - start},
             "starting_time": {"nanoseconds_since_epoch": start},
@@ -252,14 +232,10 @@ class BagWriter:
             "custom_data": dict(self.metadata) or None,
             "ros_distro": "jazzy",
         }
-        text = _to_yaml({"rosbag2_bagfile_information": information})
-        # a reader, or a process that is killed, finds the old text or the new one
-        new = self.path / ".metadata.yaml.new"
-        new.write_text(text, encoding="utf-8")
-        new.replace(self.path / "metadata.yaml")
+        write_metadata(self.path, information)
 
 
-class _McapFile:
+class _OutputFile:
     """One MCAP file, complete after each `flush`."""
 
     def __init__(self, path: Path) -> None:
@@ -272,7 +248,7 @@ class _McapFile:
         self._channels: list[Channel] = []
         self._chunks = 0
         self._chunk_indexes = bytearray()  # encoded: there may be many, and each tail has them all
-        header = MAGIC + _encode(Header(profile="ros2", library="trajectory_recorder"))
+        header = MAGIC + encode(Header(profile="ros2", library="trajectory_recorder"))
         self._pending: list[bytes] = [header]
         self.pending_bytes = len(header)
         self._data_end = 0  # bytes on disk that are never touched again
@@ -305,19 +281,19 @@ class _McapFile:
                 data=topic.definition.encode(),
             )
             self._schemas[topic.type] = schema
-            self._add(_encode(schema))
+            self._add(encode(schema))
         channel = Channel(
             id=channel_id,
             schema_id=schema.id,
             topic=topic.name,
             message_encoding="cdr",
             metadata={
-                "offered_qos_profiles": _to_yaml([qos.to_yaml() for qos in topic.qos]),
+                "offered_qos_profiles": dump_yaml([qos.to_yaml() for qos in topic.qos]),
                 "topic_type_hash": topic.type_hash,
             },
         )
         self._channels.append(channel)
-        self._add(_encode(channel))
+        self._add(encode(channel))
 
     def add_chunk(
         self,
@@ -338,11 +314,9 @@ class _McapFile:
         end = max(max(entries[::2]) for entries in index.values())
         name = compression.value.encode()
         offset = self.size
-        length = _CHUNK.size - 9 + 4 + len(name) + 8 + compressed_size
-        self._add(
-            _CHUNK.pack(Opcode.CHUNK, length, start, end, size, crc)
-            + struct.pack("<I", len(name)) + name + struct.pack("<Q", compressed_size)
-        )  # fmt: skip
+        head = CHUNK.pack(start, end, size, crc, len(name)) + name
+        head += struct.pack("<Q", compressed_size)
+        self._add(RECORD.pack(Opcode.CHUNK, len(head) + compressed_size) + head)
         for piece in data:
             self._add(piece)
         chunk_end = self.size
@@ -355,7 +329,7 @@ class _McapFile:
                 + packed
             )
             self.counts[channel_id] = self.counts.get(channel_id, 0) + len(entries) // 2
-        self._chunk_indexes += _encode(
+        self._chunk_indexes += encode(
             ChunkIndex(
                 chunk_start_offset=offset,
                 chunk_length=chunk_end - offset,
@@ -410,8 +384,8 @@ class _McapFile:
 
     def _make_tail(self, metadata: Mapping[str, str]) -> bytes:
         """Metadata record, end of data, summary with its offsets, footer, magic."""
-        record = _encode(Metadata(name=METADATA_RECORD, metadata=dict(metadata)))
-        data_end = record + _encode(DataEnd(data_section_crc=0))
+        record = encode(Metadata(name=METADATA_RECORD, metadata=dict(metadata)))
+        data_end = record + encode(DataEnd(data_section_crc=0))
         statistics = Statistics(
             message_count=self.messages,
             schema_count=len(self._schemas),
@@ -425,11 +399,11 @@ class _McapFile:
         )
         metadata_index = MetadataIndex(offset=self.size, length=len(record), name=METADATA_RECORD)
         groups: dict[Opcode, bytes | bytearray] = {
-            Opcode.SCHEMA: _encode(*self._schemas.values()),
-            Opcode.CHANNEL: _encode(*self._channels),
-            Opcode.STATISTICS: _encode(statistics),
+            Opcode.SCHEMA: encode(*self._schemas.values()),
+            Opcode.CHANNEL: encode(*self._channels),
+            Opcode.STATISTICS: encode(statistics),
             Opcode.CHUNK_INDEX: self._chunk_indexes,
-            Opcode.METADATA_INDEX: _encode(metadata_index),
+            Opcode.METADATA_INDEX: encode(metadata_index),
         }
         summary_start = self.size + len(data_end)
         summary = bytearray()
@@ -445,20 +419,13 @@ class _McapFile:
                 )
                 summary += group
         offset_start = summary_start + len(summary)
-        summary += _encode(*offsets)
+        summary += encode(*offsets)
         # the CRC includes the footer up to its own place
         footer = Footer(
             summary_start=summary_start, summary_offset_start=offset_start, summary_crc=0
         )
-        footer.summary_crc = zlib.crc32(summary + _encode(footer)[:-4])
-        return data_end + bytes(summary) + _encode(footer) + MAGIC
-
-
-def _encode(*records: McapRecord) -> bytes:
-    builder = RecordBuilder()
-    for record in records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
+        footer.summary_crc = zlib.crc32(summary + encode(footer)[:-4])
+        return data_end + bytes(summary) + encode(footer) + MAGIC
 
 
 def _write_at(fd: int, offset: int, buffers: Sequence[bytes]) -> None:
@@ -480,7 +447,3 @@ def _compressor(compression: Compression) -> Callable[[list[bytes]], list[bytes]
     if compression is Compression.LZ4:
         return lambda chunk: [bytes(lz4.frame.compress(b"".join(chunk)))]
     return lambda chunk: chunk
-
-
-def _to_yaml(value: object) -> str:
-    return str(yaml.dump(value, Dumper=_YamlDumper, sort_keys=False)).strip()

@@ -1,0 +1,92 @@
+"""metadata.yaml of a rosbag2 directory, and the YAML inside of MCAP records."""
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from tricycle_core.documents import read_bounded
+from tricycle_core.errors import BagError
+
+NAME = "metadata.yaml"
+VERSION = 9  # of the format, that of ROS 2 Jazzy
+MAX_BYTES = 16_000_000  # of the file; a bag of thousands of files has a fifth
+
+# those in C are tens of times faster; they are there where libyaml was when PyYAML was built
+_Dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """YAML without merge keys, by which a small file describes an enormous document."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Leave `<<` as it stands; it is then refused."""
+
+
+def load_yaml(text: str | bytes) -> Any:
+    """Return the values of a YAML text from an untrusted file.
+
+    Parameters
+    ----------
+    text : str or bytes
+        One document.
+
+    Raises
+    ------
+    yaml.YAMLError
+        If it is none.
+    """
+    return yaml.load(text, Loader=_Loader)  # noqa: S506 - a safe loader
+
+
+def dump_yaml(value: object) -> str:
+    """Return plain values as YAML, in the order of their keys."""
+    return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False)).strip()
+
+
+def read_metadata(bag: Path) -> dict[str, Any]:
+    """Return what metadata.yaml says of a bag; empty if there is none, as after a crash of rosbag2.
+
+    Parameters
+    ----------
+    bag : Path
+        rosbag2 directory.
+
+    Raises
+    ------
+    BagError
+        If it is damaged, or names files outside of the bag.
+    """
+    path = bag / NAME
+    if not path.exists():
+        return {}
+    text = read_bounded(path, MAX_BYTES, "a rosbag2 metadata file", BagError)
+    try:
+        information = dict(load_yaml(text)["rosbag2_bagfile_information"])
+        files = [Path(name) for name in information.get("relative_file_paths") or []]
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
+        raise BagError(f"{path} is not a rosbag2 metadata file: {one_line(error)}") from error
+    if any(file.name != str(file) or file.name == ".." for file in files):
+        raise BagError(f"{path} names files outside of the bag")
+    return information
+
+
+def write_metadata(bag: Path, information: dict[str, Any]) -> None:
+    """Write metadata.yaml; a reader, or a process that is killed, finds the old text or the new.
+
+    Parameters
+    ----------
+    bag : Path
+        rosbag2 directory.
+    information : dict
+        Entries of the format besides its version.
+    """
+    text = dump_yaml({"rosbag2_bagfile_information": {"version": VERSION, **information}})
+    new = bag / f".{NAME}.new"  # not `write_whole`: a folder that was removed must stay so
+    new.write_text(text, encoding="utf-8")
+    new.replace(bag / NAME)
+
+
+def one_line(error: Exception) -> str:
+    """Return the message of a library's exception, in one short line."""
+    return " ".join(str(error).split())[:200]
