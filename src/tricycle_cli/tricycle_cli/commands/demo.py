@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from excitation_planner.plan import Plan
+    from parameter_identification.identification import Identification
+    from parameter_identification.judging.judgement import Judgement
+    from tricycle_cli.reports.result_file import DemoResult
 
 EXAMPLE = """\
 example:
@@ -68,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan, drive, record, judge; print the table and say where everything is.
+    """Plan, drive, record, judge, identify; print the tables and say where everything is.
 
     Parameters
     ----------
@@ -77,14 +80,12 @@ def run(args: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
-    from excitation_planner.plan import save_plan
-    from excitation_planner.planning import plan_at, plan_maneuver, random_feasible_point
-    from parameter_identification.drives.measured import read_measured_drive
+    from parameter_identification.drives.measured import measured_drive
+    from parameter_identification.drives.recorded import read_drive
     from parameter_identification.identification import identify
-    from parameter_identification.judging.judgement import judge
-    from tricycle_cli.operation.session import hidden_truth, simulated_session
+    from parameter_identification.judging.judgement import judge_drive
+    from tricycle_cli.operation.session import hidden_truth
     from tricycle_cli.reports.identification_page import save_identification
-    from tricycle_cli.reports.result_file import DemoResult, DriveResult, ParameterResult
     from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import run_page
     from tricycle_cli.reports.static_figures import plot_drives
@@ -98,60 +99,27 @@ def run(args: argparse.Namespace) -> int:
     output: Path = args.output
     _make_room(output, overwrite=args.overwrite)
 
-    with progress_bar(f"planning {request.family.name} for {args.target}") as progress:
-        designed = plan_maneuver(request, progress=progress)
-        # a stream of its own: the truth is drawn from the seed alone
-        random_x = random_feasible_point(request, np.random.default_rng([args.seed, 1]))
-        plans = {"designed": designed, "random": plan_at(request, random_x)}
-    for name, plan in plans.items():
-        save_plan(plan, output / "plans" / f"{name}.json")
-
+    plans = _plans(request, output / "plans")
     bags = {name: output / "bags" / name for name in plans}
-    with simulated_session(
-        vehicle_file=args.vehicle,
-        true_seed=args.seed,
-        real_time_factor=args.real_time_factor,
-        folder=output,
-        firmware=args.firmware,
-    ) as drive:
-        for name, plan in plans.items():
-            with progress_bar(f"driving the {name} maneuver, ms") as progress:
-                drive(plan, bags[name], progress)
+    _drive(plans, bags, args)
 
-    judgements = {name: judge(bag) for name, bag in bags.items()}
+    drives = {name: read_drive(bag) for name, bag in bags.items()}
+    judgements = {name: judge_drive(drive) for name, drive in drives.items()}
     plot_drives(
         {_title(name, plan): judgements[name] for name, plan in plans.items()},
         output / "trajectories.png",
     )
     with progress_bar("identifying the parameters") as progress:
-        drives = [read_measured_drive(bag, vehicle) for bag in bags.values()]
-        found = identify(drives, vehicle, profiles=True, seed=args.seed, progress=progress)
+        measured = [measured_drive(drive, vehicle) for drive in drives.values()]
+        found = identify(measured, vehicle, profiles=True, seed=args.seed, progress=progress)
     save_identification(found, args.vehicle, output / "identification")
 
     truth = hidden_truth(vehicle, args.seed)
     expected = {name: _expected_error(request, plan, truth) for name, plan in plans.items()}
-    result = DemoResult(
-        {
-            name: DriveResult(
-                x=plan.operation,
-                main=plan.main[args.target].value,
-                total=plan.total[args.target].value,
-                cost=plan.cost,
-                te_expected=expected[name],
-                te_measured=judgements[name].te,
-                te_corrected=judgements[name].te_corrected,
-                rms=judgements[name].rms,
-            )
-            for name, plan in plans.items()
-        },
-        {
-            name: ParameterResult(e.estimate, e.low, e.high, truth[name])
-            for name, e in found.parameters.items()
-        },
-    ).to_json()
+    result = _result(plans, expected, judgements, found, truth).to_json()
     write_whole(output / "result.json", json.dumps(result, indent=2) + "\n")
-    report = output / "report.html"
-    write_whole(report, run_page(read_run(output), vehicle=vehicle))
+    results = read_run(output, read=lambda bag: drives[bag.name])
+    write_whole(output / "report.html", run_page(results, vehicle=vehicle))
     if args.json:
         print(json.dumps(result))
     console = Console(stderr=args.json, highlight=False)
@@ -164,13 +132,80 @@ def run(args: argparse.Namespace) -> int:
         console.print(remark, soft_wrap=True)
     for what, where in (
         *(("bags", "bags"), ("plans", "plans"), ("figure", "trajectories.png")),
-        *(
-            ("vehicle file with the estimates", "identification/vehicle.yaml"),
-            ("report", report.name),
-        ),
+        ("vehicle file with the estimates", "identification/vehicle.yaml"),
+        ("report", "report.html"),
     ):
         console.print(f"{what}: {output / where}", soft_wrap=True)
     return 0
+
+
+def _make_room(folder: Path, *, overwrite: bool) -> None:
+    """Make an output folder, empty of an earlier demo's bags."""
+    bags = folder / "bags"
+    if bags.exists() and any(bags.iterdir()):
+        if not overwrite:
+            raise BagError(f"{bags}: holds bags already; choose another --output or --overwrite")
+        shutil.rmtree(bags)
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _plans(request: PlanRequest, folder: Path) -> dict[str, Plan]:
+    """The designed maneuver and a random one, saved."""
+    from excitation_planner.plan import save_plan
+    from excitation_planner.planning import plan_at, plan_maneuver, random_feasible_point
+
+    with progress_bar(f"planning {request.family.name} for {request.target}") as progress:
+        designed = plan_maneuver(request, progress=progress)
+        # a stream of its own: the truth is drawn from the seed alone
+        random_x = random_feasible_point(request, np.random.default_rng([request.seed, 1]))
+        plans = {"designed": designed, "random": plan_at(request, random_x)}
+    for name, plan in plans.items():
+        save_plan(plan, folder / f"{name}.json")
+    return plans
+
+
+def _drive(plans: Mapping[str, Plan], bags: Mapping[str, Path], args: argparse.Namespace) -> None:
+    from tricycle_cli.operation.session import simulated_session
+
+    with simulated_session(
+        vehicle_file=args.vehicle,
+        true_seed=args.seed,
+        real_time_factor=args.real_time_factor,
+        folder=args.output,
+        firmware=args.firmware,
+    ) as drive:
+        for name, plan in plans.items():
+            with progress_bar(f"driving the {name} maneuver, ms") as progress:
+                drive(plan, bags[name], progress)
+
+
+def _result(
+    plans: Mapping[str, Plan],
+    expected: Mapping[str, float],
+    judgements: Mapping[str, Judgement],
+    found: Identification,
+    truth: Mapping[str, float],
+) -> DemoResult:
+    from tricycle_cli.reports.result_file import DemoResult, DriveResult, ParameterResult
+
+    drives = {
+        name: DriveResult(
+            x=plan.operation,
+            main=plan.main[plan.target].value,
+            total=plan.total[plan.target].value,
+            cost=plan.cost,
+            te_expected=expected[name],
+            te_measured=judgements[name].te,
+            te_corrected=judgements[name].te_corrected,
+            rms=judgements[name].rms,
+        )
+        for name, plan in plans.items()
+    }
+    parameters = {
+        name: ParameterResult(e.estimate, e.low, e.high, truth[name])
+        for name, e in found.parameters.items()
+    }
+    return DemoResult(drives, parameters)
 
 
 def _expected_error(request: PlanRequest, plan: Plan, truth: Mapping[str, float]) -> float:
@@ -186,13 +221,3 @@ def _expected_error(request: PlanRequest, plan: Plan, truth: Mapping[str, float]
 def _title(name: str, plan: Plan) -> str:
     values = ", ".join(f"{key} {value:.3g}" for key, value in plan.operation.items())
     return f"{name} {plan.maneuver.replace('_', ' ')}: {values}"
-
-
-def _make_room(folder: Path, *, overwrite: bool) -> None:
-    """Make an output folder, empty of an earlier demo's bags."""
-    bags = folder / "bags"
-    if bags.exists() and any(bags.iterdir()):
-        if not overwrite:
-            raise BagError(f"{bags}: holds bags already; choose another --output or --overwrite")
-        shutil.rmtree(bags)
-    folder.mkdir(parents=True, exist_ok=True)

@@ -5,7 +5,7 @@ untrusted input.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,13 +90,15 @@ class Run:
     identifications: tuple[tuple[str, IdentificationDocument], ...] = ()
 
 
-def read_run(folder: Path) -> Run:
+def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive) -> Run:
     """Read the plans, bags and results in a directory, or a single bag.
 
     Parameters
     ----------
     folder : Path
         Directory of `tricycle demo`, `plan` or `drive`, or a bag.
+    read : callable
+        Returns the drive in a bag.
 
     Raises
     ------
@@ -113,7 +115,7 @@ def read_run(folder: Path) -> Run:
     result = DemoResult.read(folder / "result.json")
     driven: dict[str, Maneuver] = {}
     for bag in _bags(folder):
-        maneuver = _driven(bag, plans, result)
+        maneuver = _driven(bag, read, plans, result)
         driven[maneuver.name] = maneuver
     planned = {name: Maneuver(name, plan) for name, plan in plans.items()}
     maneuvers = planned | driven
@@ -158,11 +160,16 @@ def _is_bag(path: Path) -> bool:
     return (path / "metadata.yaml").exists() or any(path.glob("*.mcap"))
 
 
-def _driven(bag: Path, plans: Mapping[str, Plan], result: DemoResult) -> Maneuver:
+def _driven(
+    bag: Path,
+    read: Callable[[Path], RecordedDrive],
+    plans: Mapping[str, Plan],
+    result: DemoResult,
+) -> Maneuver:
     """The drive in a bag, with the plan that was driven if it is there; else that of its name."""
     name = bag.resolve().name
     try:
-        drive = read_drive(bag)
+        drive = read(bag)
         judgement, joints = judge_drive(drive), _joints(drive)
     except (BagError, JudgeError) as error:
         return Maneuver(name, plans.get(name), failure=str(error))
@@ -180,9 +187,9 @@ def _joints(drive: RecordedDrive) -> JointStates | None:
     if found is None:
         return None
     during = (found.time >= 0.0) & (found.time <= drive.duration)
-    return (
-        JointStates(*(values[during] for values in vars(found).values())) if during.any() else None
-    )
+    if not during.any():
+        return None
+    return JointStates(*(values[during] for values in vars(found).values()))
 
 
 def wheel_loads(vehicle: Vehicle, plan: Plan) -> WheelLoads:
