@@ -8,7 +8,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[f"{NAME}*"]),
-    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    package_data={"": ["py.typed", "*.html"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -4,9 +4,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from paper_reproduction import PaperBudget
 from paper_reproduction.figures import draw
-from paper_reproduction.items import NAMES, Reproduction
+from paper_reproduction.first_stage import PaperBudget
+from paper_reproduction.items import Reproduction
+from paper_reproduction.published import ITEMS
 
 SMALL = PaperBudget(initial=150, infill=10, monte_carlo=2**10, levels=3)
 
@@ -18,7 +19,7 @@ def reproduction():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in NAMES if name not in ("fig6", "fig9", "fig15")])
+@pytest.mark.parametrize("name", [name for name in ITEMS if name not in ("fig6", "fig9", "fig15")])
 def test_both_ways_are_on_the_same_axes(name, reproduction, tmp_path):
     reports = []
     item = reproduction.item(name, lambda done, total: reports.append((done, total)))

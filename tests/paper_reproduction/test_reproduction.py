@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from excitation_planner.indices.analytic import MATH_MODEL_UNKNOWN, math_model
-from paper_reproduction import Agreement, PaperBudget
-from paper_reproduction.comparison import error_statistics
-from paper_reproduction.first_stage import faithful, fast
+from paper_reproduction.comparison import Agreement, error_statistics
+from paper_reproduction.first_stage import PaperBudget, faithful, fast
 from paper_reproduction.math_model import exact_indices, largest_error, table_1
 from paper_reproduction.published import TABLE_1_X
 

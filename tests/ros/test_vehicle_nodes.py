@@ -17,9 +17,10 @@ from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
-from tricycle_cli.operation.operator_node import LATCHED, ServiceCaller
+from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import JudgeError
+from tricycle_core.nodes import LATCHED
 from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -66,7 +67,7 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
         )  # fmt: skip
 
     with simulated_session(
-        vehicle_file="", true_seed=-1, real_time_factor=1.0, folder=tmp_path / "session"
+        vehicle_file=None, true_seed=-1, real_time_factor=1.0, folder=tmp_path / "session"
     ):
         wait(armed, "both boards")
         interrupted = drive("long.json", "first")

@@ -1,16 +1,11 @@
 """The command line: a user's mistake is one line on stderr and status 2, never a traceback."""
 
-import json
 import re
 from importlib import resources
 
 import pytest
 
-from excitation_planner.maneuver import Circle
-from excitation_planner.plan import save_plan
-from excitation_planner.planning import PlanRequest, plan_at
 from tricycle_cli.main import COMMANDS, main
-from tricycle_sim.vehicle import load_vehicle
 
 
 @pytest.fixture(autouse=True)
@@ -85,35 +80,3 @@ def test_an_argument_that_cannot_be_is_status_2(line, message, capsys):
         main(line.split())
     assert stop.value.code == 2
     assert message in capsys.readouterr().err
-
-
-def test_plan_prints_one_json_object_and_writes_plan_and_figure(capsys, tmp_path):
-    assert (
-        main(
-            ["plan", "--at", "radius=3", "speed=0.8", "--samples", "20", "--json", "--output", "p"]
-        )
-        == 0
-    )
-    result = json.loads(capsys.readouterr().out)
-    assert {"maneuver", "target", "x", "cost", "main", "total", "variance"} <= set(result)
-    assert {"leave_one_out_q2", "simulations", "seconds", "feasible"} <= set(result)
-    assert result["x"] == {"radius": 3.0, "speed": 0.8}
-    assert (tmp_path / "p" / "plan.json").exists()
-    assert (tmp_path / "p" / "plan.png").read_bytes().startswith(b"\x89PNG")
-
-
-def test_demo_does_not_touch_the_bags_of_an_earlier_one(capsys, tmp_path):
-    bag = tmp_path / "demo" / "bags" / "designed"
-    bag.mkdir(parents=True)
-    assert main(["demo", "--output", "demo"]) == 2
-    assert "holds bags already" in capsys.readouterr().err
-    assert bag.exists()
-
-
-def test_a_plan_is_shown(capsys, tmp_path):
-    request = PlanRequest(load_vehicle(), Circle(), "camber_stiffness", samples=20)
-    save_plan(plan_at(request, Circle().operation.from_unit([0.5, 0.5])), tmp_path / "plan.json")
-    assert main(["plan", "show", "plan.json"]) == 0
-    output = capsys.readouterr().out
-    assert "(target)" in output
-    assert (tmp_path / "plan.png").exists()

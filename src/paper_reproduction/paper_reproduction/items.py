@@ -12,13 +12,6 @@ from paper_reproduction.first_stage import PaperBudget
 from paper_reproduction.tricycle import Tricycle
 from tricycle_core.quantities import Progress
 
-NAMES = (
-    "table1",
-    *("fig5", "fig6", "fig8", "fig9"),
-    "screening",
-    *("fig13", "fig14", "fig15", "fig16", "fig17", "fig18"),
-)
-
 
 class Reproduction:
     """The paper's tables and figures; what several of them need is computed once.
@@ -53,7 +46,7 @@ class Reproduction:
         }
 
     def item(self, name: str, progress: Progress) -> Item[Any]:
-        """Return the table or figure of that name (one of `NAMES`).
+        """Return the table or figure of that name (one of `published.ITEMS`).
 
         Parameters
         ----------

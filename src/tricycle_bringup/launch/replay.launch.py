@@ -3,14 +3,21 @@
 ros2 launch tricycle_bringup replay.launch.py bag:=out/demo/bags/circle [rate:=1.0] [loop:=false]
 """
 
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
+from collections.abc import Mapping
+
+from launch import Action, LaunchDescription
 from launch_ros.actions import Node
 
+from tricycle_bringup.launching import launch_description
 
-def nodes(context: LaunchContext) -> list[Node]:
-    value = {name: LaunchConfiguration(name).perform(context) for name in ("bag", "rate", "loop")}
+ARGUMENTS = {
+    "bag": (None, "rosbag2 directory"),
+    "rate": ("1.0", "0: as fast as taken"),
+    "loop": ("false", "begin again at the end"),
+}
+
+
+def _actions(value: Mapping[str, str]) -> list[Action]:
     parameters = {
         "bag": value["bag"],
         "rate": float(value["rate"]),
@@ -20,13 +27,4 @@ def nodes(context: LaunchContext) -> list[Node]:
 
 
 def generate_launch_description() -> LaunchDescription:
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("bag", description="rosbag2 directory"),
-            DeclareLaunchArgument("rate", default_value="1.0", description="0: as fast as taken"),
-            DeclareLaunchArgument(
-                "loop", default_value="false", description="begin again at the end"
-            ),
-            OpaqueFunction(function=nodes),
-        ]
-    )
+    return launch_description(ARGUMENTS, _actions)

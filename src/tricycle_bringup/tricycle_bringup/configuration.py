@@ -10,11 +10,11 @@ VEHICLE_CONFIG = str(files("tricycle_bringup") / "config" / "vehicle.yaml")
 
 
 def bridge_parameters(vehicle_file: str) -> dict[str, float]:
-    """What the bridge has to know of the vehicle, as its ROS parameters.
+    """Return the ROS parameters of the bridge that follow from the vehicle.
 
     Parameters
     ----------
-    vehicle_file
+    vehicle_file : str
         Vehicle YAML; empty for the packaged tricycle.
 
     Raises

@@ -1,11 +1,20 @@
-"""What the launch files share. The only module that imports `launch`; nothing else imports it."""
+"""What the launch files share. The only module that imports `launch`; only they import it."""
 
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
-from launch import Action, LaunchContext
-from launch.actions import EmitEvent, OpaqueFunction, RegisterEventHandler, Shutdown
+from launch import Action, LaunchContext, LaunchDescription
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    OpaqueFunction,
+    RegisterEventHandler,
+    Shutdown,
+)
 from launch.events import matches_action
+from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.event_handlers import OnStateTransition
 from launch_ros.events.lifecycle import ChangeState
@@ -15,101 +24,169 @@ from tricycle_bringup.configuration import bridge_parameters
 from tricycle_bringup.urdf import tricycle_urdf
 from tricycle_sim.vehicle import load_vehicle
 
-Remappings = list[tuple[str, str]]
-Parameters = list[str | dict[str, object]]
+Parameters = dict[str, object]
 
 # Absolute by convention; in a namespace each vehicle has its own, so that two share no clock.
 _SHARED = ("clock", "diagnostics", "tf", "tf_static")
 
+VEHICLE_ARGUMENTS: Mapping[str, tuple[str | None, str]] = {
+    "namespace": ("", "of all names"),
+    "autostart": ("true", "configure and activate the bridge"),
+    "vehicle_file": ("", "vehicle YAML"),
+    "plan_file": ("plan.json", "of the planner, to read and write"),
+    "bag": ("", "empty: ~/start records"),
+}
+"""Launch arguments of `VehicleNodes`: default and description by name."""
 
-def own_names(namespace: str) -> Remappings:
-    """Remappings that give a vehicle in a namespace its own clock, diagnostics and transforms."""
-    return [(f"/{name}", name) for name in _SHARED] if namespace else []
 
-
-def enclave(executable: str) -> list[str]:
-    """ROS arguments that give a node its SROS2 enclave; without SROS2 they do nothing."""
-    return ["--enclave", f"/tricycle/{executable}"]
-
-
-def managed_bridge(
-    parameters: Parameters,
-    *,
-    vehicle_file: str,
-    namespace: str,
-    remappings: Remappings,
-    autostart: bool,
-) -> list[Action]:
-    """The bridge with its lifecycle: configured when it is up, activated when it is configured.
-
-    Where the bridge ends, all of the launch does: a vehicle without it is to be started anew.
+def launch_description(
+    arguments: Mapping[str, tuple[str | None, str]],
+    actions: Callable[[Mapping[str, str]], list[Action]],
+) -> LaunchDescription:
+    """Return the description of a launch file.
 
     Parameters
     ----------
-    parameters
-        Besides those that follow from the vehicle file.
-    autostart
-        False leaves the transitions to another lifecycle manager.
+    arguments : mapping of str to (str or None, str)
+        Default and description of each launch argument; without a default it must be given.
+    actions : callable
+        Makes the actions from the values of the arguments.
     """
-    bridge = LifecycleNode(
-        package="tricycle_bridge",
-        executable="tricycle_bridge",
-        name="tricycle_bridge",
-        namespace=namespace,
-        parameters=[*parameters, bridge_parameters(vehicle_file), {"autostart": False}],
-        remappings=remappings,
-        ros_arguments=enclave("tricycle_bridge"),
-        on_exit=[OpaqueFunction(function=_shut_down)],
-    )
-    if not autostart:
-        return [bridge]
 
-    def change(transition: int) -> EmitEvent:
-        return EmitEvent(
-            event=ChangeState(
-                lifecycle_node_matcher=matches_action(bridge), transition_id=transition
-            )
+    def with_values(context: LaunchContext) -> list[Action]:
+        return actions({name: LaunchConfiguration(name).perform(context) for name in arguments})
+
+    declared = [
+        DeclareLaunchArgument(name, default_value=default, description=description)
+        for name, (default, description) in arguments.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=with_values)])
+
+
+@dataclass(frozen=True)
+class VehicleNodes:
+    """The nodes of one vehicle, simulated or real.
+
+    Attributes
+    ----------
+    config : str
+        Parameter file of all nodes.
+    value : mapping of str to str
+        Values of the launch arguments, those of `VEHICLE_ARGUMENTS` among them.
+    remappings : tuple of (str, str)
+        Of the names of all nodes, besides those that its namespace needs.
+    """
+
+    config: str
+    value: Mapping[str, str]
+    remappings: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def namespace(self) -> str:
+        """Namespace without slashes around it."""
+        return self.value["namespace"].strip("/")
+
+    def node(self, package: str, executable: str, *parameters: Parameters) -> Node:
+        """Return a node.
+
+        Parameters
+        ----------
+        package, executable : str
+            What to start.
+        *parameters : dict
+            Besides those of the parameter file.
+        """
+        return Node(
+            package=package,
+            executable=executable,
+            parameters=[self.config, *parameters],
+            **self._common(executable),
         )
 
-    configured = OnStateTransition(
-        target_lifecycle_node=bridge,
-        start_state="configuring",
-        goal_state="inactive",
-        entities=[change(Transition.TRANSITION_ACTIVATE)],
-    )
-    return [
-        RegisterEventHandler(configured),
-        bridge,
-        change(Transition.TRANSITION_CONFIGURE),
-    ]
+    def actions(self, ports: Parameters) -> list[Action]:
+        """Return bridge, planner, maneuver driver, recorder and, where installed, the model.
+
+        Parameters
+        ----------
+        ports : dict
+            Parameters `steer_port` and `drive_port` of the bridge.
+        """
+        vehicle, plan = self.value["vehicle_file"], self.value["plan_file"]
+        bag = self.value["bag"]
+        return [
+            *self._bridge(ports),
+            self.node(
+                "excitation_planner",
+                "excitation_planner",
+                {"vehicle_file": vehicle, "plan_file": plan},
+            ),
+            self.node("excitation_planner", "maneuver_driver"),
+            self.node(
+                "trajectory_recorder",
+                "trajectory_recorder",
+                {"output": bag, "record": bool(bag)},
+            ),
+            *self._state_publisher(),
+        ]
+
+    def _common(self, executable: str) -> dict[str, object]:
+        """Arguments of every node; without SROS2 its enclave does nothing."""
+        own = [(f"/{name}", name) for name in _SHARED] if self.namespace else []
+        return {
+            "namespace": self.namespace,
+            "remappings": [*own, *self.remappings],
+            "ros_arguments": ["--enclave", f"/tricycle/{executable}"],
+        }
+
+    def _bridge(self, ports: Parameters) -> list[Action]:
+        """The bridge with its lifecycle: configured when it is up, activated when it is configured.
+
+        Where the bridge ends, all of the launch does: a vehicle without it is to be started anew.
+        Without `autostart` the transitions are left to another lifecycle manager.
+        """
+        name = "tricycle_bridge"
+        own = bridge_parameters(self.value["vehicle_file"])
+        bridge = LifecycleNode(
+            package=name,
+            executable=name,
+            name=name,
+            parameters=[self.config, ports, own, {"autostart": False}],
+            on_exit=[OpaqueFunction(function=_shut_down)],
+            **self._common(name),
+        )
+        if self.value["autostart"].lower() != "true":
+            return [bridge]
+
+        def change(transition: int) -> EmitEvent:
+            return EmitEvent(
+                event=ChangeState(
+                    lifecycle_node_matcher=matches_action(bridge), transition_id=transition
+                )
+            )
+
+        configured = OnStateTransition(
+            target_lifecycle_node=bridge,
+            start_state="configuring",
+            goal_state="inactive",
+            entities=[change(Transition.TRANSITION_ACTIVATE)],
+        )
+        return [
+            RegisterEventHandler(configured),
+            bridge,
+            change(Transition.TRANSITION_CONFIGURE),
+        ]
+
+    def _state_publisher(self) -> list[Action]:
+        """robot_state_publisher with the vehicle's URDF; nothing where it is not installed."""
+        name = "robot_state_publisher"
+        try:
+            get_package_prefix(name)
+        except PackageNotFoundError:
+            return []
+        file = self.value["vehicle_file"]
+        model = tricycle_urdf(load_vehicle(Path(file) if file else None))
+        return [self.node(name, name, {"robot_description": model})]
 
 
 def _shut_down(context: LaunchContext) -> list[Action]:
     return [] if context.is_shutdown else [Shutdown(reason="tricycle_bridge has ended")]
-
-
-def state_publisher(
-    config: str, *, vehicle_file: str, namespace: str, remappings: Remappings
-) -> list[Action]:
-    """robot_state_publisher with the URDF of the vehicle file; nothing where it is not installed.
-
-    Parameters
-    ----------
-    config
-        Parameter file of all nodes.
-    """
-    try:
-        get_package_prefix("robot_state_publisher")
-    except PackageNotFoundError:
-        return []
-    vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
-    return [
-        Node(
-            package="robot_state_publisher",
-            executable="robot_state_publisher",
-            namespace=namespace,
-            parameters=[config, {"robot_description": tricycle_urdf(vehicle)}],
-            remappings=remappings,
-            ros_arguments=enclave("robot_state_publisher"),
-        )
-    ]

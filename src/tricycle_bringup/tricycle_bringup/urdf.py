@@ -1,7 +1,7 @@
 """The tricycle as a URDF, for RViz and Foxglove to draw; its geometry is the vehicle file's.
 
-`python -m tricycle_bringup.urdf [vehicle.yaml]` prints it. A picture, not a model: masses, and the
-steering's kinematics beyond a fixed ratio, are in the vehicle file alone.
+`python -m tricycle_bringup.urdf [vehicle.yaml]` prints it. It serves for pictures only: masses, and
+the steering's kinematics beyond a fixed ratio, are in the vehicle file alone.
 """
 
 import math
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from tricycle_core.joints import STEERING_JOINT
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 
 TYRE_WIDTH = 0.042  # m
@@ -18,10 +19,15 @@ RUBBER, PAINT = "0.1 0.1 0.1 1", "0.2 0.4 0.7 1"  # rgba
 
 
 def tricycle_urdf(vehicle: Vehicle) -> str:
-    """URDF whose root `base_link` is the centre of mass, with the joints of `joint_states`.
+    """Return the URDF, whose root `base_link` is the centre of mass, with the joints that move.
 
     Both front wheels mimic `steering_motor_joint` with the mean ratio of inner and outer wheel near
     straight ahead, about king-pins tilted back by the caster angle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the geometry.
     """
     robot = Element("robot", name=vehicle.name)
     front, rear = vehicle.com_to_front_axle, -vehicle.com_to_rear_axle
@@ -42,7 +48,7 @@ def tricycle_urdf(vehicle: Vehicle) -> str:
         joint = _joint(robot, f"{side}_wheel", (front, y, axle), tilt)
         _limit(joint, vehicle)
         ratio = 0.5 * (1.0 + vehicle.steering_ratio_straight)
-        SubElement(joint, "mimic", joint="steering_motor_joint", multiplier=_text(ratio))
+        SubElement(joint, "mimic", joint=STEERING_JOINT, multiplier=_text(ratio))
     _wheel(robot, "rear_wheel", vehicle)
     _joint(
         robot, "rear_wheel", (rear, vehicle.rear_wheel_y, axle), (0.0, 1.0, 0.0), kind="continuous"
@@ -98,7 +104,13 @@ def _wheel(robot: Element, name: str, vehicle: Vehicle) -> None:
 
 
 def main(arguments: Sequence[str]) -> None:
-    """Print the URDF of a vehicle file; without one, of the packaged tricycle."""
+    """Print a URDF.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        The vehicle file; without one, the packaged tricycle is printed.
+    """
     print(tricycle_urdf(load_vehicle(Path(arguments[0]) if arguments else None)), end="")
 
 

@@ -4,55 +4,76 @@ import argparse
 import logging
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
 
 from tricycle_core import __version__
 from tricycle_core.errors import ExcitationError
 
-COMMANDS = (
-    "demo",
-    "plan",
-    "campaign",
-    "reproduce",
-    "drive",
-    "simulate",
-    "record",
-    "replay",
-    "judge",
-    "identify",
-    "report",
-    "monitor",
-    "bag",
-    "vehicle",
-    "plc",
-)
+COMMANDS = {
+    "demo": "plan a maneuver, drive it and a random one on emulated PLCs, judge, identify",
+    "plan": "design the maneuvers that excite one parameter",
+    "campaign": "plan, drive and identify in turns until the targets are known well enough",
+    "reproduce": "the paper's tables and figures, computed again",
+    "drive": "drive a plan and record it",
+    "simulate": "replay commands on the 9-DOF vehicle, write its trajectory",
+    "record": "record topics to a bag until Ctrl-C",
+    "replay": "publish a bag's messages as they were recorded",
+    "judge": "trajectory error of recorded drives, from their bags alone",
+    "identify": "estimate the unknown parameters from recorded drives",
+    "report": "one HTML file with the table and the figures of a run",
+    "monitor": "show links, maneuver and speeds of a live run",
+    "bag": "what a bag holds; recovery of a damaged one",
+    "vehicle": "check a vehicle file",
+    "plc": "what is on a serial port: which PLC, its telemetry, its counters",
+}
+"""What each subcommand does, in the order of the help."""
 
 
-def parser(names: Sequence[str] = COMMANDS) -> argparse.ArgumentParser:
-    """The command line with these subcommands."""
+def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentParser:
+    """Return the parser of the command line.
+
+    Parameters
+    ----------
+    complete : collection of str
+        Subcommands with their arguments; of the others only name and summary are there, and their
+        modules are not imported.
+    """
     top = argparse.ArgumentParser(
         prog="tricycle",
         description="Plan, drive, record and judge excitation maneuvers of an X-by-wire tricycle.",
     )
     top.add_argument("--version", action="version", version=__version__)
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
-    for name in names:
-        import_module(f"tricycle_cli.commands.{name}").add_parser(subparsers)
+    for name, summary in COMMANDS.items():
+        command = subparsers.add_parser(
+            name, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter
+        )
+        if name in complete:
+            import_module(f"tricycle_cli.commands.{name}").add_arguments(command)
     return top
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line; a user's mistake is one line on stderr and status 2."""
+    """Run the command line; a user's mistake is one line on stderr and status 2.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments; default: those of this process.
+
+    Returns
+    -------
+    status : int
+        Exit status: 0, 2 for a mistake of the user, 130 after Ctrl-C, or the subcommand's.
+    """
     words = sys.argv[1:] if argv is None else list(argv)
     logging.basicConfig(format="%(message)s")
     logging.getLogger("tricycle_sim").setLevel(logging.INFO)  # says when it compiles the vehicle
     # SIGTERM ends a run as Ctrl-C does: in order, with its child processes
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # importing them all takes seconds; only the help of the whole needs it
-    wanted = words[:1] if words[:1] and words[0] in COMMANDS else COMMANDS
     try:
-        arguments = parser(wanted).parse_args(words)
+        arguments = parser(COMMANDS.keys() & words).parse_args(words)
         status: int = arguments.run(arguments)
     except BrokenPipeError:  # `tricycle … | head`
         return 0

@@ -4,17 +4,22 @@ One row every 10 ms and sample, in SI units, in the columns of `Trajectory`. Whe
 samples, further columns say which one and with which parameters.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.writer import Writer
 
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import Trajectory
+
+if TYPE_CHECKING:
+    from tricycle_sim.vehicle.batch import Trajectory
 
 SUFFIXES = (".csv", ".parquet", ".mcap")
 PICTURES = (".png", ".pdf", ".svg", ".jpg")

@@ -1,6 +1,5 @@
-"""`tricycle simulate` and `tricycle vehicle check` from their command lines."""
+"""`tricycle simulate`: commands to a trajectory."""
 
-import argparse
 import json
 import sys
 from importlib import resources
@@ -9,20 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tricycle_cli.commands import simulate, vehicle
 from tricycle_core.errors import CommandsError, PlanError, VehicleError
 from tricycle_sim.commands import Commands
 
 CARGO = Path(str(resources.files("tricycle_sim") / "cargo_tricycle.yaml"))
-
-
-def call(*arguments):
-    parser = argparse.ArgumentParser()
-    subparsers = parser.add_subparsers()
-    simulate.add_parser(subparsers)
-    vehicle.add_parser(subparsers)
-    args = parser.parse_args([str(argument) for argument in arguments])
-    return args.run(args)
 
 
 @pytest.fixture
@@ -37,9 +26,9 @@ def read(path):
     return np.genfromtxt(path, delimiter=",", names=True)
 
 
-def test_replays_commands_into_a_csv(commands, tmp_path, capsys):
+def test_replays_commands_into_a_csv(tricycle, commands, tmp_path, capsys):
     output = tmp_path / "out.csv"
-    assert call("simulate", "--commands", commands, "--output", output, "--plot", "--json") == 0
+    assert tricycle("simulate", "--commands", commands, "--output", output, "--plot", "--json") == 0
     result = json.loads(capsys.readouterr().out)
     assert result["rows"] == 401
     assert result["feasible"] == 1
@@ -50,10 +39,11 @@ def test_replays_commands_into_a_csv(commands, tmp_path, capsys):
     assert Path(result["plot"]).is_file()
 
 
-def test_makes_the_commands_of_a_maneuver(tmp_path, capsys):
+def test_makes_the_commands_of_a_maneuver(tricycle, tmp_path, capsys):
     output = tmp_path / "circle.csv"
     assert (
-        call("simulate", "--maneuver", "circle", "radius=3", "speed=0.8", "--output", output) == 0
+        tricycle("simulate", "--maneuver", "circle", "radius=3", "speed=0.8", "--output", output)
+        == 0
     )
     table = read(output)
     late = table[-500:]  # on the circle: speed over yaw rate is its radius
@@ -62,33 +52,30 @@ def test_makes_the_commands_of_a_maneuver(tmp_path, capsys):
     assert "rows of 1 vehicle" in capsys.readouterr().out
 
 
-def test_set_changes_the_vehicle_and_samples_spread_it(commands, tmp_path):
+def test_set_changes_the_vehicle_and_samples_spread_it(tricycle, commands, tmp_path):
     base, soft, many = (tmp_path / name for name in ("a.csv", "b.csv", "c.csv"))
-    call("simulate", "--commands", commands, "--output", base)
-    call("simulate", "--commands", commands, "--output", soft, "--set", "cornering_stiffness=600")
-    call("simulate", "--commands", commands, "--output", many, "--samples", 3, "--seed", 0)
+    tricycle("simulate", "--commands", commands, "--output", base)
+    tricycle(
+        "simulate", "--commands", commands, "--output", soft, "--set", "cornering_stiffness=600"
+    )
+    tricycle("simulate", "--commands", commands, "--output", many, "--samples", 3, "--seed", 0)
     assert read(base)["y"][-1] != read(soft)["y"][-1]
     table = read(many)
     assert np.unique(table["sample"]).tolist() == [0.0, 1.0, 2.0]
     assert len(np.unique(table["cornering_stiffness"])) == 3
 
 
-def test_another_vehicle_needs_nothing_but_its_file(commands, tmp_path, capsys):
+def test_another_vehicle_needs_nothing_but_its_file(tricycle, commands, tmp_path, capsys):
     output = tmp_path / "cargo.csv"
-    call("simulate", "--commands", commands, "--vehicle", CARGO, "--output", output)
+    tricycle("simulate", "--commands", commands, "--vehicle", CARGO, "--output", output)
     loads = read(output)[["load_left", "load_right", "load_rear"]][0]
     assert sum(loads) == pytest.approx(95.0 * 9.81, rel=1e-3)
-    call("vehicle", "check", CARGO, "--json")
-    result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert result["warnings"] == []
-    assert next(iter(result["unknown"])) == "cornering_stiffness"
-    assert len(result["unknown"]) == 4
 
 
-def test_infeasible_drives_are_reported_not_hidden(tmp_path, capsys):
+def test_infeasible_drives_are_reported_not_hidden(tricycle, tmp_path, capsys):
     path = tmp_path / "c.csv"
     Commands([0.0, 3.0, 5.0], [0.0, 0.5, 0.5], [1.0, 1.0, 1.0]).save(path)
-    call("simulate", "--commands", path, "--output", tmp_path / "o.csv", "--json")
+    tricycle("simulate", "--commands", path, "--output", tmp_path / "o.csv", "--json")
     result = json.loads(capsys.readouterr().out)
     assert result["feasible"] == 0
     assert result["reasons"][0]["reason"].startswith("steering saturated at 3.00 s")
@@ -99,13 +86,6 @@ def test_infeasible_drives_are_reported_not_hidden(tmp_path, capsys):
     assert 0.0 < used["value"] <= 1.0
     assert used["time"] >= 3.0
     assert result["motor_saturated"] is None
-
-
-def test_vehicle_check_warns_about_the_papers_inertia(capsys):
-    assert call("vehicle", "check") == 0
-    output = capsys.readouterr().out
-    assert "tricycle: valid" in output
-    assert "warning: yaw_inertia: 50 kg m^2 is larger" in output
 
 
 @pytest.mark.parametrize(
@@ -121,24 +101,24 @@ def test_vehicle_check_warns_about_the_papers_inertia(capsys):
         (["--vehicle", __file__], VehicleError, "is not valid YAML"),
     ],
 )
-def test_mistakes_get_one_line(commands, tmp_path, arguments, error, message):
+def test_mistakes_get_one_line(tricycle, commands, tmp_path, arguments, error, message):
     with pytest.raises(error, match=r"^[^\n]*$") as caught:
-        call("simulate", "--commands", commands, "--output", tmp_path / "o.csv", *arguments)
+        tricycle("simulate", "--commands", commands, "--output", tmp_path / "o.csv", *arguments)
     assert message in str(caught.value)
 
 
-def test_bad_commands_and_maneuvers_get_one_line(tmp_path):
+def test_bad_commands_and_maneuvers_get_one_line(tricycle, tmp_path):
     (tmp_path / "c.csv").write_text("", encoding="utf-8")
     with pytest.raises(CommandsError, match="is empty"):
-        call("simulate", "--commands", tmp_path / "c.csv", "--output", tmp_path / "o.csv")
+        tricycle("simulate", "--commands", tmp_path / "c.csv", "--output", tmp_path / "o.csv")
     with pytest.raises(PlanError, match="circle takes radius, speed"):
-        call("simulate", "--maneuver", "circle", "size=3", "--output", tmp_path / "o.csv")
+        tricycle("simulate", "--maneuver", "circle", "size=3", "--output", tmp_path / "o.csv")
 
 
-def test_the_commands_are_not_overwritten(commands):
+def test_the_commands_are_not_overwritten(tricycle, commands):
     before = commands.read_bytes()
     with pytest.raises(CommandsError, match="would overwrite the commands"):
-        call("simulate", "--commands", commands, "--output", commands)
+        tricycle("simulate", "--commands", commands, "--output", commands)
     assert commands.read_bytes() == before
 
 
@@ -151,16 +131,16 @@ def test_the_commands_are_not_overwritten(commands):
         ["--output", "o.csv", "--plot", "o.xls"],
     ],
 )
-def test_bad_options_exit_with_2(commands, option, capsys):
+def test_bad_options_exit_with_2(tricycle, commands, option, capsys):
     with pytest.raises(SystemExit) as caught:
-        call("simulate", "--commands", commands, *option)
+        tricycle("simulate", "--commands", commands, *option)
     assert caught.value.code == 2
     assert "error: argument" in capsys.readouterr().err
 
 
-def test_parquet_without_its_package_is_refused(commands, capsys, monkeypatch):
+def test_parquet_without_its_package_is_refused(tricycle, commands, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(SystemExit) as caught:
-        call("simulate", "--commands", commands, "--output", "o.parquet")
+        tricycle("simulate", "--commands", commands, "--output", "o.parquet")
     assert caught.value.code == 2
     assert "o.parquet: needs pyarrow: " in capsys.readouterr().err

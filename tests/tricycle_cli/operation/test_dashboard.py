@@ -6,7 +6,13 @@ import json
 import pytest
 from rich.console import Console
 
-from tricycle_cli.operation.dashboard import Dashboard, Joints, Motion, Status, screen
+from tricycle_cli.operation.dashboard import (
+    Dashboard,
+    DiagnosticEntry,
+    JointReading,
+    OdometryReading,
+    screen,
+)
 from tricycle_core.diagnostics import Level
 
 RUNNING = {"state": "running", "plan_id": "p1", "elapsed": "5.0", "duration": "20.0", "reason": ""}
@@ -26,14 +32,14 @@ def test_before_anything_was_heard_it_says_so():
 
 def test_a_running_maneuver_shows_progress_speeds_and_links():
     dashboard = Dashboard(
-        statuses={
-            "tricycle_bridge: steer PLC": Status(Level.OK, "active", 99.5),
-            "tricycle_bridge: drive PLC": Status(Level.ERROR, "e-stop", 99.5),
+        diagnostics={
+            "tricycle_bridge: steer PLC": DiagnosticEntry(Level.OK, "active", 99.5),
+            "tricycle_bridge: drive PLC": DiagnosticEntry(Level.ERROR, "e-stop", 99.5),
         },
         maneuver=RUNNING,
-        commanded=Joints(0.7854, 2.5),
-        measured=Joints(0.7511, 2.4),
-        motion=Motion(1.0, -2.0, 0.93, 0.41),
+        commanded=JointReading(0.7854, 2.5),
+        measured=JointReading(0.7511, 2.4),
+        odometry=OdometryReading(1.0, -2.0, 0.93, 0.41),
         heard=99.9,
     )
     text = text_of(dashboard)
@@ -44,7 +50,9 @@ def test_a_running_maneuver_shows_progress_speeds_and_links():
 
 @pytest.mark.parametrize(("age", "silent"), [(2.9, False), (3.1, True)])
 def test_a_source_that_fell_silent_is_told(age, silent):
-    dashboard = Dashboard(statuses={"a: b": Status(Level.OK, "fine", 100.0 - age)}, heard=99.9)
+    dashboard = Dashboard(
+        diagnostics={"a: b": DiagnosticEntry(Level.OK, "fine", 100.0 - age)}, heard=99.9
+    )
     assert ("silent for 3 s" in text_of(dashboard)) == silent
 
 
@@ -54,7 +62,9 @@ def test_values_of_another_software_do_not_end_it(damage):
 
 
 def test_a_snapshot_is_json():
-    dashboard = Dashboard({"a: b": Status(Level.WARN, "hm", 1.0)}, RUNNING, Joints(0.1, 0.2))
+    dashboard = Dashboard(
+        {"a: b": DiagnosticEntry(Level.WARN, "hm", 1.0)}, RUNNING, JointReading(0.1, 0.2)
+    )
     told = json.loads(json.dumps(dashboard.snapshot()))
     assert told["diagnostics"] == {"a: b": {"level": "warn", "message": "hm"}}
     assert told["commanded"] == {"steering_motor_angle": 0.1, "wheel_rate": 0.2}

@@ -5,11 +5,6 @@ import json
 import sys
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
-from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.recovery import recover
 from tricycle_cli.progress import progress_bar
 
 EXAMPLE = """\
@@ -19,14 +14,15 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "bag",
-        help="what a bag holds; recovery of a damaged one",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     info = verbs.add_parser("info", help="topics, types, counts and metadata")
     info.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 directory or file")
@@ -40,7 +36,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run_info(args: argparse.Namespace) -> int:
-    """Print what the bag holds."""
+    """Print what the bag holds.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from trajectory_recorder.bag.reader import BagReader
+
     with BagReader(args.bag) as bag:
         found = {
             "bag": str(bag.path),
@@ -68,7 +75,15 @@ def run_info(args: argparse.Namespace) -> int:
 
 
 def run_recover(args: argparse.Namespace) -> int:
-    """Copy what is readable."""
+    """Copy what is readable.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from trajectory_recorder.bag.recovery import recover
+
     with progress_bar("recovering") as progress:
         messages, damage = recover(args.bag, args.output, progress=progress)
     for chunk in damage:

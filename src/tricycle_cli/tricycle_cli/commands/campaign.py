@@ -1,27 +1,32 @@
 """`tricycle campaign`: plan, drive and identify in turns until the targets are known."""
 
+from __future__ import annotations
+
 import argparse
 import contextlib
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names
-from excitation_planner.plan import Plan
-from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest, Drive
-from tricycle_cli.operation.session import running_session, simulated_session
+from tricycle_cli.arguments import real_time_factor, seed
+from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.progress import progress_bar
-from tricycle_cli.reports.figures import plot_campaign
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
-from tricycle_sim.rig.emulated import draw_truth
 from tricycle_sim.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from excitation_planner.plan import Plan
+    from tricycle_cli.campaign.cycle import Campaign
+    from tricycle_cli.operation.session import DrivePlan
 
 EXAMPLE = """\
 examples:
@@ -32,19 +37,22 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "campaign",
-        help="plan, drive and identify in turns until the targets are known well enough",
-        description="Plans the drive that will teach the least known target most, drives and "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Plans the drive that will teach the least known target most, drives and "
         "records it, identifies from all bags so far, and plans again with what is known, until "
         "the 95 % interval of every target is within the tolerance. After an interruption the "
         "same command goes on. With --vehicle-nodes it drives the nodes that vehicle.launch.py "
-        "has started, and asks for the vehicle to be at its start and armed before every drive.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "has started, and asks for the vehicle to be at its start and armed before every drive."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("--targets", required=True, metavar="NAME[,NAME…]", help="unknown parameters to be known")
     add(
@@ -63,7 +71,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
-    add("--seed", type=int, default=0, help="of the plans")
+    add("--seed", type=seed, default=0, help="of the plans")
     for option, unit, text in (
         ("--noise-std", "M", "of the measured position per axis"),
         ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
@@ -71,15 +79,32 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     ):
         default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
         add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
-    add("--true-seed", type=int, default=0, help="of the simulation's hidden true parameters")
-    add("--real-time-factor", type=float, default=10.0, help="largest; the nodes set the pace")
+    add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
+    add(
+        "--real-time-factor",
+        type=real_time_factor,
+        default=10.0,
+        help="largest; the nodes set the pace",
+    )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the campaign to its end; status 1 when a target is not within the tolerance then."""
+    """Run the campaign to its end; status 1 when a target is not within the tolerance then.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+
+    from tricycle_cli.campaign.cycle import Campaign
+    from tricycle_cli.campaign.results import campaign_report, campaign_table, plot_campaign
+    from tricycle_cli.operation.session import hidden_truth
+
     vehicle = load_vehicle(args.vehicle)
     request = CampaignRequest(
         vehicle,
@@ -104,15 +129,10 @@ def run(args: argparse.Namespace) -> int:
         with _session(args) as drive:
             while not campaign.finished:
                 _step(campaign, drive, console)
-    truth = (
-        None
-        if request.true_seed is None
-        else draw_truth(vehicle, np.random.default_rng(request.true_seed))
-    )
-    report = campaign.report(truth)
+    truth = None if request.true_seed is None else hidden_truth(vehicle, request.true_seed)
+    report, table = campaign_report(campaign, truth), campaign_table(campaign, truth)
     write_whole(args.output / "report.json", json.dumps(report, indent=1) + "\n")
     plot_campaign(campaign, truth, args.output / "report.png")
-    table = _table(campaign, truth)
     with (args.output / "report.txt").open("w", encoding="utf-8") as file:
         Console(file=file, width=120).print(table)
     if args.json:
@@ -146,11 +166,13 @@ def _share(text: str) -> float:
 
 
 @contextlib.contextmanager
-def _session(args: argparse.Namespace) -> Iterator[Drive]:
-    """Nodes to drive on: a simulation of our own, or those of the vehicle."""
+def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
+    """Nodes to drive on: those of a simulation, started for this, or those of the vehicle."""
+    from tricycle_cli.operation.session import running_session, simulated_session
+
     if not args.vehicle_nodes:
         with simulated_session(
-            vehicle_file=str(args.vehicle.absolute()) if args.vehicle else "",
+            vehicle_file=args.vehicle,
             true_seed=args.true_seed,
             real_time_factor=args.real_time_factor,
             folder=args.output / "session",
@@ -173,7 +195,7 @@ def _session(args: argparse.Namespace) -> Iterator[Drive]:
         yield drive_when_ready
 
 
-def _step(campaign: Campaign, drive: Drive, console: Console) -> None:
+def _step(campaign: Campaign, drive: DrivePlan, console: Console) -> None:
     """Plan, drive and identify once, or what is left of that."""
     number = len(campaign.steps) + (not campaign.steps or campaign.steps[-1].driven)
     campaign.plan(progress_bar)
@@ -187,26 +209,3 @@ def _step(campaign: Campaign, drive: Drive, console: Console) -> None:
         console.print(
             f"  {name}: {known[name].estimate:.4g} ± {known[name].share:.2%}", highlight=False
         )
-
-
-def _table(campaign: Campaign, truth: dict[str, float] | None) -> Table:
-    table = Table(
-        title=f"95 % intervals, wanted: ± {100.0 * campaign.request.tolerance:g} % of the estimate"
-    )
-    table.add_column("after")
-    for name in campaign.request.targets:
-        table.add_column(name, justify="right")
-        table.add_column("expected", justify="right")
-    for number in range(len(campaign.steps) + 1):
-        known = campaign.known(number)
-        step = campaign.steps[number - 1] if number else None
-        cells = []
-        for name in campaign.request.targets:
-            cells.append(f"{known[name].estimate:.5g} ± {known[name].share:.2%}")
-            expected = step and HALF_WIDTH * step.predicted_std[name] / abs(known[name].estimate)
-            cells.append("" if expected is None else f"± {expected:.2%}")
-        table.add_row(f"{number}: {step.maneuver}" if step else "nothing: the ranges", *cells)
-    if truth is not None:
-        cells = [text for name in campaign.request.targets for text in (f"{truth[name]:.5g}", "")]
-        table.add_row("hidden truth", *cells)
-    return table

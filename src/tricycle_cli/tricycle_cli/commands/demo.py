@@ -1,31 +1,30 @@
-"""`tricycle demo`: the whole way, from a plan to the parameters that its bag tells."""
+"""`tricycle demo`: from a plan to the parameters that are identified from its drive."""
+
+from __future__ import annotations
 
 import argparse
 import json
+import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
 
 from excitation_planner.maneuver import family_by_name, family_names
-from excitation_planner.plan import Plan, save_plan
-from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver, random_feasible_point
-from excitation_planner.planning.replay import nominal_run, replayed_errors
-from parameter_identification.drives.measured import read_measured_drive
-from parameter_identification.identification import identify
-from parameter_identification.judging.judgement import Judgement, judge
-from tricycle_cli.argument_types import real_time_factor, seed
-from tricycle_cli.operation.session import make_room, simulated_session
+from excitation_planner.planning import PlanRequest
+from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
-from tricycle_cli.reports.figures import plot_drives
-from tricycle_cli.reports.identification_report import parameter_table, remarks, save_identification
-from tricycle_cli.reports.run_data import read_run
-from tricycle_cli.reports.run_report import report_page
-from tricycle_sim.plc.simulated_uno import check_build
-from tricycle_sim.rig.emulated import draw_truth
+from tricycle_core.documents import write_whole
+from tricycle_core.errors import BagError
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, load_vehicle
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from excitation_planner.plan import Plan
+    from parameter_identification.identification import Identification
+    from parameter_identification.judging.judgement import Judgement
+    from tricycle_cli.reports.result_file import DemoResult
 
 EXAMPLE = """\
 example:
@@ -33,18 +32,21 @@ example:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "demo",
-        help="plan a maneuver, drive it and a random one on emulated PLCs, judge, identify",
-        description="Plans an excitation maneuver and takes a random one of the same family beside "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Plans an excitation maneuver and takes a random one of the same family beside "
         "it, drives both in simulation with hidden true parameters, through real nodes and serial "
         "devices, computes the trajectory error of each from its bag alone, and identifies the "
-        "parameters from both.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "parameters from both."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("--maneuver", default="circle", help=f"family: {', '.join(family_names())}")
     add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
@@ -69,70 +71,59 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan, drive, record, judge; print the table and say where everything is."""
+    """Plan, drive, record, judge, identify; print the tables and say where everything is.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+
+    from parameter_identification.drives.measured import measured_drive
+    from parameter_identification.drives.recorded import read_drive
+    from parameter_identification.identification import identify
+    from parameter_identification.judging.judgement import judge_drive
+    from tricycle_cli.operation.session import hidden_truth
+    from tricycle_cli.reports.identification_page import save_identification
+    from tricycle_cli.reports.run_folder import read_run
+    from tricycle_cli.reports.run_page import run_page
+    from tricycle_cli.reports.static_figures import plot_drives
+    from tricycle_cli.reports.tables import drives_table, parameter_table, remarks
+    from tricycle_sim.plc.simulated_uno import check_build
+
     vehicle = load_vehicle(args.vehicle)
     request = PlanRequest(vehicle, family_by_name(args.maneuver), args.target, seed=args.seed)
     if args.firmware:
         check_build(args.firmware)
     output: Path = args.output
-    make_room(output, overwrite=args.overwrite)
+    _make_room(output, overwrite=args.overwrite)
 
-    with progress_bar(f"planning {request.family.name} for {args.target}") as progress:
-        designed = plan_maneuver(request, progress=progress)
-        # a stream of its own: the truth is drawn from the seed alone
-        random_x = random_feasible_point(request, np.random.default_rng([args.seed, 1]))
-        plans = {"designed": designed, "random": plan_at(request, random_x)}
-    for name, plan in plans.items():
-        save_plan(plan, output / "plans" / f"{name}.json")
-
+    plans = _plans(request, output / "plans")
     bags = {name: output / "bags" / name for name in plans}
-    with simulated_session(
-        vehicle_file=str(args.vehicle.absolute()) if args.vehicle else "",
-        true_seed=args.seed,
-        real_time_factor=args.real_time_factor,
-        folder=output,
-        firmware=args.firmware,
-    ) as drive:
-        for name, plan in plans.items():
-            with progress_bar(f"driving the {name} maneuver, ms") as progress:
-                drive(plan, bags[name], progress)
+    _drive(plans, bags, args)
 
-    judgements = {name: judge(bag) for name, bag in bags.items()}
+    drives = {name: read_drive(bag) for name, bag in bags.items()}
+    judgements = {name: judge_drive(drive) for name, drive in drives.items()}
     plot_drives(
         {_title(name, plan): judgements[name] for name, plan in plans.items()},
         output / "trajectories.png",
     )
     with progress_bar("identifying the parameters") as progress:
-        drives = [read_measured_drive(bag, vehicle) for bag in bags.values()]
-        found = identify(drives, vehicle, profiles=True, seed=args.seed, progress=progress)
+        measured = [measured_drive(drive, vehicle) for drive in drives.values()]
+        found = identify(measured, vehicle, profiles=True, seed=args.seed, progress=progress)
     save_identification(found, args.vehicle, output / "identification")
 
-    truth = draw_truth(vehicle, np.random.default_rng(args.seed))
+    truth = hidden_truth(vehicle, args.seed)
     expected = {name: _expected_error(request, plan, truth) for name, plan in plans.items()}
-    result: dict[str, object] = {
-        name: {
-            "x": dict(plan.operation),
-            "main": plan.main[args.target].value,
-            "total": plan.total[args.target].value,
-            "cost": plan.cost,
-            "te_expected": expected[name],
-            "te_measured": judgements[name].te,
-            "te_corrected": judgements[name].te_corrected,
-            "rms": judgements[name].rms,
-        }
-        for name, plan in plans.items()
-    }
-    result["parameters"] = {
-        name: {"estimate": e.estimate, "low": e.low, "high": e.high, "truth": truth[name]}
-        for name, e in found.parameters.items()
-    }
-    (output / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-    report = output / "report.html"
-    report.write_text(report_page(read_run(output), vehicle=vehicle), encoding="utf-8")
+    result = _result(plans, expected, judgements, found, truth).to_json()
+    write_whole(output / "result.json", json.dumps(result, indent=2) + "\n")
+    results = read_run(output, read=lambda bag: drives[bag.name])
+    write_whole(output / "report.html", run_page(results, vehicle=vehicle))
     if args.json:
         print(json.dumps(result))
     console = Console(stderr=args.json, highlight=False)
-    console.print(_table(args.target, plans, expected, judgements))
+    console.print(drives_table(args.target, plans, expected, judgements))
     for name, plan in plans.items():
         if plan.verdict:
             console.print(f"{name}: {plan.verdict}")
@@ -141,17 +132,86 @@ def run(args: argparse.Namespace) -> int:
         console.print(remark, soft_wrap=True)
     for what, where in (
         *(("bags", "bags"), ("plans", "plans"), ("figure", "trajectories.png")),
-        *(
-            ("vehicle file with the estimates", "identification/vehicle.yaml"),
-            ("report", report.name),
-        ),
+        ("vehicle file with the estimates", "identification/vehicle.yaml"),
+        ("report", "report.html"),
     ):
         console.print(f"{what}: {output / where}", soft_wrap=True)
     return 0
 
 
-def _expected_error(request: PlanRequest, plan: Plan, truth: dict[str, float]) -> float:
-    """TE of the model with the true parameters, m^2."""
+def _make_room(folder: Path, *, overwrite: bool) -> None:
+    """Make an output folder, empty of an earlier demo's bags."""
+    bags = folder / "bags"
+    if bags.exists() and any(bags.iterdir()):
+        if not overwrite:
+            raise BagError(f"{bags}: holds bags already; choose another --output or --overwrite")
+        shutil.rmtree(bags)
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def _plans(request: PlanRequest, folder: Path) -> dict[str, Plan]:
+    """The designed maneuver and a random one, saved."""
+    from excitation_planner.plan import save_plan
+    from excitation_planner.planning import plan_at, plan_maneuver, random_feasible_point
+
+    with progress_bar(f"planning {request.family.name} for {request.target}") as progress:
+        designed = plan_maneuver(request, progress=progress)
+        # a stream of its own: the truth is drawn from the seed alone
+        random_x = random_feasible_point(request, np.random.default_rng([request.seed, 1]))
+        plans = {"designed": designed, "random": plan_at(request, random_x)}
+    for name, plan in plans.items():
+        save_plan(plan, folder / f"{name}.json")
+    return plans
+
+
+def _drive(plans: Mapping[str, Plan], bags: Mapping[str, Path], args: argparse.Namespace) -> None:
+    from tricycle_cli.operation.session import simulated_session
+
+    with simulated_session(
+        vehicle_file=args.vehicle,
+        true_seed=args.seed,
+        real_time_factor=args.real_time_factor,
+        folder=args.output,
+        firmware=args.firmware,
+    ) as drive:
+        for name, plan in plans.items():
+            with progress_bar(f"driving the {name} maneuver, ms") as progress:
+                drive(plan, bags[name], progress)
+
+
+def _result(
+    plans: Mapping[str, Plan],
+    expected: Mapping[str, float],
+    judgements: Mapping[str, Judgement],
+    found: Identification,
+    truth: Mapping[str, float],
+) -> DemoResult:
+    from tricycle_cli.reports.result_file import DemoResult, DriveResult, ParameterResult
+
+    drives = {
+        name: DriveResult(
+            x=plan.operation,
+            main=plan.main[plan.target].value,
+            total=plan.total[plan.target].value,
+            cost=plan.cost,
+            te_expected=expected[name],
+            te_measured=judgements[name].te,
+            te_corrected=judgements[name].te_corrected,
+            rms=judgements[name].rms,
+        )
+        for name, plan in plans.items()
+    }
+    parameters = {
+        name: ParameterResult(e.estimate, e.low, e.high, truth[name])
+        for name, e in found.parameters.items()
+    }
+    return DemoResult(drives, parameters)
+
+
+def _expected_error(request: PlanRequest, plan: Plan, truth: Mapping[str, float]) -> float:
+    """Trajectory error [m²] of the model with the true parameters."""
+    from excitation_planner.planning.replay import nominal_run, replayed_errors
+
     vehicle: Vehicle = request.vehicle
     x = np.array(list(plan.operation.values()))
     run = nominal_run(vehicle, request.family, x)
@@ -161,29 +221,3 @@ def _expected_error(request: PlanRequest, plan: Plan, truth: dict[str, float]) -
 def _title(name: str, plan: Plan) -> str:
     values = ", ".join(f"{key} {value:.3g}" for key, value in plan.operation.items())
     return f"{name} {plan.maneuver.replace('_', ' ')}: {values}"
-
-
-def _table(
-    target: str,
-    plans: dict[str, Plan],
-    expected: dict[str, float],
-    judgements: dict[str, Judgement],
-) -> Table:
-    table = Table(title=f"exciting {target}, TE in m²", box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("maneuver", no_wrap=True)
-    for heading in ("S", "ST", "H", "TE expected", "TE measured", "less noise", "rms/mm"):
-        table.add_column(heading, justify="right", min_width=8 if heading[:2] == "TE" else None)
-    for name, plan in plans.items():
-        judgement = judgements[name]
-        values = "\n".join(f"{key} {value:.3f}" for key, value in plan.operation.items())
-        table.add_row(
-            f"{name}\n{values}",
-            f"{plan.main[target].value:.3f}",
-            f"{plan.total[target].value:.3f}",
-            f"{plan.cost:.3f}",
-            f"{expected[name]:.5f}",
-            f"{judgement.te:.5f}",
-            f"{judgement.te_corrected:.5f}",
-            f"{1e3 * judgement.rms:.1f}",
-        )
-    return table

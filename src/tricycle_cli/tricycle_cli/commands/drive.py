@@ -4,9 +4,7 @@ import argparse
 import re
 from pathlib import Path
 
-from excitation_planner.plan import load_plan
-from tricycle_cli.argument_types import real_time_factor, seed
-from tricycle_cli.operation.session import running_session, simulated_session
+from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
 
 EXAMPLE = """\
@@ -16,18 +14,21 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "drive",
-        help="drive a plan and record it",
-        description="Starts the simulation and all nodes, drives the plan open loop and records "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Starts the simulation and all nodes, drives the plan open loop and records "
         "it. With --vehicle-nodes it uses the nodes that vehicle.launch.py has started instead: "
         "arm the vehicle first (service tricycle_bridge/arm), and keep the e-stop in hand. Ctrl-C "
-        "aborts the maneuver: the vehicle stops, and the bag is closed.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "aborts the maneuver: the vehicle stops, and the bag is closed."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("plan", type=Path, metavar="PLAN", help="plan.json of `tricycle plan`")
     add("--bag", type=Path, default=Path("out/bag"), metavar="DIR", help="bag to be recorded")
@@ -45,13 +46,22 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the plan and say where its bag is."""
+    """Drive the plan and say where its bag is.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from excitation_planner.plan import load_plan
+    from tricycle_cli.operation.session import running_session, simulated_session
+
     plan = load_plan(args.plan)
     session = (
         running_session(args.namespace)
         if args.vehicle_nodes
         else simulated_session(
-            vehicle_file=str(args.vehicle.absolute()) if args.vehicle else "",
+            vehicle_file=args.vehicle,
             true_seed=args.true_seed,
             real_time_factor=args.real_time_factor,
             folder=args.bag.with_name(f"{args.bag.name}.session"),

@@ -1,23 +1,12 @@
-"""`tricycle identify`: the unknown parameters, with honest confidence, from recorded drives."""
+"""`tricycle identify`: the unknown parameters and their intervals, from recorded drives."""
 
 import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
 
-from rich.console import Console
-
-from parameter_identification.drives.measured import read_measured_drive
-from parameter_identification.estimation.problem import Loss
-from parameter_identification.identification import identify
-from parameter_identification.identification_file import document_of
-from tricycle_cli.argument_types import seed
+from tricycle_cli.arguments import seed
 from tricycle_cli.progress import progress_bar
-from tricycle_cli.reports.identification_report import (
-    parameter_table,
-    remarks,
-    save_identification,
-)
 from tricycle_sim.vehicle import load_vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
@@ -29,16 +18,19 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "identify",
-        help="estimate the unknown parameters from recorded drives",
-        description="Fits the model to all bags together and prints each parameter with its "
-        "interval by profile likelihood. What the drives do not show is said and keeps its range.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Fits the model to all bags together and prints each parameter with its "
+        "interval by profile likelihood. What the drives do not show is said and keeps its range."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
@@ -62,7 +54,22 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read the bags, identify, print, write."""
+    """Read the bags, identify, print, write.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+
+    from parameter_identification.drives.measured import read_measured_drive
+    from parameter_identification.estimation.problem import Loss
+    from parameter_identification.identification import identify
+    from parameter_identification.identification_file import document_of
+    from tricycle_cli.reports.identification_page import save_identification
+    from tricycle_cli.reports.tables import parameter_table, remarks
+
     vehicle = load_vehicle(args.vehicle)
     with progress_bar("reading bags") as progress:
         bags, drives = [*args.bags, *args.held_out], []

@@ -1,20 +1,21 @@
 """``tricycle judge``: trajectory errors of recorded drives."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import math
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-from rich.table import Table
-
-from parameter_identification.judging.export import PICTURES, ExportFormat, export, plot
-from parameter_identification.judging.judgement import Anchor, Datum, Judgement, TopicNames, judge
+from parameter_identification.judging.export import PICTURES, ExportFormat
+from parameter_identification.judging.judgement import Anchor, Datum, TopicNames
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError, JudgeError
+
+if TYPE_CHECKING:
+    from parameter_identification.judging.judgement import Judgement
 
 EXAMPLE = """\
 examples:
@@ -24,17 +25,20 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "judge",
-        help="trajectory error of recorded drives, from their bags alone",
-        description="Trajectory error TE (Eq. 14) of each bag against the reference it holds, "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Trajectory error TE (Eq. 14) of each bag against the reference it holds, "
         "anchored at the mean measured pose of the standstill before the start event. A bag that "
-        "cannot be judged is told in one line, and the exit status is 2.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "cannot be judged is reported in one line, and the exit status is 2."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
     add("--json", action="store_true", help="print one JSON object")
@@ -72,7 +76,19 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Judge the bags and print what was found."""
+    """Judge the bags and print what was found.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+
+    from parameter_identification.judging.export import export, plot
+    from parameter_identification.judging.judgement import judge
+    from tricycle_cli.reports.tables import judgement_table
+
     topics = TopicNames(
         pose=args.pose,
         reference=args.reference,
@@ -98,7 +114,7 @@ def run(args: argparse.Namespace) -> int:
         found = [_as_json(judgement) for judgement in judgements]
         print(json.dumps(found[0] if len(args.bags) == 1 else {"bags": found}))
     else:
-        _print(judgements)
+        Console().print(judgement_table(judgements))
     if args.export:
         for path in export(judgements, args.output, ExportFormat(args.export)):
             print(f"saved {path}", file=sys.stderr)
@@ -139,42 +155,3 @@ def _as_json(judgement: Judgement) -> dict[str, Any]:
         name: None if isinstance(value, float) and math.isnan(value) else value
         for name, value in values.items()
     }
-
-
-def _print(judgements: list[Judgement]) -> None:
-    """One column per bag; the anchors and what they would give below each other."""
-    table = Table("", *(judgement.bag.name for judgement in judgements))
-    for column in table.columns[1:]:
-        column.justify = "right"
-
-    def add(label: str, value: Callable[[Judgement], str]) -> None:
-        table.add_row(label, *map(value, judgements))
-
-    add("TE / m²", lambda j: f"{j.te:.5g}" + f" ± {j.te_deviation:.1g}" * (j.te_deviation > 0))
-    add("TE less noise / m²", lambda j: f"{j.te_corrected:.5g}")
-    add("rms distance / mm", lambda j: f"{1e3 * j.rms:.1f}")
-    add("largest distance / mm", lambda j: f"{1e3 * j.max:.1f}")
-    add("rms along, across / mm", lambda j: f"{1e3 * j.rms_along:.1f}, {1e3 * j.rms_cross:.1f}")
-    add("rms in x, y / mm", lambda j: f"{1e3 * j.rms_x:.1f}, {1e3 * j.rms_y:.1f}")
-    add("rms heading / °", lambda j: f"{math.degrees(j.rms_heading):.2f}")
-    add("lag, not applied / ms", lambda j: _with_deviation(j.time_offset, j.time_offset_deviation))
-    add("position noise / mm", lambda j: f"{1e3 * j.noise:.1f}")
-    add("duration / s, points", lambda j: f"{j.duration:.2f}, {j.points}")
-    add("anchor", lambda j: j.anchor.value)
-    add(
-        "anchor / m, m, °",
-        lambda j: (
-            f"{j.anchor_pose.x:.3f}, {j.anchor_pose.y:.3f}, "
-            f"{math.degrees(j.anchor_pose.heading):.2f}"
-        ),
-    )
-    for anchor in Anchor:
-        values = (f"{judgement.te_by_anchor[anchor]:.5g}" for judgement in judgements)
-        table.add_row(f"TE at anchor {anchor.value} / m²", *values)
-    Console().print(table)
-
-
-def _with_deviation(seconds: float, deviation: float) -> str:
-    if math.isnan(seconds):
-        return "unknown"
-    return f"{1e3 * seconds:.1f} ± {1e3 * deviation:.1f}"

@@ -5,10 +5,6 @@ import json
 import os
 import time
 
-from rich.console import Console
-from rich.live import Live
-
-from tricycle_cli.operation.dashboard import screen
 from tricycle_core.errors import NodeError
 
 EXAMPLE = """\
@@ -22,16 +18,19 @@ REFRESH = 0.2  # s between pictures
 PATIENCE = 5.0  # s that --json waits for diagnostics and the maneuver's state
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "monitor",
-        help="show links, maneuver and speeds of a live run",
-        description="Listens on ROS_DOMAIN_ID and shows the state of the links and of the "
-        "maneuver, its progress, and the speeds, until Ctrl-C.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Listens on ROS_DOMAIN_ID and shows the state of the links and of the "
+        "maneuver, its progress, and the speeds, until Ctrl-C."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("--namespace", default="", metavar="NAME", help="of the tricycle (default: none)")
     add("--json", action="store_true", help="print what is heard as one JSON object and end")
@@ -39,7 +38,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Show the run until Ctrl-C, or tell once what is heard."""
+    """Show the run until Ctrl-C, or tell once what is heard.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+    from rich.live import Live
+
+    from tricycle_cli.operation.dashboard import screen
+
     try:
         from tricycle_cli.operation.monitor_node import Monitor
     except ImportError as error:
@@ -52,7 +62,9 @@ def run(args: argparse.Namespace) -> int:
         dashboard = monitor.dashboard
         if args.json:
             deadline = time.monotonic() + PATIENCE
-            while time.monotonic() < deadline and not (dashboard.statuses and dashboard.maneuver):
+            while time.monotonic() < deadline and not (
+                dashboard.diagnostics and dashboard.maneuver
+            ):
                 monitor.listen(REFRESH)
             if dashboard.heard is None:
                 raise NodeError(f"{where}: nothing heard in {PATIENCE:.0f} s; is the run on it?")

@@ -1,25 +1,24 @@
 """`tricycle plan`: design excitation maneuvers, or show one."""
 
+from __future__ import annotations
+
 import argparse
 import json
-import math
 import sys
 from pathlib import Path
-
-from rich.console import Console
-from rich.table import Table
+from typing import TYPE_CHECKING
 
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names, operation_point
-from excitation_planner.plan import Plan, load_plan, save_plan
-from excitation_planner.planning import PlanRequest, plan_at, plan_set
-from tricycle_cli.argument_types import seed
-from tricycle_cli.assignments import parse_assignments
+from excitation_planner.planning import PlanRequest
+from tricycle_cli.arguments import parse_assignments, seed
 from tricycle_cli.progress import progress_bar
-from tricycle_cli.reports.figures import plot_plan
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
+
+if TYPE_CHECKING:
+    from excitation_planner.plan import Plan
 
 MOST_MANEUVERS = 6  # of a set: twelve operation parameters are all that the search can do well
 
@@ -33,17 +32,20 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "plan",
-        help="design the maneuvers that excite one parameter",
-        description="Searches maneuver families for the drives that will teach the target best, "
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Searches maneuver families for the drives that will teach the target best, "
         "and verifies them with fresh samples. Says beforehand how well each parameter will be "
-        "known.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        "known."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("show", nargs="*", metavar="show FILE", help="print and plot a saved plan instead")
     add(
@@ -87,7 +89,19 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Plan or show, print the table, save plan and figure."""
+    """Plan or show, print the table, save plan and figure.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+
+    from excitation_planner.plan import load_plan, save_plan
+    from tricycle_cli.reports.static_figures import plot_plan
+    from tricycle_cli.reports.tables import plan_table, prediction_table
+
     if args.show:
         if args.show[0] != "show" or len(args.show) != 2:
             raise PlanError(
@@ -104,9 +118,15 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(_as_json(first) | {"others": [_as_json(plan) for plan in others]}))
     else:
+        console = Console(highlight=False)
         for plan in plans.values():
-            _print(plan)
-        _print_set(first)
+            console.print(plan_table(plan))
+            console.print(_summary(plan))
+        if first.predicted_std:
+            console.print(prediction_table(first))
+        console.print(_search_summary(first))
+        if first.verdict:
+            console.print(first.verdict)
     for file in plans:
         print(f"plan: {file}   figure: {file.with_suffix('.png')}", file=sys.stderr)
     return 0
@@ -140,6 +160,8 @@ def _request(args: argparse.Namespace) -> PlanRequest:
 
 def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]:
     """Plans by the files they go to."""
+    from excitation_planner.planning import plan_at, plan_set
+
     for warning in warnings_about(request.vehicle):
         print(f"warning: {warning}", file=sys.stderr)
     if args.at:
@@ -176,53 +198,20 @@ def _as_json(plan: Plan) -> dict[str, object]:
     }
 
 
-def _print(plan: Plan) -> None:
-    values = ", ".join(f"{name} = {value:.4g}" for name, value in plan.operation.items())
-    table = Table(title=f"{plan.maneuver}: {values}")
-    table.add_column("unknown parameter")
-    for heading in ("S", "95 %", "ST", "95 %"):
-        table.add_column(heading, justify="right")
-    for name, main in plan.main.items():
-        total = plan.total[name]
-        table.add_row(
-            f"{name}{' (target)' if name == plan.target else ''}",
-            f"{main.value:.4f}",
-            f"{main.low:.4f} … {main.high:.4f}",
-            f"{total.value:.4f}",
-            f"{total.low:.4f} … {total.high:.4f}",
-        )
-    console = Console()
-    console.print(table)
-    console.print(
+def _summary(plan: Plan) -> str:
+    return (
         f"H = {plan.cost:.4f}, Q² = {plan.leave_one_out_q2:.6f}, "
-        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}",
-        highlight=False,
+        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}"
     )
 
 
-def _print_set(plan: Plan) -> None:
-    """What the drives of the plan's set will teach together, and how they were found."""
-    console = Console()
-    if plan.predicted_std:
-        drives = "the drive" if plan.drives == 1 else f"the {plan.drives} drives"
-        table = Table(title=f"expected after {drives}")
-        table.add_column("unknown parameter")
-        for heading in ("standard deviation", "of the range", "left of its spread"):
-            table.add_column(heading, justify="right")
-        for name, std in plan.predicted_std.items():
-            low, high = plan.unknown[name]
-            share = std / (high - low)
-            table.add_row(name, f"{std:.3g}", f"{share:.1%}", f"{share * math.sqrt(12.0):.0%}")
-        console.print(table)
+def _search_summary(plan: Plan) -> str:
+    """How the maneuvers of the plan's set were found."""
     predicted = (
         ""
         if plan.predicted_cost is None
         else f" (the search had {plan.predicted_cost:.4g}), {plan.simulations} simulations"
     )
-    console.print(
-        f"criterion {plan.criterion} = {plan.criterion_cost:.4g}{predicted} "
-        f"in {plan.seconds:.1f} s",
-        highlight=False,
+    return (
+        f"criterion {plan.criterion} = {plan.criterion_cost:.4g}{predicted} in {plan.seconds:.1f} s"
     )
-    if plan.verdict:
-        console.print(plan.verdict, highlight=False)

@@ -1,14 +1,14 @@
 """``tricycle plc``: what is on a serial port."""
 
+from __future__ import annotations
+
 import argparse
 import dataclasses
 import json
 import math
 import sys
-from typing import Any
+from typing import TYPE_CHECKING, Any, TextIO
 
-from tricycle_bridge.link import LinkEvent, LinkEventKind, PlcLink
-from tricycle_bridge.probe import PortProbe
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     BAUD,
@@ -17,6 +17,10 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
+
+if TYPE_CHECKING:
+    from tricycle_bridge.link import LinkEvent, PlcLink
+    from tricycle_bridge.probe import PortProbe
 
 EXAMPLE = """\
 examples:
@@ -28,16 +32,19 @@ The handshake disarms the board; close the bridge first.
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "plc",
-        help="what is on a serial port: which PLC, its telemetry, its counters",
-        description="probe: who answers. monitor: telemetry and events as they come. "
-        "stats: limits and counters of both ends after a while.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "probe: who answers. monitor: telemetry and events as they come. "
+        "stats: limits and counters of both ends after a while."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("what", choices=["probe", "monitor", "stats"])
     add("port", metavar="PORT", help="serial device")
@@ -60,7 +67,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Probe, watch or count."""
+    """Probe, watch or count.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from tricycle_bridge.probe import PortProbe
+
     with PortProbe(args.port, baud=args.baud, boot_wait=args.boot_wait) as probe:
         link = probe.handshake(timeout=args.boot_wait + 3.0)
         if args.what == "monitor":
@@ -78,7 +93,9 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _monitor(probe: PortProbe, seconds: float, *, file: Any) -> None:
+def _monitor(probe: PortProbe, seconds: float, *, file: TextIO) -> None:
+    from tricycle_bridge.link import LinkEventKind
+
     try:
         for count, event in enumerate(probe.events(seconds)):
             # ten lines per second of telemetry are what a person can follow
@@ -91,6 +108,7 @@ def _monitor(probe: PortProbe, seconds: float, *, file: Any) -> None:
 
 
 def _telemetry_line(event: LinkEvent) -> str:
+
     state = event.state
     faults = fault_names(state.faults) if state else ""
     if isinstance(state, SteerState):

@@ -5,8 +5,8 @@ import json
 import re
 from pathlib import Path
 
-from trajectory_recorder.bag.reader import BagReader
-from tricycle_cli.commands.record import not_negative, run_in_foreground
+from tricycle_cli.arguments import not_negative
+from tricycle_cli.operation.processes import run_in_foreground
 
 EXAMPLE = """\
 examples:
@@ -16,16 +16,18 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "replay",
-        help="publish a bag's messages as they were recorded",
-        description="Starts the node bag_replayer; its services ~/pause, ~/resume and ~/step hold "
-        "and move it.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Starts the node bag_replayer; its services ~/pause, ~/resume and ~/step hold and move it."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("bag", metavar="BAG", type=Path, help="rosbag2 directory, .mcap or .db3 file")
     add("--rate", type=not_negative, default=1.0, help="recorded s per s; 0: as fast as taken")
@@ -48,7 +50,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Play to the end, or until Ctrl-C."""
+    """Play to the end, or until Ctrl-C.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from trajectory_recorder.bag.reader import BagReader
+
     with BagReader(args.bag):  # a bag that cannot be read is a mistake said at once
         pass
     parameters: dict[str, object] = {

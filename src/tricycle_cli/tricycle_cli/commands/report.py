@@ -2,12 +2,10 @@
 
 import argparse
 import json
-import os
 from pathlib import Path
 
 from tricycle_cli.progress import progress_bar
-from tricycle_cli.reports.run_data import IDENTIFIED, read_run
-from tricycle_cli.reports.run_report import report_page
+from tricycle_core.documents import write_whole
 from tricycle_sim.vehicle import load_vehicle
 
 EXAMPLE = """\
@@ -17,16 +15,19 @@ examples:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "report",
-        help="one HTML file with the table and the figures of a run",
-        description="Reads the plans and bags in the directory of a demo, a plan, a drive or an "
-        "identification, or a single bag, and writes one HTML file that opens offline.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Reads the plans and bags in the directory of a demo, a plan, a drive or an "
+        "identification, or a single bag, and writes one HTML file that opens offline."
     )
+    parser.epilog = EXAMPLE
     add = parser.add_argument
     add("directory", type=Path, metavar="DIR", help="of the run, or a bag")
     add("--output", type=Path, metavar="FILE", help="default: DIR/report.html, or DIR/run.html")
@@ -36,18 +37,24 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Read the run, write its page, say where it is."""
+    """Read the run, write its page, say where it is.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from tricycle_cli.reports.run_folder import IDENTIFIED, read_run
+    from tricycle_cli.reports.run_page import run_page
+
     vehicle = load_vehicle(args.vehicle)
     found = read_run(args.directory)
     with progress_bar("reporting") as progress:
-        page = report_page(found, vehicle=vehicle, progress=progress)
+        page = run_page(found, vehicle=vehicle, progress=progress)
     # identify keeps its own report beside its result
     name = "run.html" if (args.directory / IDENTIFIED).exists() else "report.html"
     output: Path = args.output or args.directory / name
-    output.parent.mkdir(parents=True, exist_ok=True)
-    partial = output.with_name(f".{output.name}.{os.getpid()}")
-    partial.write_text(page, encoding="utf-8")
-    partial.replace(output)
+    write_whole(output, page)
     if args.json:
         print(json.dumps({"report": str(output), "maneuvers": [m.name for m in found.maneuvers]}))
     else:

@@ -1,5 +1,7 @@
 """`tricycle simulate`: replay commands on the vehicle, write its trajectory."""
 
+from __future__ import annotations
+
 import argparse
 import contextlib
 import importlib
@@ -7,14 +9,12 @@ import json
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from excitation_planner.maneuver import family_by_name, family_names, operation_point
-from excitation_planner.planning.replay import nominal_run
-from tricycle_cli.argument_types import seed
-from tricycle_cli.assignments import parse_assignments
+from tricycle_cli.arguments import parse_assignments, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import TICK, FloatArray
@@ -22,8 +22,9 @@ from tricycle_sim.commands import Commands, load_commands
 from tricycle_sim.setpoints import tick_count
 from tricycle_sim.trajectory_files import PICTURES, SUFFIXES, plot_trajectory, save_trajectory
 from tricycle_sim.vehicle import Vehicle, load_vehicle
-from tricycle_sim.vehicle.batch import simulate
-from tricycle_sim.vehicle.feasibility import Event, Feasibility
+
+if TYPE_CHECKING:
+    from tricycle_sim.vehicle.feasibility import Event, Feasibility
 
 EXAMPLE = """\
 examples:
@@ -40,16 +41,19 @@ _LONG = 10_000_000  # vehicle steps that take longer than a moment
 _MOST_ROWS = 10_000_000  # in memory they take about 6 GB
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "simulate",
-        help="replay commands on the 9-DOF vehicle, write its trajectory",
-        description="Replays a command history on the simulated vehicle and writes a row of its "
-        "state every 10 ms.",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Replays a command history on the simulated vehicle and writes a row of its "
+        "state every 10 ms."
     )
+    parser.epilog = EXAMPLE
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--commands", type=Path, metavar="FILE.csv", help="commands to replay")
     source.add_argument(
@@ -83,7 +87,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate, save and say what came out."""
+    """Simulate, save and say what came out.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from tricycle_sim.vehicle.batch import simulate
+
     nominal = load_vehicle(args.vehicle)
     vehicle = nominal.replace(**parse_assignments(args.set))
     commands = _commands(args, nominal)
@@ -117,6 +129,8 @@ def _commands(args: argparse.Namespace, vehicle: Vehicle) -> Commands:
         if args.output.exists() and args.output.samefile(args.commands):
             raise CommandsError(f"{args.output}: --output would overwrite the commands")
         return load_commands(args.commands)
+    from excitation_planner.planning.replay import nominal_run
+
     name, *values = args.maneuver
     family = family_by_name(name)
     point = operation_point(family, parse_assignments(values))

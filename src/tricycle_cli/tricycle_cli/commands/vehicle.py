@@ -4,12 +4,8 @@ import argparse
 import json
 from pathlib import Path
 
-from rich.console import Console
-from rich.table import Table
-
 from tricycle_core.quantities import TICK
 from tricycle_sim.vehicle import constant_fields, load_vehicle, warnings_about
-from tricycle_sim.vehicle.stability import LIMIT, check_step, fastest_mode
 
 EXAMPLE = """\
 example:
@@ -17,14 +13,15 @@ example:
 """
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Add the subcommand."""
-    parser = subparsers.add_parser(
-        "vehicle",
-        help="check a vehicle file",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     check = verbs.add_parser(
         "check",
@@ -40,7 +37,18 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Validate, and print what is doubtful; a wrong file raises `VehicleError`."""
+    """Validate, and print what is doubtful; a wrong file raises `VehicleError`.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from rich.console import Console
+    from rich.table import Table
+
+    from tricycle_sim.vehicle.stability import LIMIT, check_step, fastest_mode
+
     vehicle = load_vehicle(args.file)
     check_step(vehicle, TICK)
     fastest, _ = fastest_mode(vehicle)

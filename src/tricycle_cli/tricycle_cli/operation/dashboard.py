@@ -18,67 +18,111 @@ _STYLES = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Lev
 
 
 @dataclass(frozen=True)
-class Status:
-    """One entry of the diagnostics."""
+class DiagnosticEntry:
+    """One entry of the diagnostics.
+
+    Attributes
+    ----------
+    level : Level
+        How that part of the system is.
+    message : str
+        The same in words.
+    heard : float
+        When it came [s], on the clock of the dashboard.
+    """
 
     level: Level
     message: str
-    heard: float  # s, clock of the dashboard
+    heard: float
 
 
 @dataclass(frozen=True)
-class Joints:
-    """Angle of the steering motor, rad, and rate of the rear wheel, rad/s."""
+class JointReading:
+    """Commanded or measured values of the two joints.
+
+    Attributes
+    ----------
+    steering_motor_angle : float
+        Position of the steering motor [rad].
+    wheel_rate : float
+        Rate of the rear wheel [rad/s].
+    """
 
     steering_motor_angle: float
     wheel_rate: float
 
 
 @dataclass(frozen=True)
-class Motion:
-    """Pose and speed in `odom`."""
+class OdometryReading:
+    """Position and speed in `odom`.
 
-    x: float  # m
-    y: float  # m
-    speed: float  # m/s, forward positive
-    yaw_rate: float  # rad/s, left positive
+    Attributes
+    ----------
+    x, y : float
+        Position [m].
+    speed : float
+        Forward positive [m/s].
+    yaw_rate : float
+        Left positive [rad/s].
+    """
+
+    x: float
+    y: float
+    speed: float
+    yaw_rate: float
 
 
 @dataclass
 class Dashboard:
-    """What was heard last of each source; None and empty where nothing was.
+    """The newest message of each source; None or empty where there was none.
 
     Attributes
     ----------
-    statuses
-        Entry of the diagnostics by its name, `node: part`.
-    maneuver
+    diagnostics : dict of str to DiagnosticEntry
+        By name, `node: part`.
+    maneuver : mapping of str to str
         Values of `maneuver/state`.
+    commanded, measured : JointReading, optional
+        Newest commands and states of the joints.
+    odometry : OdometryReading, optional
+        Newest pose and speed.
+    heard : float, optional
+        When the newest message of any kind came [s].
     """
 
-    statuses: dict[str, Status] = field(default_factory=dict)
+    diagnostics: dict[str, DiagnosticEntry] = field(default_factory=dict)
     maneuver: Mapping[str, str] = field(default_factory=dict)
-    commanded: Joints | None = None
-    measured: Joints | None = None
-    motion: Motion | None = None
-    heard: float | None = None  # s, of the newest message of any kind
+    commanded: JointReading | None = None
+    measured: JointReading | None = None
+    odometry: OdometryReading | None = None
+    heard: float | None = None
 
     def snapshot(self) -> dict[str, object]:
-        """The same as JSON values."""
+        """Return the same as JSON values."""
         return {
             "maneuver": dict(self.maneuver),
             "diagnostics": {
-                name: {"level": status.level.name.lower(), "message": status.message}
-                for name, status in self.statuses.items()
+                name: {"level": entry.level.name.lower(), "message": entry.message}
+                for name, entry in self.diagnostics.items()
             },
             "commanded": self.commanded and vars(self.commanded),
             "measured": self.measured and vars(self.measured),
-            "odom": self.motion and vars(self.motion),
+            "odom": self.odometry and vars(self.odometry),
         }
 
 
 def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
-    """Draw the dashboard at `now` (s); `where` says which domain and namespace it is of."""
+    """Return the dashboard, drawn for the terminal.
+
+    Parameters
+    ----------
+    dashboard : Dashboard
+        What to draw.
+    now : float
+        Time [s], on the clock of the dashboard.
+    where : str
+        Domain and namespace that it is of.
+    """
     if dashboard.heard is None:
         news = Text(f"{where}: nothing heard yet", style="yellow")
     elif now - dashboard.heard > SILENCE:
@@ -89,7 +133,7 @@ def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
         news,
         Panel(_maneuver(dashboard.maneuver), title="maneuver", title_align="left"),
         Panel(_speeds(dashboard), title="motion", title_align="left"),
-        Panel(_statuses(dashboard.statuses, now), title="diagnostics", title_align="left"),
+        Panel(_diagnostics(dashboard.diagnostics, now), title="diagnostics", title_align="left"),
     )
 
 
@@ -122,30 +166,30 @@ def _speeds(dashboard: Dashboard) -> RenderableType:
         table.add_column(justify="right")
     table.add_row("", "speed m/s", "yaw rate rad/s", "steering motor rad", "rear wheel rad/s")
     for name, joints in (("commanded", dashboard.commanded), ("measured", dashboard.measured)):
-        motion = dashboard.motion if name == "measured" else None
+        odometry = dashboard.odometry if name == "measured" else None
         table.add_row(
             name,
-            f"{motion.speed:.2f}" if motion else "",
-            f"{motion.yaw_rate:.3f}" if motion else "",
+            f"{odometry.speed:.2f}" if odometry else "",
+            f"{odometry.yaw_rate:.3f}" if odometry else "",
             f"{joints.steering_motor_angle:.4f}" if joints else "–",
             f"{joints.wheel_rate:.3f}" if joints else "–",
         )
-    if dashboard.motion is not None:
-        table.add_row("position", f"{dashboard.motion.x:.2f} m", f"{dashboard.motion.y:.2f} m")
+    if (odometry := dashboard.odometry) is not None:
+        table.add_row("position", f"{odometry.x:.2f} m", f"{odometry.y:.2f} m")
     return table
 
 
-def _statuses(statuses: Mapping[str, Status], now: float) -> RenderableType:
-    if not statuses:
+def _diagnostics(entries: Mapping[str, DiagnosticEntry], now: float) -> RenderableType:
+    if not entries:
         return Text("none heard", style="dim")
     table = Table.grid(padding=(0, 3))
-    for name in sorted(statuses):
-        status = statuses[name]
-        age = now - status.heard
+    for name in sorted(entries):
+        entry = entries[name]
+        age = now - entry.heard
         silent = age > SILENCE
         table.add_row(
             name,
-            Text(status.message, style="dim" if silent else _STYLES[status.level]),
+            Text(entry.message, style="dim" if silent else _STYLES[entry.level]),
             Text(f"silent for {age:.0f} s", style="bold red") if silent else "",
         )
     return table

@@ -3,34 +3,42 @@
 import math
 import os
 import time
-from types import TracebackType
-from typing import Self
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from tricycle_cli.operation.dashboard import Dashboard, Joints, Motion, Status
+from tricycle_cli.operation.dashboard import (
+    Dashboard,
+    DiagnosticEntry,
+    JointReading,
+    OdometryReading,
+)
 from tricycle_cli.operation.processes import interrupts_held
+from tricycle_core.closing import Closing
 from tricycle_core.diagnostics import Level
 from tricycle_core.joints import JOINTS
+from tricycle_core.nodes import LATCHED
 
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-
-class Monitor:
+class Monitor(Closing):
     """A node that only listens, and keeps what it heard in its `dashboard`.
 
     Parameters
     ----------
-    domain
+    domain : int
         ROS domain id.
-    namespace
+    namespace : str
         Of the tricycle; empty for the root. Its diagnostics are in it too, as launched.
+
+    Attributes
+    ----------
+    dashboard : Dashboard
+        What was heard.
     """
 
     def __init__(self, *, domain: int, namespace: str = "") -> None:
@@ -52,21 +60,14 @@ class Monitor:
         listen(JointState, "joint_states", self._on_joints, qos_profile_sensor_data)
         listen(Odometry, "odom", self._on_odom, qos_profile_sensor_data)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Leave the ROS domain."""
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
     def listen(self, duration: float) -> None:
-        """Take what comes for `duration` seconds of wall time."""
+        """Take messages for `duration` seconds of wall time."""
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0.0:
             with interrupts_held():
@@ -80,7 +81,7 @@ class Monitor:
         now = self._hear()
         for status in message.status:
             level = Level(int.from_bytes(status.level, "little") & 3)
-            self.dashboard.statuses[status.name] = Status(level, status.message, now)
+            self.dashboard.diagnostics[status.name] = DiagnosticEntry(level, status.message, now)
 
     def _on_maneuver(self, message: DiagnosticStatus) -> None:
         self._hear()
@@ -98,13 +99,13 @@ class Monitor:
         self._hear()
         position, twist = message.pose.pose.position, message.twist.twist
         speed = math.copysign(math.hypot(twist.linear.x, twist.linear.y), twist.linear.x)
-        self.dashboard.motion = Motion(position.x, position.y, speed, twist.angular.z)
+        self.dashboard.odometry = OdometryReading(position.x, position.y, speed, twist.angular.z)
 
 
-def _joints(message: JointState) -> Joints | None:
+def _joints(message: JointState) -> JointReading | None:
     """The two joints; None where the message is of others."""
     try:
         steering, wheel = map(list(message.name).index, JOINTS)
-        return Joints(message.position[steering], message.velocity[wheel])
+        return JointReading(message.position[steering], message.velocity[wheel])
     except (ValueError, IndexError):
         return None

@@ -5,8 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -15,7 +14,6 @@ from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
@@ -24,7 +22,9 @@ from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.playback import PlaybackState
 from tricycle_cli.operation.processes import interrupts_held
+from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
+from tricycle_core.nodes import LATCHED
 from tricycle_core.quantities import Progress
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
@@ -32,23 +32,22 @@ SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a firs
 SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class ServiceCaller:
     """Calls services of other nodes, each request once, without losing the answer.
 
     The middleware drops an answer when the server has not found the client's reader within 100 ms,
-    as happens to a new client on a busy machine, and a request cannot be repeated for that: it may
-    have started something. So a greeting goes first, a question that may be repeated. Readers are
-    announced in the order in which they were made: a node that answers the greeting has found the
-    client made before it.
+    as happens to a new client on a busy machine. The request cannot be repeated then: it may have
+    started something. So a greeting goes first, a request without effect that may be repeated.
+    Readers are announced in the order in which they were made: a node that answers the greeting has
+    found the client made before it.
 
     Parameters
     ----------
-    node
+    node : Node
         Whose clients these are.
-    wait
+    wait : callable
         `wait(condition, what)` spins the node until the condition holds, or raises.
     """
 
@@ -58,7 +57,17 @@ class ServiceCaller:
         self._clients: dict[str, tuple[Client, Client]] = {}  # of the service, of the greeting
 
     def call(self, service: str, kind: type, request: Any) -> Any:
-        """Return the answer to `request`; `service` is named `node/service`."""
+        """Return the answer to a request.
+
+        Parameters
+        ----------
+        service : str
+            Name, as `node/service`.
+        kind : type
+            Of the service.
+        request : object
+            Its request.
+        """
         if service not in self._clients:
             greeting = f"{service.rpartition('/')[0]}/get_parameters"
             self._clients[service] = (
@@ -86,19 +95,19 @@ class ServiceCaller:
         self._wait(greeted, f"an answer of {greeter.srv_name}")
 
 
-class Operator:
+class Operator(Closing):
     """A ROS node that does what the person at the vehicle would do by service calls.
 
     Parameters
     ----------
-    domain
+    domain : int
         ROS domain id.
-    check
+    check : callable
         Called while waiting; raises when waiting has become pointless (a node has died).
-    simulated
+    simulated : bool
         Whether times are those of `/clock`, and a drive begins with a reset and arming. On the
         vehicle the person there has armed it.
-    namespace
+    namespace : str
         Of the vehicle's nodes; in one, their clock is there too.
     """
 
@@ -133,15 +142,8 @@ class Operator:
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
         self._services = ServiceCaller(self._node, self._wait)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Leave the ROS domain."""
         self._executor.shutdown()
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
@@ -151,18 +153,18 @@ class Operator:
 
         Parameters
         ----------
-        plan
+        plan : Plan
             What to drive.
-        bag
+        bag : Path
             New rosbag2 directory.
-        progress
-            `progress(elapsed, duration)` in ms of ROS time.
+        progress : callable
+            Called with the time elapsed and the duration [ms of ROS time].
 
         Raises
         ------
         NodeError
-            If a node does not answer, refuses, or aborts the maneuver; with its reason. What was
-            started is aborted then, and its bag closed.
+            If a node does not answer, refuses, or aborts the maneuver; with its reason. A maneuver
+            that was started is aborted then, and its bag closed.
         """
         self._patience = SERVICE_TIMEOUT
         if self._simulated:

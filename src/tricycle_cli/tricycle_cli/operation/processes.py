@@ -1,6 +1,7 @@
 """Nodes as child processes: their environment, their logs, their end."""
 
 import json
+import math
 import os
 import shutil
 import signal
@@ -8,39 +9,44 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.resources import files
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
 
 STOP_TIMEOUT = 5.0  # s a node gets to close its bag or port before it is killed
+STOP_PERIOD = 0.1  # s between signals to a node in the foreground that is to end
 
 
 def own_domain(number: int = 0) -> int:
-    """ROS domain of this process; `number` tells several apart.
+    """Return a ROS domain for this process.
 
-    From 1 to 100: above 101 a domain's ports are those that Linux hands out to anybody.
+    From 1 to 100: above 101 a domain's ports are those that Linux hands out to any program.
+
+    Parameters
+    ----------
+    number : int
+        Several domains of one process have several numbers.
     """
     return 1 + (os.getpid() * 13 + number) % 100
 
 
 def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:
-    """Environment of node processes on this machine alone.
+    """Return the environment of node processes that communicate on this machine only.
 
     Parameters
     ----------
-    domain
+    domain : int
         ROS domain id; nodes of other domains are neither seen nor disturbed.
-    log_dir
+    log_dir : Path
         Where ROS writes its logs.
 
     Returns
     -------
-    env
+    env : dict of str to str
         This process's environment with the domain, local discovery and a Fast DDS profile
         that finds new processes within milliseconds.
     """
@@ -55,7 +61,12 @@ def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:
 
 
 def executable(name: str) -> str:
-    """Path of a node's executable: beside this Python first, then on PATH.
+    """Return the path of a node's executable: beside this Python first, then on PATH.
+
+    Parameters
+    ----------
+    name : str
+        Of the executable.
 
     Raises
     ------
@@ -69,9 +80,55 @@ def executable(name: str) -> str:
     return found
 
 
+def run_in_foreground(
+    name: str,
+    parameters: Mapping[str, object],
+    *,
+    remappings: Sequence[str] = (),
+    duration: float | None = None,
+) -> int:
+    """Run a node until it ends, or SIGINT or SIGTERM ends it by way of this process.
+
+    Parameters
+    ----------
+    name : str
+        Executable.
+    parameters : mapping of str to object
+        ROS parameters.
+    remappings : sequence of str
+        Of topics, `/old:=/new`.
+    duration : float, optional
+        Wall time [s] after which the node is ended.
+
+    Returns
+    -------
+    status : int
+        Exit status of the node.
+    """
+    command = [executable(name), "--ros-args"]
+    for key, value in parameters.items():
+        command += ["-p", f"{key}:={json.dumps(value)}"]  # JSON is YAML
+    for remapping in remappings:
+        command += ["-r", remapping]
+    stopped: list[int] = []
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: until it is up, Ctrl-C kills no node
+    with subprocess.Popen(command) as process:  # noqa: S603 - our own executables
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda number, _: stopped.append(number))
+        end = math.inf if duration is None else time.monotonic() + duration
+        while True:
+            try:
+                return process.wait(STOP_PERIOD)
+            except subprocess.TimeoutExpired:
+                if stopped or time.monotonic() >= end:
+                    process.send_signal(signal.SIGINT)  # again, until the node is up to take it
+
+
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Let SIGINT and SIGTERM end what is inside only after it: rclpy may lose a KeyboardInterrupt.
+    """Hold SIGINT and SIGTERM back until the block has ended.
+
+    Raised inside of rclpy, a KeyboardInterrupt may be lost.
 
     Raises
     ------
@@ -95,11 +152,18 @@ def interrupts_held() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-class NodeProcesses:
+class NodeProcesses(Closing):
     """Node processes that end together, in the reverse order of their start.
 
     Each runs in a session of its own, so that Ctrl-C reaches this process alone and the
     nodes are stopped in order; each writes to `log_dir/<name>.log`.
+
+    Parameters
+    ----------
+    env : mapping of str to str
+        Environment of the processes, see `ros_environment`.
+    log_dir : Path
+        Folder of the logs; it is made.
     """
 
     def __init__(self, env: Mapping[str, str], log_dir: Path) -> None:
@@ -108,7 +172,16 @@ class NodeProcesses:
         self._running: dict[str, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, *, config: str, parameters: Mapping[str, object]) -> None:
-        """Start the node executable `name` with a parameter file and parameters that override it.
+        """Start a node.
+
+        Parameters
+        ----------
+        name : str
+            Of the node and its executable.
+        config : str
+            Parameter file.
+        parameters : mapping of str to object
+            Parameters that override those of the file.
 
         Raises
         ------
@@ -143,15 +216,8 @@ class NodeProcesses:
                 status = process.returncode
                 raise NodeError(f"{name} ended with status {status}: {lines[-1]} (see {log})")
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """End the nodes; one that does not within `STOP_TIMEOUT` is killed."""
         for process in reversed(self._running.values()):
             if process.poll() is None:
                 process.send_signal(signal.SIGINT)

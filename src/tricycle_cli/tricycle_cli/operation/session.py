@@ -1,7 +1,6 @@
-"""A simulated session: the nodes of a run as processes, and plans driven on them."""
+"""Sessions: nodes, simulated or of the vehicle, on which plans are driven."""
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,40 +10,42 @@ import numpy as np
 from excitation_planner.plan import Plan
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
-from tricycle_core.errors import BagError
 from tricycle_core.quantities import Progress
 from tricycle_sim.rig.emulated import draw_truth
 from tricycle_sim.vehicle import Vehicle, load_vehicle
+
+DrivePlan = Callable[[Plan, Path, Progress], None]
+"""`drive(plan, bag, progress)` drives a plan and records the bag; progress is in ms."""
 
 
 @contextmanager
 def simulated_session(
     *,
-    vehicle_file: str,
+    vehicle_file: Path | None,
     true_seed: int,
     real_time_factor: float,
     folder: Path,
     firmware: Path | None = None,
-) -> Iterator[Callable[[Plan, Path, Progress], None]]:
+) -> Iterator[DrivePlan]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
 
     Parameters
     ----------
-    vehicle_file
-        Vehicle YAML; empty for the packaged tricycle.
-    true_seed
-        Of the hidden true parameters.
-    real_time_factor
+    vehicle_file : Path, optional
+        Vehicle YAML; None: the packaged tricycle.
+    true_seed : int
+        Of the hidden true parameters; negative: the nominal ones.
+    real_time_factor : float
         Largest ratio of simulated to wall time; an armed simulation also waits for its host.
-    folder
-        For logs and the ptys' links.
-    firmware
+    folder : Path
+        For logs and the links to the ptys.
+    firmware : Path, optional
         Build of the real firmware to run on simulated UNOs; None: emulated PLCs.
 
     Yields
     ------
-    drive
-        `drive(plan, bag, progress)` resets the simulation, drives the plan, records the bag.
+    drive : DrivePlan
+        Resets the simulation, drives a plan, records its bag.
 
     Raises
     ------
@@ -61,6 +62,8 @@ def simulated_session(
         "steer_port": str((folder / "steer").absolute()),
         "drive_port": str((folder / "drive").absolute()),
     }
+    vehicle = load_vehicle(vehicle_file)
+    file = "" if vehicle_file is None else str(vehicle_file.absolute())
     with NodeProcesses(env, folder / "log") as nodes:
         config = SIMULATION_CONFIG
         nodes.start(
@@ -68,7 +71,7 @@ def simulated_session(
             config=config,
             parameters={
                 **ports,
-                "vehicle_file": vehicle_file,
+                "vehicle_file": file,
                 "true_seed": true_seed,
                 "real_time_factor": real_time_factor,
                 **({"plc": "firmware", "firmware": str(firmware.absolute())} if firmware else {}),
@@ -77,13 +80,13 @@ def simulated_session(
         nodes.start(
             "tricycle_bridge",
             config=config,
-            parameters={**ports, **bridge_parameters(vehicle_file), "arm_on_activate": False},
+            parameters={**ports, **bridge_parameters(file), "arm_on_activate": False},
         )
         nodes.start("maneuver_driver", config=config, parameters={})
-        vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
-        told = [f"vehicle={vehicle.name}", f"vehicle_hash={vehicle.fingerprint}"]
-        told += [f"true_{k}={v!r}" for k, v in _hidden_truth(vehicle, true_seed).items()]
-        nodes.start("trajectory_recorder", config=config, parameters={"metadata": told})
+        # the truth too, so that estimates from the bag can be compared with it
+        metadata = [f"vehicle={vehicle.name}", f"vehicle_hash={vehicle.fingerprint}"]
+        metadata += [f"true_{k}={v!r}" for k, v in hidden_truth(vehicle, true_seed).items()]
+        nodes.start("trajectory_recorder", config=config, parameters={"metadata": metadata})
         with Operator(domain=domain, check=nodes.check) as operator:
 
             def drive(plan: Plan, bag: Path, progress: Progress) -> None:
@@ -92,26 +95,34 @@ def simulated_session(
             yield drive
 
 
-def _hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
-    """What the simulation draws: for the bag's record, so that estimates can be judged by it."""
+def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
+    """Return the parameters that the simulation drives with.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the ranges of its unknown parameters.
+    true_seed : int
+        Of the draw from them; negative: the nominal values.
+    """
     if true_seed < 0:
         return vehicle.nominal
     return draw_truth(vehicle, np.random.default_rng(true_seed))
 
 
 @contextmanager
-def running_session(namespace: str = "") -> Iterator[Callable[[Plan, Path, Progress], None]]:
-    """Drive plans on nodes that run already, of the real vehicle; arming stays the operator's.
+def running_session(namespace: str = "") -> Iterator[DrivePlan]:
+    """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
     Parameters
     ----------
-    namespace
+    namespace : str
         Of those nodes.
 
     Yields
     ------
-    drive
-        `drive(plan, bag, progress)` drives the plan and records the bag.
+    drive : DrivePlan
+        Drives a plan, records its bag.
     """
     from tricycle_cli.operation.operator_node import Operator
 
@@ -124,19 +135,3 @@ def running_session(namespace: str = "") -> Iterator[Callable[[Plan, Path, Progr
             operator.drive(plan, bag.absolute(), progress=progress)
 
         yield drive
-
-
-def make_room(folder: Path, *, overwrite: bool) -> None:
-    """Make an output folder, empty of an earlier run's bags.
-
-    Raises
-    ------
-    BagError
-        If bags are there already and are not to be overwritten.
-    """
-    bags = folder / "bags"
-    if bags.exists() and any(bags.iterdir()):
-        if not overwrite:
-            raise BagError(f"{bags}: holds bags already; choose another --output or --overwrite")
-        shutil.rmtree(bags)
-    folder.mkdir(parents=True, exist_ok=True)

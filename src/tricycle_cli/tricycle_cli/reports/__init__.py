@@ -1,1 +1,1 @@
-"""Tables, figures and HTML reports."""
+"""Tables, figures and HTML pages of plans, drives and identifications."""

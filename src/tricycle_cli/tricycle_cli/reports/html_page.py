@@ -4,24 +4,41 @@ Light or dark as the reader's system is, and fit to be printed. Everything but t
 escaped. A page with plots to zoom into carries Plotly's script once.
 """
 
+from __future__ import annotations
+
 import base64
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-import plotly.graph_objects as go
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
-from matplotlib import rc_context
-from matplotlib.figure import Figure
-from plotly.offline import get_plotlyjs
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
 class TableBlock:
-    """A table; every row has as many cells as there are headings."""
+    """A table.
+
+    Attributes
+    ----------
+    headings : tuple of str
+        Of the columns.
+    rows : tuple of tuple of str
+        As many cells as there are headings in each.
+    caption : str
+        Text above it.
+
+    Raises
+    ------
+    ValueError
+        If a row has another number of cells.
+    """
 
     headings: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
@@ -38,11 +55,11 @@ class FigureBlock:
 
     Attributes
     ----------
-    uri
+    uri : str
         The picture itself, as a `data:` address.
-    alt
+    alt : str
         What it shows, for those who cannot see it.
-    caption
+    caption : str
         Text below it.
     """
 
@@ -52,7 +69,17 @@ class FigureBlock:
 
     @classmethod
     def of(cls, figure: Figure, *, alt: str, caption: str) -> Self:
-        """Draw a Matplotlib figure as SVG."""
+        """Return a Matplotlib figure, drawn as SVG.
+
+        Parameters
+        ----------
+        figure : Figure
+            What to draw.
+        alt, caption : str
+            See the attributes.
+        """
+        from matplotlib import rc_context
+
         file = io.StringIO()
         # without salt and date the same figure would give another file each time
         with rc_context({"svg.hashsalt": "figure"}):
@@ -63,7 +90,15 @@ class FigureBlock:
 
 @dataclass(frozen=True)
 class PlotBlock:
-    """A figure to zoom into; text in it is Plotly's HTML and must have been escaped."""
+    """A figure to zoom into.
+
+    Attributes
+    ----------
+    plot : go.Figure
+        Texts in it are Plotly's HTML and must have been escaped.
+    caption : str
+        Text below it.
+    """
 
     plot: go.Figure
     caption: str
@@ -81,20 +116,39 @@ class PlotBlock:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands below it; a string is a paragraph."""
+    """A heading and what is below it.
+
+    Attributes
+    ----------
+    title : str
+        Heading.
+    blocks : tuple of str, TableBlock, FigureBlock or PlotBlock
+        A string is a paragraph.
+    """
 
     title: str
     blocks: tuple[str | TableBlock | FigureBlock | PlotBlock, ...]
 
 
 def html_page(title: str, sections: Sequence[Section], *, subtitle: str = "") -> str:
-    """Return the page as the text of an HTML file."""
+    """Return the page as the text of an HTML file.
+
+    Parameters
+    ----------
+    title : str
+        Of the page.
+    sections : sequence of Section
+        Its content; more than two get a table of contents.
+    subtitle : str
+        Line below the title.
+    """
     template = (resources.files("tricycle_cli.reports") / "page.html").read_text(encoding="utf-8")
     environment = Environment(autoescape=True, undefined=StrictUndefined)
-    plots = any(isinstance(block, PlotBlock) for section in sections for block in section.blocks)
+    script = ""
+    if any(isinstance(block, PlotBlock) for section in sections for block in section.blocks):
+        from plotly.offline import get_plotlyjs
+
+        script = Markup(get_plotlyjs())  # noqa: S704 - a script of the package
     return environment.from_string(template).render(
-        title=title,
-        sections=sections,
-        subtitle=subtitle,
-        plotly=Markup(get_plotlyjs()) if plots else "",  # noqa: S704 - a script of the package
+        title=title, sections=sections, subtitle=subtitle, plotly=script
     )

@@ -1,118 +1,30 @@
-"""What an identification found, as a table, as figures and as one HTML page."""
+"""What an identification found, as one HTML page and as figures."""
 
 import math
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")  # files only: works without a display
-
 from matplotlib.figure import Figure
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
-from scipy.stats import chi2
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
-from parameter_identification.identification import DriveFit, Estimate, Identification
+from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
 from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
-
-# Okabe and Ito's, told apart by the colour-blind
-BLUE, VERMILLION, GREEN = "#0072B2", "#D55E00", "#009E73"
-
-HEADINGS = ("parameter", "unit", "range", "estimate", "interval", "truth")
-
-
-def parameter_rows(
-    found: Identification, truth: Mapping[str, float] | None = None
-) -> list[tuple[str, ...]]:
-    """Cells of the table of parameters, under `HEADINGS`.
-
-    Parameters
-    ----------
-    found : what was identified
-    truth : hidden true values where they are known; default: those that the bags tell
-    """
-    known = found.truth if truth is None else truth
-    return [
-        (
-            name,
-            "" if e.unit == "1" else e.unit,
-            f"{e.range[0]:.4g} – {e.range[1]:.4g}",
-            f"{e.estimate:.4g} ± {e.standard_deviation:.2g}" if e.identifiable else "not shown",
-            f"{_short(e.low)} – {_short(e.high)}",
-            _truth(e, known[name]) if name in known else "",
-        )
-        for name, e in found.parameters.items()
-    ]
-
-
-def _truth(e: Estimate, value: float) -> str:
-    return f"{value:.4g} {'✓' if e.low <= value <= e.high else '✗'}"
-
-
-def _short(value: float) -> str:
-    """Three digits, but no exponent for thousands."""
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.4g}"
-
-
-def parameter_table(found: Identification, truth: Mapping[str, float] | None = None) -> Table:
-    """The table of parameters, with the hidden truth beside the estimates where it is known."""
-    rows = parameter_rows(found, truth)
-    drives = ", ".join(drive.name for drive in found.drives)
-    title = f"identified from {drives}; {100 * found.level:g} % intervals"
-    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
-    table.add_column("parameter, range", no_wrap=True)  # below each other: it fits 80 columns
-    for heading in ("estimate", "interval", "truth" if any(row[-1] for row in rows) else ""):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for name, unit, span, *cells in rows:
-        table.add_row(f"{name}\n  {span} {unit}", *cells)
-    return table
-
-
-def _without_empty(
-    rows: list[tuple[str, ...]],
-) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Headings and rows without columns in which nothing stands."""
-    kept = [i for i in range(len(HEADINGS)) if any(row[i] for row in rows)]
-    return tuple(HEADINGS[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in rows)
-
-
-def remarks(found: Identification) -> list[str]:
-    """What a reader must know besides the table, a line each."""
-    lines = [
-        f"not shown by these drives: {combination} "
-        f"({combination.remaining:.0%} of its prior deviation is left)"
-        for combination in found.hidden
-    ]
-    if not any(found.identifiable.values()):
-        lines.append("these drives show none of the parameters: drive longer, or other maneuvers")
-    if not found.white:
-        worst = [t for t in found.whiteness if t.p * len(found.whiteness) < 0.01]
-        names = ", ".join(f"{t.drive} {t.channel}" for t in worst)
-        lines.append(
-            f"residuals are NOT white ({names}): the model lacks an effect or a sensor drifts. "
-            "The intervals count it as drifting noise; they do not cover a wrong model"
-        )
-    if found.rivals:
-        lines.append(
-            f"{len(found.rivals)} other set(s) of parameters fit as well; intervals hold them too"
-        )
-    if found.outliers:
-        lines.append(f"{found.outliers} samples lie beyond 6 standard deviations: try --robust")
-    lines += [
-        f"{held.name}, not used: predicted to {1e3 * held.rms_estimated:.1f} mm (rms; before "
-        f"{1e3 * held.rms_nominal:.1f} mm, noise alone {1e3 * held.noise:.1f} mm)"
-        for held in found.held_out
-    ]
-    return lines
+from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, remarks
+from tricycle_core.documents import replacing, write_whole
+from tricycle_core.palette import BLUE, VERMILLION
 
 
 def trajectories_figure(found: Identification) -> Figure:
-    """Each drive as measured, with the nominal vehicle and with the estimates."""
+    """Return each drive as measured, with the nominal vehicle and with the estimates.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    """
     figure = Figure(figsize=(5.6 * len(found.drives), 5.4), layout="constrained")
     for axes, drive in zip(
         figure.subplots(1, len(found.drives), squeeze=False)[0], found.drives, strict=True
@@ -135,7 +47,13 @@ def _rms(predictions: Mapping[Sensor, Prediction]) -> str:
 
 
 def residuals_figure(found: Identification) -> Figure:
-    """Residuals over time, a row per channel and a column per drive."""
+    """Return the residuals over time, a row per channel and a column per drive.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    """
     sensors = [s for s in Sensor if any(s in drive.after for drive in found.drives)]
     channels = [(s, c) for s in sensors for c in range(len(s.channels))]
     figure = Figure(
@@ -160,12 +78,18 @@ def residuals_figure(found: Identification) -> Figure:
 
 
 def profiles_figure(found: Identification) -> Figure:
-    """Profile likelihood of each parameter with its interval; the truth where it is known."""
+    """Return the profile likelihood of each parameter with its interval and, if known, the truth.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    """
     profiled = {name: e for name, e in found.parameters.items() if e.profile is not None}
     columns = min(3, len(profiled))
     rows = math.ceil(len(profiled) / columns)
     figure = Figure(figsize=(3.7 * columns, 2.9 * rows), layout="constrained")
-    allowed = float(chi2.ppf(found.level, 1))
+    allowed = allowed_rise(found.level)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, (name, e) in zip(grid, profiled.items(), strict=False):
         assert e.profile is not None
@@ -190,7 +114,13 @@ def profiles_figure(found: Identification) -> Figure:
 
 
 def identification_page(found: Identification) -> str:
-    """The report as the text of one HTML file: the table first."""
+    """Return the text of one HTML file.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    """
     names = found.names
     correlation = TableBlock(
         ("", *names),
@@ -236,6 +166,14 @@ def identification_page(found: Identification) -> str:
     return html_page(f"Identified from {drives}", sections, subtitle=f"vehicle {found.vehicle}")
 
 
+def _without_empty(
+    rows: list[tuple[str, ...]],
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Headings and rows without columns in which nothing stands."""
+    kept = [i for i in range(len(HEADINGS)) if any(row[i] for row in rows)]
+    return tuple(HEADINGS[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in rows)
+
+
 def _start(drive: DriveFit) -> TableBlock:
     rows = tuple(
         (name, f"{n.estimate:.4g} ± {n.standard_deviation:.2g}", n.unit)
@@ -257,9 +195,12 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
 
     Parameters
     ----------
-    found : what was identified
-    vehicle_file : that was identified with; None for the packaged one
-    folder : made if it is not there
+    found : Identification
+        What `identify` found.
+    vehicle_file : Path, optional
+        Vehicle that was identified with; None: the packaged one.
+    folder : Path
+        It is made if it is not there.
 
     Raises
     ------
@@ -277,6 +218,7 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         figures["profiles"] = profiles_figure(found)
     save_identification_file(document_of(found), folder / "identification.json")
     for name, text in texts.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_whole(folder / name, text)
     for name, figure in figures.items():
-        figure.savefig(folder / f"{name}.png", dpi=150)
+        with replacing(folder / f"{name}.png") as file:
+            figure.savefig(file, dpi=150)

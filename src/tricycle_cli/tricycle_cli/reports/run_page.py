@@ -3,9 +3,10 @@
 from collections.abc import Callable
 
 from excitation_planner.plan import Plan
-from tricycle_cli.reports import run_figures as figures
+from parameter_identification.identification_file import IdentificationDocument
+from tricycle_cli.reports import interactive_figures as figures
 from tricycle_cli.reports.html_page import PlotBlock, Section, TableBlock, html_page
-from tricycle_cli.reports.run_data import IdentificationResult, Maneuver, Run, wheel_loads
+from tricycle_cli.reports.run_folder import Maneuver, Run, wheel_loads
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
@@ -13,17 +14,17 @@ from tricycle_sim.vehicle import Vehicle
 Block = str | TableBlock | PlotBlock
 
 
-def report_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) -> str:
+def run_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) -> str:
     """Return the report of a run as the text of an HTML file.
 
     Parameters
     ----------
-    run
+    run : Run
         What to show.
-    vehicle
+    vehicle : Vehicle
         For the wheel loads of plans that were made for it.
-    progress
-        Called with (maneuvers shown, all of them).
+    progress : callable, optional
+        Called with the numbers of maneuvers shown and in all.
     """
     sections = [Section("Results", tuple(_results(run)))] if run.maneuvers else []
     for done, maneuver in enumerate(run.maneuvers):
@@ -31,8 +32,8 @@ def report_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None)
             progress(done, len(run.maneuvers))
         sections.append(Section(_title(maneuver), tuple(_blocks(maneuver, vehicle))))
     sections += [
-        Section(f"Identified: {found.name}", tuple(_identified(found)))
-        for found in run.identifications
+        Section(f"Identified: {name}", tuple(_identified(found)))
+        for name, found in run.identifications
     ]
     return html_page(f"Run {run.folder.resolve().name}", sections, subtitle=_subtitle(run))
 
@@ -103,10 +104,10 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
                 "time; the last one is TE (Eq. 14).",
             )
         )
-    if plan is not None or maneuver.motion is not None:
+    if plan is not None or maneuver.joints is not None:
         blocks.append(
             PlotBlock(
-                figures.commands(plan, maneuver.motion),
+                figures.commands(plan, maneuver.joints),
                 "Commands, held until the next one, and what the PLCs measured.",
             )
         )
@@ -135,21 +136,21 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
     return blocks
 
 
-def _identified(found: IdentificationResult) -> list[Block]:
+def _identified(found: IdentificationDocument) -> list[Block]:
     rows = tuple(
         (
-            p.name,
+            name,
             p.unit,
             f"{p.range[0]:.4g} … {p.range[1]:.4g}",
             f"{p.estimate:.4g}" if p.identifiable else "not shown",
             f"{p.low:.4g} … {p.high:.4g}",
             "" if p.truth is None else f"{p.truth:.4g}",
         )
-        for p in found.parameters
+        for name, p in found.parameters.items()
     )
     headings = ("parameter", "unit", "range", "estimate", f"{found.level:.0%}", "truth")
     blocks: list[Block] = [TableBlock(headings, rows)]
-    if any(p.profile is not None for p in found.parameters):
+    if any(p.profile is not None for p in found.parameters.values()):
         caption = "Profile likelihood; shaded: the interval; grey: its level; dashed: the truth."
         blocks.append(PlotBlock(figures.profiles(found), caption))
     return blocks

@@ -9,16 +9,15 @@ import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.subplots import make_subplots
-from scipy.interpolate import griddata
-from scipy.stats import chi2
 
 from excitation_planner.plan import Plan, SearchHistory
+from parameter_identification.drives.recorded import JointStates
+from parameter_identification.identification_file import IdentificationDocument
 from parameter_identification.judging.judgement import Judgement
-from tricycle_cli.reports.run_data import IdentificationResult, Loads, Motion
+from tricycle_cli.reports.run_folder import WheelLoads
+from tricycle_cli.reports.tables import allowed_rise
+from tricycle_core.palette import BLUE, GREEN, GREY, PURPLE, VERMILLION
 from tricycle_core.quantities import FloatArray
-
-# Okabe and Ito's, told apart by the colour-blind
-BLUE, VERMILLION, GREEN, PURPLE, GREY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8A8A8A"
 
 POINTS = 1000  # of a curve; more cannot be told apart on a screen
 MARKS = 5.0  # s between the lines that join equal times
@@ -27,7 +26,15 @@ _EDGE = {"width": 1, "color": "white"}  # of marks
 
 
 def trajectories(plan: Plan | None, judgement: Judgement | None) -> go.Figure:
-    """Path, nominal and driven trajectory, equal times of the last two joined."""
+    """Return path, nominal and driven trajectory, equal times of the last two joined.
+
+    Parameters
+    ----------
+    plan : Plan, optional
+        What was planned.
+    judgement : Judgement, optional
+        Of the drive.
+    """
     figure = _figure(height=520)
     if plan is not None:
         x, y = _thinned(*plan.path.T)
@@ -53,8 +60,16 @@ def trajectories(plan: Plan | None, judgement: Judgement | None) -> go.Figure:
     return figure
 
 
-def commands(plan: Plan | None, motion: Motion | None) -> go.Figure:
-    """Commands of a plan and what the joints did, over the time since the start."""
+def commands(plan: Plan | None, joints: JointStates | None) -> go.Figure:
+    """Return the commands of a plan and what the joints did, over the time since the start.
+
+    Parameters
+    ----------
+    plan : Plan, optional
+        What was planned.
+    joints : JointStates, optional
+        What the PLCs measured.
+    """
     figure = _figure(rows=2)
     if plan is not None:
         time = plan.commands.time
@@ -63,8 +78,8 @@ def commands(plan: Plan | None, motion: Motion | None) -> go.Figure:
                 x=time, y=value, name="command", line=_line(BLUE, shape="hv"),
                 legendgroup="command", showlegend=row == 1, row=row, col=1,
             )  # fmt: skip
-    if motion is not None:
-        time, angle, rate = _thinned(motion.time, motion.steering_motor_angle, motion.wheel_rate)
+    if joints is not None:
+        time, angle, rate = _thinned(joints.time, joints.steering_motor_angle, joints.wheel_rate)
         for row, value in ((1, angle), (2, rate if plan is None else rate * plan.tyre_radius)):
             figure.add_scatter(
                 x=time, y=value, name="measured", line=_line(VERMILLION), legendgroup="measured",
@@ -77,7 +92,13 @@ def commands(plan: Plan | None, motion: Motion | None) -> go.Figure:
 
 
 def error_over_time(judgement: Judgement) -> go.Figure:
-    """Distance from the reference, its parts, and the trajectory error up to each time."""
+    """Return the distance from the reference, its parts, and the trajectory error up to each time.
+
+    Parameters
+    ----------
+    judgement : Judgement
+        Of the drive.
+    """
     s = judgement.series
     so_far = np.cumsum(s.distance**2) / np.arange(1, len(s.distance) + 1)
     time, distance, along, cross, te = _thinned(s.time, s.distance, s.along, s.cross, so_far)
@@ -94,8 +115,14 @@ def error_over_time(judgement: Judgement) -> go.Figure:
     return _in_time(figure)
 
 
-def wheel_loads(loads: Loads) -> go.Figure:
-    """Vertical load of each wheel of the nominal vehicle."""
+def wheel_loads(loads: WheelLoads) -> go.Figure:
+    """Return the vertical load of each wheel over time.
+
+    Parameters
+    ----------
+    loads : WheelLoads
+        Of the nominal vehicle.
+    """
     figure = _figure()
     time, *values = _thinned(loads.time, loads.left, loads.right, loads.rear)
     for name, value, color in zip(
@@ -107,7 +134,13 @@ def wheel_loads(loads: Loads) -> go.Figure:
 
 
 def indices(plan: Plan) -> go.Figure:
-    """Sobol' indices S and ST of every unknown parameter, with their 95 % intervals."""
+    """Return the Sobol' indices S and ST of every unknown parameter, with their 95 % intervals.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was planned.
+    """
     figure = _figure(height=110 + 52 * len(plan.main))
     for name, by_name, color in (
         ("main index S", plan.main, BLUE),
@@ -131,7 +164,15 @@ def indices(plan: Plan) -> go.Figure:
 
 
 def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
-    """Cost over x: every maneuver that the search tried, and the best so far in its turn."""
+    """Return the cost of every maneuver that the search tried, over x, and the best one so far.
+
+    Parameters
+    ----------
+    plan : Plan
+        What was planned.
+    search : SearchHistory
+        How it was found.
+    """
     names = [escape(name) for name in plan.operation]
     chosen = list(plan.operation.values())
     drivable = np.isfinite(search.cost)
@@ -150,6 +191,8 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
     scale = f"log₁₀ {cost_name}" if by_decades else cost_name
     if drivable.sum() > 3 and np.all(np.ptp(found[0], axis=0) > 0.0):
         grid = [np.linspace(v.min(), v.max(), 80) for v in (x, y)]
+        from scipy.interpolate import griddata
+
         surface = griddata(*found, tuple(np.meshgrid(*grid)), rescale=True)
         figure.add_contour(
             x=grid[0], y=grid[1], z=surface, colorscale="Cividis", reversescale=True, opacity=0.8,
@@ -181,24 +224,31 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
     return figure
 
 
-def profiles(identification: IdentificationResult) -> go.Figure:
-    """Profile likelihood of each parameter over its range, its interval, and the truth if known."""
-    profiled = [p for p in identification.parameters if p.profile is not None]
+def profiles(found: IdentificationDocument) -> go.Figure:
+    """Return the profile likelihood of each parameter over its range; interval and truth marked.
+
+    Parameters
+    ----------
+    found : IdentificationDocument
+        What `tricycle identify` found.
+    """
+    profiled = {n: p for n, p in found.parameters.items() if p.profile is not None}
     columns = min(3, len(profiled))
     rows = -(-len(profiled) // columns)
     figure = make_subplots(rows=rows, cols=columns, vertical_spacing=0.32 / rows)
     figure.update_layout(_layout(60 + 260 * rows), showlegend=False)
-    allowed = float(chi2.ppf(identification.level, 1))
-    for k, parameter in enumerate(profiled):
+    allowed = allowed_rise(found.level)
+    for k, (name, parameter) in enumerate(profiled.items()):
         where = {"row": k // columns + 1, "col": k % columns + 1}
-        values, rise = parameter.profile or (np.empty(0), np.empty(0))
-        figure.add_scatter(x=values, y=rise, mode="lines+markers", line=_line(BLUE), **where)
+        assert parameter.profile is not None
+        x, y = parameter.profile.values, parameter.profile.rise
+        figure.add_scatter(x=x, y=y, mode="lines+markers", line=_line(BLUE), **where)
         figure.add_vrect(parameter.low, parameter.high, fillcolor=BLUE, opacity=0.15, **where)
         figure.add_hline(allowed, line={"color": GREY, "width": 1}, **where)
         if parameter.truth is not None:
             figure.add_vline(parameter.truth, line={"color": VERMILLION, "dash": "dash"}, **where)
         unit = "" if parameter.unit in ("", "1") else f" / ({parameter.unit})"
-        label = escape(f"{parameter.name.replace('_', ' ')}{unit}")
+        label = escape(f"{name.replace('_', ' ')}{unit}")
         figure.update_xaxes(title=label, range=parameter.range, exponentformat="power", **where)
         figure.update_yaxes(range=(0.0, 3.0 * allowed), **where)
     return figure

@@ -1,20 +1,16 @@
-"""Figures of a run, readable in print and by the colour-blind."""
+"""Figures of plans and drives as image files, readable in print and by the colour-blind."""
 
 import math
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")  # files only: works without a display
-
-from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
 from excitation_planner.plan import Plan
 from parameter_identification.judging.judgement import Judgement
-from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign
+from tricycle_core.palette import BLUE, VERMILLION
 
-REFERENCE, MEASURED = "#0072B2", "#D55E00"  # Okabe and Ito's blue and vermillion
+REFERENCE, MEASURED = BLUE, VERMILLION
 MARKS = 5.0  # s between the lines that join equal times
 
 
@@ -23,17 +19,15 @@ def plot_plan(plan: Plan, path: Path) -> None:
 
     Parameters
     ----------
-    plan
+    plan : Plan
         What to show.
-    path
+    path : Path
         Image to be written; its suffix gives the format.
     """
     right = "expected" if plan.predicted_std else "."
-    figure, panels = plt.subplot_mosaic(
-        [["track", "indices"], ["angle", right], ["speed", right]],
-        figsize=(10.4, 9.0),
-        height_ratios=(1.7, 0.8, 0.8),
-        layout="constrained",
+    figure = Figure(figsize=(10.4, 9.0), layout="constrained")
+    panels = figure.subplot_mosaic(
+        [["track", "indices"], ["angle", right], ["speed", right]], height_ratios=(1.7, 0.8, 0.8)
     )
     track, indices, angle, speed = (panels[k] for k in ("track", "indices", "angle", "speed"))
     values = ", ".join(f"{name} {value:.3g}" for name, value in plan.operation.items())
@@ -80,7 +74,6 @@ def plot_plan(plan: Plan, path: Path) -> None:
     for axes in panels.values():
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
-    plt.close(figure)
 
 
 def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
@@ -88,15 +81,13 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
 
     Parameters
     ----------
-    drives
+    drives : mapping of str to Judgement
         Judgement by title.
-    path
+    path : Path
         Image to be written; its suffix gives the format.
     """
-    figure, axes = plt.subplots(
-        2, len(drives), figsize=(5.2 * len(drives), 7.6), height_ratios=(2.2, 1), squeeze=False,
-        layout="constrained",
-    )  # fmt: skip
+    figure = Figure(figsize=(5.2 * len(drives), 7.6), layout="constrained")
+    axes = figure.subplots(2, len(drives), height_ratios=(2.2, 1), squeeze=False)
     highest = max(float(1e3 * judgement.max) for judgement in drives.values())
     for (title, judgement), above, below in zip(drives.items(), axes[0], axes[1], strict=True):
         s = judgement.series
@@ -120,49 +111,3 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
         below.set_ylabel("distance / mm")
         below.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
-    plt.close(figure)
-
-
-def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:
-    """Estimate of each target drive by drive, and the half width of its 95 % interval.
-
-    Parameters
-    ----------
-    campaign
-        What to show.
-    truth
-        Hidden true values, where they are known.
-    path
-        Image to be written; its suffix gives the format.
-    """
-    targets, steps = campaign.request.targets, campaign.steps
-    figure, axes = plt.subplots(
-        2, len(targets), figsize=(5.6 * len(targets), 7.6), squeeze=False, sharex=True,
-        layout="constrained",
-    )  # fmt: skip
-    drives = range(len(steps) + 1)
-    for name, above, below in zip(targets, *axes, strict=True):
-        known = [campaign.known(number)[name] for number in drives]
-        above.errorbar(
-            drives, [k.estimate for k in known], yerr=[HALF_WIDTH * k.std for k in known],
-            fmt="o", capsize=4, color=REFERENCE, label="estimate, 95 % interval",
-        )  # fmt: skip
-        if truth is not None:
-            above.axhline(truth[name], color="0.2", linestyle="--", label="hidden truth")
-        above.set_title(name.replace("_", " "))
-        below.plot(drives, [100.0 * k.share for k in known], "o-", color=REFERENCE, label="came")
-        expected = [
-            100.0 * HALF_WIDTH * step.predicted_std[name] / abs(k.estimate)
-            for step, k in zip(steps, known[1:], strict=True)
-        ]
-        below.plot(drives[1:], expected, "x", color=MEASURED, label="expected when planned")
-        below.axhline(100.0 * campaign.request.tolerance, color="0.2", label="tolerance")
-        below.set_yscale("log")
-        below.set_xticks(drives, ["the range", *(s.maneuver.replace("_", "\n") for s in steps)])
-        for axis in (above, below):
-            axis.grid(alpha=0.3)
-            axis.legend(fontsize="small")
-    axes[0, 0].set_ylabel("value in the unit of the vehicle file")
-    axes[1, 0].set_ylabel("half width / % of the estimate")
-    figure.savefig(path, dpi=150)
-    plt.close(figure)

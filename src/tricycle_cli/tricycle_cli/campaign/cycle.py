@@ -1,0 +1,231 @@
+"""The cycle of a campaign: plan, drive, identify, until the targets are known well enough.
+
+Everything is in one folder: `campaign.json`, the state; `plans/` and `bags/`, one per drive. After
+a kill the same call continues: a bag that was being recorded is driven again, all else is kept.
+"""
+
+import dataclasses
+import math
+import shutil
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from excitation_planner.design.prior import BoxPrior
+from excitation_planner.plan import Plan, load_plan, save_plan
+from excitation_planner.planning import plan_maneuver
+from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.identification import identify
+from parameter_identification.identification_file import document_of
+from tricycle_cli.campaign.request import CampaignRequest
+from tricycle_cli.campaign.state_file import CampaignState, Step
+from tricycle_cli.operation.session import DrivePlan
+from tricycle_core.errors import DesignError, PlanError
+from tricycle_core.quantities import Progress
+from tricycle_sim.vehicle import Vehicle
+
+HALF_WIDTH = 1.96  # standard deviations of a 95 % interval
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known of a parameter, in its unit.
+
+    Attributes
+    ----------
+    estimate : float
+        Of the parameter.
+    std : float
+        Standard deviation of the estimate.
+    """
+
+    estimate: float
+    std: float
+
+    @property
+    def share(self) -> float:
+        """Half width of the 95 % interval, as a share of the estimate."""
+        return HALF_WIDTH * self.std / abs(self.estimate) if self.estimate else math.inf
+
+
+class Campaign:
+    """A campaign in a folder, begun or continued.
+
+    Parameters
+    ----------
+    folder : Path
+        New, or that of an earlier campaign with the same settings.
+    request : CampaignRequest
+        What is to be known, and how well.
+
+    Attributes
+    ----------
+    steps : tuple of Step
+        Drives so far; the last one may be unfinished.
+
+    Raises
+    ------
+    PlanError
+        If the folder holds a campaign with other settings, or its state cannot be read.
+    """
+
+    def __init__(self, folder: Path, request: CampaignRequest) -> None:
+        self.folder, self.request = folder, request
+        self.steps: tuple[Step, ...] = ()
+        if self._state.exists():
+            self.steps = self._read()
+        elif folder.exists() and any(folder.iterdir()):
+            raise PlanError(f"{folder}: holds something else; give a new folder for the campaign")
+        else:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._keep(())
+
+    @property
+    def _state(self) -> Path:
+        return self.folder / "campaign.json"
+
+    def _read(self) -> tuple[Step, ...]:
+        state = CampaignState.read(self._state)
+        wanted, found = vars(self.request.settings()), vars(state.settings)
+        different = [name for name in wanted if found[name] != wanted[name]]
+        if different:
+            raise PlanError(
+                f"{self.folder}: is a campaign with other settings (different: "
+                f"{', '.join(different)}); give another folder, or the same settings to go on"
+            )
+        return state.steps
+
+    def _keep(self, steps: tuple[Step, ...]) -> None:
+        CampaignState(self.request.settings(), steps).write(self._state)
+        self.steps = steps
+
+    def known(self, after: int | None = None) -> dict[str, Knowledge]:
+        """Return what is known of each parameter.
+
+        Parameters
+        ----------
+        after : int, optional
+            Number of drives; default: all identified ones.
+        """
+        vehicle = self.request.vehicle
+        found = {
+            name: Knowledge(vehicle.nominal[name], (high - low) / math.sqrt(12.0))
+            for name, (low, high) in vehicle.unknown.items()
+        }
+        for step in self.steps[:after]:
+            if step.identification is not None:
+                found |= {
+                    name: Knowledge(entry.estimate, entry.standard_deviation)
+                    for name, entry in step.identification.parameters.items()
+                    if entry.standard_deviation is not None
+                }
+        return found
+
+    def missing(self) -> tuple[str, ...]:
+        """Return the targets that are not within the tolerance yet, the worst first."""
+        known, tolerance = self.known(), self.request.tolerance
+        order = sorted(self.request.targets, key=lambda name: -known[name].share)
+        return tuple(name for name in order if known[name].share > tolerance)
+
+    @property
+    def finished(self) -> bool:
+        """Whether no drive is left to be planned, driven or identified."""
+        if self.steps and self.steps[-1].identification is None:
+            return False
+        return not self.missing() or len(self.steps) >= self.request.most_drives
+
+    def plan(self, progress: Callable[[str], AbstractContextManager[Progress]]) -> Plan:
+        """Return the plan of the next drive; it is made unless that of the last one is still open.
+
+        Parameters
+        ----------
+        progress : callable
+            Shows the progress of the work described by its argument, e.g. `progress_bar`.
+
+        Raises
+        ------
+        PlanError
+            If no family has a maneuver for the target.
+        """
+        if self.steps and self.steps[-1].identification is None:
+            return load_plan(self.folder / self.steps[-1].plan)
+        number, target = len(self.steps) + 1, self.missing()[0]
+        plans, problems = [], []
+        for family in self.request.families:
+            request = self.request.plan_request(
+                family, target, self._prior(), seed=self.request.seed + number
+            )
+            try:
+                with progress(f"planning {family.name} for {target}") as report:
+                    plans.append(plan_maneuver(request, progress=report))
+            except DesignError as error:
+                problems.append(f"{family.name}: {error}")
+        if not plans:
+            raise PlanError(f"no family has a maneuver for {target}: {'; '.join(problems)}")
+        plan = min(plans, key=lambda plan: plan.criterion_cost)
+        step = Step(
+            target=target,
+            plan=f"plans/{number:02d}.json",
+            bag=f"bags/{number:02d}",
+            maneuver=plan.maneuver,
+            operation=dict(plan.operation),
+            plan_id=plan.id,
+            duration=plan.commands.duration,
+            predicted_std=dict(plan.predicted_std),
+        )
+        save_plan(plan, self.folder / step.plan)
+        self._keep((*self.steps, step))
+        return plan
+
+    def _prior(self) -> BoxPrior | None:
+        """What the drives so far have taught, in ranges."""
+        if not self.steps:
+            return None
+        found = self.steps[-1].identification
+        assert found is not None  # a plan is made after an identification
+        low, high = np.array([self.request.vehicle.unknown[name] for name in found.parameters]).T
+        estimates = np.array([entry.estimate for entry in found.parameters.values()])
+        covariance = found.covariance / np.outer(high - low, high - low)
+        return BoxPrior((estimates - low) / (high - low), 0.5 * (covariance + covariance.T))
+
+    def drive(self, drive: DrivePlan, progress: Progress) -> None:
+        """Drive the last plan, unless its bag is complete.
+
+        Parameters
+        ----------
+        drive : DrivePlan
+            Drives a plan and records the bag.
+        progress : callable
+            Called with the time driven and the duration [ms].
+        """
+        step = self.steps[-1]
+        if step.driven:
+            return
+        bag = self.folder / step.bag
+        if bag.exists():  # what a kill has left of it
+            shutil.rmtree(bag)
+        bag.parent.mkdir(exist_ok=True)
+        drive(load_plan(self.folder / step.plan), bag, progress)
+        self._keep((*self.steps[:-1], dataclasses.replace(step, driven=True)))
+
+    def identify(
+        self, read: Callable[[Path, Vehicle], MeasuredDrive] = read_measured_drive
+    ) -> dict[str, Knowledge]:
+        """Identify from all bags, unless that is done, and return what is known now.
+
+        Parameters
+        ----------
+        read : callable
+            Reads a bag's drive for a vehicle.
+        """
+        step = self.steps[-1]
+        if step.identification is None:
+            vehicle = self.request.vehicle
+            drives = [read(self.folder / s.bag, vehicle) for s in self.steps]
+            found = identify(drives, vehicle, seed=self.request.seed)
+            identified = dataclasses.replace(step, identification=document_of(found))
+            self._keep((*self.steps[:-1], identified))
+        return self.known()

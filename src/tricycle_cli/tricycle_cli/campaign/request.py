@@ -1,0 +1,138 @@
+"""What a campaign is asked for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.planning import PlanRequest
+from tricycle_core.errors import PlanError
+from tricycle_sim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from excitation_planner.design.prior import BoxPrior
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What must stay the same while a campaign goes on.
+
+    Attributes
+    ----------
+    vehicle, vehicle_hash : str
+        Name and hash of the vehicle file.
+    families : tuple of str
+        Names of the maneuver families.
+    seed : int
+        Of the plans.
+    noise_std, yaw_rate_std, drift_std : float
+        Measurement that is planned for, see `MeasurementNoise`.
+    true_seed : int, optional
+        Of the simulated vehicle's hidden parameters; None: the real vehicle.
+    """
+
+    vehicle: str
+    vehicle_hash: str
+    families: tuple[str, ...]
+    seed: int
+    noise_std: float
+    yaw_rate_std: float
+    drift_std: float
+    true_seed: int | None
+
+
+@dataclass(frozen=True)
+class CampaignRequest:
+    """What is to be known, and how well.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+        With the ranges of its unknown parameters.
+    families : tuple of ManeuverFamily
+        Maneuver families to choose from, for each drive anew.
+    targets : tuple of str
+        Unknown parameters to be known within `tolerance`.
+    tolerance : float
+        Half width of the 95 % interval, as a share of the estimate.
+    most_drives : int
+        After so many drives the campaign ends, whatever is known.
+    budget : int
+        Simulations to plan one drive with, per family.
+    seed : int
+        Same seed, same plans from the same bags.
+    noise : MeasurementNoise
+        How each drive will be measured.
+    true_seed : int, optional
+        Of the simulated vehicle's hidden parameters; None: the real vehicle.
+
+    Raises
+    ------
+    PlanError
+        If a target is no unknown parameter, or a number is impossible.
+    """
+
+    vehicle: Vehicle
+    families: tuple[ManeuverFamily, ...]
+    targets: tuple[str, ...]
+    tolerance: float
+    most_drives: int = 10
+    budget: int = 6_000
+    seed: int = 0
+    noise: MeasurementNoise = field(default_factory=MeasurementNoise)
+    true_seed: int | None = None
+
+    def __post_init__(self) -> None:
+        if not self.targets or len(set(self.targets)) < len(self.targets):
+            raise PlanError("targets: name each parameter once, and one at least")
+        if not self.families:
+            raise PlanError("a campaign needs a maneuver family")
+        if not 0.0 < self.tolerance < 1.0:
+            raise PlanError(f"tolerance {self.tolerance:g} must be above 0 and below 1 (100 %)")
+        if self.most_drives < 1:
+            raise PlanError(f"most drives {self.most_drives} must be 1 or more")
+        for target in self.targets:
+            self.plan_request(self.families[0], target, None, seed=0)  # checks the rest
+
+    def plan_request(
+        self, family: ManeuverFamily, target: str, prior: BoxPrior | None, *, seed: int
+    ) -> PlanRequest:
+        """Return the request of the plan of one drive.
+
+        Parameters
+        ----------
+        family : ManeuverFamily
+            Family of the maneuver.
+        target : str
+            Unknown parameter to excite.
+        prior : BoxPrior, optional
+            What earlier drives have taught; None: the ranges of the vehicle.
+        seed : int
+            Of the search.
+        """
+        return PlanRequest(
+            self.vehicle,
+            family,
+            target,
+            criterion=Criterion.C,
+            budget=self.budget,
+            seed=seed,
+            noise=self.noise,
+            prior=prior,
+        )
+
+    def settings(self) -> Settings:
+        """Return what must stay the same while a campaign goes on."""
+        return Settings(
+            vehicle=self.vehicle.name,
+            vehicle_hash=self.vehicle.fingerprint,
+            families=tuple(family.name for family in self.families),
+            seed=self.seed,
+            noise_std=self.noise.noise_std,
+            yaw_rate_std=self.noise.yaw_rate_std,
+            drift_std=self.noise.drift_std,
+            true_seed=self.true_seed,
+        )

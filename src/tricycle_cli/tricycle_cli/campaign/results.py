@@ -1,0 +1,131 @@
+"""What a campaign has found: as JSON, as a table for the terminal and as a figure."""
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from rich.table import Table
+
+from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
+from tricycle_core.palette import BLUE, VERMILLION
+
+
+def campaign_report(campaign: Campaign, truth: Mapping[str, float] | None = None) -> dict[str, Any]:
+    """Return the campaign so far as JSON values.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to report.
+    truth : mapping of str to float, optional
+        Hidden true values, where they are known.
+    """
+    known, missing = campaign.known(), campaign.missing()
+    return {
+        "targets": {
+            name: {
+                "estimate": known[name].estimate,
+                "standard_deviation": known[name].std,
+                "half_width": known[name].share,
+                "within_tolerance": name not in missing,
+                **({"truth": truth[name]} if truth else {}),
+            }
+            for name in campaign.request.targets
+        },
+        "tolerance": campaign.request.tolerance,
+        "drives": len(campaign.steps),
+        "driving_seconds": sum(step.duration for step in campaign.steps if step.driven),
+        "steps": [
+            {
+                "target": step.target,
+                "maneuver": step.maneuver,
+                "operation": dict(step.operation),
+                "plan": step.plan,
+                "bag": step.bag,
+                "predicted_std": {
+                    name: step.predicted_std[name] for name in campaign.request.targets
+                },
+                "known": {
+                    name: dataclasses.asdict(campaign.known(number)[name])
+                    for name in campaign.request.targets
+                },
+            }
+            for number, step in enumerate(campaign.steps, start=1)
+        ],
+    }
+
+
+def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Table:
+    """Return estimate and interval of each target, a row per drive.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to show.
+    truth : mapping of str to float, optional
+        Hidden true values, where they are known.
+    """
+    table = Table(
+        title=f"95 % intervals, wanted: ± {100.0 * campaign.request.tolerance:g} % of the estimate"
+    )
+    table.add_column("after")
+    for name in campaign.request.targets:
+        table.add_column(name, justify="right")
+        table.add_column("expected", justify="right")
+    for number in range(len(campaign.steps) + 1):
+        known = campaign.known(number)
+        step = campaign.steps[number - 1] if number else None
+        cells = []
+        for name in campaign.request.targets:
+            cells.append(f"{known[name].estimate:.5g} ± {known[name].share:.2%}")
+            expected = step and HALF_WIDTH * step.predicted_std[name] / abs(known[name].estimate)
+            cells.append("" if expected is None else f"± {expected:.2%}")
+        table.add_row(f"{number}: {step.maneuver}" if step else "nothing: the ranges", *cells)
+    if truth is not None:
+        cells = [text for name in campaign.request.targets for text in (f"{truth[name]:.5g}", "")]
+        table.add_row("hidden truth", *cells)
+    return table
+
+
+def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:
+    """Estimate of each target drive by drive, and the half width of its 95 % interval.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to show.
+    truth : mapping of str to float, optional
+        Hidden true values, where they are known.
+    path : Path
+        Image to be written; its suffix gives the format.
+    """
+    targets, steps = campaign.request.targets, campaign.steps
+    figure = Figure(figsize=(5.6 * len(targets), 7.6), layout="constrained")
+    axes = figure.subplots(2, len(targets), squeeze=False, sharex=True)
+    drives = range(len(steps) + 1)
+    for name, above, below in zip(targets, *axes, strict=True):
+        known = [campaign.known(number)[name] for number in drives]
+        above.errorbar(
+            drives, [k.estimate for k in known], yerr=[HALF_WIDTH * k.std for k in known],
+            fmt="o", capsize=4, color=BLUE, label="estimate, 95 % interval",
+        )  # fmt: skip
+        if truth is not None:
+            above.axhline(truth[name], color="0.2", linestyle="--", label="hidden truth")
+        above.set_title(name.replace("_", " "))
+        below.plot(drives, [100.0 * k.share for k in known], "o-", color=BLUE, label="came")
+        expected = [
+            100.0 * HALF_WIDTH * step.predicted_std[name] / abs(k.estimate)
+            for step, k in zip(steps, known[1:], strict=True)
+        ]
+        below.plot(drives[1:], expected, "x", color=VERMILLION, label="expected when planned")
+        below.axhline(100.0 * campaign.request.tolerance, color="0.2", label="tolerance")
+        below.set_yscale("log")
+        below.set_xticks(drives, ["the range", *(s.maneuver.replace("_", "\n") for s in steps)])
+        for axis in (above, below):
+            axis.grid(alpha=0.3)
+            axis.legend(fontsize="small")
+    axes[0, 0].set_ylabel("value in the unit of the vehicle file")
+    axes[1, 0].set_ylabel("half width / % of the estimate")
+    figure.savefig(path, dpi=150)

@@ -1,0 +1,91 @@
+"""`campaign.json`: the state of a campaign, written after every step of work."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from parameter_identification.identification_file import IdentificationDocument
+from tricycle_cli.campaign.request import Settings
+from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
+from tricycle_core.errors import PlanError
+
+SCHEMA = 1
+MAX_BYTES = 64_000_000
+
+
+@dataclass(frozen=True)
+class Step:
+    """One drive.
+
+    Attributes
+    ----------
+    target : str
+        Parameter that it was planned for.
+    plan, bag : str
+        Files, relative to the campaign's folder.
+    maneuver : str
+        Name of the family.
+    operation : mapping of str to float
+        Operation parameters.
+    plan_id : str
+        Id of the plan.
+    duration : float
+        Of the maneuver [s].
+    predicted_std : mapping of str to float
+        Expected standard deviation of each parameter after it, in its unit.
+    driven : bool
+        Whether the bag is complete.
+    identification : IdentificationDocument, optional
+        What is known after it; None: not yet identified.
+    """
+
+    target: str
+    plan: str
+    bag: str
+    maneuver: str
+    operation: Mapping[str, float]
+    plan_id: str
+    duration: float
+    predicted_std: Mapping[str, float]
+    driven: bool = False
+    identification: IdentificationDocument | None = None
+
+
+@dataclass(frozen=True)
+class CampaignState:
+    """Content of the file.
+
+    Attributes
+    ----------
+    settings : Settings
+        Of the campaign.
+    steps : tuple of Step
+        Drives so far; the last one may be unfinished.
+    schema : int
+        Version of this format.
+    """
+
+    settings: Settings
+    steps: tuple[Step, ...] = ()
+    schema: int = SCHEMA
+
+    def write(self, file: Path) -> None:
+        """Write or replace the file."""
+        write_whole(file, json.dumps(encode(self), indent=1) + "\n")
+
+    @classmethod
+    def read(cls, file: Path) -> "CampaignState":
+        """Read the file.
+
+        Raises
+        ------
+        PlanError
+            If it is of another version, or not the state of a campaign; with the place.
+        """
+        content = read_bounded(file, MAX_BYTES, "the state of a campaign", PlanError)
+        values = parse_json(content, str(file), PlanError)
+        schema = values.get("schema") if isinstance(values, dict) else None
+        if schema not in (SCHEMA, None):
+            raise PlanError(f"{file}: schema {schema}; this one reads {SCHEMA}")
+        return decode(cls, values, f"{file}: not the state of a campaign", PlanError)

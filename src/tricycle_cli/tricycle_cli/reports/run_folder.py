@@ -1,0 +1,216 @@
+"""What a run left in its directory: plans, drives, identifications, and what they tell.
+
+A run is the directory of `tricycle demo`, `plan`, `drive` or `identify`, or a bag. Its files are
+untrusted input.
+"""
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from excitation_planner.plan import Plan, load_plan
+from parameter_identification.drives.recorded import JointStates, RecordedDrive, read_drive
+from parameter_identification.identification_file import (
+    IdentificationDocument,
+    load_identification_file,
+)
+from parameter_identification.judging.judgement import Judgement, judge_drive
+from tricycle_cli.reports.result_file import DemoResult
+from tricycle_core.errors import BagError, JudgeError, PlanError, ReportError
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+IDENTIFIED = "identification.json"
+
+
+@dataclass(frozen=True)
+class WheelLoads:
+    """Vertical loads of the wheels.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (t,)
+        Since the start [s].
+    left, right, rear : ndarray of float, shape (t,)
+        Loads [N].
+    """
+
+    time: FloatArray
+    left: FloatArray
+    right: FloatArray
+    rear: FloatArray
+
+
+@dataclass(frozen=True)
+class Maneuver:
+    """One maneuver of a run: planned, driven, or both.
+
+    Attributes
+    ----------
+    name : str
+        Of its plan or bag.
+    plan : Plan, optional
+        None where only its bag is there.
+    judgement : Judgement, optional
+        None where it was not driven, or where its bag cannot be judged.
+    joints : JointStates, optional
+        During the drive; None where the bag has none.
+    failure : str
+        Why its bag cannot be judged; empty when it can.
+    te_expected : float, optional
+        Trajectory error [m²] of the model with the hidden true parameters, where a demo noted it.
+    """
+
+    name: str
+    plan: Plan | None = None
+    judgement: Judgement | None = None
+    joints: JointStates | None = None
+    failure: str = ""
+    te_expected: float | None = None
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything found in a directory.
+
+    Attributes
+    ----------
+    folder : Path
+        The directory.
+    maneuvers : tuple of Maneuver
+        Each plan with its drive, and drives whose plan is elsewhere.
+    identifications : tuple of (str, IdentificationDocument)
+        Of these or other drives, each with the name of its directory.
+    """
+
+    folder: Path
+    maneuvers: tuple[Maneuver, ...]
+    identifications: tuple[tuple[str, IdentificationDocument], ...] = ()
+
+
+def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive) -> Run:
+    """Read the plans, bags and results in a directory, or a single bag.
+
+    Parameters
+    ----------
+    folder : Path
+        Directory of `tricycle demo`, `plan` or `drive`, or a bag.
+    read : callable
+        Returns the drive in a bag.
+
+    Raises
+    ------
+    ReportError
+        If it holds none of them, with what was looked for.
+    PlanError, IdentificationError
+        If a plan or an identification is damaged.
+    OSError
+        If something cannot be read.
+    """
+    if not folder.is_dir():
+        raise ReportError(f"{folder}: is not a directory; give that of a demo, a plan or a bag")
+    plans = {_name(file): load_plan(file) for file in _plan_files(folder)}
+    result = DemoResult.read(folder / "result.json")
+    driven: dict[str, Maneuver] = {}
+    for bag in _bags(folder):
+        maneuver = _driven(bag, read, plans, result)
+        driven[maneuver.name] = maneuver
+    planned = {name: Maneuver(name, plan) for name, plan in plans.items()}
+    maneuvers = planned | driven
+    files = [found for depth in ("", "*/", "*/*/") for found in folder.glob(f"{depth}{IDENTIFIED}")]
+    identifications = tuple(_identification(file, result) for file in sorted(files))
+    if not maneuvers and not identifications:
+        raise ReportError(
+            f"{folder}: holds no plan (plan.json, plans/*.json), no bag (metadata.yaml or *.mcap) "
+            f"and no {IDENTIFIED}, here or up to two directories below"
+        )
+    return Run(folder, tuple(maneuvers.values()), identifications)
+
+
+def _identification(file: Path, result: DemoResult) -> tuple[str, IdentificationDocument]:
+    """An identification with the true values that a demo noted, where it has none of its own."""
+    document = load_identification_file(file)
+    parameters = {
+        name: dataclasses.replace(entry, truth=result.parameters[name].truth)
+        if entry.truth is None and name in result.parameters
+        else entry
+        for name, entry in document.parameters.items()
+    }
+    return file.resolve().parent.name, dataclasses.replace(document, parameters=parameters)
+
+
+def _plan_files(folder: Path) -> list[Path]:
+    found = [*folder.glob("plan.json"), *folder.glob("*/plan.json"), *folder.glob("plans/*.json")]
+    return sorted(set(found))
+
+
+def _name(plan_file: Path) -> str:
+    """Name of a plan: of its file, or of its directory where all are called plan.json."""
+    return plan_file.resolve().parent.name if plan_file.name == "plan.json" else plan_file.stem
+
+
+def _bags(folder: Path) -> list[Path]:
+    candidates = [folder, *folder.glob("*/"), *folder.glob("*/*/")]
+    return sorted(path for path in candidates if _is_bag(path))
+
+
+def _is_bag(path: Path) -> bool:
+    return (path / "metadata.yaml").exists() or any(path.glob("*.mcap"))
+
+
+def _driven(
+    bag: Path,
+    read: Callable[[Path], RecordedDrive],
+    plans: Mapping[str, Plan],
+    result: DemoResult,
+) -> Maneuver:
+    """The drive in a bag, with the plan that was driven if it is there; else that of its name."""
+    name = bag.resolve().name
+    try:
+        drive = read(bag)
+        judgement, joints = judge_drive(drive), _joints(drive)
+    except (BagError, JudgeError) as error:
+        return Maneuver(name, plans.get(name), failure=str(error))
+    for known, plan in plans.items():
+        if plan.id == drive.plan_id:
+            noted = result.drives.get(known)
+            expected = None if noted is None else noted.te_expected
+            return Maneuver(known, plan, judgement, joints, te_expected=expected)
+    return Maneuver(name, None, judgement, joints)
+
+
+def _joints(drive: RecordedDrive) -> JointStates | None:
+    """Joint states from the start to the end of the drive."""
+    found = drive.joint_states
+    if found is None:
+        return None
+    during = (found.time >= 0.0) & (found.time <= drive.duration)
+    if not during.any():
+        return None
+    return JointStates(*(values[during] for values in vars(found).values()))
+
+
+def wheel_loads(vehicle: Vehicle, plan: Plan) -> WheelLoads:
+    """Return the wheel loads of the nominal vehicle that follows the plan's commands.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        For which the plan was made.
+    plan : Plan
+        With the commands.
+
+    Raises
+    ------
+    PlanError
+        If the plan was made for another vehicle.
+    """
+    if plan.vehicle_hash != vehicle.fingerprint:
+        raise PlanError(
+            f"the plan was made for the vehicle {plan.vehicle} of another file; give it with "
+            "--vehicle"
+        )
+    motion = simulate(vehicle, plan.commands)
+    return WheelLoads(motion.time, motion.load_left[0], motion.load_right[0], motion.load_rear[0])

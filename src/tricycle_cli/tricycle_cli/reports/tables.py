@@ -1,0 +1,258 @@
+"""Tables for the terminal, and the numbers in them that pages show too."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from statistics import NormalDist
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from excitation_planner.plan import Plan
+from parameter_identification.identification import Estimate, Identification
+from parameter_identification.judging.judgement import Anchor, Judgement
+
+HEADINGS = ("parameter", "unit", "range", "estimate", "interval", "truth")
+"""Of the table of identified parameters."""
+
+
+def plan_table(plan: Plan) -> Table:
+    """Return the Sobol' indices of a plan, a row per unknown parameter.
+
+    Parameters
+    ----------
+    plan : Plan
+        What to show.
+    """
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in plan.operation.items())
+    table = Table(title=f"{plan.maneuver}: {values}")
+    table.add_column("unknown parameter")
+    for heading in ("S", "95 %", "ST", "95 %"):
+        table.add_column(heading, justify="right")
+    for name, main in plan.main.items():
+        total = plan.total[name]
+        table.add_row(
+            f"{name}{' (target)' if name == plan.target else ''}",
+            f"{main.value:.4f}",
+            f"{main.low:.4f} … {main.high:.4f}",
+            f"{total.value:.4f}",
+            f"{total.low:.4f} … {total.high:.4f}",
+        )
+    return table
+
+
+def prediction_table(plan: Plan) -> Table:
+    """Return how well each parameter will be known after all drives of the plan's set.
+
+    Parameters
+    ----------
+    plan : Plan
+        Any plan of the set, with `predicted_std`.
+    """
+    drives = "the drive" if plan.drives == 1 else f"the {plan.drives} drives"
+    table = Table(title=f"expected after {drives}")
+    table.add_column("unknown parameter")
+    for heading in ("standard deviation", "of the range", "left of its spread"):
+        table.add_column(heading, justify="right")
+    for name, std in plan.predicted_std.items():
+        low, high = plan.unknown[name]
+        share = std / (high - low)
+        table.add_row(name, f"{std:.3g}", f"{share:.1%}", f"{share * math.sqrt(12.0):.0%}")
+    return table
+
+
+def drives_table(
+    target: str,
+    plans: Mapping[str, Plan],
+    expected: Mapping[str, float],
+    judgements: Mapping[str, Judgement],
+) -> Table:
+    """Return what was planned and what was measured, a row per maneuver.
+
+    Parameters
+    ----------
+    target : str
+        Unknown parameter that was to be excited.
+    plans : mapping of str to Plan
+        Plan of each maneuver.
+    expected : mapping of str to float
+        Trajectory error of the model with the true parameters [m²].
+    judgements : mapping of str to Judgement
+        Judgement of each drive.
+    """
+    table = Table(title=f"exciting {target}, TE in m²", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("maneuver", no_wrap=True)
+    for heading in ("S", "ST", "H", "TE expected", "TE measured", "less noise", "rms/mm"):
+        table.add_column(heading, justify="right", min_width=8 if heading[:2] == "TE" else None)
+    for name, plan in plans.items():
+        judgement = judgements[name]
+        values = "\n".join(f"{key} {value:.3f}" for key, value in plan.operation.items())
+        table.add_row(
+            f"{name}\n{values}",
+            f"{plan.main[target].value:.3f}",
+            f"{plan.total[target].value:.3f}",
+            f"{plan.cost:.3f}",
+            f"{expected[name]:.5f}",
+            f"{judgement.te:.5f}",
+            f"{judgement.te_corrected:.5f}",
+            f"{1e3 * judgement.rms:.1f}",
+        )
+    return table
+
+
+def judgement_table(judgements: Sequence[Judgement]) -> Table:
+    """Return the trajectory errors of drives, a column per bag.
+
+    Parameters
+    ----------
+    judgements : sequence of Judgement
+        What to show.
+    """
+    table = Table("", *(judgement.bag.name for judgement in judgements))
+    for column in table.columns[1:]:
+        column.justify = "right"
+
+    def add(label: str, value: Callable[[Judgement], str]) -> None:
+        table.add_row(label, *map(value, judgements))
+
+    add("TE / m²", lambda j: f"{j.te:.5g}" + f" ± {j.te_deviation:.1g}" * (j.te_deviation > 0))
+    add("TE less noise / m²", lambda j: f"{j.te_corrected:.5g}")
+    add("rms distance / mm", lambda j: f"{1e3 * j.rms:.1f}")
+    add("largest distance / mm", lambda j: f"{1e3 * j.max:.1f}")
+    add("rms along, across / mm", lambda j: f"{1e3 * j.rms_along:.1f}, {1e3 * j.rms_cross:.1f}")
+    add("rms in x, y / mm", lambda j: f"{1e3 * j.rms_x:.1f}, {1e3 * j.rms_y:.1f}")
+    add("rms heading / °", lambda j: f"{math.degrees(j.rms_heading):.2f}")
+    add("lag, not applied / ms", lambda j: _milliseconds(j.time_offset, j.time_offset_deviation))
+    add("position noise / mm", lambda j: f"{1e3 * j.noise:.1f}")
+    add("duration / s, points", lambda j: f"{j.duration:.2f}, {j.points}")
+    add("anchor", lambda j: j.anchor.value)
+    add(
+        "anchor / m, m, °",
+        lambda j: (
+            f"{j.anchor_pose.x:.3f}, {j.anchor_pose.y:.3f}, "
+            f"{math.degrees(j.anchor_pose.heading):.2f}"
+        ),
+    )
+    for anchor in Anchor:
+        values = (f"{judgement.te_by_anchor[anchor]:.5g}" for judgement in judgements)
+        table.add_row(f"TE at anchor {anchor.value} / m²", *values)
+    return table
+
+
+def parameter_rows(
+    found: Identification, truth: Mapping[str, float] | None = None
+) -> list[tuple[str, ...]]:
+    """Return the cells of the table of parameters, under `HEADINGS`.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    truth : mapping of str to float, optional
+        Hidden true values where they are known; default: those that the bags hold.
+    """
+    known = found.truth if truth is None else truth
+    return [
+        (
+            name,
+            "" if e.unit == "1" else e.unit,
+            f"{e.range[0]:.4g} – {e.range[1]:.4g}",
+            f"{e.estimate:.4g} ± {e.standard_deviation:.2g}" if e.identifiable else "not shown",
+            f"{_short(e.low)} – {_short(e.high)}",
+            _truth(e, known[name]) if name in known else "",
+        )
+        for name, e in found.parameters.items()
+    ]
+
+
+def _truth(e: Estimate, value: float) -> str:
+    return f"{value:.4g} {'✓' if e.low <= value <= e.high else '✗'}"
+
+
+def _short(value: float) -> str:
+    """Three digits, but no exponent for thousands."""
+    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.4g}"
+
+
+def parameter_table(found: Identification, truth: Mapping[str, float] | None = None) -> Table:
+    """Return the table of parameters, with the hidden truth beside the estimates where it is known.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    truth : mapping of str to float, optional
+        Hidden true values; default: those that the bags hold.
+    """
+    rows = parameter_rows(found, truth)
+    drives = ", ".join(drive.name for drive in found.drives)
+    title = f"identified from {drives}; {100 * found.level:g} % intervals"
+    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("parameter, range", no_wrap=True)  # below each other: it fits 80 columns
+    for heading in ("estimate", "interval", "truth" if any(row[-1] for row in rows) else ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, unit, span, *cells in rows:
+        table.add_row(f"{name}\n  {span} {unit}", *cells)
+    return table
+
+
+def remarks(found: Identification) -> list[str]:
+    """Return what a reader must know besides the table, a line each.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    """
+    lines = [
+        f"not shown by these drives: {combination} "
+        f"({combination.remaining:.0%} of its prior deviation is left)"
+        for combination in found.hidden
+    ]
+    if not any(found.identifiable.values()):
+        lines.append("these drives show none of the parameters: drive longer, or other maneuvers")
+    if not found.white:
+        worst = [t for t in found.whiteness if t.p * len(found.whiteness) < 0.01]
+        names = ", ".join(f"{t.drive} {t.channel}" for t in worst)
+        lines.append(
+            f"residuals are NOT white ({names}): the model lacks an effect or a sensor drifts. "
+            "The intervals count it as drifting noise; they do not cover a wrong model"
+        )
+    if found.rivals:
+        lines.append(
+            f"{len(found.rivals)} other set(s) of parameters fit as well; intervals hold them too"
+        )
+    if found.outliers:
+        lines.append(f"{found.outliers} samples lie beyond 6 standard deviations: try --robust")
+    lines += [
+        f"{held.name}, not used: predicted to {1e3 * held.rms_estimated:.1f} mm (rms; before "
+        f"{1e3 * held.rms_nominal:.1f} mm, noise alone {1e3 * held.noise:.1f} mm)"
+        for held in found.held_out
+    ]
+    return lines
+
+
+def allowed_rise(level: float) -> float:
+    """Return the rise of the cost at the ends of a profile-likelihood interval.
+
+    Parameters
+    ----------
+    level : float
+        Probability of the interval.
+
+    Returns
+    -------
+    rise : float
+        Quantile of the chi-square distribution with one degree of freedom.
+
+    Examples
+    --------
+    >>> round(allowed_rise(0.95), 3)
+    3.841
+    """
+    return NormalDist().inv_cdf(0.5 + 0.5 * level) ** 2
+
+
+def _milliseconds(seconds: float, deviation: float) -> str:
+    if math.isnan(seconds):
+        return "unknown"
+    return f"{1e3 * seconds:.1f} ± {1e3 * deviation:.1f}"

@@ -1,0 +1,53 @@
+"""What is found in a folder of results; what is damaged is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tricycle_cli.reports.run_folder import read_run
+from tricycle_core.errors import IdentificationError, ReportError
+
+
+def test_a_bag_is_shown_with_the_plan_that_was_driven_whatever_their_names(folder, plan, offset):
+    (maneuver,) = read_run(folder).maneuvers
+    assert maneuver.name == "designed"
+    assert maneuver.plan.id == plan.id
+    assert maneuver.judgement.te == pytest.approx(offset**2, rel=0.01)
+    assert maneuver.te_expected == 0.00123
+    assert np.all(maneuver.joints.wheel_rate == 2.0)
+    assert maneuver.joints.time[0] == 0.0
+
+
+def test_no_directory_is_told(tmp_path):
+    with pytest.raises(ReportError, match="is not a directory"):
+        read_run(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("estimate", "x", r"Expected `float`, got `str` .*estimate"),
+        ("range", [1, 2, 3], r"Expected `array` of length 2, got 3 .*range"),
+        ("profile", {"values": [1, 2], "rise": [0]}, "a profile must be two lists of one length"),
+        ("low", None, r"Expected `float`, got `null` .*low"),
+    ],
+)
+def test_a_damaged_identification_is_told(name, value, message, identified, tmp_path):
+    document = json.loads(json.dumps(identified))
+    document["parameters"]["cornering_stiffness"][name] = value
+    (tmp_path / "identification.json").write_text(json.dumps(document))
+    with pytest.raises(IdentificationError, match=message):
+        read_run(tmp_path)
+
+
+def test_an_identification_gets_the_truth_that_a_demo_noted(identified, tmp_path):
+    folder = tmp_path / "identification"
+    folder.mkdir()
+    (folder / "identification.json").write_text(json.dumps(identified))
+    noted = {"cornering_stiffness": {"truth": 1.0}, "yaw_inertia": {"truth": 51.0}}
+    (tmp_path / "result.json").write_text(json.dumps({"parameters": noted}))
+    ((name, found),) = read_run(tmp_path).identifications
+    assert name == "identification"
+    truth = {name: entry.truth for name, entry in found.parameters.items()}
+    assert truth == {"cornering_stiffness": 600.0, "yaw_inertia": 51.0}  # its own where it has one
