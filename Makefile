@@ -72,8 +72,9 @@ audit:  ## known vulnerabilities of the pinned dependencies; names those it coul
 	build/audit/bin/pip-audit --require-hashes --disable-pip --progress-spinner off \
 		--requirement requirements/lock.txt
 
+# without --quiet, which would hide the warnings from --strict
 docs: setup  ## the documentation, as a site in build/site; warnings are errors
-	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 reference: setup  ## write the reference pages that come from the code anew
 	$(BIN)/python docs/generate_reference.py

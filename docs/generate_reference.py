@@ -20,6 +20,8 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+from numpydoc.docscrape import NumpyDocString
+
 DOCS = Path(__file__).parent
 GENERATED = (
     "<!-- Written by docs/generate_reference.py: change the code, then `make reference`. -->\n"
@@ -128,7 +130,7 @@ def _meanings(described: type) -> dict[str, str]:
     """Meaning of each field, from the docstring's Attributes or the comment beside it."""
     source = inspect.getsource(described)
     comments = dict(re.findall(r"^    (\w+): .*?# (.*)$", source, re.MULTILINE))
-    for names, text in _attributes(described):
+    for names, _, text in _attributes(described):
         comments |= dict.fromkeys(names, text)
     return comments
 
@@ -153,20 +155,20 @@ def files_page() -> str:
     return "".join(
         [
             GENERATED,
-            "# Files\n\nAll of them are read as untrusted input: checked field by field, nothing "
-            "in them is run. SI units.\n\n## Plan\n\n",
-            f"`plan.json`, schema {plan.SCHEMA}, at most {plan.MAX_BYTES // 1_000_000} MB. Beside "
-            "these it holds `schema` and `id`: twelve digits of a hash of commands and reference, "
-            "by which a change is noticed.\n\n",
+            "# Files\n\nFiles are read as untrusted input: every field is checked, and nothing in "
+            "them is run. Units are SI.\n\n## Plan\n\n",
+            f"`plan.json`, schema {plan.SCHEMA}, at most {plan.MAX_BYTES // 1_000_000} MB. Besides "
+            "the fields below it has `schema` and `id`: twelve digits of a hash of commands and "
+            "reference, which detects changes.\n\n",
             _fields(plan.Plan),
-            "\nAn index is an object with `value`, `low` and `high`: its 95 % interval.\n",
+            "\nAn index is an object with `value`, and `low` and `high`, its 95 % interval.\n",
             *inner,
-            "\n## Study\n\nA directory.\n\n```text\n",
+            "\n## Study\n\nA study is a directory.\n\n```text\n",
             (inspect.getdoc(store) or "").partition("\n\n")[2],
             "\n```\n\n`study.json`, for example:\n\n```json\n",
             example,
-            "\n```\n\n`pending.csv` is what to simulate next: `point`, `sample`, the operation and "
-            "the unknown parameters.\n\n## Others\n\n"
+            "\n```\n\n`pending.csv` lists the simulations to run next: `point`, `sample`, the "
+            "operation and the unknown parameters.\n\n## Others\n\n"
             "- Vehicle: [your own vehicle](how-to-vehicle.md).\n"
             "- Commands of `tricycle simulate`: CSV with the columns `time`, "
             "`steering_motor_angle`, `speed` in s, rad, m/s.\n"
@@ -176,21 +178,20 @@ def files_page() -> str:
 
 
 def _fields(described: type) -> str:
-    """Table of the attributes in a NumPy docstring, which must name every field."""
+    """Table of the attributes in a numpydoc docstring, which must name every field."""
     entries = _attributes(described)
-    named = {name for names, _ in entries for name in names}
+    named = {name for names, _, _ in entries for name in names}
     missing = {field.name for field in dataclasses.fields(described)} - named
     if missing:
         raise SystemExit(f"{described.__name__}: its docstring misses {', '.join(sorted(missing))}")
-    rows = [(f"`{'`, `'.join(names)}`", text) for names, text in entries]
-    return table(("field", "meaning"), rows)
+    rows = [(f"`{'`, `'.join(names)}`", kind, text) for names, kind, text in entries]
+    return table(("field", "type", "meaning"), rows)
 
 
-def _attributes(described: type) -> list[tuple[list[str], str]]:
-    """Names and description of each entry under Attributes in a NumPy docstring."""
-    section = (inspect.getdoc(described) or "").partition("Attributes\n----------\n")[2]
-    entries = re.findall(r"^(\w[\w, ]*?)(?: : .*)?\n((?:    .*\n?)+)", section, re.MULTILINE)
-    return [(names.split(", "), " ".join(text.split())) for names, text in entries]
+def _attributes(described: type) -> list[tuple[list[str], str, str]]:
+    """Names, type and meaning of each entry under Attributes in a numpydoc docstring."""
+    entries = NumpyDocString(inspect.getdoc(described) or "")["Attributes"]
+    return [(entry.name.split(", "), entry.type, " ".join(entry.desc)) for entry in entries]
 
 
 # --- nodes ----------------------------------------------------------------------------------------
@@ -207,12 +208,12 @@ OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_override
 
 
 def nodes_page() -> str:
-    """Topics, services and parameters of every node, from the nodes themselves."""
+    """Topics, services and parameters of every node, as it declares them."""
     page = [
         GENERATED,
-        "# Topics, services and parameters\n\nAs the nodes declare them; what they are "
-        "for: [nodes](nodes.md), [the by-wire link](link.md), [bags](bags.md). `~` is "
-        "the node's name.\n",
+        "# Topics, services and parameters\n\nThis page lists what the nodes declare. "
+        "[Nodes](nodes.md), [the by-wire link](link.md) and [bags](bags.md) say what it is for. "
+        "`~` is the node's name.\n",
     ]
     for name in NODES:
         with _node(name) as node:

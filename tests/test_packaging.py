@@ -40,6 +40,25 @@ def test_versions_agree(package):
     assert versions == {__version__}
 
 
+def test_every_list_of_packages_is_complete():
+    tool = PROJECT["tool"]
+    wheel = tool["hatch"]["build"]["targets"]["wheel"]
+    first, *forbidden = tool["importlinter"]["contracts"]
+    lists = {
+        "wheel": [Path(folder).name for folder in wheel["packages"]],
+        "package.xml": [Path(f).parts[1] for f in wheel["shared-data"] if f.endswith(".xml")],
+        "resource": [Path(f).parts[1] for f in wheel["shared-data"] if f.endswith("/resource")],
+        "ruff": tool["ruff"]["lint"]["isort"]["known-first-party"],
+        "mypy": tool["mypy"]["packages"],
+        "mypy_path": [Path(folder).name for folder in tool["mypy"]["mypy_path"].split(":")],
+        "import-linter": tool["importlinter"]["root_packages"],
+        "layers": first["layers"],
+    } | {f["name"]: f["source_modules"] for f in forbidden if f["source_modules"][0] in PACKAGES}
+    assert {name: sorted(packages) for name, packages in lists.items()} == dict.fromkeys(
+        lists, PACKAGES
+    )
+
+
 def test_entry_points_agree():
     found = {}
     for package in PACKAGES:

@@ -35,8 +35,8 @@ def steering_motor_angle(
 
     Examples
     --------
-    >>> round(steering_motor_angle(1.0, 0.5, wheelbase=1.443, caster_angle=math.radians(20)), 3)
-    0.788
+    >>> round(steering_motor_angle(1.0, 0.4, wheelbase=1.443, caster_angle=math.radians(20)), 3)
+    0.677
     """
     road = math.atan(wheelbase * turn_rate / speed)  # angle of the wheels' track on the road
     wheel = abs(math.atan(math.tan(road) / math.cos(caster_angle)))  # about the king-pin
