@@ -121,14 +121,14 @@ class ResetCause(enum.IntEnum):
 
 
 class CommandFlag(enum.IntFlag):
-    """flags of STEER_CMD and DRIVE_CMD."""
+    """Bits of `flags` in STEER_CMD and DRIVE_CMD."""
 
     ENABLE = 1 << 0
     ESTOP = 1 << 1
 
 
 class StateFlag(enum.IntFlag):
-    """flags of STEER_STATE and DRIVE_STATE."""
+    """Bits of `flags` in STEER_STATE and DRIVE_STATE."""
 
     ENABLED = 1 << 0  # last command enabled
     ESTOP_PRESSED = 1 << 1  # hardware e-stop
@@ -136,14 +136,14 @@ class StateFlag(enum.IntFlag):
 
 
 class EventCode(enum.IntEnum):
-    """code of EVENT."""
+    """Values of `code` in EVENT."""
 
     BOOT = 0
     STATE_CHANGE = 1
 
 
 class Capability(enum.IntFlag):
-    """capabilities of HELLO_ACK."""
+    """Bits of `capabilities` in HELLO_ACK."""
 
     HARDWARE_ESTOP = 1 << 0
     BOOT_COUNTER = 1 << 1
