@@ -93,7 +93,7 @@ static void no_log(avr_t *avr, const int level, const char *format, va_list valu
 
 struct machine *machine_new(const char *elf)
 {
-	avr_global_logger_set(no_log); /* it would tell of every image that it loads */
+	avr_global_logger_set(no_log); /* it prints a line for every image that it loads */
 	elf_firmware_t firmware = { .frequency = FREQUENCY };
 	if (elf_read_firmware(elf, &firmware) != 0)
 		return NULL;

@@ -196,7 +196,7 @@ static bool count_seq(struct plc *plc, uint8_t seq)
 	return true;
 }
 
-/* Payload that the table wants of an id; 255 for an id that is none of ours. */
+/* Size of the payload of an id in the message table; 255 where this board does not get it. */
 static uint8_t payload_size(uint8_t id)
 {
 	switch (id) {

@@ -34,7 +34,7 @@ void save_reset_flags(void)
 
 static uint8_t reset_cause(void)
 {
-	/* the flags are the protocol's values; several may be set, the rarest tells most */
+	/* the flags are the protocol's values; where several are set, the rarest counts */
 	static const uint8_t order[] = { RESET_CAUSE_WATCHDOG, RESET_CAUSE_BROWN_OUT,
 					 RESET_CAUSE_EXTERNAL };
 	for (uint8_t i = 0; i < sizeof order; i++)
@@ -247,7 +247,7 @@ static void write_outputs(void)
 static void tick(void)
 {
 	uint32_t start = micros();
-	wdt_reset(); /* here only: a loop that no longer ticks is dead */
+	wdt_reset(); /* here only, so that a loop that no longer ticks is reset */
 	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
 	{
 		plc.stats.rx_overrun = rx_lost;

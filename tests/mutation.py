@@ -10,9 +10,9 @@ tree. C is changed in its text, token by token, and compiled as the library of t
 """
 
 import ast
-import importlib
 import os
 import re
+import resource
 import shutil
 import subprocess
 import sys
@@ -34,7 +34,10 @@ import pytest
 __all__ = ["numba", "numpy"]  # imported once, before the forks
 
 ROOT = Path(__file__).parents[1]
-TIMEOUT = 60.0  # s; a mutant that hangs is noticed
+TIMEOUT = 120.0  # s; a mutant that hangs is noticed
+CPU_LIMIT = 60  # s; the same for one in C
+PYTEST_OPTIONS = ("-x", "-q", "-p", "no:cacheprovider", "-m", "not slow",
+                  "-W", "ignore::pytest.PytestAssertRewriteWarning")  # fmt: skip
 T = TypeVar("T")
 
 
@@ -96,9 +99,10 @@ TARGETS = (
 
 @dataclass(frozen=True)
 class FirmwareTarget:
-    """A file of the firmware, and the tests that must notice its changes."""
+    """A file of the firmware, the boards to compile, and the tests that must notice its changes."""
 
     file: str
+    boards: tuple[str, ...]
     tests: tuple[str, ...]
     functions: tuple[str, ...] = ()  # all where empty
 
@@ -111,26 +115,28 @@ class FirmwareTarget:
         return ROOT / "firmware" / self.file
 
 
-_PLC_TESTS = "tests/tricycle_sim/plc"
+_STEER, _DRIVE, _PLC, _CODEC, _DOCUMENT = (
+    f"tests/tricycle_sim/plc/test_{name}.py"
+    for name in ("steer", "drive", "plc", "firmware", "protocol_document")
+)
 FIRMWARE_TARGETS = (
-    FirmwareTarget("frame.c", (f"{_PLC_TESTS}/test_firmware.py",)),
     FirmwareTarget(
-        "plc.c", (f"{_PLC_TESTS}/test_plc.py", f"{_PLC_TESTS}/test_protocol_document.py")
-    ),
-    FirmwareTarget(
-        "plc.h",
-        (f"{_PLC_TESTS}/test_steer.py", f"{_PLC_TESTS}/test_drive.py"),
-        ("clamp", "slew"),
-    ),
-    FirmwareTarget(
-        "steer.c",
+        "frame.c",
+        ("steer",),
         (
-            f"{_PLC_TESTS}/test_steer.py",
-            f"{_PLC_TESTS}/test_firmware.py",
-            f"{_PLC_TESTS}/test_plc.py",
+            f"{_CODEC}::test_every_segment_is_judged_alike",
+            f"{_CODEC}::test_random_frames_are_byte_identical",
+            f"{_CODEC}::test_damaged_streams_are_judged_alike",
         ),
     ),
-    FirmwareTarget("drive.c", (f"{_PLC_TESTS}/test_drive.py", f"{_PLC_TESTS}/test_plc.py")),
+    FirmwareTarget("plc.c", ("steer", "drive"), (_PLC, _DOCUMENT)),
+    FirmwareTarget("plc.h", ("steer", "drive"), (_STEER, _DRIVE), ("clamp", "slew")),
+    FirmwareTarget(
+        "steer.c",
+        ("steer",),
+        (_STEER, f"{_CODEC}::test_the_servo_pulse_is_exact_for_every_setpoint"),
+    ),
+    FirmwareTarget("drive.c", ("drive",), (_DRIVE,)),
 )
 
 # (module, line without its indentation; of C the changed line): why it is no change
@@ -330,21 +336,83 @@ def noticed(target: Target, tree: ast.Module) -> bool:
     return fails(target.tests, lambda: sys.meta_path.insert(0, Mutant(target, tree)))
 
 
-def firmware_noticed(target: FirmwareTarget, text: str) -> bool:
-    """Whether a test fails with a changed file of the firmware, or it does not compile."""
-    with tempfile.TemporaryDirectory() as folder:
-        firmware, build = Path(folder) / "firmware", Path(folder) / "build"
-        shutil.copytree(target.path.parent, firmware)
-        (firmware / target.file).write_text(text)
-        make = ["make", "-s", "-C", firmware, "host", f"BUILD={build}", "OPTIMISE=-O0"]
+class FirmwareMutation:
+    """A plugin of pytest: it collects the tests once and runs them for every change, in forks."""
+
+    def __init__(self, target: FirmwareTarget) -> None:
+        self.target = target
+        self.survivors = 0
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session):
+        items = list(session.items)
+
+        def is_noticed(_target, text):
+            with tempfile.TemporaryDirectory() as folder:
+                libraries = self.compile(text, Path(folder))
+                failed = libraries is None or self.first_failure(items, libraries)
+            if isinstance(failed, int) and failed > 0:
+                items.insert(0, items.pop(failed - 1))  # likely to notice the next change, too
+            return failed != 0
+
+        text = self.target.path.read_text()
+        changes = firmware_mutants(self.target)
+        self.survivors = survivors_of(self.target, text, changes, is_noticed)
+        return True
+
+    def compile(self, text: str, folder: Path) -> Path | None:
+        """Libraries with a changed file; None where it does not compile."""
+        firmware, build = folder / "firmware", folder / "build"
+        shutil.copytree(self.target.path.parent, firmware)
+        (firmware / self.target.file).write_text(text)
+        wanted = [f"{build}/lib{board}.so" for board in self.target.boards]
+        make = ["make", "-s", "-C", firmware, f"BUILD={build}", "OPTIMISE=-O0", *wanted]
         done = subprocess.run([*make, "WARNINGS=-std=c11 -w"], capture_output=True, check=False)
-        if done.returncode != 0:
-            return True
-        libraries = {"FIRMWARE_LIBRARIES": str(build)}
-        return fails(target.tests, lambda: os.environ.update(libraries), "-k", "firmware")
+        return build if done.returncode == 0 else None
+
+    def first_failure(self, items: list[pytest.Item], libraries: Path) -> int:
+        """Number of the first test that fails, from 1; 0: none; -1: it crashed or hangs."""
+        result, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, 1)
+            os.dup2(null, 2)
+            resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT))
+            os.environ["FIRMWARE_LIBRARIES"] = str(libraries)
+            failed, session = 0, items[0].session
+            for k, (item, following) in enumerate(zip(items, [*items[1:], None], strict=True)):
+                item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+                if session.testsfailed:
+                    failed = k + 1
+                    break
+            os.write(write, failed.to_bytes(2, "little"))
+            os._exit(0)
+        os.close(write)
+        with os.fdopen(result, "rb") as pipe:
+            answer = pipe.read()
+        os.waitpid(child, 0)
+        return int.from_bytes(answer, "little") if answer else -1
 
 
-def fails(tests: tuple[str, ...], prepare: Callable[[], None], *options: str) -> bool:
+def firmware_survivors(target: FirmwareTarget) -> int:
+    """Try every change of a file of the firmware; print what survives and the totals."""
+    mutation = FirmwareMutation(target)
+    options = [
+        "-p",
+        "no:faulthandler",
+        "-qq",
+        "--no-header",
+        "--no-summary",
+        "--capture=no",
+        "-k",
+        "firmware",
+    ]
+    pytest.main([*PYTEST_OPTIONS, *options, *target.tests], plugins=[mutation])
+    return mutation.survivors
+
+
+def fails(tests: tuple[str, ...], prepare: Callable[[], None]) -> bool:
     """Whether a test fails, in a process of its own."""
     child = os.fork()
     if child == 0:
@@ -352,12 +420,9 @@ def fails(tests: tuple[str, ...], prepare: Callable[[], None], *options: str) ->
         os.dup2(null, 1)
         os.dup2(null, 2)
         prepare()
-        no_plugins = ("-p", "no:cacheprovider", "-p", "no:tricycle")
-        ignore = ("-W", "ignore::pytest.PytestAssertRewriteWarning")  # of what is imported already
+        os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # starts sooner
         try:
-            status = int(
-                pytest.main(["-x", "-q", *no_plugins, *ignore, *options, "-m", "not slow", *tests])
-            )
+            status = int(pytest.main([*PYTEST_OPTIONS, *tests]))
         except BaseException:
             status = 1
         os._exit(status)
@@ -406,13 +471,9 @@ def main() -> int:
         if any(part in target.module for part in sys.argv[1:] or [""]):
             whole = ast.parse(target.path.read_text())
             survivors += survivors_of(target, whole, mutants(target), noticed)
-    # what the tests import, once before the forks: the C code is changed, not these
-    for module in ("hypothesis", "tricycle_sim.plc.firmware"):
-        importlib.import_module(module)
     for of_c in FIRMWARE_TARGETS:
         if any(part in of_c.module for part in sys.argv[1:] or [""]):
-            whole_text = of_c.path.read_text()
-            survivors += survivors_of(of_c, whole_text, firmware_mutants(of_c), firmware_noticed)
+            survivors += firmware_survivors(of_c)
     return int(survivors > 0)
 
 

@@ -166,6 +166,11 @@ def test_the_brake_stays_as_last_commanded_while_stopping(make_bench):
     assert drive.state.brake == 50
 
 
+def test_limits_are_what_the_plc_enforces(drive):
+    (limits,) = drive.send(m.LimitsRequest())
+    assert limits == m.DriveLimits(0, 4800, 2000, 200, 150, 15253, 0, 0)
+
+
 def test_drive_commands_are_limited_never_wrapped(drive):
     drive.drive(300, 32.767, limit=65.0)
     assert drive.output.setpoint == pytest.approx(4.8)

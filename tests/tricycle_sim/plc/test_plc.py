@@ -4,7 +4,7 @@ Every test runs on two backends: the emulation in Python and the firmware's own 
 """
 
 import pytest
-from plc_bench import DRIVE, ENABLE, ESTOP, STEER, Fault, Op, Result, State
+from plc_bench import ENABLE, ESTOP, STEER, Fault, Op, Result, State
 
 from tricycle_bridge.protocol import messages as m
 
@@ -185,10 +185,3 @@ def test_the_watchdog_and_the_echo_hold_across_the_wrap_of_the_clock(make_bench)
     assert bench.state.t < 1_000_000
     assert bench.state.state == State.ARMED
     assert bench.stats().stale == 0
-
-
-def test_limits_tell_what_the_plc_enforces(make_bench):
-    (limits,) = make_bench(STEER).booted().send(m.LimitsRequest())
-    assert limits == m.SteerLimits(-7854, 7854, 3000, 200, 150, 435, 0, 0)
-    (limits,) = make_bench(DRIVE).booted().send(m.LimitsRequest())
-    assert limits == m.DriveLimits(0, 4800, 2000, 200, 150, 15253, 0, 0)

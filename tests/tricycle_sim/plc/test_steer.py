@@ -168,6 +168,11 @@ def test_a_command_at_the_limits_is_not_limited(steer, angle, rate, limited):
     assert steer.output.setpoint == pytest.approx(math.copysign(0.7854, angle))
 
 
+def test_limits_are_what_the_plc_enforces(bench_of_steer):
+    (limits,) = bench_of_steer.send(m.LimitsRequest())
+    assert limits == m.SteerLimits(-7854, 7854, 3000, 200, 150, 435, 0, 0)
+
+
 def test_a_limited_command_is_reported_while_armed_only(bench_of_steer):
     bench_of_steer.drive(5, 3.0)
     assert bench_of_steer.state.faults == 0

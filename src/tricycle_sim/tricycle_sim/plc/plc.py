@@ -57,7 +57,7 @@ _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 
 
 class Measurement(Protocol):
-    """What every PLC's inputs tell in a tick."""
+    """The inputs that both PLCs have."""
 
     @property
     def estop_pressed(self) -> bool:
