@@ -27,7 +27,7 @@ from parameter_identification.drives.measured import Sensor, Signal
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
 from tricycle_bridge.protocol.messages import SPEED_UNIT
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import load_vehicle

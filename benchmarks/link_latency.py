@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool
 
 from tricycle_bridge.protocol.messages import SteerCommand
 from tricycle_cli.operation.processes import own_domain, ros_environment
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.plc.pair import PlcPair
 
 

@@ -37,7 +37,7 @@ from tricycle_bridge.protocol.messages import (
     SteerCommand,
     echo_of,
 )
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import Simulator
 from tricycle_sim.setpoints import command_rows, slew_all

@@ -16,8 +16,8 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_core.quantities import TICK
 from tricycle_core.rotations import attitude_quaternion
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import slew_all
 from tricycle_sim.vehicle import Vehicle, load_vehicle

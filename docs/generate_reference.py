@@ -113,13 +113,21 @@ def _wire_name(message: type) -> str:
 
 
 def _field_table(message: Any) -> str:
-    from tricycle_bridge.protocol.messages import layout
+    from tricycle_bridge.protocol.messages import layout, meanings
 
-    meanings = _meanings(message)
+    comments, counts = _meanings(message), meanings(message)
     rows = [
-        (f"`{name}`", wire.name, meanings.get(name, "")) for name, wire in layout(message).items()
+        (f"`{name}`", wire.name, _one_count(counts[name]), comments.get(name, ""))
+        for name, wire in layout(message).items()
     ]
-    return table(("field", "type", "unit, meaning"), rows)
+    return table(("field", "type", "one count", "meaning"), rows)
+
+
+def _one_count(meaning: Any) -> str:
+    """Amount that one count stands for, or the enumeration of the values."""
+    if isinstance(meaning, type):
+        return f"`{meaning.__name__}`"
+    return "" if meaning is None else str(meaning)
 
 
 def _summary(described: type) -> str:

@@ -9,7 +9,7 @@ from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
-from tricycle_sim.plc.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 

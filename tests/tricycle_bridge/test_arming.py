@@ -11,7 +11,7 @@ from tricycle_bridge.arming import (
 from tricycle_bridge.command_stream import VehicleCommand
 from tricycle_bridge.operations import OperationOutcome
 from tricycle_bridge.protocol.messages import Board, Op, PlcState, Result
-from tricycle_sim.plc.plc import DriveMeasurement, SteerMeasurement
+from tricycle_sim.plc import DriveMeasurement, SteerMeasurement
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 STANDSTILL = VehicleCommand(0.0, 0.0)

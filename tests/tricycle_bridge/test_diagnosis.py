@@ -11,7 +11,7 @@ from tricycle_bridge.protocol.messages import (
     layout,
 )
 from tricycle_core.diagnostics import Level
-from tricycle_sim.plc.plc import DriveMeasurement, SteerMeasurement
+from tricycle_sim.plc import DriveMeasurement, SteerMeasurement
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 

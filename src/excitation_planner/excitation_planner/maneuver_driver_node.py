@@ -18,9 +18,9 @@ from excitation_planner.playback import PlanarState, Playback, PlaybackState, Sc
 from tricycle_core.diagnostics import Level
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node
-from tricycle_core.quantities import TICK
 from tricycle_core.rotations import yaw_of
 from tricycle_core.stamps import nanoseconds_of, seconds_of
+from tricycle_core.timing import TICK
 
 STATE_EVERY = 0.5  # s between repeated state messages while running
 

@@ -13,7 +13,7 @@ import sys
 
 from tricycle_bridge.protocol import boards, messages
 from tricycle_bridge.protocol.messages import MESSAGES, Board, Message, layout
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 
 _ENUMS: tuple[type[enum.IntEnum] | type[enum.IntFlag], ...] = (
     messages.Board,

@@ -5,8 +5,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_core.timing import TICK as TICK  # in a module of its own: usable without NumPy
-
 FloatArray = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]

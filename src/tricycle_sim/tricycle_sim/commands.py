@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE
 from tricycle_core.errors import CommandsError
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 
 COLUMNS = ("time", "steering_motor_angle", "speed")
 MAX_BYTES = 64_000_000  # of a file; an hour at 100 Hz has a fifth of this

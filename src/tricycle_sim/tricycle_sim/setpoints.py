@@ -6,7 +6,8 @@ The batch, the live vehicle's callers and the emulated PLCs all slew through `sl
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 

@@ -20,7 +20,7 @@ from std_srvs.srv import Trigger
 from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import VehicleError
 from tricycle_core.nodes import declare, overridable, run_node
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.plc.pty_port import PtyPort
 from tricycle_sim.rig.emulated import PoseNoise, Simulator, draw_truth, measure_pose
 from tricycle_sim.rig.firmware import FirmwareSimulator

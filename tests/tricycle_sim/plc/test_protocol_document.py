@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 from plc_bench import DRIVE, ENABLE, ESTOP, STEER, Fault, Op, Result, State
 
-from tricycle_bridge import bridge, link
+from tricycle_bridge import arming, command_stream, handshake, link, operations
 from tricycle_bridge.protocol import boards
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 
 ROOT = Path(__file__).parents[3]
 DOCUMENT = (ROOT / "docs" / "protocol.md").read_text()
@@ -259,17 +259,17 @@ def test_times_of_a_plc_are_those_of_both_codes(macros):
 def test_times_of_the_host_are_those_of_the_code():
     rows = {r[0]: milliseconds(r[1]) for r in table("9 Times", "time of the host", "value")}
     assert rows == {
-        "HELLO": link.HELLO_PERIOD * 1e3,
-        "no answer to HELLO is reported": link.HELLO_PATIENCE * 1e3,
+        "HELLO": handshake.HELLO_PERIOD * 1e3,
+        "no answer to HELLO is reported": handshake.HELLO_PATIENCE * 1e3,
         "refused port is tried again": link.REFUSED_PAUSE * 1e3,
         "PING": link.PING_PERIOD * 1e3,
         "STATS_REQ, and LIMITS_REQ until it is answered": link.STATS_PERIOD * 1e3,
-        "CTRL is repeated": link.CTRL_PERIOD * 1e3,
+        "CTRL is repeated": operations.RESEND_PERIOD * 1e3,
         "telemetry degraded": link.DEGRADED_AGE * 1e3,
         "telemetry lost": link.LOST_AGE * 1e3,
         "reboot: clocks disagree": link.REBOOT_DISAGREEMENT * 1e3,
-        "own input too old": bridge.INPUT_AGE * 1e3,
-        "arming given up": bridge.ARMING_PATIENCE * 1e3,
+        "own input too old": command_stream.INPUT_AGE * 1e3,
+        "arming given up": arming.ARMING_PATIENCE * 1e3,
     }
 
 

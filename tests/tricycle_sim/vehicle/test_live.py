@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew
 from tricycle_sim.vehicle import load_vehicle

@@ -13,7 +13,8 @@ import numpy as np
 
 from excitation_planner.box import Box
 from excitation_planner.maneuver.family import ACCELERATION, COMMAND_TICKS, SETTLING_TIME
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 

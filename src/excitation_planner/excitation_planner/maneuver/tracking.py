@@ -18,7 +18,8 @@ from excitation_planner.maneuver.family import (
     DrivenPath,
 )
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import slew
 from tricycle_sim.vehicle import Vehicle

@@ -19,7 +19,8 @@ from excitation_planner.design.prior import BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import DesignError
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
 from tricycle_core.errors import IdentificationError
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 

@@ -17,7 +17,8 @@ from excitation_planner.maneuver import family_by_name, family_names, operation_
 from tricycle_cli.arguments import parse_assignments, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands, load_commands
 from tricycle_sim.setpoints import tick_count
 from tricycle_sim.trajectory_files import PICTURES, SUFFIXES, plot_trajectory, save_trajectory

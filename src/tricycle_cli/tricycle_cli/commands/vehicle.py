@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import constant_fields, load_vehicle, warnings_about
 
 EXAMPLE = """\

@@ -11,7 +11,7 @@ import time
 from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board, ResetCause
 from tricycle_core.closing import Closing
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.plc.drive import DriveMeasurement, DriveOutput, DrivePlc
 from tricycle_sim.plc.pty_port import PtyPort
 from tricycle_sim.plc.steer import SteerMeasurement, SteerOutput, SteerPlc

@@ -48,7 +48,7 @@ from tricycle_bridge.protocol.messages import (
     SteerCommand,
     echo_of,
 )
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.setpoints import slew
 
 _WATCHDOG_US = round(WATCHDOG * 1e6)

@@ -9,7 +9,7 @@ import numpy as np
 
 from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board, PlcState
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, Plc, SteerMeasurement, SteerPlc
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState, LiveVehicle

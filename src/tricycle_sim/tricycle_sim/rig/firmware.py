@@ -16,7 +16,7 @@ from tricycle_bridge.protocol.messages import (
     SteerCommand,
     SteerState,
 )
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState, LiveVehicle

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tricycle_core.quantities import TICK, FloatArray, Progress
+from tricycle_core.quantities import FloatArray, Progress
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle.constants import Vehicle

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.compilation import compiled, inlined
 from tricycle_sim.vehicle import steering
 from tricycle_sim.vehicle.constants import Vehicle

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tricycle_core.quantities import TICK, FloatArray
+from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack
