@@ -192,6 +192,10 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "firmware/drive.c",
         "plc->board.stalled = true;",
     ): "the set-point is 0 at the next tick, which makes it false",
+    (
+        "firmware/plc.c",
+        "return !plc->commanded || age >= 255 ? 255 : (uint8_t)age;",
+    ): "both are 255 there",
     ("firmware/frame.c", "static const uint32_t table[17] = {"): "the last is not used",
 }
 
@@ -361,13 +365,13 @@ class FirmwareMutation:
         return True
 
     def compile(self, text: str, folder: Path) -> Path | None:
-        """Libraries with a changed file; None where it does not compile."""
+        """Libraries with a changed file; None where it does not compile without a warning."""
         firmware, build = folder / "firmware", folder / "build"
         shutil.copytree(self.target.path.parent, firmware)
         (firmware / self.target.file).write_text(text)
         wanted = [f"{build}/lib{board}.so" for board in self.target.boards]
         make = ["make", "-s", "-C", firmware, f"BUILD={build}", "OPTIMISE=-O0", *wanted]
-        done = subprocess.run([*make, "WARNINGS=-std=c11 -w"], capture_output=True, check=False)
+        done = subprocess.run(make, capture_output=True, check=False)
         return build if done.returncode == 0 else None
 
     def first_failure(self, items: list[pytest.Item], libraries: Path) -> int:

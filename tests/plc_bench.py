@@ -20,6 +20,7 @@ class Bench:
         self.now = start_us  # us
         self.decoder = FrameDecoder(plc.board, host=True)
         self.seq = 0
+        self.frames = []
         self.received = []
         self.state = None
         self.output = None
@@ -35,7 +36,9 @@ class Bench:
         return self._take(self.plc.receive(wire, self.now))
 
     def _take(self, data):
-        messages = [frame.message for frame in self.decoder.feed(data)]
+        frames = self.decoder.feed(data)
+        self.frames += frames
+        messages = [frame.message for frame in frames]
         self.received += messages
         for message in messages:
             if isinstance(message, m.SteerState | m.DriveState):

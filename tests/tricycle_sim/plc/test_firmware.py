@@ -12,8 +12,17 @@ import pytest
 from cobs import cobs
 
 from tricycle_bridge.protocol.framing import DecoderCounters, FrameDecoder, encode
-from tricycle_bridge.protocol.messages import MESSAGES, Board, Ping, from_plc, layout
+from tricycle_bridge.protocol.messages import (
+    MESSAGES,
+    Board,
+    Hello,
+    Ping,
+    StatsRequest,
+    from_plc,
+    layout,
+)
 from tricycle_core.errors import LinkError
+from tricycle_sim.plc import SteerMeasurement
 from tricycle_sim.plc.firmware import FirmwareSteerPlc
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"
@@ -83,6 +92,29 @@ def test_damaged_streams_are_judged_alike(steer_library):
     # payloads shorter than the table are the state machine's to find
     assert ok - headers_judged == python.length - length
     assert ok > 1000
+
+
+def test_a_full_line_drops_whole_frames_and_counts_them(firmware_libraries):
+    plc = FirmwareSteerPlc(firmware_libraries / "libsteer.so")
+    decoder = FrameDecoder(Board.STEER, host=True)
+    decoder.session = 7
+
+    def send(*messages):
+        frames = [
+            encode(message, board=Board.STEER, seq=seq & 0xFF, session=7)
+            for seq, message in enumerate(messages)
+        ]
+        return decoder.feed(plc.receive(b"".join(frames), 0))
+
+    plc.tick(0, SteerMeasurement())
+    fitting = 4096 // 22  # PONG, in the host library's buffer
+    hello, *pongs = send(Hello(0, 1, 5), *[Ping(k) for k in range(250)])
+    assert len(pongs) == (4096 - 30) // 22 == fitting - 2
+    assert [pong.message.token for pong in pongs] == list(range(len(pongs)))
+    (stats,) = send(StatsRequest())
+    assert stats.message.tx_drop == 250 - len(pongs)
+    # what was dropped has used up its number
+    assert stats.seq == (hello.seq + 251) & 0xFF
 
 
 def overlong(payload):

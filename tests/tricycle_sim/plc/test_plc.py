@@ -3,8 +3,11 @@
 Every test runs on two backends: the emulation in Python and the firmware's own C logic.
 """
 
+import zlib
+
 import pytest
-from plc_bench import ENABLE, ESTOP, STEER, Fault, Op, Result, State
+from cobs import cobs
+from plc_bench import DRIVE, ENABLE, ESTOP, STEER, Fault, Op, Result, State
 
 from tricycle_bridge.protocol import messages as m
 
@@ -82,9 +85,15 @@ def test_satisfied_operations_are_answered_with_ok(bench, op):
     assert bench.control(op) is Result.OK
 
 
-def test_ctrl_is_refused_for_bad_guards_and_unknown_ops(bench):
-    (ack,) = bench.send(m.Control(1, 0, 0xFE, 0))
-    assert ack.result == Result.BAD_GUARD
+@pytest.mark.parametrize("guard", [(1, 0xFE, 0xA5), (0, 0xFF, 0xA5), (0, 0xFE, 0xA4), (1, 0xFF, 0)])
+def test_ctrl_is_refused_where_any_guard_byte_is_wrong(bench, guard):
+    bench.drive(5)
+    seq = bench.seq
+    (ack,) = bench.send(m.Control(1, *guard))
+    assert ack == m.Ack(1, seq, Result.BAD_GUARD, State.SAFE)
+
+
+def test_ctrl_is_refused_for_unknown_ops(bench):
     (ack,) = bench.send(m.Control.of(9))
     assert ack.result == Result.UNKNOWN_OP
 
@@ -168,6 +177,128 @@ def test_every_emergency_stop_latches_and_cuts_the_outputs(armed, how):
 
 
 # ---- sequence, counters, clock ----
+
+
+def test_hello_ack_identifies_the_board(make_bench):
+    for board in (STEER, DRIVE):
+        ack = make_bench(board, boot_count=0xFFFE).booted().hello()
+        capabilities = m.Capability(7)
+        assert ack == m.HelloAck(0, board, 1, 0, 0, 1, 0xFFFF, 0, 99, capabilities, 200)
+
+
+def test_a_state_frame_has_its_flags_and_the_age_of_the_newest_command(bench):
+    state = bench.tick()
+    assert (state.flags, state.command_age, bench.received[-1]) == (0, 255, state)
+    seq = bench.seq
+    bench.command(flags=0)
+    assert bench.tick().flags == 0
+    bench.command(flags=ENABLE)
+    ages = [bench.tick(estop_pressed=k == 300).command_age for k in range(301)]
+    assert ages == [min(k, 255) for k in range(301)]
+    flags = m.StateFlag.ENABLED | m.StateFlag.ESTOP_PRESSED
+    assert (bench.state.flags, bench.state.command_seq) == (flags, seq + 1)
+
+
+def test_an_age_is_in_whole_ticks(bench):
+    bench.now += 1
+    bench.command()
+    bench.now += 9_999
+    assert bench.tick().command_age == 0
+    assert bench.tick().command_age == 1
+    bench.hello()
+    assert bench.tick().command_age == 255
+
+
+def test_an_old_command_is_not_young_again_when_the_clock_wraps(bench):
+    bench.command()
+    bench.tick()
+    bench.now += 3_000_000
+    assert bench.tick().command_age == 255
+    bench.now += (1 << 32) - 3_020_000
+    assert bench.tick().command_age == 255
+
+
+def test_a_long_row_of_commands_arms_too(bench):
+    for _ in range(258):  # more than a byte counts
+        bench.command()
+    assert bench.control(Op.ARM) is Result.OK
+
+
+def test_the_row_of_commands_begins_anew_after_200_ms_without_one(bench):
+    for silent, result in ((20, Result.OK), (21, Result.PRECONDITIONS)):
+        bench.drive(4)
+        bench.command()
+        bench.tick(silent)  # at the first with the command, so one less has passed
+        bench.command()
+        assert bench.control(Op.ARM) is result
+        bench.control(Op.DISARM)
+        bench.drive(1, flags=0)
+
+
+def wire(ver_node, code, payload, session=7, seq=77):
+    raw = bytes([ver_node, code, seq, session]) + payload
+    return cobs.encode(raw + zlib.crc32(raw).to_bytes(4, "little")) + b"\0"
+
+
+def test_frames_are_counted_by_the_rule_that_drops_them(bench):
+    own, other = bench.board, 3 - bench.board
+    ping, token = m.Ping.ID, b"abcd"
+    foreign = m.DriveCommand.ID if own is STEER else m.SteerCommand.ID
+    hello = bytes([0, own, 1, 2, 3, 4])
+    for data, counter in (
+        (wire(0x20 | own, ping, token), "ok"),
+        (wire(0x20 | own, ping, token + b"newer", seq=78), "ok"),
+        (wire(0x40 | own, ping, token), "version"),
+        (wire(0x00 | own, ping, token), "version"),
+        (wire(0x20 | other, ping, token), "unknown"),
+        (wire(0x20 | 15, ping, token), "unknown"),
+        (wire(0x30 | own, ping, token), "unknown"),
+        (wire(0x30 | own, m.Hello.ID, hello), "unknown"),
+        (wire(0x20 | other, m.Hello.ID, hello), "unknown"),
+        (wire(0x20 | own, foreign, bytes(10)), "unknown"),
+        (wire(0x20 | own, 0x7F, token), "unknown"),
+        (wire(0x30 | own, m.Pong.ID, bytes(12)), "unknown"),
+        (wire(0x20 | own, ping, token, session=8), "session"),
+        (wire(0x20 | own, ping, token, session=0), "session"),
+        (wire(0x20 | own, ping, token[:3]), "length"),
+        (wire(0x20 | own, m.Hello.ID, hello[:5]), "length"),
+        (b"\x11" * 50 + b"\0", "length"),
+        (b"\x05abc\0", "cobs"),
+        (cobs.encode(b"12345678") + b"\0", "crc"),
+        (b"\0\0\0", None),
+    ):
+        before = bench.stats()
+        answer = bench.plc.receive(data, bench.now)
+        after = bench.stats()
+        assert bool(answer) is (counter == "ok"), data.hex()
+        expected = {"ok": before.ok + 1}  # the request of the counters itself
+        if counter:
+            expected[counter] = expected.get(counter, getattr(before, counter)) + 1
+        counters = ("seq_gap", "duplicate")  # by frames of this test and of the bench
+        for name in set(vars(before)) - set(counters):
+            assert getattr(after, name) == expected.get(name, getattr(before, name)), data.hex()
+
+
+@pytest.mark.parametrize("major", [0, 2, 7])
+def test_hello_of_another_major_is_answered(bench, major):
+    data = wire(major << 5 | bench.board, m.Hello.ID, bytes([0, bench.board, 9, 0, 0, 0]))
+    (frame,) = bench.decoder.feed(bench.plc.receive(data, bench.now))
+    assert (frame.major, frame.message.nonce) == (1, 9)
+
+
+def test_every_frame_of_a_plc_has_the_next_number(bench):
+    first = bench.frames[-1].seq
+    bench.tick()
+    bench.send(m.Ping(1))
+    bench.tick(2)
+    bench.send(m.LimitsRequest())
+    assert [f.seq for f in bench.frames[-5:]] == [(first + k) & 0xFF for k in range(1, 6)]
+
+
+def test_counters_begin_at_zero(bench):
+    assert bench.stats() == m.Stats(2, *[0] * 14)
+    bench.plc.drop_sent(3)
+    assert bench.stats() == m.Stats(3, *[0] * 7, 3, *[0] * 6)
 
 
 def test_duplicates_are_ignored_and_gaps_counted(armed):
