@@ -18,8 +18,7 @@ from parameter_identification.drives.measured import (
 from tricycle_cli.campaign.campaign import HALF_WIDTH, Campaign, CampaignRequest
 from tricycle_cli.main import main
 from tricycle_core.errors import PlanError
-from tricycle_sim.rig.emulated import draw_truth
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 VEHICLE = load_vehicle()

@@ -20,8 +20,7 @@ from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.figures import plot_campaign
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
-from tricycle_sim.rig.emulated import draw_truth
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import draw_truth, load_vehicle
 
 EXAMPLE = """\
 examples:

@@ -24,8 +24,7 @@ from tricycle_cli.reports.identification_report import parameter_table, remarks,
 from tricycle_cli.reports.run_data import read_run
 from tricycle_cli.reports.run_report import report_page
 from tricycle_sim.plc.simulated_uno import check_build
-from tricycle_sim.rig.emulated import draw_truth
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, load_vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, draw_truth, load_vehicle
 
 EXAMPLE = """\
 example:

@@ -13,8 +13,7 @@ from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_core.errors import BagError
 from tricycle_core.quantities import Progress
-from tricycle_sim.rig.emulated import draw_truth
-from tricycle_sim.vehicle import Vehicle, load_vehicle
+from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 
 
 @contextmanager

@@ -218,6 +218,19 @@ def constant_fields() -> list[dataclasses.Field[Any]]:
     return [entry for entry in dataclasses.fields(Vehicle) if "unit" in entry.metadata]
 
 
+def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
+    """Return values of the unknown parameters by name, uniform in their ranges.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the ranges.
+    rng : Generator
+        Source of the values.
+    """
+    return {name: float(rng.uniform(low, high)) for name, (low, high) in vehicle.unknown.items()}
+
+
 def suggest_name(name: str, names: list[str]) -> str:
     """Return a hint at what was meant by a wrong name.
 
