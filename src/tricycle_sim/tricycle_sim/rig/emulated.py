@@ -46,7 +46,15 @@ class EmulatedRig(Rig):
             plc.reset()
 
     def receive(self, board: Board, data: bytes) -> bytes:
-        """Hand bytes of the host to a PLC; return its answers."""
+        """Hand bytes of the host to a PLC; return its answers.
+
+        Parameters
+        ----------
+        board : Board
+            Steer or drive.
+        data : bytes
+            As they come from the line.
+        """
         return self._plcs[board].receive(data, self._plc_time_us)
 
     def step(self) -> dict[Board, bytes]:

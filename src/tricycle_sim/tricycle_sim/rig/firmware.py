@@ -107,7 +107,15 @@ class FirmwareRig(Rig):
             board.replace()
 
     def receive(self, board: Board, data: bytes) -> bytes:
-        """Hand bytes of the host to a board; its answers come with the telemetry of `step`."""
+        """Hand bytes of the host to a board; its answers come with the telemetry of `step`.
+
+        Parameters
+        ----------
+        board : Board
+            Steer or drive.
+        data : bytes
+            As they come from the line.
+        """
         self._boards[board].write(data)
         return b""
 

@@ -67,16 +67,16 @@ def pack(
     ----------
     vehicle : Vehicle
         Of which they are samples.
-    parameters : shape (n, k)
+    parameters : ndarray of float, shape (n, k)
         Values of `vehicle.unknown`, in its order.
     start : Equilibrium
         Of the vehicle. Where the parameters move it, every sample stands in its own.
-    speed : shape (n,), optional
+    speed : ndarray of float, shape (n,), optional
         At which they roll straight on [m/s]; by default they are at rest.
 
     Returns
     -------
-    shape (ceil(n / LANES), ROWS * LANES)
+    ndarray of float, shape (ceil(n / LANES), ROWS * LANES)
         Lanes beyond n repeat the last vehicle.
     """
     parameters = np.asarray(parameters, dtype=float)
