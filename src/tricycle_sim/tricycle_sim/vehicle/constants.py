@@ -39,8 +39,8 @@ def _constant(
     return {"unit": unit, "low": low, "high": high, "zero": zero}
 
 
-def _positive(unit: str) -> float:
-    value: float = field(metadata=_constant(unit))
+def _positive(unit: str, default: Any = dataclasses.MISSING) -> float:
+    value: float = field(default=default, metadata=_constant(unit))
     return value
 
 
