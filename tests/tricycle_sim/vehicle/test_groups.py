@@ -41,9 +41,11 @@ def test_lanes_beyond_the_samples_repeat_the_last_one():
 @pytest.fixture
 def softly_known(monkeypatch):
     """A vehicle with unknown parameters that move its equilibrium."""
-    names = (*constants.UNKNOWN_PARAMETERS, "com_to_front_axle", "vertical_stiffness")
+    moving = ("com_to_front_axle", "vertical_stiffness", "com_height")
+    names = (*constants.UNKNOWN_PARAMETERS, *moving)
     monkeypatch.setattr(constants, "UNKNOWN_PARAMETERS", names)
-    unknown = {"com_to_front_axle": (0.6, 0.8), "vertical_stiffness": (4e4, 8e4)}
+    ranges = ((0.6, 0.8), (4e4, 8e4), (0.4, 0.6))
+    unknown = dict(zip(moving, ranges, strict=True))
     return dataclasses.replace(VEHICLE, unknown={**VEHICLE.unknown, **unknown})
 
 
@@ -51,11 +53,12 @@ def test_parameters_that_move_the_equilibrium_have_a_start_per_sample(softly_kno
     start = equilibrium(softly_known)
     assert not start.shared
     nominal = softly_known.nominal_point()
-    points = np.array([nominal] * 3)
-    points[1, -1], points[2, -2] = 4e4, 0.6
+    points = np.array([nominal] * 4)
+    points[1, -2], points[2, -3], points[3, -1] = 4e4, 0.6, 0.6
     trajectory = simulate(softly_known, Commands([0.0, 1.0], [0.0, 0.0], [0.0, 0.0]), points)
     assert np.ptp(trajectory.z, axis=1).max() < 1e-6  # all of them rest
     assert trajectory.z[1, 0] < trajectory.z[0, 0] - 1e-3  # sinks deeper
+    names = ("com_to_front_axle", "vertical_stiffness", "com_height")
     for sample, values in enumerate(points):
-        single = VEHICLE.replace(com_to_front_axle=values[-2], vertical_stiffness=values[-1])
+        single = VEHICLE.replace(**dict(zip(names, values[-3:], strict=True)))
         assert trajectory.z[sample, 0] == pytest.approx(equilibrium(single).pose[0], abs=1e-12)

@@ -82,13 +82,22 @@ def pack(
     parameters = np.asarray(parameters, dtype=float)
     poses = np.array([start.pose])
     if not start.shared:
-        poses = _settle(vehicle, parameters, np.repeat(poses, len(parameters), axis=0))
+        poses = np.repeat(poses, len(parameters), axis=0)
+        poses[:, 0] += _constant(vehicle, parameters, "com_height") - vehicle.com_height
+        poses = _settle(vehicle, parameters, poses)
     groups = _groups(vehicle, parameters)
     _place(groups, poses)
     if speed is not None:
         groups[:, STATE.u] = _by_lane(speed)
-        groups[:, _SPINS] = (groups[:, STATE.u] / vehicle.tyre_radius)[:, np.newaxis]
+        spins = speed / _constant(vehicle, parameters, "tyre_radius")
+        groups[:, _SPINS] = _by_lane(spins)[:, np.newaxis]
     return groups.reshape(len(groups), ROWS * LANES)
+
+
+def _constant(vehicle: Vehicle, parameters: FloatArray, name: str) -> FloatArray:
+    """Return a constant of each sample (n,), whether it is known or not."""
+    values = dict(zip(vehicle.unknown, parameters.T, strict=True))
+    return np.broadcast_to(values.get(name, getattr(vehicle, name)), len(parameters))
 
 
 def _by_lane(column: FloatArray) -> FloatArray:
