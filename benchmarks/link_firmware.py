@@ -26,8 +26,9 @@ from tricycle_bridge.protocol.messages import Board, Fault
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_sim.commands import Commands
 from tricycle_sim.plc.simulated_uno import SimulatedUno
-from tricycle_sim.rig.emulated import Simulator
-from tricycle_sim.rig.firmware import FirmwareSimulator
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.firmware import FirmwareRig
+from tricycle_sim.rig.rig import Rig
 from tricycle_sim.setpoints import command_rows
 from tricycle_sim.vehicle import load_vehicle
 
@@ -72,7 +73,7 @@ class Loop:
             self.step(commanding=True)
 
 
-def drive(simulator: Simulator | FirmwareSimulator, commands: Commands) -> NDArray[np.float64]:
+def drive(simulator: Rig, commands: Commands) -> NDArray[np.float64]:
     """Arm, then drive: x, y (m), steering angle (rad) and way of the rear wheel (rad), (t, 4)."""
     bridge = Bridge(BridgeSettings(), rng=random.Random(0))
     bridge.active = True
@@ -108,8 +109,8 @@ def compare_with_the_emulation(build: Path) -> None:
     vehicle = load_vehicle()
     radius, speed = 2.4, 1.0
     commands = nominal_run(vehicle, Circle(), np.array([radius, speed])).commands
-    emulated = drive(Simulator(vehicle), commands)
-    simulator = FirmwareSimulator(vehicle, build)
+    emulated = drive(EmulatedRig(vehicle), commands)
+    simulator = FirmwareRig(vehicle, build)
     started = time.perf_counter()
     firmware = drive(simulator, commands)
     factor = simulator.time / (time.perf_counter() - started)

@@ -17,8 +17,7 @@ from excitation_planner.planning.replay import nominal_run, replayed_errors
 from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
 from tricycle_cli.operation.session import simulated_session
-from tricycle_sim.rig.emulated import draw_truth
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import draw_truth, load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

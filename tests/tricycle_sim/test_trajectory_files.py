@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -86,8 +87,8 @@ def test_other_suffixes_are_refused(tmp_path):
 
 
 def test_a_failure_leaves_nothing_behind(tmp_path, monkeypatch):
-    def fill_the_disk(*_arguments, **_options):
-        (tmp_path / ".new-t.csv").write_text("half", encoding="utf-8")
+    def fill_the_disk(path, *_arguments, **_options):
+        Path(path).write_text("half", encoding="utf-8")
         raise OSError("No space left on device")
 
     monkeypatch.setattr(np, "savetxt", fill_the_disk)

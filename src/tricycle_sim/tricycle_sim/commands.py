@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_core.documents import read_bounded, write_whole
 from tricycle_core.errors import CommandsError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -58,16 +59,28 @@ class Commands:
         return float(self.time[-1])
 
     def save(self, path: Path) -> None:
-        """Write a CSV file that `load_commands` reads back without loss."""
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(COLUMNS)
-            columns = (self.time, self.steering_motor_angle, self.speed)
-            writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        """Write a CSV file that `load_commands` reads back without loss.
+
+        Parameters
+        ----------
+        path : Path
+            File; missing folders are made.
+        """
+        text = io.StringIO(newline="")
+        writer = csv.writer(text)
+        writer.writerow(COLUMNS)
+        columns = (self.time, self.steering_motor_angle, self.speed)
+        writer.writerows(zip(*(column.tolist() for column in columns), strict=True))
+        write_whole(path, text.getvalue())
 
 
 def load_commands(path: Path) -> Commands:
     """Read commands from a CSV file with the columns `time, steering_motor_angle, speed`.
+
+    Parameters
+    ----------
+    path : Path
+        File with a header.
 
     Raises
     ------
@@ -76,10 +89,7 @@ def load_commands(path: Path) -> Commands:
     OSError
         If the file cannot be read.
     """
-    with Path(path).open("rb") as file:
-        content = file.read(MAX_BYTES + 1)
-    if len(content) > MAX_BYTES:
-        raise CommandsError(f"{path}: larger than {MAX_BYTES} bytes; not a file of commands")
+    content = read_bounded(path, MAX_BYTES, "a file of commands", CommandsError)
     try:
         text = io.StringIO(content.decode("utf-8-sig"), newline="")
         lines = [line for line in csv.reader(text) if any(cell.strip() for cell in line)]

@@ -31,15 +31,14 @@ if numba.config.CPU_NAME is None and numba.config.CPU_FEATURES is None:
 FASTMATH = {"reassoc", "contract", "arcp", "nsz", "afn"}
 
 
-def _fingerprint() -> str:
-    """Return a hash of all sources that are compiled into each other."""
+def sources() -> list[Path]:
+    """Return the files that are compiled into each other, or whose numbers are."""
     folder = Path(__file__).parent
-    sources = [*sorted(folder.glob("vehicle/*.py")), folder / "setpoints.py", Path(__file__)]
-    content = b"".join(path.read_bytes() for path in [*sources, Path(quantities.__file__)])
-    return hashlib.sha256(content).hexdigest()
+    wing = sorted(folder.glob("vehicle/*.py"))
+    return [*wing, folder / "setpoints.py", Path(__file__), Path(quantities.__file__)]
 
 
-_FINGERPRINT = _fingerprint()
+_FINGERPRINT = hashlib.sha256(b"".join(path.read_bytes() for path in sources())).hexdigest()
 
 
 def inlined(function: Callable[..., Any]) -> Any:

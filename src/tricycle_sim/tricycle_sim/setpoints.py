@@ -14,7 +14,15 @@ from tricycle_sim.compilation import compiled
 
 @compiled
 def slew(setpoint: float, target: float, rate: float) -> float:
-    """Return the set-point one tick closer to its target, moving at most at `rate` (per second)."""
+    """Return the set-point one tick closer to its target.
+
+    Parameters
+    ----------
+    setpoint, target : float
+        Now and wanted, in the same unit.
+    rate : float
+        Largest change per second.
+    """
     reach = rate * TICK
     if abs(target - setpoint) <= reach:
         return target
@@ -22,12 +30,24 @@ def slew(setpoint: float, target: float, rate: float) -> float:
 
 
 def tick_count(duration: float) -> int:
-    """Return the number of whole ticks in a duration [s]."""
+    """Return the number of whole ticks in a duration.
+
+    Parameters
+    ----------
+    duration : float
+        Length [s].
+    """
     return int(np.floor(duration / TICK + 1e-6))
 
 
 def command_rows(commands: Commands) -> NDArray[np.int64]:
-    """Return for every tick, shape (t,), the newest row whose time has come."""
+    """Return for every tick, shape (t,), the newest row whose time has come.
+
+    Parameters
+    ----------
+    commands : Commands
+        Each held until the next.
+    """
     ticks = np.arange(tick_count(commands.duration)) * TICK
     return np.searchsorted(commands.time, ticks + 1e-6 * TICK, side="right") - 1
 
@@ -36,10 +56,18 @@ def command_rows(commands: Commands) -> NDArray[np.int64]:
 def slew_all(targets: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Slew from 0 through the target of each tick.
 
+    Parameters
+    ----------
+    targets : ndarray of float, shape (t,)
+        One per tick.
+    rate : float
+        Largest change per second.
+
     Returns
     -------
-    setpoints : shape (t,)
-    lag : shape (t,)
+    setpoints : ndarray of float, shape (t,)
+        One per tick.
+    lag : ndarray of float, shape (t,)
         Distance to the target beyond what the next tick makes up for, else 0.
     """
     setpoints = np.empty_like(targets)

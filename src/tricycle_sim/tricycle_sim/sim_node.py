@@ -1,4 +1,4 @@
-"""tricycle_sim: the simulated tricycle on two ptys; its clock is everybody's `/clock`."""
+"""tricycle_sim: the simulated tricycle on two ptys; its clock is published as `/clock`."""
 
 import math
 import selectors
@@ -19,12 +19,14 @@ from std_srvs.srv import Trigger
 
 from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import VehicleError
-from tricycle_core.nodes import declare, overridable, run_node
+from tricycle_core.nodes import declare, overridable, run_node, time_message
 from tricycle_core.timing import TICK
 from tricycle_sim.plc.pty_port import PtyPort
-from tricycle_sim.rig.emulated import PoseNoise, Simulator, draw_truth, measure_pose
-from tricycle_sim.rig.firmware import FirmwareSimulator
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.firmware import FirmwareRig
+from tricycle_sim.rig.localisation import PoseNoise, measure_pose
+from tricycle_sim.rig.rig import Rig
+from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.live import LiveState
 
 try:  # in a ROS installation, but not among the wheels
@@ -53,7 +55,7 @@ HOST_SILENCE = 2.0  # s of wall time after which a host is not waited for any mo
 
 
 class TricycleSim(Node):
-    """Runs a `Simulator` in a thread of its own, by the wall clock or as fast as it can."""
+    """Runs a rig in a thread of its own, by the wall clock or as fast as it can."""
 
     def __init__(self) -> None:
         super().__init__("tricycle_sim")
@@ -80,11 +82,11 @@ class TricycleSim(Node):
         vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
         truth = draw_truth(vehicle, np.random.default_rng(truth_seed)) if truth_seed >= 0 else {}
         vehicle = vehicle.replace(**(truth | _numbers_by_name(truth_pairs)))
-        self._simulator: Simulator | FirmwareSimulator
+        self._rig: Rig
         if plc == "firmware":
-            self._simulator = FirmwareSimulator(vehicle, Path(build))
+            self._rig = FirmwareRig(vehicle, Path(build))
         elif plc == "emulated":
-            self._simulator = Simulator(vehicle)
+            self._rig = EmulatedRig(vehicle)
         else:
             raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
         self._rng = np.random.default_rng(noise_seed)
@@ -101,7 +103,7 @@ class TricycleSim(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._heard = -math.inf  # wall time of the host's last accepted command
         self._in_step = False  # the host answered the last tick
-        self._lock = threading.Lock()  # of the simulator
+        self._lock = threading.Lock()  # of the rig
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation")
         self._thread.start()
@@ -119,7 +121,7 @@ class TricycleSim(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
-            self._simulator.reset()
+            self._rig.reset()
         response.success, response.message = True, "at rest at the origin, boards rebooted"
         return response
 
@@ -131,11 +133,11 @@ class TricycleSim(Node):
             due = time.monotonic()
             while not self._stop.is_set():
                 with self._lock:
-                    self._publish(self._simulator.state, self._simulator.time)
+                    self._publish(self._rig.state, self._rig.time)
                     self._listen(selector, due)
-                    for board, data in self._simulator.step().items():
+                    for board, data in self._rig.step().items():
                         self._ports[board].write(data)
-                    if self._simulator.state.rolled_over:
+                    if self._rig.state.rolled_over:
                         self.get_logger().error("the vehicle has rolled over", once=True)
                 period = TICK / self._factor if self._factor else 0.0
                 # what is late is caught up, but never more than ten ticks
@@ -147,31 +149,31 @@ class TricycleSim(Node):
         A tick that was not answered in time is followed by one that waits out all its patience:
         then no answer is left on its way, to be taken for that of a later tick.
         """
-        simulator = self._simulator
+        rig = self._rig
         deadline = time.monotonic() + self._patience
         while not self._stop.is_set():
             for board, port in self._ports.items():
                 if data := port.read():
-                    port.write(simulator.receive(board, data))
-                    if simulator.heard(board):
+                    port.write(rig.receive(board, data))
+                    if rig.heard(board):
                         self._heard = time.monotonic()
             now = time.monotonic()
-            answered = self._in_step and simulator.answered
-            waits = simulator.armed and not answered and now - self._heard < HOST_SILENCE
+            answered = self._in_step and rig.answered
+            waits = rig.armed and not answered and now - self._heard < HOST_SILENCE
             left = (max(due, deadline) if waits else due) - now
             if left <= 0.0:
                 break
             selector.select(min(left, 0.1))
-        if self._in_step and self._patience and simulator.armed and not simulator.answered:
+        if self._in_step and self._patience and rig.armed and not rig.answered:
             self.get_logger().warning(
-                f"the boards accepted no command at {simulator.time:.2f} s within host_patience, "
+                f"the boards accepted no command at {rig.time:.2f} s within host_patience, "
                 f"{self._patience:g} s: the vehicle follows the ones before",
                 throttle_duration_sec=1.0,
             )
-        self._in_step = simulator.armed and simulator.answered
+        self._in_step = rig.armed and rig.answered
 
     def _publish(self, state: LiveState, now: float) -> None:
-        stamp = _stamp(now)
+        stamp = time_message(now)
         self._clock_publisher.publish(Clock(clock=stamp))
         pose = measure_pose(state, self._noise, self._rng)
         odom = _odometry(stamp)
@@ -213,7 +215,7 @@ class TricycleSim(Node):
         """Stop the simulation and remove the ptys."""
         self._stop.set()
         self._thread.join()
-        self._simulator.close()
+        self._rig.close()
         for port in self._ports.values():
             port.close()
         super().destroy_node()
@@ -228,11 +230,6 @@ def _numbers_by_name(pairs: list[str]) -> dict[str, float]:
         except ValueError:
             raise VehicleError(f"true_values: {pair!r} must be name=number") from None
     return values
-
-
-def _stamp(seconds: float) -> Time:
-    nanoseconds = round(seconds * 1e9)
-    return Time(sec=nanoseconds // 1_000_000_000, nanosec=nanoseconds % 1_000_000_000)
 
 
 def _odometry(stamp: Time) -> Odometry:

@@ -7,14 +7,14 @@ samples, further columns say which one and with which parameters.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.writer import Writer
 
+from tricycle_core.documents import replacing
+from tricycle_core.palette import BLUE, GREEN, VERMILLION
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 
@@ -37,11 +37,12 @@ def save_trajectory(
     Parameters
     ----------
     trajectory : Trajectory
+        One or several samples.
     path : Path
         Ends in one of `SUFFIXES`; its folder is created. It appears when it is complete.
     vehicle : Vehicle
         Names the parameters.
-    parameters : shape (n, k), optional
+    parameters : ndarray of float, shape (n, k), optional
         What the samples differ in; None: one vehicle, no further columns.
 
     Raises
@@ -52,7 +53,7 @@ def save_trajectory(
     if path.suffix not in SUFFIXES:
         raise ValueError(f"{path}: needs to end in one of {', '.join(SUFFIXES)}")
     columns = _rows(trajectory, vehicle, parameters)
-    with _appearing(path) as new:
+    with replacing(path) as new:
         match path.suffix:
             case ".csv":
                 _save_csv(columns, new)
@@ -61,18 +62,6 @@ def save_trajectory(
             case _:
                 _save_mcap(columns, new, samples=len(trajectory.x))
     return len(columns["time"])
-
-
-@contextmanager
-def _appearing(path: Path) -> Iterator[Path]:
-    """Give the path of a file that takes its place when the block ends well, else is removed."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    new = path.with_name(f".new-{path.name}")
-    try:
-        yield new
-        new.replace(path)
-    finally:
-        new.unlink(missing_ok=True)
 
 
 def _rows(
@@ -127,7 +116,15 @@ def _save_mcap(columns: dict[str, FloatArray], path: Path, *, samples: int) -> N
 
 
 def plot_trajectory(trajectory: Trajectory, path: Path) -> None:
-    """Save a picture: path from above, speed and steering, yaw rate, wheel loads over time."""
+    """Save a picture: path from above, speed and steering, yaw rate, wheel loads over time.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        One or several samples.
+    path : Path
+        Ends in one of `PICTURES`; its folder is created.
+    """
     import matplotlib as mpl
 
     mpl.use("Agg")  # files only: works without a display
@@ -136,17 +133,17 @@ def plot_trajectory(trajectory: Trajectory, path: Path) -> None:
     figure, axes = plt.subplots(2, 2, figsize=(11, 7), layout="constrained")
     faint = 1.0 if len(trajectory.x) == 1 else 0.4
     above, speed, yaw, loads = axes.ravel()
-    above.plot(trajectory.x.T, trajectory.y.T, color="#0072B2", alpha=faint)
+    above.plot(trajectory.x.T, trajectory.y.T, color=BLUE, alpha=faint)
     above.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", title="centre of mass from above")
     above.set_aspect("equal", adjustable="datalim")
-    speed.plot(trajectory.time, trajectory.vx.T, color="#0072B2", alpha=faint)
+    speed.plot(trajectory.time, trajectory.vx.T, color=BLUE, alpha=faint)
     speed.set(xlabel="time [s]", ylabel="forward speed [m/s]", title="speed and steering")
     steering = speed.twinx()
-    steering.plot(trajectory.time, trajectory.steering_motor_angle[0], color="#D55E00")
-    steering.set_ylabel("steering motor angle [rad]", color="#D55E00")
-    yaw.plot(trajectory.time, trajectory.yaw_rate.T, color="#0072B2", alpha=faint)
+    steering.plot(trajectory.time, trajectory.steering_motor_angle[0], color=VERMILLION)
+    steering.set_ylabel("steering motor angle [rad]", color=VERMILLION)
+    yaw.plot(trajectory.time, trajectory.yaw_rate.T, color=BLUE, alpha=faint)
     yaw.set(xlabel="time [s]", ylabel="yaw rate [rad/s]", title="yaw rate")
-    for name, color in (("left", "#0072B2"), ("right", "#D55E00"), ("rear", "#009E73")):
+    for name, color in (("left", BLUE), ("right", VERMILLION), ("rear", GREEN)):
         load = getattr(trajectory, f"load_{name}")
         lines = loads.plot(trajectory.time, load.T, color=color, alpha=faint)
         lines[0].set_label(name)
@@ -155,7 +152,7 @@ def plot_trajectory(trajectory: Trajectory, path: Path) -> None:
     for axis in axes.ravel():
         axis.grid(visible=True, alpha=0.3)
     try:
-        with _appearing(path) as new:
+        with replacing(path) as new:
             figure.savefig(new, dpi=130)
     finally:
         plt.close(figure)

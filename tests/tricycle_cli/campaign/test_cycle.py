@@ -15,8 +15,7 @@ from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.results import campaign_report
 from tricycle_core.errors import PlanError
-from tricycle_sim.rig.emulated import draw_truth
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 VEHICLE = load_vehicle()

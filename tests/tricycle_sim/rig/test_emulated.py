@@ -1,4 +1,4 @@
-"""The simulator: a host that answers every tick drives exactly what the batch computes."""
+"""The emulated rig: a host that answers every tick drives exactly what the batch computes."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ from tricycle_bridge.protocol.messages import (
     echo_of,
 )
 from tricycle_sim.commands import Commands
-from tricycle_sim.rig.emulated import PoseNoise, Simulator, draw_truth, measure_pose
+from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
@@ -28,8 +28,8 @@ SESSION = 7
 class Host:
     """The least that arms and drives both boards."""
 
-    def __init__(self, simulator):
-        self.simulator = simulator
+    def __init__(self, rig):
+        self.rig = rig
         self.seq = 0
         for board in Board.STEER, Board.DRIVE:
             self.send(board, Hello(0, board, 1))
@@ -37,10 +37,10 @@ class Host:
     def send(self, board, message):
         data = encode(message, board=board, seq=self.seq & 0xFF, session=SESSION)
         self.seq += 1
-        return self.simulator.receive(board, data)
+        return self.rig.receive(board, data)
 
     def command(self, angle, speed):
-        echo = echo_of(round(self.simulator.time * 1e6))
+        echo = echo_of(round(self.rig.time * 1e6))
         steer = SteerCommand(1, 0, round(angle / ANGLE_UNIT), 2000, echo)
         self.send(Board.STEER, steer)
         drive = DriveCommand(1, Gear.DRIVE, round(speed / SPEED_UNIT), 1000, 0, 0, echo)
@@ -51,20 +51,20 @@ class Host:
             self.send(board, Control.of(Op.ARM))
 
 
-def armed_simulator():
-    simulator = Simulator(VEHICLE)
-    simulator.step()
-    host = Host(simulator)
+def armed_rig():
+    rig = EmulatedRig(VEHICLE)
+    rig.step()
+    host = Host(rig)
     for _ in range(6):
         host.command(0.0, 0.0)
-        simulator.step()
+        rig.step()
     host.arm()
-    assert simulator.armed
-    return simulator, host
+    assert rig.armed
+    return rig, host
 
 
 def test_the_live_path_with_plcs_equals_the_batch():
-    simulator, host = armed_simulator()
+    rig, host = armed_rig()
     ticks = 400
     targets = [(0.2 * np.sin(0.01 * k), min(1.0, 0.01 * k)) for k in range(ticks)]
     rounded = [
@@ -72,67 +72,50 @@ def test_the_live_path_with_plcs_equals_the_batch():
     ]
     for angle, speed in targets:
         host.command(angle, speed)
-        simulator.step()
+        rig.step()
     angles, speeds = np.array(rounded).T
     batch = simulate(
         VEHICLE,
         Commands(0.01 * np.arange(ticks + 1), np.append(angles, 0), np.append(speeds, 0)),
     )
     # 10 ms steps in the batch, 5 ms live, and the armed standstill before: micrometres
-    assert simulator.state.x == pytest.approx(batch.x[0, -1], abs=2e-5)
-    assert simulator.state.y == pytest.approx(batch.y[0, -1], abs=2e-5)
-    assert simulator.state.yaw == pytest.approx(batch.yaw[0, -1], abs=2e-5)
+    assert rig.state.x == pytest.approx(batch.x[0, -1], abs=2e-5)
+    assert rig.state.y == pytest.approx(batch.y[0, -1], abs=2e-5)
+    assert rig.state.yaw == pytest.approx(batch.yaw[0, -1], abs=2e-5)
 
 
 def test_the_host_has_answered_when_both_boards_heard_a_command():
-    simulator, host = armed_simulator()
-    simulator.step()
-    assert not simulator.answered
+    rig, host = armed_rig()
+    rig.step()
+    assert not rig.answered
     host.command(0.0, 0.0)
-    assert simulator.answered
-    simulator.step()
-    assert not simulator.answered
+    assert rig.answered
+    rig.step()
+    assert not rig.answered
 
 
 def test_a_silent_host_stops_the_vehicle():
-    simulator, host = armed_simulator()
+    rig, host = armed_rig()
     for _ in range(200):
         host.command(0.0, 1.0)
-        simulator.step()
-    assert simulator.state.vx > 0.9
+        rig.step()
+    assert rig.state.vx > 0.9
     for _ in range(400):
-        simulator.step()
-    assert not simulator.armed
-    assert abs(simulator.state.vx) < 0.01
+        rig.step()
+    assert not rig.armed
+    assert abs(rig.state.vx) < 0.01
 
 
 def test_reset_puts_the_vehicle_back_and_forgets_the_session():
-    simulator, host = armed_simulator()
+    rig, host = armed_rig()
     for _ in range(100):
         host.command(0.1, 0.5)
-        simulator.step()
-    time = simulator.time
-    simulator.reset()
-    assert (simulator.state.x, simulator.state.y, simulator.state.vx) == (0.0, 0.0, 0.0)
-    assert simulator.time == time
-    simulator.step()
-    assert not simulator.armed
+        rig.step()
+    time = rig.time
+    rig.reset()
+    assert (rig.state.x, rig.state.y, rig.state.vx) == (0.0, 0.0, 0.0)
+    assert rig.time == time
+    rig.step()
+    assert not rig.armed
     host.arm()
-    assert not simulator.armed
-
-
-def test_truth_is_drawn_from_the_ranges_and_the_seed():
-    draws = [draw_truth(VEHICLE, np.random.default_rng(seed)) for seed in range(200)]
-    assert draws[5] == draw_truth(VEHICLE, np.random.default_rng(5))
-    for name, (low, high) in VEHICLE.unknown.items():
-        values = np.array([draw[name] for draw in draws])
-        assert low <= values.min() < low + 0.05 * (high - low)
-        assert high - 0.05 * (high - low) < values.max() <= high
-
-
-def test_measured_poses_scatter_as_the_noise_says():
-    state, rng = Simulator(VEHICLE).state, np.random.default_rng(0)
-    poses = [measure_pose(state, PoseNoise(position=0.02, yaw=0.01), rng) for _ in range(4000)]
-    assert np.std([pose.x for pose in poses]) == pytest.approx(0.02, rel=0.05)
-    assert np.std([pose.yaw for pose in poses]) == pytest.approx(0.01, rel=0.05)
-    assert np.mean([pose.y for pose in poses]) == pytest.approx(0.0, abs=0.002)
+    assert not rig.armed

@@ -10,8 +10,8 @@ from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
-from tricycle_sim.rig.emulated import Simulator
-from tricycle_sim.rig.firmware import FirmwareSimulator
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.firmware import FirmwareRig
 from tricycle_sim.vehicle import load_vehicle
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
@@ -19,10 +19,10 @@ VEHICLE = load_vehicle()
 
 
 class Drive:
-    """A bridge that answers every tick of a simulator."""
+    """A bridge that answers every tick of a rig."""
 
-    def __init__(self, simulator):
-        self.simulator = simulator
+    def __init__(self, rig):
+        self.rig = rig
         self.bridge = Bridge(BridgeSettings(), rng=random.Random(0))
         self.bridge.active = True
         self.target = (0.0, 0.0)
@@ -32,7 +32,7 @@ class Drive:
 
     @property
     def now(self):
-        return 100.0 + self.simulator.time
+        return 100.0 + self.rig.time
 
     def tick(self):
         bridge, now = self.bridge, self.now
@@ -41,8 +41,8 @@ class Drive:
             bridge.set_command(setpoint, stamp=now, now=now, source=Source.JOINT_COMMANDS)
         bridge.poll(now)
         for board, frames in bridge.take_frames().items():
-            bridge.receive(board, self.simulator.receive(board, b"".join(frames)), now)
-        for board, data in self.simulator.step().items():
+            bridge.receive(board, self.rig.receive(board, b"".join(frames)), now)
+        for board, data in self.rig.step().items():
             bridge.receive(board, data, self.now)
         self.said += bridge.take_log()
 
@@ -56,17 +56,17 @@ class Drive:
         self.bridge.arm(self.now, outcomes.append)
         self.run(0.5)
         assert outcomes == [(True, "armed")]
-        assert self.simulator.armed
+        assert self.rig.armed
 
     def states(self):
         return [PlcState(link.telemetry.state) for link in self.bridge.links.values()]
 
 
 @pytest.fixture
-def simulator(firmware_images):
-    simulator = FirmwareSimulator(VEHICLE, firmware_images)
-    yield simulator
-    simulator.close()
+def rig(firmware_images):
+    rig = FirmwareRig(VEHICLE, firmware_images)
+    yield rig
+    rig.close()
 
 
 def slalom(drive, seconds):
@@ -77,18 +77,18 @@ def slalom(drive, seconds):
         t = 0.01 * tick
         drive.target = (0.3 * np.sin(t) * (t > 3.0), min(t, 1.2))
         drive.tick()
-        state = drive.simulator.state
+        state = drive.rig.state
         rows.append((state.x, state.y, state.steering_motor_angle, state.rear_wheel_angle * 0.335))
     return np.split(np.array(rows), [2, 3], axis=1)
 
 
-def test_the_firmware_drives_what_the_emulation_drives(simulator):
+def test_the_firmware_drives_what_the_emulation_drives(rig):
     for _ in range(7):
-        simulator.step()
-    simulator.reset()  # which leaves the boards' ticks where they were between ours
-    drive = Drive(simulator)
+        rig.step()
+    rig.reset()  # which leaves the boards' ticks where they were between ours
+    drive = Drive(rig)
     position, angle, travel = slalom(drive, 9.0)
-    emulated_position, emulated_angle, emulated_travel = slalom(Drive(Simulator(VEHICLE)), 9.0)
+    emulated_position, emulated_angle, emulated_travel = slalom(Drive(EmulatedRig(VEHICLE)), 9.0)
     # set-points on the wire are 0.1 mrad, a step of the servo's pulse likewise
     assert np.abs(angle - emulated_angle).max() < 2e-4
     # from rest on the wheel is unseen for up to a hall pulse of 15 mm
@@ -101,46 +101,46 @@ def test_the_firmware_drives_what_the_emulation_drives(simulator):
         assert link.stats.max_tick < 5_000  # us, half of a tick
 
 
-def test_the_host_has_answered_when_both_boards_were_sent_a_command(simulator):
-    drive = Drive(simulator)
+def test_the_host_has_answered_when_both_boards_were_sent_a_command(rig):
+    drive = Drive(rig)
     drive.arm()
-    assert not simulator.answered
+    assert not rig.answered
     drive.bridge.set_command(
         VehicleCommand(0.0, 0.0), stamp=drive.now, now=drive.now, source=Source.JOINT_COMMANDS
     )
     frames = drive.bridge.take_frames()
-    simulator.receive(STEER, b"".join(frames[STEER]))
-    assert simulator.heard(STEER)
-    assert not simulator.answered
-    simulator.receive(DRIVE, b"".join(frames[DRIVE]))
-    assert simulator.answered
-    simulator.step()
-    assert not simulator.answered
+    rig.receive(STEER, b"".join(frames[STEER]))
+    assert rig.heard(STEER)
+    assert not rig.answered
+    rig.receive(DRIVE, b"".join(frames[DRIVE]))
+    assert rig.answered
+    rig.step()
+    assert not rig.answered
 
 
-def test_a_silent_host_stops_the_vehicle(simulator):
-    drive = Drive(simulator)
+def test_a_silent_host_stops_the_vehicle(rig):
+    drive = Drive(rig)
     drive.arm()
     drive.target = (0.0, 1.0)
     drive.run(2.5)
-    assert simulator.state.vx > 0.9
+    assert rig.state.vx > 0.9
     drive.target = None
     drive.run(4.0)
     assert drive.states() == [PlcState.SAFE] * 2
     assert drive.bridge.links[DRIVE].telemetry.faults == Fault.CMD_TIMEOUT
-    assert abs(simulator.state.vx) < 0.01
+    assert abs(rig.state.vx) < 0.01
 
 
-def test_reset_puts_fresh_boards_in_and_time_goes_on(simulator):
-    drive = Drive(simulator)
+def test_reset_puts_fresh_boards_in_and_time_goes_on(rig):
+    drive = Drive(rig)
     drive.arm()
     drive.target = (0.2, 1.0)
     drive.run(2.0)
-    before = simulator.time
-    simulator.reset()
-    assert simulator.time == before
-    assert not simulator.armed
-    assert (simulator.state.x, simulator.state.vx) == pytest.approx((0.0, 0.0), abs=1e-3)
+    before = rig.time
+    rig.reset()
+    assert rig.time == before
+    assert not rig.armed
+    assert (rig.state.x, rig.state.vx) == pytest.approx((0.0, 0.0), abs=1e-3)
     drive.target = (0.0, 0.0)
     drive.run(1.0)
     assert drive.states() == [PlcState.SAFE] * 2
@@ -150,4 +150,4 @@ def test_reset_puts_fresh_boards_in_and_time_goes_on(simulator):
 
 def test_images_that_are_missing_are_named(tmp_path):
     with pytest.raises(LinkError, match=r"steer.elf does not exist: `make firmware`"):
-        FirmwareSimulator(VEHICLE, tmp_path)
+        FirmwareRig(VEHICLE, tmp_path)

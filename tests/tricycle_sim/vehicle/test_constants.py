@@ -5,10 +5,11 @@ import math
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, constant_fields, load_vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, constant_fields, draw_truth, load_vehicle
 
 
 def test_static_loads_by_moment_balance():
@@ -55,3 +56,13 @@ def test_importing_and_loading_a_vehicle_compiles_nothing():
     )
     run = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
     assert json.loads(run.stdout) == []
+
+
+def test_truth_is_drawn_from_the_ranges_and_the_seed():
+    vehicle = load_vehicle()
+    draws = [draw_truth(vehicle, np.random.default_rng(seed)) for seed in range(200)]
+    assert draws[5] == draw_truth(vehicle, np.random.default_rng(5))
+    for name, (low, high) in vehicle.unknown.items():
+        values = np.array([draw[name] for draw in draws])
+        assert low <= values.min() < low + 0.05 * (high - low)
+        assert high - 0.05 * (high - low) < values.max() <= high

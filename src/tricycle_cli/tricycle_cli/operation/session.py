@@ -11,8 +11,7 @@ from excitation_planner.plan import Plan
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_core.quantities import Progress
-from tricycle_sim.rig.emulated import draw_truth
-from tricycle_sim.vehicle import Vehicle, load_vehicle
+from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 
 DrivePlan = Callable[[Plan, Path, Progress], None]
 """`drive(plan, bag, progress)` drives a plan and records the bag; progress is in ms."""

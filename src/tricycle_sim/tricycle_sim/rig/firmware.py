@@ -1,7 +1,7 @@
-"""The simulated tricycle with the real firmware: two simulated UNOs and the live vehicle.
+"""The rig with the real firmware: two simulated UNOs and the live vehicle.
 
-As `tricycle_sim.rig.emulated`, but for the boards: theirs is the C code of `firmware/`, whose speed
-controller makes the motor's torque; the vehicle is the plant.
+The boards run the C code of `firmware/`, whose speed controller makes the motor's torque; the
+vehicle is the plant.
 """
 
 from pathlib import Path
@@ -18,8 +18,9 @@ from tricycle_bridge.protocol.messages import (
 )
 from tricycle_core.timing import TICK
 from tricycle_sim.plc.simulated_uno import SimulatedUno
+from tricycle_sim.rig.rig import Rig
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.live import LiveState, LiveVehicle
+from tricycle_sim.vehicle.live import LiveState
 
 _TICK_US = round(TICK * 1e6)
 # The boards were switched on so long before the vehicle's first tick: they have booted, and tick in
@@ -29,7 +30,7 @@ _LEAD_US = 3 * _TICK_US // 2
 
 
 class _FirmwareBoard:
-    """One simulated UNO, and what its line tells of its state."""
+    """One simulated UNO, and what its line shows of its state."""
 
     def __init__(self, board: Board, build: Path) -> None:
         self._board = board
@@ -70,14 +71,14 @@ class _FirmwareBoard:
         return data
 
 
-class FirmwareSimulator:
-    """Vehicle, steer board and drive board on one clock that `step` moves on by 10 ms.
+class FirmwareRig(Rig):
+    """The rig with the real firmware on two simulated UNOs.
 
     Parameters
     ----------
-    vehicle
+    vehicle : Vehicle
         With its true values.
-    build
+    build : Path
         Directory of the firmware's images and the simulator: `make -C firmware avr simulator`.
 
     Raises
@@ -87,45 +88,34 @@ class FirmwareSimulator:
     """
 
     def __init__(self, vehicle: Vehicle, build: Path) -> None:
-        self._vehicle = vehicle
         self._boards = {b: _FirmwareBoard(b, build) for b in (Board.STEER, Board.DRIVE)}
-        self._ticks = 0
         self._hall_travel = 0.0  # m that the hall sensor's wheel has turned
-        self._live = LiveVehicle(vehicle)
-
-    @property
-    def time(self) -> float:
-        """Simulated time in s; it never goes back."""
-        return self._ticks * TICK
-
-    @property
-    def state(self) -> LiveState:
-        """The vehicle's state at `time`."""
-        return self._live.state
+        super().__init__(vehicle)
 
     @property
     def armed(self) -> bool:
         """Whether both boards' newest telemetry says so."""
         return all(board.armed for board in self._boards.values())
 
-    @property
-    def answered(self) -> bool:
-        """Whether both boards were sent a command since the last step."""
-        return all(board.heard for board in self._boards.values())
-
     def heard(self, board: Board) -> bool:
         """Whether a board was sent a command since the last step."""
         return self._boards[board].heard
 
-    def reset(self) -> None:
-        """Put the vehicle at rest at the origin and fresh boards into it; time goes on."""
-        self._live = LiveVehicle(self._vehicle)
+    def _reboot(self) -> None:
         self._hall_travel = 0.0
         for board in self._boards.values():
             board.replace()
 
     def receive(self, board: Board, data: bytes) -> bytes:
-        """Hand bytes of the host to a board; its answers come with the telemetry of `step`."""
+        """Hand bytes of the host to a board; its answers come with the telemetry of `step`.
+
+        Parameters
+        ----------
+        board : Board
+            Steer or drive.
+        data : bytes
+            As they come from the line.
+        """
         self._boards[board].write(data)
         return b""
 
@@ -145,9 +135,9 @@ class FirmwareSimulator:
         return sent
 
     def _hall_speed(self, state: LiveState) -> float:
-        """Speed of the hall sensor's wheel in the coming tick, m/s.
+        """Return the speed of the hall sensor's wheel in the coming tick [m/s].
 
-        The wheel's, and what brings the sensor to where the wheel is now by the boards' tick.
+        The wheel's, corrected so that the sensor is where the wheel is now by the boards' tick.
         """
         radius = self._vehicle.tyre_radius
         speed = state.wheel_speeds[2] * radius

@@ -97,7 +97,7 @@ def hub_motor(
 
     Parameters
     ----------
-    g : shape (rows * LANES,)
+    g : ndarray of float, shape (rows * LANES,)
         Group.
     c : int
         Where the motor's constants of the vehicle start in `g`.
@@ -143,8 +143,10 @@ def friction_brake(g: FloatArray, c: int, spin: float, share: float) -> float:
 
     Parameters
     ----------
-    g, c
-        As for `hub_motor`.
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the brake's constants of the vehicle start in `g`.
     spin : float
         Of the braked wheel [rad/s].
     share : float

@@ -93,8 +93,10 @@ def simulate(
     Parameters
     ----------
     vehicle : Vehicle
+        With wheels that touch the ground.
     commands : Commands
-    parameters : shape (n, k), optional
+        Each held until the next.
+    parameters : ndarray of float, shape (n, k), optional
         Values of `vehicle.unknown` in its order; by default the one nominal vehicle.
     speed : float or shape (n,)
         At which the vehicles roll at the start [m/s]; by default they are at rest.
@@ -148,11 +150,19 @@ def simulate_planar(
 
     Parameters
     ----------
-    vehicle, commands, parameters, threads, progress
+    vehicle : Vehicle
+        As for `simulate`.
+    commands : Commands
+        As for `simulate`.
+    parameters : ndarray of float, shape (n, k) or None
         As for `simulate`.
     reduce : callable
         Called with the number of the block's first sample and the block, from several threads at a
-        time and in any order; each sample comes once. The arrays are its to keep.
+        time and in any order; each sample comes once. It may keep the arrays.
+    threads : int, optional
+        As for `simulate`.
+    progress : callable, optional
+        As for `simulate`.
     """
     samples = _check_parameters(vehicle, parameters)
     batch = CommandedBatch(vehicle, commands)
@@ -272,12 +282,12 @@ class CommandedBatch:
 
         Parameters
         ----------
-        parameters : shape (n, k)
+        parameters : ndarray of float, shape (n, k)
             Values of `vehicle.unknown` in its order.
         columns : sequence of str
             What to record: names of columns of `Trajectory`, or `vx_world`, `vy_world` [m/s];
             not the steering motor's angle.
-        speed : shape (n,), optional
+        speed : ndarray of float, shape (n,), optional
             At which the vehicles roll at the start [m/s]; by default they are at rest.
         """
         needs = {

@@ -39,8 +39,8 @@ def _constant(
     return {"unit": unit, "low": low, "high": high, "zero": zero}
 
 
-def _positive(unit: str) -> float:
-    value: float = field(metadata=_constant(unit))
+def _positive(unit: str, default: Any = dataclasses.MISSING) -> float:
+    value: float = field(default=default, metadata=_constant(unit))
     return value
 
 
@@ -216,6 +216,19 @@ def constant_fields() -> list[dataclasses.Field[Any]]:
     A constant with a default may be missing from a vehicle file.
     """
     return [entry for entry in dataclasses.fields(Vehicle) if "unit" in entry.metadata]
+
+
+def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
+    """Return values of the unknown parameters by name, uniform in their ranges.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the ranges.
+    rng : Generator
+        Source of the values.
+    """
+    return {name: float(rng.uniform(low, high)) for name, (low, high) in vehicle.unknown.items()}
 
 
 def suggest_name(name: str, names: list[str]) -> str:

@@ -67,28 +67,37 @@ def pack(
     ----------
     vehicle : Vehicle
         Of which they are samples.
-    parameters : shape (n, k)
+    parameters : ndarray of float, shape (n, k)
         Values of `vehicle.unknown`, in its order.
     start : Equilibrium
         Of the vehicle. Where the parameters move it, every sample stands in its own.
-    speed : shape (n,), optional
+    speed : ndarray of float, shape (n,), optional
         At which they roll straight on [m/s]; by default they are at rest.
 
     Returns
     -------
-    shape (ceil(n / LANES), ROWS * LANES)
+    ndarray of float, shape (ceil(n / LANES), ROWS * LANES)
         Lanes beyond n repeat the last vehicle.
     """
     parameters = np.asarray(parameters, dtype=float)
     poses = np.array([start.pose])
     if not start.shared:
-        poses = _settle(vehicle, parameters, np.repeat(poses, len(parameters), axis=0))
+        poses = np.repeat(poses, len(parameters), axis=0)
+        poses[:, 0] += _constant(vehicle, parameters, "com_height") - vehicle.com_height
+        poses = _settle(vehicle, parameters, poses)
     groups = _groups(vehicle, parameters)
     _place(groups, poses)
     if speed is not None:
         groups[:, STATE.u] = _by_lane(speed)
-        groups[:, _SPINS] = (groups[:, STATE.u] / vehicle.tyre_radius)[:, np.newaxis]
+        spins = speed / _constant(vehicle, parameters, "tyre_radius")
+        groups[:, _SPINS] = _by_lane(spins)[:, np.newaxis]
     return groups.reshape(len(groups), ROWS * LANES)
+
+
+def _constant(vehicle: Vehicle, parameters: FloatArray, name: str) -> FloatArray:
+    """Return a constant of each sample (n,), whether it is known or not."""
+    values = dict(zip(vehicle.unknown, parameters.T, strict=True))
+    return np.broadcast_to(values.get(name, getattr(vehicle, name)), len(parameters))
 
 
 def _by_lane(column: FloatArray) -> FloatArray:

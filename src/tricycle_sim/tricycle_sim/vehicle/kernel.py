@@ -381,7 +381,7 @@ def position(groups: FloatArray) -> tuple[float, float]:
 
     Parameters
     ----------
-    groups : shape (b, ROWS * LANES)
+    groups : ndarray of float, shape (b, ROWS * LANES)
         From `tricycle_sim.vehicle.groups.pack`.
     """
     return groups[0, STATE.x * LANES], groups[0, STATE.y * LANES]
@@ -393,7 +393,7 @@ def yaw(groups: FloatArray) -> float:
 
     Parameters
     ----------
-    groups : shape (b, ROWS * LANES)
+    groups : ndarray of float, shape (b, ROWS * LANES)
         From `tricycle_sim.vehicle.groups.pack`.
     """
     g = groups[0]

@@ -57,7 +57,8 @@ class LiveVehicle:
     Parameters
     ----------
     vehicle : Vehicle
-    parameters : shape (k,), optional
+        Of which it is a sample.
+    parameters : ndarray of float, shape (k,), optional
         Values of `vehicle.unknown` in its order; by default the nominal ones.
     substeps : int
         Runge-Kutta steps per tick; 1 is what batches do.

@@ -138,7 +138,7 @@ def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
 
     Returns
     -------
-    shape (steering.SIZE,)
+    ndarray of float, shape (steering.SIZE,)
         See `steering.BLOCK`.
     """
     names = dict(zip(Laws._fields, law_names(vehicle), strict=True))

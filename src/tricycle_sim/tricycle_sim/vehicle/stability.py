@@ -31,7 +31,14 @@ _checked: set[tuple[str, float]] = set()
 
 
 def check_step(vehicle: Vehicle, step: float) -> None:
-    """Raise unless Runge-Kutta steps of `step` [s] are short enough for a vehicle.
+    """Raise unless Runge-Kutta steps are short enough for a vehicle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its nominal values are looked at.
+    step : float
+        Length of the steps [s].
 
     Raises
     ------
@@ -52,10 +59,19 @@ def check_step(vehicle: Vehicle, step: float) -> None:
 
 
 def fastest_mode(vehicle: Vehicle) -> tuple[float, int]:
-    """Return the largest rate [rad/s] of the nominal vehicle, standing and at the highest speed.
+    """Return the fastest motion of the nominal vehicle, standing and at the highest speed.
 
-    The rate is the absolute value of an eigenvalue of the equations linearised about rolling
-    straight on. Second comes the row of the state that takes the largest part in that mode.
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Linearised about rolling straight on.
+
+    Returns
+    -------
+    rate : float
+        Largest absolute value of an eigenvalue [rad/s].
+    state : int
+        Row of the state that takes the largest part in that mode.
     """
     return max(_fastest_at(vehicle, speed) for speed in (0.0, MAX_SPEED))
 

@@ -114,7 +114,7 @@ def road_angle(linkage: Any, motor_angle: float, constants: FloatArray) -> float
         Law of the linkage.
     motor_angle : float
         Of the steering motor [rad].
-    constants : shape (SIZE,)
+    constants : ndarray of float, shape (SIZE,)
         Of the steering.
     """
     left, right, _, _ = linkage(constants, BLOCK.linkage, motor_angle)
@@ -129,10 +129,12 @@ def motor_angle_for(linkage: Any, angle: float, constants: FloatArray) -> float:
 
     Parameters
     ----------
-    linkage, constants
-        As for `road_angle`.
+    linkage : compiled function
+        Law of the linkage.
     angle : float
         On the road [rad].
+    constants : ndarray of float, shape (SIZE,)
+        Of the steering.
     """
     limit = constants[BLOCK.geometry + _G.limit]
     low, high = -limit, limit
@@ -173,18 +175,18 @@ def run(
     ----------
     servo_law, linkage : compiled function
         Laws of servo and linkage.
-    servo : shape (2,)
+    servo : ndarray of float, shape (2,)
         Motor angle [rad] and rate [rad/s]; left at the end of the last tick.
-    setpoints : shape (t,)
+    setpoints : ndarray of float, shape (t,)
         Motor angle [rad] wanted during each tick; NaN: no servo pulse, the gear holds the angle.
-    constants : shape (SIZE,)
+    constants : ndarray of float, shape (SIZE,)
         Of the steering, for the half step.
     half_steps : int
         Half steps per tick.
-    table : shape (half_steps * t + 1, 8)
+    table : ndarray of float, shape (half_steps * t + 1, 8)
         Receives axle direction (x, y, z in the body frame) and steering rate [rad/s] of the left
         and the right wheel.
-    angles : shape (2, t + 1)
+    angles : ndarray of float, shape (2, t + 1)
         Receives motor angle [rad] and rate [rad/s] at the ticks.
     """
     angle, rate = servo[0], servo[1]

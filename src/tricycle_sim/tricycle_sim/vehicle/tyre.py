@@ -47,7 +47,7 @@ def vertical_load(
 
     Parameters
     ----------
-    g : shape (rows * LANES,)
+    g : ndarray of float, shape (rows * LANES,)
         Group.
     c : int
         Where the tyre's constants of the vehicle start in `g`.
@@ -73,8 +73,10 @@ def slip_slopes(
 
     Parameters
     ----------
-    g, c
-        As for `vertical_load`.
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the tyre's constants of the vehicle start in `g`.
     vx : float
         Forward speed of the contact point [m/s].
     slip_speed, vy : float
@@ -95,8 +97,12 @@ def rolling_resistance(g: FloatArray, c: int, radius: float, load: float, rollin
 
     Parameters
     ----------
-    g, c, radius
-        As for `vertical_load`.
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the tyre's constants of the vehicle start in `g`.
+    radius : float
+        Loaded radius [m].
     load : float
         Of the wheel [N].
     rolling : float
@@ -129,7 +135,7 @@ def linear(
 
     Parameters
     ----------
-    g : shape (rows * LANES,)
+    g : ndarray of float, shape (rows * LANES,)
         Group.
     c : int
         Where the law's constants of the vehicle start in `g`.
