@@ -1,7 +1,6 @@
-"""Plans: indices against a second method, files that survive and files that do not lie."""
+"""Planning: indices against a second method, predictions, and searches against chance."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
@@ -9,7 +8,7 @@ from scipy.stats import qmc
 
 from excitation_planner import Criterion, MeasurementNoise
 from excitation_planner.maneuver import Circle, DoubleLaneChange
-from excitation_planner.plan import SearchHistory, load_plan, save_plan
+from excitation_planner.plan import load_plan, save_plan
 from excitation_planner.planning import (
     PlanRequest,
     plan_at,
@@ -18,7 +17,6 @@ from excitation_planner.planning import (
     random_feasible_point,
 )
 from excitation_planner.planning.replay import nominal_run, replayed_errors
-from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
@@ -68,90 +66,6 @@ def test_cost_is_eq_11_with_the_noise_as_one_more_contributor(request_, plan):
     assert plan.cost > quiet.cost
 
 
-def test_a_saved_plan_is_the_same_plan(plan, tmp_path):
-    file = tmp_path / "deep" / "plan.json"
-    save_plan(plan, file)
-    loaded = load_plan(file)
-    assert loaded.id == plan.id
-    assert (loaded.operation, loaded.main, loaded.unknown) == (
-        dict(plan.operation),
-        dict(plan.main),
-        dict(plan.unknown),
-    )
-    assert np.array_equal(loaded.reference.yaw, plan.reference.yaw)
-    assert [entry.name for entry in file.parent.iterdir()] == ["plan.json"]  # nothing half-written
-
-
-def test_the_search_is_kept_with_what_cannot_be_driven(plan, tmp_path):
-    search = SearchHistory(np.array([[3.0, 0.8], [2.0, 1.0]]), np.array([1.5, np.inf]))
-    save_plan(dataclasses.replace(plan, search=search), tmp_path / "plan.json")
-    loaded = load_plan(tmp_path / "plan.json").search
-    assert np.array_equal(loaded.x, search.x)
-    assert np.array_equal(loaded.cost, search.cost)
-
-
-def _without(document, *path):
-    inner = document
-    for key in path[:-1]:
-        inner = inner[key]
-    del inner[path[-1]]
-
-
-def _with(document, value, *path):
-    inner = document
-    for key in path[:-1]:
-        inner = inner[key]
-    inner[path[-1]] = value
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda d: _without(d, "target"), "lacks `target`"),
-        (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 2"),
-        (lambda d: _with(d, "b", "criterion"), "criterion: Invalid enum value 'b'"),
-        (
-            lambda d: _with(d, None, "predicted_std", "yaw_inertia"),
-            r"predicted_std.*: expected `float`",
-        ),
-        (lambda d: _with(d, "x", "cost"), "cost: expected `float`, got `str`"),
-        (lambda d: _with(d, True, "seed"), "seed: expected `int`, got `bool`"),
-        (lambda d: _with(d, [1, 2], "commands", "time"), r"commands: .*"),
-        (
-            lambda d: _with(d, ["a"], "commands", "speed"),
-            r"commands\.speed: expected a list of numbers",
-        ),
-        (lambda d: _with(d, [[1, 2, 3]], "path"), "path must be a list of finite numbers"),
-        (lambda d: _without(d, "reference", "yaw"), "reference: lacks `yaw`"),
-        (lambda d: _with(d, 0.5, "commands", "speed", 7), "changed after planning"),
-        (lambda d: _with(d, {}, "main", "cornering_stiffness"), r"main.*: lacks `value`"),
-        (lambda d: _with(d, {"x": [[1, 2]], "cost": []}, "search"), "search: cost must be a list"),
-    ],
-)
-def test_a_damaged_plan_is_refused_with_file_and_field(plan, tmp_path, change, message):
-    file = tmp_path / "plan.json"
-    save_plan(plan, file)
-    document = json.loads(file.read_text())
-    change(document)
-    file.write_text(json.dumps(document))
-    with pytest.raises(PlanError, match=message) as error:
-        load_plan(file)
-    assert str(file) in str(error.value)
-
-
-@pytest.mark.parametrize("text", ["", "{", "[1]", "null", '{"schema": 2, "cost": NaN}', "[" * 9999])
-def test_what_is_no_plan_is_refused(tmp_path, text):
-    file = tmp_path / "plan.json"
-    file.write_text(text)
-    with pytest.raises(PlanError, match=str(file)):
-        load_plan(file)
-
-
-def test_an_unknown_target_lists_the_unknown_parameters():
-    with pytest.raises(PlanError, match="cornering_stiffness, camber_stiffness"):
-        PlanRequest(VEHICLE, Circle(), "mass")
-
-
 def test_a_random_point_can_be_driven_and_follows_its_seed(request_):
     points = [random_feasible_point(request_, np.random.default_rng(s)) for s in (3, 3, 4)]
     assert np.array_equal(points[0], points[1])
@@ -177,21 +91,6 @@ def test_a_plan_says_what_the_drive_will_teach(request_, plan):
         dataclasses.replace(request_, noise=MeasurementNoise(noise_std=0.0)), np.array([3.0, 0.8])
     )
     assert quiet.predicted_std == {}
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (
-            {"criterion": Criterion.C, "noise": MeasurementNoise(noise_std=0.0)},
-            "criterion c needs noise_std above 0",
-        ),
-        ({"others": (DoubleLaneChange(),)}, "criterion h judges one maneuver"),
-    ],
-)
-def test_a_request_that_cannot_be_judged_is_refused(request_, change, message):
-    with pytest.raises(PlanError, match=message):
-        dataclasses.replace(request_, **change)
 
 
 @pytest.mark.slow

@@ -76,16 +76,11 @@ def _track(
 
     Parameters
     ----------
-    vehicle : ndarray of float, shape (1, GROUP_SIZE)
-        At rest at the start of the path; advanced in place.
-    servo : ndarray of float, shape (2,)
-        See `advance_tick`.
-    steering : ndarray of float
-        `steering_constants` of the batch's step.
-    lock : float
-        Largest steering motor angle [rad].
-    commands : ndarray of float, shape (c, 2)
-        Receives steering motor angle [rad] and speed [m/s].
+    vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
+    servo : shape (2,), see `advance_tick`
+    steering : `steering_constants` of the batch's step
+    lock : largest steering motor angle [rad]
+    commands : shape (c, 2), receives steering motor angle [rad] and speed [m/s]
     """
     near = 0
     angle, target = 0.0, 0.0
