@@ -8,9 +8,15 @@ import numpy as np
 import pytest
 from driven_bags import TRUTH, VEHICLE, SimulatedBag
 
-from parameter_identification.drives.measured import Sensor, read_measured_drive
+from parameter_identification.drives.measured import (
+    MeasuredDrive,
+    Sensor,
+    Signal,
+    read_measured_drive,
+)
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
+from tricycle_sim.commands import Commands
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +66,16 @@ def test_the_command_prints_and_writes_what_it_found(
         assert (out / f"{name}.png").stat().st_size > 10_000
     assert main(["vehicle", "check", str(out / "vehicle.yaml")]) == 0
     assert "cornering_stiffness" in printed.err
+
+
+def test_signals_are_checked() -> None:
+    time = np.arange(3.0)
+    with pytest.raises(IdentificationError, match="must increase"):
+        Signal(time[::-1].copy(), np.zeros((3, 1)))
+    with pytest.raises(IdentificationError, match="finite"):
+        Signal(time, np.array([[0.0], [np.nan], [0.0]]))
+    with pytest.raises(IdentificationError, match="no positions"):
+        MeasuredDrive("a", Commands([0, 1], [0, 0], [0, 0]), {})
 
 
 BAD: dict[str, tuple[SimulatedBag, str]] = {
