@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from parameter_identification.identification import Estimate, Identification
+from parameter_identification.estimation.results import Estimate, Identification
 from tricycle_core import __version__
 
 RANGE = 3.0  # standard deviations either side that the file leaves possible

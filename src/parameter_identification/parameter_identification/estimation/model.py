@@ -150,7 +150,7 @@ class DriveModel:
         return tuple(found)
 
     def _start_guess(self) -> tuple[float, float, float]:
-        """Start pose: known, or from the first second, or of the rigid motion that fits best."""
+        """Start pose if known, else from the first second, or of the best rigid motion."""
         start: StartPose = self.drive.start
         motion = self._motion(self.vehicle.nominal_point()[np.newaxis])
         position = self.drive.signals[Sensor.POSITION]
