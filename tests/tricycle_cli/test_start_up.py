@@ -45,7 +45,9 @@ def test_help_of_a_command_imports_nothing_slow(command):
     assert names & SLOW == set()
 
 
-@pytest.mark.parametrize("arguments", [["fly"], ["plan", "--bad"], ["judge"], ["plc", "taste", "x"]])
+@pytest.mark.parametrize(
+    "arguments", [["fly"], ["plan", "--bad"], ["judge"], ["plc", "taste", "x"]]
+)
 def test_a_wrong_argument_imports_nothing_slow(arguments):
     status, names = imported(*arguments)
     assert status == 2
