@@ -2,57 +2,41 @@
 
 import dataclasses
 import json
-from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated_drives import (
+    HIGH,
+    LOW,
+    NAMES,
+    TRUTH,
+    VEHICLE,
+    commands_of_pair,
+    driven,
+    driven_pair,
+    planned,
+    shares,
+)
 
 from excitation_planner.maneuver import Circle, DoubleLaneChange
-from excitation_planner.planning.replay import nominal_run
-from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
-from parameter_identification.drives.poses import PlanarTrajectory
+from parameter_identification.drives.measured import Sensor, Signal, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.estimation.problem import Loss
-from parameter_identification.identification import GaussianPrior, identify
+from parameter_identification.identification import identify
 from parameter_identification.identification_file import document_of
-from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
-from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
-
-VEHICLE = load_vehicle()
-LOW, HIGH = np.array(list(VEHICLE.unknown.values())).T
-TRUTH = LOW + (HIGH - LOW) * np.array([0.3, 0.7, 0.5, 0.4, 0.6, 0.5])
-NAMES = tuple(VEHICLE.unknown)
-
-
-def planned(family, *x):
-    return nominal_run(VEHICLE, family, np.array(x)).commands
 
 
 @pytest.fixture(scope="module")
 def commands():
-    return {
-        "circle": planned(Circle(duration=12.0), 2.5, 0.9),
-        "lane": planned(DoubleLaneChange(), 2.0, 2.0),
-    }
-
-
-def driven(commands, *, noise=0.01, seed=0, truth=TRUTH, vehicle=VEHICLE, others=(), **options):
-    motion = SensedMotion.of(simulate(vehicle, commands, truth[None]))
-    sensors = {Sensor.POSITION: SensorNoise(noise), **dict(others)}
-    return measure(motion, commands, sensors, rng=np.random.default_rng(seed), **options)
+    return commands_of_pair()
 
 
 @pytest.fixture(scope="module")
-def pair(commands):
-    return [driven(c, seed=i, name=name) for i, (name, c) in enumerate(commands.items())]
-
-
-def shares(values):
-    return (values - LOW) / (HIGH - LOW)
+def pair():
+    return driven_pair()
 
 
 def test_without_noise_the_truth_comes_back(commands):
@@ -220,27 +204,7 @@ def test_the_same_drives_give_the_same_numbers(pair):
     assert json.dumps(a, allow_nan=False) == json.dumps(b, allow_nan=False)
 
 
-def test_the_vehicle_file_holds_the_estimates_and_their_origin(pair, tmp_path):
-    found = identify(pair, VEHICLE)
-    path = tmp_path / "vehicle.yaml"
-    path.write_text(identified_vehicle(found, None), encoding="utf-8")
-    vehicle = load_vehicle(path)
-    e = found.parameters["cornering_stiffness"]
-    assert vehicle.cornering_stiffness == e.estimate
-    low, high = vehicle.unknown["cornering_stiffness"]
-    assert low < e.low < e.high < high
-    assert "circle" in path.read_text(encoding="utf-8")
-    unseen = "self_aligning_stiffness"
-    assert vehicle.unknown[unseen] == VEHICLE.unknown[unseen]
-
-
 # ---- bad input ----
-
-
-def test_too_little_motion_is_told():
-    still = Commands([0.0, 20.0], [0.0, 0.0], [0.01, 0.01])
-    with pytest.raises(IdentificationError, match="too little motion"):
-        identify([driven(still)], VEHICLE)
 
 
 def test_three_seconds_leave_the_ranges_as_they_were(commands):
@@ -252,56 +216,8 @@ def test_three_seconds_leave_the_ranges_as_they_were(commands):
         assert e.high - e.low > 0.8 * (e.range[1] - e.range[0])
 
 
-def with_reference(drive, vehicle):
-    motion = simulate(vehicle, drive.commands)
-    reference = PlanarTrajectory(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
-    return dataclasses.replace(drive, reference=reference)
-
-
-def test_a_drive_planned_for_another_vehicle_is_told(pair):
-    cargo = load_vehicle(Path(str(resources.files("tricycle_sim") / "cargo_tricycle.yaml")))
-    with pytest.raises(IdentificationError, match="another vehicle"):
-        identify([with_reference(pair[0], cargo)], VEHICLE)
-
-
-def test_a_drive_planned_with_other_nominal_values_is_taken(pair):
-    planned_with = VEHICLE.replace(cornering_stiffness=800.0, camber_stiffness=60.0)
-    drives = [with_reference(pair[0], planned_with)]
-    assert identify(drives, VEHICLE).identifiable["cornering_stiffness"]
-
-
-def test_a_vehicle_file_that_knows_more_than_the_plan_did_is_taken(pair):
-    drive = with_reference(pair[0], VEHICLE)
-    known = VEHICLE.replace(cornering_stiffness=800.0)
-    narrow = dataclasses.replace(
-        known, unknown={**VEHICLE.unknown, "cornering_stiffness": (760.0, 840.0)}
-    )
-    found = identify([drive], narrow)
-    assert found.parameters["cornering_stiffness"].range == (760.0, 840.0)
-
-
-def test_the_same_drive_does_not_count_twice(pair):
-    with pytest.raises(IdentificationError, match="same drive"):
-        identify([pair[0], pair[0]], VEHICLE)
-
-
 def test_names_of_parameters_are_checked(pair):
     with pytest.raises(IdentificationError, match="not an unknown parameter"):
         identify(pair, VEHICLE, parameters=["mass"])
     with pytest.raises(IdentificationError, match="no drive"):
         identify([], VEHICLE)
-
-
-def test_signals_are_checked():
-    time = np.arange(3.0)
-    with pytest.raises(IdentificationError, match="must increase"):
-        Signal(time[::-1].copy(), np.zeros((3, 1)))
-    with pytest.raises(IdentificationError, match="finite"):
-        Signal(time, np.array([[0.0], [np.nan], [0.0]]))
-    with pytest.raises(IdentificationError, match="no positions"):
-        MeasuredDrive("a", Commands([0, 1], [0, 0], [0, 0]), {})
-
-
-def test_a_prior_must_be_one():
-    with pytest.raises(IdentificationError, match="positive definite"):
-        GaussianPrior(("yaw_inertia",), np.array([50.0]), np.array([[0.0]]))

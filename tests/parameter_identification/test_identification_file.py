@@ -4,19 +4,8 @@ import json
 
 import numpy as np
 import pytest
+from found_identification import FOUND
 
-from parameter_identification.drives.measured import Sensor
-from parameter_identification.estimation.noise import NoiseLevel
-from parameter_identification.estimation.results import (
-    Combination,
-    DriveFit,
-    Estimate,
-    HeldOut,
-    Identification,
-    NuisanceEstimate,
-    Profile,
-)
-from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.identification_file import (
     document_of,
     load_identification_file,
@@ -25,34 +14,6 @@ from parameter_identification.identification_file import (
 from tricycle_core.errors import IdentificationError
 
 ENTRY = {"estimate": 1.0, "low": 0.5, "high": 2.0, "range": [0.0, 3.0]}
-PROFILE = Profile(np.array([590.0, 600.0, 612.0]), np.array([4.0, 0.0, 4.5]))
-FOUND = Identification(
-    vehicle="tricycle",
-    vehicle_hash="abc",
-    parameters={
-        "cornering_stiffness": Estimate(
-            *("N/rad", 600.0, 5.0, 590.0, 611.0, (591.0, 610.0), (500.0, 1500.0), True, PROFILE)
-        ),
-        "yaw_inertia": Estimate("kg m^2", 50.0, 7.0, 40.0, 60.0, (40.0, 60.0), (25.0, 75.0), False),
-    },
-    covariance=np.array([[25.0, 1.0], [1.0, 49.0]]),
-    fixed={"camber_stiffness": 50.0},
-    hidden=(Combination({"yaw_inertia": 1.0}, 0.9),),
-    noise={Sensor.YAW_RATE: NoiseLevel(0.005, 0.001, 2.0)},
-    whiteness=(
-        Whiteness("first", "x", 0.01, 0.1, 90.0, 100, 0.5),
-        Whiteness("first", "wheel speed", 0.001, np.nan, np.nan, 100, np.nan),
-    ),
-    drives=(DriveFit("first", {"gyro bias": NuisanceEstimate(0.1, 0.01, "rad/s")}, {}, {}, {}),),
-    held_out=(HeldOut("second", 0.2, 0.02, 0.014),),
-    outliers=3,
-    rivals=(np.array([700.0, 55.0]),),
-    starts=(4, 3),
-    truth={"cornering_stiffness": 601.0},
-    level=0.95,
-    seed=1,
-    seconds=2.5,
-)
 
 
 @pytest.fixture
@@ -103,9 +64,9 @@ def test_a_file_of_an_older_version_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"level": None}, r"`\$\.level`"),
+        ({"level": None}, "level"),
         ({"level": 2.0}, "level must lie between 0 and 1"),
-        ({"parameters": {"a": {"estimate": "many"}}}, "`float`"),
+        ({"parameters": {"a": {"estimate": "many"}}}, "float"),
         ({"parameters": {"a": ENTRY | {"range": [1]}}}, "length 2"),
         ({"parameters": {"a": ENTRY | {"high": 1e999}}}, "numbers must be finite"),
         (

@@ -18,7 +18,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -28,9 +28,9 @@ from trajectory_recorder.bag.topics import decode
 from trajectory_recorder.recorder_node import TrajectoryRecorder
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_cli.operation.processes import executable
+from tricycle_core.nodes import LATCHED
 
 pytestmark = pytest.mark.ros
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class Recorder:
@@ -187,7 +187,7 @@ def test_a_bag_begins_with_the_latched_message_that_waits_and_not_the_one_before
         latched = node.create_publisher(String, "maneuver/path", LATCHED)
         latched.publish(String(data="old"))
         deadline = time.monotonic() + 20
-        while not (source := node._sources.get("/maneuver/path")) or not source.latched:
+        while not (source := node.recording.topics.get("/maneuver/path")) or not source.latched:
             assert time.monotonic() < deadline
             rclpy.spin_once(node, timeout_sec=0.02)
         latched.publish(String(data="new"))

@@ -3,7 +3,6 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from trajectory_recorder import receipt_clock
 from trajectory_recorder.receipt_clock import ReceiptClock
 
 
@@ -25,14 +24,8 @@ def test_a_clock_that_was_reset_goes_back():
 
 @given(st.integers(1, 50))
 def test_it_forgets_only_what_is_long_ago(kept):
-    receipt_clock.KEPT, before = kept, receipt_clock.KEPT
-    try:
-        clock = ReceiptClock()
-        for tick in range(200):
-            clock.tick(tick, 10 * tick)
-        assert len(clock._times) <= 2 * kept
-        assert [clock.at(t) for t in range(200 - kept, 200)] == [
-            10 * t for t in range(200 - kept, 200)
-        ]
-    finally:
-        receipt_clock.KEPT = before
+    clock = ReceiptClock(kept)
+    for tick in range(200):
+        clock.tick(tick, 10 * tick)
+    assert clock.ticks <= 2 * kept
+    assert [clock.at(t) for t in range(200 - kept, 200)] == [10 * t for t in range(200 - kept, 200)]

@@ -1,4 +1,4 @@
-"""The vehicle file with what an identification found, and where it comes from."""
+"""Vehicle files with the estimates of an identification."""
 
 from collections.abc import Sequence
 from importlib import resources
@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from parameter_identification.identification import Estimate, Identification
+from parameter_identification.estimation.results import Estimate, Identification
 from tricycle_core import __version__
 
 RANGE = 3.0  # standard deviations either side that the file leaves possible
@@ -16,17 +16,20 @@ RANGE = 3.0  # standard deviations either side that the file leaves possible
 def identified_vehicle(
     found: Identification, source: Path | None, *, bags: Sequence[str] = ()
 ) -> str:
-    """Text of a vehicle file with the estimates.
+    """Return the text of a vehicle file with the estimates.
 
     Parameters that the drives show get their estimate as nominal value and as range three standard
     deviations either side, so that the next plan looks for what is still unknown; the others stay
-    as they were. Each entry says what it rests on.
+    as they were. Each entry names its source.
 
     Parameters
     ----------
-    found : what was identified with that vehicle
-    source : its file; None: the packaged tricycle
-    bags : what the estimates come from; default: the names of the drives
+    found : Identification
+        Result for that vehicle.
+    source : Path or None
+        Its file; None: the packaged tricycle.
+    bags : sequence of str, optional
+        That the estimates come from. Default: the names of the drives.
     """
     text = (
         (resources.files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Playing a bag against the wall clock: order, rate, pause, step and loop, without ROS."""
+"""Playback of a bag against the wall clock: order, rate, pause, step and loop, without ROS."""
 
 import time
 from collections.abc import Callable, Collection
@@ -16,12 +16,23 @@ class Player:
 
     Parameters
     ----------
-    bag : open bag
-    topics : names to play
-    rate : recorded seconds per second; 0 plays as fast as ``publish`` returns
-    start : recorded seconds to skip, latched topics excepted
-    loop : begin again at the end
-    paused : begin paused
+    bag : BagReader
+        Open bag.
+    topics : collection of str
+        Names to play.
+    rate : float
+        Recorded seconds per second; 0 plays as fast as ``publish`` returns.
+    start : float
+        Recorded time to skip [s], latched topics excepted.
+    loop : bool
+        Whether to begin again at the end.
+    paused : bool
+        Whether to begin paused.
+
+    Raises
+    ------
+    ValueError
+        If rate or start are negative.
     """
 
     def __init__(
@@ -52,8 +63,10 @@ class Player:
 
         Parameters
         ----------
-        publish : called for each message when it is due
-        tick : called with recorded time, ns, every CLOCK_PERIOD of it
+        publish : callable
+            Called for each message when it is due.
+        tick : callable
+            Called with recorded time [ns], every CLOCK_PERIOD of it.
         """
         while True:
             self._play_once(publish, tick)

@@ -10,28 +10,47 @@ class ReceiptClock:
 
     A recorder that reads its own clock when it gets to a message gives all that waited the same
     stamp.
+
+    Parameters
+    ----------
+    kept : int
+        Number of ticks that are remembered at least.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, kept: int = KEPT) -> None:
+        self._kept = kept
         self._received: list[int] = []
         self._times: list[int] = []
 
     @property
+    def ticks(self) -> int:
+        """Number of ticks that are remembered."""
+        return len(self._times)
+
+    @property
     def newest(self) -> int:
-        """When the last tick was received, ns; -1 before the first."""
+        """When the last tick was received [ns]; -1 before the first."""
         return self._received[-1] if self._received else -1
 
     def tick(self, received: int, time: int) -> None:
-        """Take note of a tick of /clock: `time` (ns) was received at `received` (ns), in order."""
+        """Take note of a tick of /clock, in order.
+
+        Parameters
+        ----------
+        received : int
+            When it was received, by the machine's clock [ns].
+        time : int
+            Simulated time that it brings [ns].
+        """
         self._received.append(received)
         self._times.append(time)
-        if len(self._received) > 2 * KEPT:
-            del self._received[:-KEPT], self._times[:-KEPT]
+        if len(self._received) > 2 * self._kept:
+            del self._received[: -self._kept], self._times[: -self._kept]
 
     def at(self, received: int) -> int:
-        """Return the time of the last tick received until then, ns.
+        """Return the simulated time of the last tick received until then [ns].
 
-        The first tick kept where that is older, and 0 before any, as ROS clocks say it.
+        The first tick kept where that is older, and 0 before any, as ROS clocks do.
         """
         if not self._times:
             return 0

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
-import numpy as np
 
 from tricycle_core.errors import ExcitationError
 
@@ -157,12 +156,14 @@ def _infinity(text: str) -> float:
 
 
 def _plain(value: object) -> object:
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # an array or a number of NumPy
         return value.tolist()
     raise NotImplementedError(f"{type(value).__name__} has no JSON form")
 
 
 def _special(kind: type, value: object) -> object:
+    import numpy as np  # takes a while, and nodes that have no arrays do without
+
     if getattr(kind, "__origin__", kind) is np.ndarray:
         try:
             array = np.array(value, dtype=float)

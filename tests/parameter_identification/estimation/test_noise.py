@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from parameter_identification.drives.measured import SensorNoise
+from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.noise import (
     NoiseLevel,
     Residuals,

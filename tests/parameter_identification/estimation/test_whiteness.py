@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from parameter_identification.drives.measured import SensorNoise
+from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.whiteness import (
     all_white,
     ljung_box,

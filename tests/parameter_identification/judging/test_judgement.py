@@ -4,220 +4,20 @@ import argparse
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from driven_bags import DATUM, START, TYPES, Scene, header, sideways, stamp, status
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from parameter_identification.drives.recorded import read_drive
-from parameter_identification.judging.export import ExportFormat, export, plot
-from parameter_identification.judging.judgement import Anchor, Datum, TopicNames, judge
-from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
-from trajectory_recorder.bag.writer import BagWriter
+from parameter_identification.judging.judgement import Anchor, TopicNames, judge
+from trajectory_recorder.bag.topics import jazzy
 from tricycle_cli.commands.judge import add_parser
 from tricycle_core.errors import BagError, JudgeError
-
-Array = NDArray[np.float64]
-TYPES = jazzy().types
-LATCHED = (OfferedQos(durability="transient_local", depth=1),)
-START = 1_700_000_000_123_456_789  # ns
-
-
-def stamp(ns: int) -> Any:
-    return TYPES["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
-
-
-def header(ns: int, frame: str = "odom") -> Any:
-    return TYPES["std_msgs/msg/Header"](stamp=stamp(ns), frame_id=frame)
-
-
-def pose(x: float, y: float, heading: float) -> Any:
-    return TYPES["geometry_msgs/msg/Pose"](
-        position=TYPES["geometry_msgs/msg/Point"](x=x, y=y, z=0.3),
-        orientation=TYPES["geometry_msgs/msg/Quaternion"](
-            x=0.0, y=0.0, z=math.sin(heading / 2), w=math.cos(heading / 2)
-        ),
-    )
-
-
-def vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
-    return TYPES["geometry_msgs/msg/Vector3"](x=x, y=y, z=z)
-
-
-def pose_stamped(ns: int, x: float, y: float, heading: float) -> Any:
-    return TYPES["geometry_msgs/msg/PoseStamped"](header=header(ns), pose=pose(x, y, heading))
-
-
-def odometry(ns: int, x: float, y: float, heading: float) -> Any:
-    twist = TYPES["geometry_msgs/msg/Twist"](linear=vector(), angular=vector())
-    return TYPES["nav_msgs/msg/Odometry"](
-        header=header(ns),
-        child_frame_id="base_link",
-        pose=TYPES["geometry_msgs/msg/PoseWithCovariance"](
-            pose=pose(x, y, heading), covariance=np.zeros(36)
-        ),
-        twist=TYPES["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=np.zeros(36)),
-    )
-
-
-def transform(ns: int, x: float, y: float, heading: float) -> Any:
-    return TYPES["geometry_msgs/msg/TransformStamped"](
-        header=header(ns),
-        child_frame_id="base_link",
-        transform=TYPES["geometry_msgs/msg/Transform"](
-            translation=vector(x, y), rotation=pose(x, y, heading).orientation
-        ),
-    )
-
-
-def tf(ns: int, x: float, y: float, heading: float) -> Any:
-    other = transform(ns, -y, x, 0.0)
-    other.child_frame_id = "lidar"
-    return TYPES["tf2_msgs/msg/TFMessage"](transforms=[other, transform(ns, x, y, heading)])
-
-
-DATUM = Datum(46.5, 6.6, 400.0)
-
-
-def fix(ns: int, x: float, y: float, heading: float) -> Any:
-    """Inverse of the tangent plane by its metric at the datum: good to 1e-4 of 10 m."""
-    a, e2, phi = 6_378_137.0, 6.694_379_990_14e-3, math.radians(DATUM.latitude)
-    w = math.sqrt(1 - e2 * math.sin(phi) ** 2)
-    meridian, normal = a * (1 - e2) / w**3, a / w
-    return TYPES["sensor_msgs/msg/NavSatFix"](
-        header=header(ns),
-        status=TYPES["sensor_msgs/msg/NavSatStatus"](status=0, service=1),
-        latitude=DATUM.latitude + math.degrees(y / (meridian + DATUM.altitude)),
-        longitude=DATUM.longitude + math.degrees(x / ((normal + DATUM.altitude) * math.cos(phi))),
-        altitude=DATUM.altitude,
-        position_covariance=np.zeros(9),
-        position_covariance_type=0,
-    )
-
-
-MAKERS: dict[str, tuple[str, Callable[..., Any]]] = {
-    "odometry": ("nav_msgs/msg/Odometry", odometry),
-    "pose": ("geometry_msgs/msg/PoseStamped", pose_stamped),
-    "transform": ("geometry_msgs/msg/TransformStamped", transform),
-    "tf": ("tf2_msgs/msg/TFMessage", tf),
-    "fix": ("sensor_msgs/msg/NavSatFix", fix),
-}
-
-
-def status(state: str, start: str, **values: str) -> Any:
-    values = {"state": state, "plan_id": "p1", "start_time": start, "duration": "8.0", **values}
-    return TYPES["diagnostic_msgs/msg/DiagnosticStatus"](
-        level=0,
-        name="maneuver_driver: maneuver",
-        message=state,
-        hardware_id="",
-        values=[TYPES["diagnostic_msgs/msg/KeyValue"](key=k, value=v) for k, v in values.items()],
-    )
-
-
-@dataclass
-class Scene:
-    """A straight run-in of 2 s, then a circle of 2 m at 1 m/s; what deviates is said here."""
-
-    deviation: Callable[[Array], Array] = lambda t: np.zeros((2, len(t)))  # in reference frame
-    lag: float = 0.0  # s
-    noise: float = 0.0  # m
-    heading_noise: float = 0.0  # rad
-    anchor: tuple[float, float, float] = (3.0, -2.0, 2.5)
-    rate: float = 100.0  # Hz
-    before: float = 1.5  # s recorded
-    after: float = 1.5
-    duration: float = 8.0
-    seed: int = 0
-    poses: str = "odometry"
-    topics: dict[str, str] = field(default_factory=dict)  # other names
-    edit: Callable[[dict[str, list[Any]]], None] = lambda messages: None  # what is wrong
-
-    def reference(self, t: Array) -> Array:
-        """x, y, heading (3, t) of a start at rest: 1 m/s² for 1 s, then 1 m/s."""
-        t = np.clip(t, 0, self.duration)
-        s = np.where(t < 1, t**2 / 2, t - 0.5)
-        arc = np.maximum(s - 1.5, 0)
-        straight = np.minimum(s, 1.5)
-        return np.stack([straight + 2 * np.sin(arc / 2), 2 * (1 - np.cos(arc / 2)), arc / 2])
-
-    def messages(self) -> dict[str, list[Any]]:
-        """Topic -> [(receive stamp, message)]."""
-        t = np.arange(0, self.duration + 1e-9, 0.01)
-        poses = [
-            pose_stamped(round(ti * 1e9), *p) for ti, p in zip(t, self.reference(t).T, strict=True)
-        ]
-        path = TYPES["nav_msgs/msg/Path"](header=header(0), poses=poses)
-        rng = np.random.default_rng(self.seed)
-        t = np.arange(-self.before, self.duration + self.after, 1 / self.rate) + 0.001234
-        x, y, heading = self.reference(t - self.lag)
-        x, y = np.stack([x, y]) + self.deviation(np.clip(t, 0, self.duration))
-        x0, y0, a = self.anchor
-        measured = np.stack(
-            [x0 + np.cos(a) * x - np.sin(a) * y, y0 + np.sin(a) * x + np.cos(a) * y]
-        )
-        measured += rng.normal(0, self.noise, measured.shape) if self.noise else 0
-        heading = heading + a + rng.normal(0, 1, len(t)) * self.heading_noise
-        stamps = START + np.round(t * 1e9).astype(np.int64)
-        make = MAKERS[self.poses][1]
-        first, at = int(stamps[0]) - 10**7, f"{START // 10**9}.{START % 10**9:09d}"
-        end = START + round(self.duration * 1e9)
-        length = {"duration": f"{self.duration:.3f}"}
-        messages = {
-            "/maneuver/reference": [(first, path)],
-            "/maneuver/state": [
-                (first, status("waiting", "", **length)),
-                (START + 10**6, status("running", at, **length)),
-                (START + 10**9, status("running", at, elapsed="1.0", **length)),
-                (end, status("done", at, **length)),
-            ],
-            "/odom": [
-                (int(s) + 10**6, make(int(s), float(px), float(py), float(h)))
-                for s, px, py, h in zip(stamps, *measured, heading, strict=True)
-            ],
-        }
-        self.edit(messages)
-        return messages
-
-    def types(self) -> dict[str, str]:
-        return {
-            "/maneuver/reference": "nav_msgs/msg/Path",
-            "/maneuver/state": "diagnostic_msgs/msg/DiagnosticStatus",
-            "/maneuver/commands": "trajectory_msgs/msg/JointTrajectory",
-            "/joint_commands": "sensor_msgs/msg/JointState",
-            "/odom": MAKERS[self.poses][0],
-        }
-
-    def write(self, path: Path, **options: Any) -> Path:
-        messages, types = self.messages(), self.types()
-        rows = [(s, name, m) for name, found in messages.items() for s, m in found]
-        rows.sort(key=lambda row: row[0])
-        with BagWriter(path, **options) as bag:
-            ids = {
-                name: bag.add_topic(
-                    Topic.of_type(
-                        self.topics.get(name, name),
-                        types[name],
-                        qos=LATCHED if "man" in name else (),
-                    )
-                )
-                for name in messages
-            }
-            for i, (s, name, message) in enumerate(rows):
-                bag.write(ids[name], s, bytes(jazzy().serialize_cdr(message, types[name])))
-                if i % 100 == 0:
-                    bag.flush()
-        return path
-
-
-def sideways(distance: float) -> Callable[[Array], Array]:
-    """Deviation in y that grows as sin² over the eight seconds: mean square 3/8 d²."""
-    return lambda t: np.stack([0 * t, distance * np.sin(np.pi * t / 16) ** 2])
 
 
 def test_te_of_a_known_deviation(tmp_path: Path) -> None:
@@ -316,32 +116,6 @@ def test_a_bag_in_parts_and_in_a_namespace(tmp_path: Path) -> None:
     bag = scene.write(tmp_path / "bag", split_duration=2.0)
     assert len(list(bag.glob("*.mcap"))) > 4
     assert judge(bag).te == pytest.approx(0.04 * 3 / 8, rel=1e-4)
-
-
-def test_tum_export_agrees_with_evo(tmp_path: Path) -> None:
-    evo_io = pytest.importorskip("evo.tools.file_interface")
-    from evo.core.metrics import APE, PoseRelation
-
-    j = judge(Scene(deviation=sideways(0.2), noise=0.01).write(tmp_path / "bag"))
-    measured, reference = export([j], tmp_path / "out", ExportFormat.TUM)
-    ape = APE(PoseRelation.translation_part)
-    ape.process_data(
-        (evo_io.read_tum_trajectory_file(reference), evo_io.read_tum_trajectory_file(measured))
-    )
-    statistics = ape.get_all_statistics()
-    assert statistics["rmse"] == pytest.approx(j.rms, abs=1e-9)
-    assert statistics["max"] == pytest.approx(j.max, abs=1e-9)
-
-
-def test_csv_and_figure(tmp_path: Path) -> None:
-    j = judge(Scene(deviation=sideways(0.2)).write(tmp_path / "bag"))
-    (path,) = export([j], tmp_path, ExportFormat.CSV)
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    assert np.mean(table["along"] ** 2 + table["cross"] ** 2) == pytest.approx(j.te, rel=1e-12)
-    again = export([j, j], tmp_path / "again", ExportFormat.CSV)
-    assert [path.name for path in again] == ["bag.csv", "bag_2.csv"]
-    plot([j, j], tmp_path / "figures" / "figure.png")
-    assert (tmp_path / "figures" / "figure.png").read_bytes().startswith(b"\x89PNG")
 
 
 def remove(topic: str, low: float, high: float) -> Callable[[dict[str, list[Any]]], None]:
@@ -519,20 +293,6 @@ def test_a_truncated_bag_fails_with_the_fraction_matched(tmp_path: Path) -> None
     bag.write_bytes(content[:20])
     with pytest.raises(BagError, match="empty bag"):
         judge(bag)
-
-
-def test_east_north_of_one_degree_at_the_equator() -> None:
-    from parameter_identification.drives.poses import east_north
-
-    east, north = east_north(0.0, 1.0, 0.0, Datum(0.0, 0.0))
-    assert east == pytest.approx(6_378_137 * math.sin(math.radians(1)), rel=1e-12)
-    assert north == 0.0
-    # a short arc of the meridian at 45°: radius of curvature a(1-e²)/(1-e²/2)^1.5
-    _, north = east_north(45.001, 0.0, 0.0, Datum(45.0, 0.0))
-    radius = 6_378_137 * (1 - 6.694_379_990_14e-3) / (1 - 6.694_379_990_14e-3 / 2) ** 1.5
-    assert north == pytest.approx(radius * math.radians(0.001), rel=1e-6)
-    with pytest.raises(JudgeError, match="latitude is -90 to 90"):
-        Datum(91.0, 0.0)
 
 
 def test_the_command_compares_bags_and_prints_json(

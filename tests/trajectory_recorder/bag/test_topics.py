@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2.metadata import parse_qos
 
-from trajectory_recorder.bag.topics import OfferedQos, Topic
+from trajectory_recorder.bag.metadata import dump_yaml
+from trajectory_recorder.bag.topics import OfferedQos, Topic, parse_profiles
 from tricycle_core.errors import BagError
 
 
@@ -45,3 +47,17 @@ def test_a_topic_is_latched_when_all_its_publishers_are() -> None:
     assert Topic("/x", "", qos=(latched, latched)).latched
     assert not Topic("/x", "", qos=(latched, volatile)).latched
     assert not Topic("/x", "").latched
+
+
+def test_profiles_are_read_as_rosbags_reads_them() -> None:
+    text = dump_yaml([OfferedQos(depth=7, durability="transient_local").to_yaml()])
+    numbers = text.replace("keep_last", "2").replace("reliable", "1").replace("automatic", "1")
+    for profiles in (text, numbers, text.replace("reliable", "of_another_vendor"), ""):
+        expected = tuple(map(OfferedQos.of_connection, parse_qos(profiles)))
+        assert parse_profiles(profiles) == expected
+    assert parse_profiles(text) == (OfferedQos(depth=7, durability="transient_local"),)
+
+
+@pytest.mark.parametrize("text", ["- 3", "[", "{a: 1}", "- {history: 1}", "7"])
+def test_profiles_that_are_none_are_left_out(text: str) -> None:
+    assert parse_profiles(text) == ()

@@ -45,7 +45,7 @@ class Sensor(Enum):
         return ("x", "y") if self is Sensor.POSITION else (self.value,)
 
 
-# of stamps; the PLCs measure anywhere between two ticks of 10 ms, of which the bridge knows one
+# of stamps; the PLCs measure anywhere between two ticks of 10 ms, and stamp with one of them
 STAMP_JITTER = {Sensor.YAW_RATE: 0.0, Sensor.WHEEL_SPEED: 0.005}
 
 

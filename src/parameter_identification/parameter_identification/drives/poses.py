@@ -173,7 +173,13 @@ class PoseCollector:
 
 
 def stamp_of(message: Any) -> int:
-    """Return the stamp of a message's header [ns]."""
+    """Return the stamp of a message's header [ns].
+
+    Parameters
+    ----------
+    message : ROS message
+        With a header.
+    """
     return nanoseconds_of(message.header.stamp)
 
 

@@ -304,7 +304,7 @@ class _Collector:
         return start, event.get("plan_id", ""), duration
 
     def _check_commands(self, planned: Any, played: Iterable[Any], start: int) -> None:
-        """Raise if what was played is not what the bag says was planned."""
+        """Raise if what was played is not what the bag holds as the plan."""
         try:
             pairs = list(_planned_and_played(planned, played, start))
         except (LookupError, ValueError) as error:

@@ -1,12 +1,12 @@
-"""Prediction of a drive's signals with their derivatives by parameters and nuisances.
+"""Model of a drive: its signals, with their derivatives by parameters and nuisances.
 
 One batch of the simulator gives the motion and its finite differences: k + 2 vehicles, the nominal
 of the moment, one per parameter, one for the start speed; eight lanes cost what one does. The other
 nuisances act on the motion in closed form: start pose (a rigid motion), time offsets of the clocks
 (a derivative by time), gyro bias (a constant).
 
-All variables are counted so that they are of the order 1: parameters in their ranges (0 to 1), a
-nuisance in the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuisances of
+All variables are scaled to be of the order 1: parameters in their ranges (0 to 1), a nuisance in
+the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuisances of
 the drive, `m` samples, `t` ticks.
 """
 
@@ -75,12 +75,16 @@ class _Motions:
 
 @dataclass(frozen=True)
 class Nuisance:
-    """Something that is not known of a drive and not asked for.
+    """An unknown of one drive that is no vehicle parameter, with its Gaussian prior.
 
     Attributes
     ----------
-    name, unit : e.g. "start heading", rad
-    mean, std : of its Gaussian prior
+    name : str
+        E.g. "start heading".
+    unit : str
+        Of mean and standard deviation.
+    mean, std : float
+        Of the prior.
     """
 
     name: str
@@ -95,10 +99,16 @@ class Prediction:
 
     Attributes
     ----------
-    sensor, time : what is predicted, (m,) s
-    values : (m, c) predicted
-    residual : (m, c) measured less predicted
-    jacobian : (m, c, k + q) of the residual by all variables
+    sensor : Sensor
+        That is predicted.
+    time : ndarray of float, shape (m,)
+        Of the samples [s].
+    values : ndarray of float, shape (m, c)
+        Predicted.
+    residual : ndarray of float, shape (m, c)
+        Measured less predicted.
+    jacobian : ndarray of float, shape (m, c, k + q)
+        Of the residual by all variables.
     """
 
     sensor: Sensor
@@ -113,8 +123,10 @@ class DriveModel:
 
     Parameters
     ----------
-    vehicle : with the parameters to identify as its only unknown ones
-    drive : what was measured
+    vehicle : Vehicle
+        With the parameters to identify as its only unknown ones.
+    drive : MeasuredDrive
+        Commands and signals.
     """
 
     def __init__(self, vehicle: Vehicle, drive: MeasuredDrive) -> None:
@@ -141,7 +153,7 @@ class DriveModel:
         return tuple(found)
 
     def _start_guess(self) -> tuple[float, float, float]:
-        """Start pose as told, or else from the first second, or the rigid motion that fits best."""
+        """Start pose if known, else from the first second, or of the best rigid motion."""
         start: StartPose = self.drive.start
         motion = self._motion(self.vehicle.nominal_point()[np.newaxis])
         position = self.drive.signals[Sensor.POSITION]
@@ -167,7 +179,7 @@ class DriveModel:
         return x, y, heading
 
     def parameters(self, z: FloatArray) -> FloatArray:
-        """Parameters in their units of those in ranges, (..., k)."""
+        """Return parameters (..., k) in their units for those in ranges."""
         values: FloatArray = self.low + self.width * z
         return values
 
@@ -185,8 +197,10 @@ class DriveModel:
 
         Parameters
         ----------
-        z : (k,) parameters in ranges
-        nuisances : (q,) deviations from their priors' means, in standard deviations
+        z : ndarray of float, shape (k,)
+            Parameters in their ranges.
+        nuisances : ndarray of float, shape (q,)
+            Deviations from the means of their priors, in standard deviations.
         """
         k = len(z)
         b = np.array([n.mean + n.std * v for n, v in zip(self.nuisances, nuisances, strict=True)])
@@ -216,13 +230,10 @@ class DriveModel:
         derivatives: FloatArray,
         b: FloatArray,
     ) -> Prediction:
-        """Put start pose, delay and bias on a motion.
+        """Apply start pose, delay and bias to a motion.
 
-        Parameters
-        ----------
-        values, slopes : (c, m) of the motion, per s
-        derivatives : (c, k + 1, m) by the parameters and the start speed
-        b : (q,) nuisances in their units
+        Values and their slopes per second are (c, m), derivatives by the parameters and the start
+        speed (c, k + 1, m), the nuisances `b` (q,) in their units.
         """
         k = len(self.low)
         at = self._at
@@ -250,10 +261,17 @@ class DriveModel:
         return Prediction(sensor, signal.time, values.T, signal.values - values.T, -jacobian)
 
     def misfits(self, Z: FloatArray, white: dict[Sensor, float]) -> FloatArray:
-        """Rough misfit (n,) of parameters in ranges (n, k), for the choice of starts.
+        """Return a rough misfit (n,) of parameters, for the choice of starts.
 
-        Squared residuals of some samples over the white noise, with the nuisances that fit best: a
-        wrong start heading would else hide the right parameters.
+        Squared residuals of some samples divided by the white variance, with the nuisances that fit
+        best: a wrong start heading would otherwise hide the right parameters.
+
+        Parameters
+        ----------
+        Z : ndarray of float, shape (n, k)
+            Parameters in their ranges.
+        white : dict of Sensor to float
+            Standard deviation of the white noise of each sensor.
         """
         motion = self._motion(self.parameters(Z))
         signals = {sensor: _thinned(signal) for sensor, signal in self.drive.signals.items()}
@@ -299,7 +317,14 @@ def _interpolate(
 
 
 def restrict(vehicle: Vehicle, parameters: tuple[str, ...]) -> Vehicle:
-    """The vehicle with only these parameters unknown; the others are known at their nominal values.
+    """Return the vehicle with only these parameters unknown, the others at their nominal values.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With at least these unknown parameters.
+    parameters : tuple of str
+        Names.
 
     Raises
     ------

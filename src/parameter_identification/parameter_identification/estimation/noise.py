@@ -2,9 +2,8 @@
 
 The covariance of samples at times t is σ² I + δ² exp(-|Δt| / T). Its inverse square root is applied
 by a Kalman filter with the drift as its state (one pass over the samples, any spacing), so that
-generalised least squares costs no more than ordinary. The three numbers are those of the largest
-restricted likelihood (REML: Patterson and Thompson, Biometrika 58, 1971), which knows that fitted
-parameters have taken their part of the noise away.
+generalised least squares costs no more than ordinary. The three numbers maximise the restricted
+likelihood, which accounts for the part of the noise that the fitted parameters have absorbed.
 
 Letters of shapes: `m` samples, `c` columns.
 """
@@ -27,9 +26,12 @@ class NoiseLevel:
 
     Attributes
     ----------
-    white : σ, standard deviation of the white part, in the sensor's unit
-    drift : δ, of the correlated part; 0: none
-    drift_time : T, its correlation time, s
+    white : float
+        σ, standard deviation of the white part, in the sensor's unit.
+    drift : float
+        δ, standard deviation of the correlated part, in the sensor's unit; 0: none.
+    drift_time : float
+        T, its correlation time [s].
     """
 
     white: float
@@ -78,14 +80,21 @@ def whiten(
 
     Parameters
     ----------
-    columns : (m, c), each with noise of that covariance, or a derivative of such a column
-    time : (m,) s, increasing
-    samples : where they are not all alike
+    columns : ndarray of float, shape (m, c)
+        Each with noise of that covariance, or a derivative of such a column.
+    time : ndarray of float, shape (m,)
+        Increasing [s].
+    noise : NoiseLevel
+        Of the sensor.
+    samples : Samples, optional
+        Weights, where samples are not all alike.
 
     Returns
     -------
-    columns : (m, c)
-    log_determinant : of the covariance
+    columns : ndarray of float, shape (m, c)
+        Whitened.
+    log_determinant : float
+        Of the covariance.
     """
     out = np.empty(columns.shape)
     samples = samples or Samples.alike(len(time))
@@ -104,12 +113,14 @@ def whiten(
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """What the samples of a signal are worth.
+    """Weights of the samples of a signal.
 
     Attributes
     ----------
-    weights : (m,) the white variance is divided by them
-    stamps : (m,) variance that their stamps' errors add, in the sensor's unit squared
+    weights : ndarray of float, shape (m,)
+        The white variance is divided by them.
+    stamps : ndarray of float, shape (m,)
+        Variance that the errors of their stamps add, in the sensor's unit squared.
     """
 
     weights: FloatArray
@@ -117,7 +128,7 @@ class Samples:
 
     @classmethod
     def alike(cls, m: int) -> "Samples":
-        """So many samples of weight 1 with exact stamps."""
+        """Return `m` samples of weight 1 with exact stamps."""
         return cls(np.ones(m), np.zeros(m))
 
 
@@ -127,10 +138,14 @@ class Residuals:
 
     Attributes
     ----------
-    time : (m,) s
-    columns : (m, c + 1) Jacobian by the variables `at`, then the residual
-    at : (c,) place of the variables among all
-    samples : what they are worth
+    time : ndarray of float, shape (m,)
+        Of the samples [s].
+    columns : ndarray of float, shape (m, c + 1)
+        Jacobian by the variables `at`, then the residual.
+    at : ndarray of int, shape (c,)
+        Place of these variables among all.
+    samples : Samples
+        Their weights.
     """
 
     time: FloatArray
@@ -140,10 +155,17 @@ class Residuals:
 
 
 def white_level(time: FloatArray, values: FloatArray) -> float:
-    """Standard deviation of the white part of a smooth signal (m, c).
+    """Return the standard deviation of the white part of a smooth signal.
 
     Third differences of white noise of variance σ² have variance 20 σ²; their median absolute value
-    leaves outliers aside.
+    is robust against outliers.
+
+    Parameters
+    ----------
+    time : ndarray of float, shape (m,)
+        Of the samples [s].
+    values : ndarray of float, shape (m, c)
+        Of c channels, in the sensor's unit.
     """
     differences = np.diff(values, 3, axis=0)
     spacing = np.diff(time)
@@ -161,14 +183,22 @@ def restricted_noise(
     *,
     floor: float,
 ) -> NoiseLevel:
-    """Noise of the largest restricted likelihood.
+    """Find the noise of the largest restricted likelihood (REML).
 
     Parameters
     ----------
-    channels : all residuals of the sensor, at the present estimate
-    others : (n + 1, n + 1) what the other sensors and the priors add to [J r]ᵀ[J r], whitened
-    start : where to begin
-    floor : least level, of rounding
+    channels : sequence of Residuals
+        All those of the sensor, at the present estimate.
+    others : ndarray of float, shape (n + 1, n + 1)
+        Part of the other sensors and of the priors in [J r]ᵀ[J r], whitened.
+    start : NoiseLevel
+        Where to begin.
+    floor : float
+        Smallest level: that of rounding.
+
+    References
+    ----------
+    H. D. Patterson, R. Thompson, Biometrika 58 (1971) 545-554.
     """
     span = max(float(np.ptp(channel.time)) for channel in channels)
     step = min(float(np.median(np.diff(channel.time))) for channel in channels)

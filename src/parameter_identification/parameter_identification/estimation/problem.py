@@ -35,16 +35,16 @@ from tricycle_core.closing import Closing
 from tricycle_core.quantities import FloatArray
 
 CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
-STAMPS_ALIKE = 1.0  # s for which stamps err alike: as many samples tell of them no more than one
-OUTLYING = 3.0  # standard deviations from which samples lose weight under the robust loss
+STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
+OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
 MAX_STEPS = 50
 
 
 class Loss(Enum):
-    """What a residual costs."""
+    """Cost of a residual."""
 
     SQUARED = "squared"  # efficient for Gaussian noise
-    ROBUST = "robust"  # logarithmic beyond `OUTLYING` standard deviations: outliers hardly pull
+    ROBUST = "robust"  # residuals beyond `OUTLYING` standard deviations are down-weighted
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +53,10 @@ class Fit:
 
     Attributes
     ----------
-    at : (n,) variables
-    cost : squared residuals over their variances, with the priors' part
+    at : ndarray of float, shape (n,)
+        Variables.
+    cost : float
+        Squared residuals divided by their variances, with the priors' part.
     """
 
     at: FloatArray
@@ -66,9 +68,14 @@ class LeastSquares(Closing):
 
     Parameters
     ----------
-    models : one per drive
-    mean, information : (k,) and (k, k) of the prior of the parameters in ranges
-    loss : of the residuals
+    models : sequence of DriveModel
+        One per drive.
+    mean : ndarray of float, shape (k,)
+        Of the prior of the parameters, in their ranges.
+    information : ndarray of float, shape (k, k)
+        Inverse covariance of that prior.
+    loss : Loss
+        Of the residuals.
     """
 
     def __init__(
@@ -113,7 +120,7 @@ class LeastSquares(Closing):
         return levels
 
     def predictions(self, v: FloatArray) -> list[list[Prediction]]:
-        """Predictions of each drive at variables (n,)."""
+        """Return the predictions of each drive at variables (n,)."""
 
         def predict(pair: tuple[DriveModel, NDArray[np.int64]]) -> list[Prediction]:
             model, at = pair
@@ -122,7 +129,7 @@ class LeastSquares(Closing):
         return list(self._pool.map(predict, zip(self.models, self._at, strict=True)))
 
     def gram(self, v: FloatArray) -> FloatArray:
-        """[J r]ᵀ[J r], whitened and with the priors, (n + 1, n + 1)."""
+        """Return [J r]ᵀ[J r] (n + 1, n + 1), whitened and with the priors, at variables (n,)."""
         total = self._prior_gram(v)
         for predictions, samples, at in zip(
             self.predictions(v), self._samples, self._at, strict=True
@@ -161,7 +168,15 @@ class LeastSquares(Closing):
         return gram
 
     def candidates(self, count: int, seed: int) -> list[FloatArray]:
-        """Variables (n,) to start from: the best of a Sobol' sequence and the prior's mean."""
+        """Return variables (n,) to start from: the best of a Sobol' sequence and the prior's mean.
+
+        Parameters
+        ----------
+        count : int
+            Number of starts.
+        seed : int
+            Of the sequence.
+        """
         Z = np.vstack([self.mean, sobol_sequence(CANDIDATES - 1, self.k, seed=seed)])
         white = {sensor: level.white for sensor, level in self.noise.items()}
         misfit = sum((model.misfits(Z, white) for model in self.models), np.zeros(len(Z)))
@@ -171,17 +186,20 @@ class LeastSquares(Closing):
     def minimise(
         self, start: FloatArray, free: NDArray[np.bool_] | None = None, *, tolerance: float = 0.01
     ) -> Fit:
-        """Minimum from a start, within the ranges.
+        """Find the minimum from a start, within the ranges.
 
-        Levenberg's and Marquardt's method; every step is a linear problem with bounds, so that a
-        parameter at the end of its range holds nobody up.
+        The method of Levenberg and Marquardt; every step is a linear problem with bounds, so that a
+        parameter at the end of its range does not block the others.
 
         Parameters
         ----------
-        start : (n,) variables
-        free : (n,) which of them may change; default: all
-        tolerance : what another step may still promise of the cost (an interval is where the cost
-            rises by some 4); that step is taken, its cost is the promised one
+        start : ndarray of float, shape (n,)
+            Variables.
+        free : ndarray of bool, shape (n,), optional
+            Which of them may change. Default: all.
+        tolerance : float
+            The search ends when the next step promises to lower the cost by less (an interval is
+            where the cost rises by some 4); that step is taken, its cost is the promised one.
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
         kept = np.append(np.flatnonzero(free), self.n)
@@ -210,7 +228,7 @@ class LeastSquares(Closing):
         return Fit(at, float(gram[-1, -1]))
 
     def estimate_noise(self, v: FloatArray) -> None:
-        """Set what the samples are worth and the noise of each sensor from the residuals."""
+        """Set the weights of the samples and the noise of each sensor from the residuals at `v`."""
         predictions = self.predictions(v)
         self._weigh(predictions)
         grams = {
@@ -239,16 +257,16 @@ class LeastSquares(Closing):
         self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
 
     def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
-        """Set what the samples are worth: less where stamps matter, and by the robust loss."""
+        """Set the weights of the samples: less where stamps matter, and by the robust loss."""
         for drive, (found, samples) in enumerate(zip(predictions, self._samples, strict=True)):
             for p in found:
-                worth = samples[p.sensor] = self._worth(drive, p)
+                plain = samples[p.sensor] = self._plain_weights(drive, p)
                 if self._robust:
                     excess = np.maximum(1.0, self._innovations(drive, p) / OUTLYING) ** 2
-                    samples[p.sensor] = Samples(worth.weights / excess, worth.stamps * excess)
+                    samples[p.sensor] = Samples(plain.weights / excess, plain.stamps * excess)
 
-    def _worth(self, drive: int, p: Prediction) -> Samples:
-        """What samples are worth that are rounded and whose stamps jitter."""
+    def _plain_weights(self, drive: int, p: Prediction) -> Samples:
+        """Weights of samples that are rounded and whose stamps jitter, without the loss."""
         signal = self.models[drive].drive.signals[p.sensor]
         slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
         alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
@@ -256,13 +274,21 @@ class LeastSquares(Closing):
 
     def _innovations(self, drive: int, p: Prediction) -> FloatArray:
         """Largest innovation (m,) of each sample, in standard deviations."""
-        worth, noise = self._worth(drive, p), self.noise[p.sensor]
-        innovations, _ = whiten(p.residual, p.time, noise, worth)
+        plain, noise = self._plain_weights(drive, p), self.noise[p.sensor]
+        innovations, _ = whiten(p.residual, p.time, noise, plain)
         size: FloatArray = np.abs(innovations).max(axis=1)
         return size
 
     def outliers(self, predictions: Sequence[Sequence[Prediction]], limit: float) -> int:
-        """Number of samples with an innovation beyond so many standard deviations."""
+        """Return the number of samples with an innovation beyond the limit.
+
+        Parameters
+        ----------
+        predictions : sequence of sequence of Prediction
+            Of each drive.
+        limit : float
+            In standard deviations.
+        """
         return sum(
             int(np.count_nonzero(self._innovations(drive, p) > limit))
             for drive, found in enumerate(predictions)
@@ -270,7 +296,7 @@ class LeastSquares(Closing):
         )
 
     def weights(self, drive: int) -> dict[Sensor, FloatArray]:
-        """What each sample (m,) of a drive counts beside a full one, by sensor."""
+        """Return the weight of each sample (m,) of a drive, at most 1, by sensor."""
         return {
             sensor: 1.0 / (1.0 / s.weights + s.stamps / self.noise[sensor].white ** 2)
             for sensor, s in self._samples[drive].items()
@@ -284,8 +310,8 @@ class LeastSquares(Closing):
 def _run_weights(values: FloatArray) -> FloatArray:
     """Weights (m,) of readings (m, c): a run of equal ones has one rounding error, so counts once.
 
-    Where a slow signal hides in one step of the sensor, its many equal readings would else say with
-    confidence that it does not move.
+    Otherwise the many equal readings of a signal that changes by less than one step of the sensor
+    would show, with a far too small uncertainty, that it does not change.
     """
     runs = np.append(0, np.cumsum(np.any(np.diff(values, axis=0) != 0.0, axis=1)))
     weights: FloatArray = 1.0 / np.bincount(runs)[runs]

@@ -1,9 +1,8 @@
 """Intervals by profile likelihood.
 
 A parameter is moved away from its estimate in steps, everything else is fitted anew at each, until
-the cost has risen beyond what the interval allows (Venzon and Moolgavkar, Applied Statistics 37,
-1988). Where the cost is not a parabola, e.g. at the end of a range of another parameter, this is
-what the linearised interval misses.
+the cost has risen beyond what the interval allows. Where the cost is not a parabola, e.g. at the
+end of a range of another parameter, the linearised interval is wrong and this one is not.
 """
 
 import math
@@ -26,9 +25,12 @@ class ProfileCurve:
 
     Attributes
     ----------
-    z : (g,) increasing; the estimate is one of them
-    rise : (g,) of the cost above its minimum
-    interval : where it is as high as the level allows, within 0 to 1
+    z : ndarray of float, shape (g,)
+        Parameter in its range, increasing; the estimate is one of them.
+    rise : ndarray of float, shape (g,)
+        Of the cost above its minimum.
+    interval : (float, float)
+        Where it is as high as the level allows, within 0 to 1.
     """
 
     z: FloatArray
@@ -39,14 +41,24 @@ class ProfileCurve:
 def profile(
     problem: LeastSquares, best: Fit, inverse: FloatArray, i: int, level: float
 ) -> ProfileCurve:
-    """Profile of parameter number `i`.
+    """Compute the profile of one parameter.
 
     Parameters
     ----------
-    problem, best : the problem and its minimum
-    inverse : (n, n) inverse information there
-    i : number of the parameter
-    level : probability of the interval
+    problem : LeastSquares
+        With n variables.
+    best : Fit
+        Its minimum.
+    inverse : ndarray of float, shape (n, n)
+        Inverse information there.
+    i : int
+        Number of the parameter.
+    level : float
+        Probability of the interval.
+
+    References
+    ----------
+    D. J. Venzon, S. H. Moolgavkar, Applied Statistics 37 (1988) 87-94.
     """
     allowed = float(chi2.ppf(level, 1))
     std = math.sqrt(inverse[i, i])

@@ -1,7 +1,7 @@
 """Are residuals white? The test of Ljung and Box (Biometrika 65, 1978).
 
-Residuals that are correlated in time say that something is missing: an effect that the model lacks,
-or a sensor that drifts. One drive cannot tell which.
+Residuals that are correlated in time show that something is missing: an effect that the model
+lacks, or a sensor that drifts. One drive does not show which.
 """
 
 from dataclasses import dataclass
@@ -17,16 +17,23 @@ SIGNIFICANCE = 0.01  # of all channels together: the smallest p value is multipl
 
 @dataclass(frozen=True)
 class Whiteness:
-    """Verdict on the residuals of one channel of one drive.
+    """Test of the residuals of one channel of one drive.
 
     Attributes
     ----------
-    drive, channel : which
-    rms : of the residuals, in the channel's unit
-    correlation : from one sample to the next
-    statistic, lags : Q of Ljung and Box, and the number of lags in it
-    p : probability of a Q this large if the residuals were white; NaN where the residuals are no
-        larger than the steps of the sensor's values, which are never white
+    drive, channel : str
+        Names.
+    rms : float
+        Of the residuals, in the channel's unit.
+    correlation : float
+        From one sample to the next.
+    statistic : float
+        Q of Ljung and Box.
+    lags : int
+        Number of lags in it.
+    p : float
+        Probability of a Q this large if the residuals were white; NaN where the residuals are no
+        larger than the steps of the sensor's values, which are never white.
     """
 
     drive: str
@@ -39,7 +46,19 @@ class Whiteness:
 
 
 def ljung_box(residuals: FloatArray, lags: int) -> tuple[float, float]:
-    """Statistic and p value of residuals (m,) for lags 1 to `lags`."""
+    """Return statistic and p value of Ljung and Box.
+
+    Parameters
+    ----------
+    residuals : ndarray of float, shape (m,)
+        Evenly spaced.
+    lags : int
+        Number of lags in the statistic.
+
+    References
+    ----------
+    G. M. Ljung, G. E. P. Box, Biometrika 65 (1978) 297-303, Eq. 1.3.
+    """
     m = len(residuals)
     size = 1 << (2 * m - 1).bit_length()  # zero padding: no wrap-around
     spectrum = np.fft.rfft(residuals - residuals.mean(), size)
@@ -56,9 +75,12 @@ def whiteness(
 
     Parameters
     ----------
-    drive, channel : names
-    time : (m,) s
-    measured, residuals : (m,)
+    drive, channel : str
+        Names.
+    time : ndarray of float, shape (m,)
+        Of the samples [s].
+    measured, residuals : ndarray of float, shape (m,)
+        Values, and their deviations from the model, in the channel's unit.
     """
     rms = float(np.sqrt(np.mean(residuals**2)))
     m = len(time)
@@ -73,7 +95,18 @@ def whiteness(
 
 
 def resolution(values: FloatArray) -> float:
-    """Smallest step between values (m,) that repeat; 0 if hardly any repeat."""
+    """Return the smallest step between values that repeat; 0 if hardly any repeat.
+
+    Parameters
+    ----------
+    values : ndarray of float, shape (m,)
+        Of one channel.
+
+    Examples
+    --------
+    >>> resolution(np.array([0.0, 0.5, 0.5, 2.0, 0.0, 0.5]))
+    0.5
+    """
     levels = np.unique(np.round(values, 12))
     if len(levels) < 2 or len(levels) > 0.8 * len(values):
         return 0.0
@@ -81,6 +114,12 @@ def resolution(values: FloatArray) -> float:
 
 
 def all_white(tests: tuple[Whiteness, ...]) -> bool:
-    """Whether no channel contradicts, at `SIGNIFICANCE` for all of them together (Bonferroni)."""
+    """Whether no channel contradicts, at `SIGNIFICANCE` for all of them together (Bonferroni).
+
+    Parameters
+    ----------
+    tests : tuple of Whiteness
+        Of all channels.
+    """
     p = [test.p for test in tests if np.isfinite(test.p)]
     return not p or min(p) * len(p) >= SIGNIFICANCE

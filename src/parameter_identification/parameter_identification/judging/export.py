@@ -1,4 +1,4 @@
-"""Judged drives as files for other tools, and as a figure."""
+"""Judged drives in files for other tools, and in a figure."""
 
 from collections.abc import Sequence
 from enum import Enum
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from parameter_identification.judging.judgement import Judgement, TimeSeries
+from tricycle_core.palette import BLUE, GREEN, ORANGE
 from tricycle_core.quantities import FloatArray
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -26,13 +27,17 @@ def export(
 
     Parameters
     ----------
-    judgements : the files are named after their bags; after the first of a name, with a number
-    directory : created if need be; files of the same name are replaced
-    export_format : see `ExportFormat`; numbers are written with all their digits
+    judgements : sequence of Judgement
+        The files are named after their bags; after the first of a name, with a number.
+    directory : Path
+        Created if need be; files of the same name are replaced.
+    export_format : ExportFormat
+        Of the files; numbers are written with all their digits.
 
     Returns
     -------
-    The files written.
+    files : list of Path
+        Those written.
     """
     directory.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
@@ -65,7 +70,15 @@ def _tum(time: FloatArray, x: FloatArray, y: FloatArray, heading: FloatArray) ->
 
 
 def plot(judgements: Sequence[Judgement], path: Path) -> None:
-    """Save a figure: the trajectories, and their deviations over time, one row per drive."""
+    """Save a figure: the trajectories, and their deviations over time, one row per drive.
+
+    Parameters
+    ----------
+    judgements : sequence of Judgement
+        Drives to show.
+    path : Path
+        Its suffix is one of `PICTURES`.
+    """
     # The backend is for files, and importing it takes a while: only who plots pays.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -76,18 +89,17 @@ def plot(judgements: Sequence[Judgement], path: Path) -> None:
     for (plane, deviation), judgement in zip(rows, judgements, strict=True):
         s: TimeSeries = judgement.series
         plane.plot(s.reference_x, s.reference_y, color="0.6", linewidth=3, label="reference")
-        plane.plot(s.x, s.y, color="C0", linewidth=1, label="measured")
+        plane.plot(s.x, s.y, color=BLUE, linewidth=1, label="measured")
         error = f"TE {judgement.te:.4g} m², rms {1e3 * judgement.rms:.0f} mm"
         plane.set(title=f"{judgement.bag.name}: {error}", xlabel="x / m", ylabel="y / m")
         plane.set_aspect("equal", "datalim")
         plane.legend()
-        deviation.plot(
-            s.time, 1e3 * s.along, color="C1", linewidth=0.8, label="along the reference"
-        )
-        deviation.plot(
-            s.time, 1e3 * s.cross, color="C2", linewidth=0.8, label="across, to the left"
-        )
-        deviation.plot(s.time, 1e3 * s.distance, color="0.3", linewidth=0.8, label="distance")
+        for label, color, values in (
+            ("along the reference", ORANGE, s.along),
+            ("across, to the left", GREEN, s.cross),
+            ("distance", "0.3", s.distance),
+        ):
+            deviation.plot(s.time, 1e3 * values, color=color, linewidth=0.8, label=label)
         deviation.set(xlabel="time since the start event / s", ylabel="deviation / mm")
         deviation.grid(alpha=0.3)
         deviation.legend()

@@ -1,9 +1,9 @@
-"""Judge: the trajectory error of a recorded drive against its reference (Eq. 14), from its bag.
+"""JUDGE: the trajectory error of a recorded drive against its reference (Eq. 14), from its bag.
 
 In time, the recorded start event ties the measured poses to the reference. In space, the reference
 starts at the *anchor*, by default the mean measured pose of the standstill before the start
-event. Neither is fitted: what another anchor would give, and by how much the vehicle seems to lag
-behind the reference, is reported and not applied.
+event. Neither is fitted: the error with another anchor, and the time by which the vehicle seems to
+lag behind the reference, are reported and not applied.
 
 The measured trajectory is interpolated linearly to the 10 000 points of Eq. 14 (at 100 Hz and
 0.5 m/s² of lateral acceleration that is wrong by 6 µm), the reference by a cubic spline.
@@ -45,11 +45,19 @@ class Anchor(Enum):
 
 @dataclass(frozen=True)
 class PlanarPose:
-    """Planar pose in the frame of the measured poses."""
+    """Planar pose in the frame of the measured poses.
 
-    x: float  # m
-    y: float  # m
-    heading: float  # rad, left positive
+    Attributes
+    ----------
+    x, y : float
+        Position [m].
+    heading : float
+        Left positive [rad].
+    """
+
+    x: float
+    y: float
+    heading: float
 
 
 @dataclass(frozen=True)
@@ -58,11 +66,16 @@ class TimeSeries:
 
     Attributes
     ----------
-    time : (j,) s since the start event
-    x, y, heading : (j,) measured, m and rad
-    reference_x, reference_y, reference_heading : (j,) m and rad
-    along, cross : (j,) deviation along the reference's heading and to its left, m
-    heading_error : (j,) rad, NaN for a sensor without heading
+    time : ndarray of float, shape (j,)
+        Since the start event [s].
+    x, y, heading : ndarray of float, shape (j,)
+        Measured [m] and [rad].
+    reference_x, reference_y, reference_heading : ndarray of float, shape (j,)
+        Of the reference [m] and [rad].
+    along, cross : ndarray of float, shape (j,)
+        Deviation along the reference's heading and to its left [m].
+    heading_error : ndarray of float, shape (j,)
+        Deviation of the heading [rad]; NaN for a sensor without heading.
     """
 
     time: FloatArray
@@ -78,33 +91,52 @@ class TimeSeries:
 
     @property
     def distance(self) -> FloatArray:
-        """Distance from the reference (j,), m."""
+        """Distance from the reference (j,) [m]."""
         return np.hypot(self.along, self.cross)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Trajectory error of one drive, and what belongs to it.
+    """Trajectory error of one drive, with its uncertainty and its components.
 
     Attributes
     ----------
-    bag, plan_id : which drive
-    te : trajectory error, m² (Eq. 14), at the chosen anchor
-    te_corrected : less what the measurement noise adds on average, m²; it may come out negative
-    te_deviation : standard deviation of te from the noise of the anchor, m²
-    te_by_anchor : te at every anchor, m²
-    rms, max : root mean square and largest distance, m
-    rms_x, rms_y, rms_along, rms_cross : of the components, m
-    rms_heading : rad; NaN for a sensor without heading
-    points : number of points in Eq. 14
-    duration : of the reference, s
-    matched_fraction : of the points that lie between two poses not far apart in time
-    anchor : which, and
-    anchor_pose : where
-    noise : standard deviation of a measured position, per axis, m
-    time_offset : by how much the drive seems to lag behind the reference, s; NaN if unknown
-    time_offset_deviation : its standard deviation, s
-    series : the drive at the points of Eq. 14
+    bag : Path
+        Where the drive was recorded.
+    plan_id : str
+        Of the maneuver driven.
+    te : float
+        Trajectory error (Eq. 14) with the chosen anchor [m²].
+    te_corrected : float
+        `te` less the mean contribution of the measurement noise [m²]; it may come out negative.
+    te_deviation : float
+        Standard deviation of `te` from the noise of the anchor [m²].
+    te_by_anchor : dict of Anchor to float
+        Trajectory error with every anchor [m²].
+    rms, max : float
+        Root mean square and largest distance from the reference [m].
+    rms_x, rms_y, rms_along, rms_cross : float
+        Root mean squares of its components [m].
+    rms_heading : float
+        Root mean square of the deviation of the heading [rad]; NaN for a sensor without heading.
+    points : int
+        Number of points in Eq. 14.
+    duration : float
+        Of the reference [s].
+    matched_fraction : float
+        Of the points that lie between two poses not far apart in time.
+    anchor : Anchor
+        The chosen one.
+    anchor_pose : PlanarPose
+        Pose of the reference's origin with that anchor.
+    noise : float
+        Standard deviation of a measured position, per axis [m].
+    time_offset : float
+        Time by which the drive seems to lag behind the reference [s]; NaN if unknown.
+    time_offset_deviation : float
+        Its standard deviation [s].
+    series : TimeSeries
+        The drive at the points of Eq. 14.
     """
 
     bag: Path
@@ -134,13 +166,16 @@ class Judgement:
 def judge(
     bag: Path, *, topics: TopicNames | None = None, anchor: Anchor = Anchor.STANDSTILL
 ) -> Judgement:
-    """Trajectory error of the drive in a bag.
+    """Compute the trajectory error of the drive in a bag.
 
     Parameters
     ----------
-    bag : rosbag2 directory, ``.mcap`` or ``.db3`` file
-    topics : names of the topics where they differ from the suite's
-    anchor : where the reference starts; `Anchor.FIT` aligns it with what was measured
+    bag : Path
+        rosbag2 directory, ``.mcap`` or ``.db3`` file.
+    topics : TopicNames, optional
+        Where names differ from the suite's.
+    anchor : Anchor
+        Where the reference starts; `Anchor.FIT` aligns it with the measured poses.
 
     Raises
     ------
@@ -153,7 +188,21 @@ def judge(
 
 
 def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> Judgement:
-    """Trajectory error of a drive; see `judge`."""
+    """Compute the trajectory error of a drive that was read already.
+
+    Parameters
+    ----------
+    drive : RecordedDrive
+        From `read_drive`.
+    anchor : Anchor
+        Where the reference starts.
+
+    Raises
+    ------
+    JudgeError
+        If poses are missing, the vehicle does not stand still before the start event, or the anchor
+        needs a heading that is not measured.
+    """
     time = np.linspace(0.0, drive.duration, POINTS)
     matched = _matched(drive, time)
     reference = _interpolate_reference(drive.reference, time)

@@ -19,8 +19,8 @@ class CubicSpline:
     y : ndarray of float, shape (n,)
         Values there.
 
-    Source
-    ------
+    References
+    ----------
     C. de Boor, A Practical Guide to Splines, Springer, 1978, chapter IV.
     """
 

@@ -40,12 +40,18 @@ def load_yaml(text: str | bytes) -> Any:
 
 
 def dump_yaml(value: object) -> str:
-    """Return plain values as YAML, in the order of their keys."""
+    """Return values as YAML, in the order of their keys.
+
+    Parameters
+    ----------
+    value : dict, list, str, int, float, bool or None
+        Of plain types all through.
+    """
     return str(yaml.dump(value, Dumper=_Dumper, sort_keys=False)).strip()
 
 
 def read_metadata(bag: Path) -> dict[str, Any]:
-    """Return what metadata.yaml says of a bag; empty if there is none, as after a crash of rosbag2.
+    """Return the content of metadata.yaml; empty if there is none, as after a crash of rosbag2.
 
     Parameters
     ----------
@@ -88,5 +94,11 @@ def write_metadata(bag: Path, information: dict[str, Any]) -> None:
 
 
 def one_line(error: Exception) -> str:
-    """Return the message of a library's exception, in one short line."""
+    """Return the message of a library's exception in one short line.
+
+    Parameters
+    ----------
+    error : Exception
+        Of any type.
+    """
     return " ".join(str(error).split())[:200]

@@ -92,15 +92,21 @@ class BagReader(Closing):
 
     Parameters
     ----------
-    path : the bag
-    damaged : called for each damaged chunk, which is then passed over; None: they raise
+    path : Path
+        The bag.
+    damaged : callable, optional
+        Called for each damaged chunk, which is then passed over. Default: damage raises.
 
     Attributes
     ----------
-    path : the bag
-    topics : by name; counts are those of the whole bag
-    metadata : what the recorder noted about the drive
-    complete : False if a file was cut off, by a killed recorder for example; what is left is read
+    path : Path
+        The bag.
+    topics : dict of str to Topic
+        By name; counts are those of the whole bag.
+    metadata : dict of str to str
+        What the recorder noted about the drive.
+    complete : bool
+        False if a file was cut off, by a killed recorder for example; what is left is read.
 
     Raises
     ------
@@ -134,7 +140,12 @@ class BagReader(Closing):
             self._closing = stack.pop_all()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
-        """Messages of the named topics (all, if None) in the order they were recorded.
+        """Yield messages in the order they were recorded.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Names of those wanted. Default: all.
 
         Raises
         ------
@@ -267,10 +278,10 @@ class _McapFile:
                 indexed = indexes and self._damaged is None
                 found = self._indexed(data, indexes) if indexed else _messages(data)
             except _DAMAGED as error:
-                told = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
+                failure = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
                 if self._damaged is None:
-                    raise told from error
-                self._damaged(told)
+                    raise failure from error
+                self._damaged(failure)
                 continue
             for channel_id, stamp, start, end in found:
                 if channel_id in names:

@@ -10,10 +10,18 @@ from tricycle_core.quantities import Progress
 
 
 class Recovery(NamedTuple):
-    """What was recovered of a bag."""
+    """What was recovered of a bag.
+
+    Attributes
+    ----------
+    messages : int
+        Number of them.
+    damage : tuple of BagError
+        One for each chunk that was left out.
+    """
 
     messages: int
-    damage: tuple[BagError, ...]  # chunks that were left out
+    damage: tuple[BagError, ...]
 
 
 def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Recovery:
@@ -24,9 +32,12 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
 
     Parameters
     ----------
-    bag : rosbag2 directory or file
-    output : rosbag2 directory to create
-    progress : called with the messages copied and their number
+    bag : Path
+        rosbag2 directory or file.
+    output : Path
+        rosbag2 directory to create.
+    progress : callable, optional
+        Called with the number of messages copied and in all.
 
     Raises
     ------

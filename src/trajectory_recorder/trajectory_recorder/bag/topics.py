@@ -1,4 +1,4 @@
-"""What a bag knows of a topic: type, message definition, type hash, offered quality of service.
+"""What a bag holds about a topic: type, definition, type hash, offered quality of service.
 
 rosbags is imported where it is used: it takes a while, and the types are wanted without it.
 """
@@ -32,16 +32,24 @@ FOREVER = 2**63 - 1  # ns; how ROS 2 writes an infinite deadline, lifespan or le
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """Quality of service one publisher offered, in the words of rosbag2's metadata.
+    """Quality of service that one publisher offered, with the names of rosbag2's metadata.
 
     Attributes
     ----------
-    history : keep_last, keep_all, ...
-    depth : messages kept by keep_last; 0 where the middleware does not tell
-    reliability : reliable, best_effort, ...
-    durability : volatile, transient_local, ...
-    deadline, lifespan, lease : ns, FOREVER where unlimited
-    liveliness : automatic, manual_by_topic, ...
+    history : str
+        "keep_last", "keep_all", ...
+    depth : int
+        Messages kept by "keep_last"; 0 where the middleware does not say.
+    reliability : str
+        "reliable", "best_effort", ...
+    durability : str
+        "volatile", "transient_local", ...
+    deadline, lifespan : int
+        Largest time between messages, and age of a message [ns]; FOREVER where unlimited.
+    liveliness : str
+        "automatic", "manual_by_topic", ...
+    lease : int
+        Time within which the publisher must show its liveliness [ns]; FOREVER where unlimited.
     """
 
     history: str = "keep_last"
@@ -60,7 +68,7 @@ class OfferedQos:
 
     @classmethod
     def of_connection(cls, qos: Qos) -> OfferedQos:
-        """Quality of service as `rosbags` reads it."""
+        """Return the quality of service that `rosbags` read."""
         return cls(
             history=qos.history.name.lower(),
             depth=qos.depth,
@@ -103,7 +111,7 @@ class OfferedQos:
         )
 
     def to_yaml(self) -> dict[str, Any]:
-        """Entry of ``offered_qos_profiles``, rosbag2 metadata version 9."""
+        """Return the entry of ``offered_qos_profiles``, rosbag2 metadata version 9."""
 
         def split(ns: int) -> dict[str, int]:
             return {"sec": ns // SECOND, "nsec": ns % SECOND}
@@ -122,7 +130,7 @@ class OfferedQos:
 
 
 def parse_profiles(text: str) -> tuple[OfferedQos, ...]:
-    """Return what the metadata of an MCAP channel says of its publishers; empty if unreadable.
+    """Return the publishers in the metadata of an MCAP channel; empty if unreadable.
 
     Parameters
     ----------
@@ -150,12 +158,18 @@ class Topic:
 
     Attributes
     ----------
-    name : absolute, ``/odom``
-    type : ``nav_msgs/msg/Odometry``
-    definition : message definition in ``.msg`` syntax with its dependencies; empty if unknown
-    type_hash : ``RIHS01_...``; empty if unknown
-    qos : one per publisher when recording began
-    count : messages in the bag
+    name : str
+        Absolute: ``/odom``.
+    type : str
+        ``nav_msgs/msg/Odometry``.
+    definition : str
+        In ``.msg`` syntax with its dependencies; empty if unknown.
+    type_hash : str
+        ``RIHS01_...``; empty if unknown.
+    qos : tuple of OfferedQos
+        One per publisher when recording began.
+    count : int
+        Messages in the bag.
     """
 
     name: str
@@ -172,7 +186,16 @@ class Topic:
 
     @classmethod
     def of_type(cls, name: str, type_name: str, *, qos: tuple[OfferedQos, ...] = ()) -> Topic:
-        """Topic of a type of ROS 2 Jazzy or of an installed package, with definition and hash.
+        """Return a topic of a type of ROS 2 Jazzy or of an installed package.
+
+        Parameters
+        ----------
+        name : str
+            Of the topic.
+        type_name : str
+            Of its messages; definition and hash are looked up.
+        qos : tuple of OfferedQos
+            One per publisher.
 
         Raises
         ------
@@ -187,7 +210,7 @@ class Topic:
 
 @cache
 def jazzy() -> Typestore:
-    """Message types of ROS 2 Jazzy: (de)serialisation, definitions and hashes without ROS."""
+    """Return the message types of ROS 2 Jazzy: definitions, hashes and CDR, without ROS."""
     from rosbags.typesys import Stores, get_typestore
 
     return get_typestore(Stores.ROS2_JAZZY)
@@ -221,7 +244,12 @@ def _register(type_name: str) -> None:
 
 
 def message_class(type_name: str) -> type:
-    """Class of an installed ROS message type, ``nav_msgs/msg/Odometry``.
+    """Return the class of an installed ROS message type.
+
+    Parameters
+    ----------
+    type_name : str
+        ``nav_msgs/msg/Odometry``.
 
     Raises
     ------
@@ -238,6 +266,13 @@ def message_class(type_name: str) -> type:
 
 def decode(type_name: str, data: bytes) -> Any:
     """Deserialise a CDR message of a Jazzy type.
+
+    Parameters
+    ----------
+    type_name : str
+        ``nav_msgs/msg/Odometry``.
+    data : bytes
+        Serialised message.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Writing of rosbag2 directories (``metadata.yaml`` and MCAP files) without ROS.
 
-A bag under construction is a complete one: every `BagWriter.flush` writes the chunks filled since
+A bag that is being written is complete: every `BagWriter.flush` writes the chunks filled since
 the last one *and* the file's summary and footer behind them; the next flush overwrites that
 summary. A process that is killed thus leaves a bag that any reader opens, with everything up to
-the last flush in it. Only a process killed within the write itself leaves a torn summary;
-`BagReader` reads such a file up to the tear.
+the last flush in it. Only a process killed within the write itself leaves an incomplete summary;
+`BagReader` reads such a file up to that place.
 
 The records are those of https://mcap.dev/spec, the directory that of rosbag2 (metadata version 9).
 """
@@ -62,17 +62,23 @@ class Compression(Enum):
 class BagWriter(Closing):
     """A rosbag2 directory being written.
 
-    Parameters
-    ----------
-    path : directory to create; its parents are created too
-    compression : of the chunks
-    chunk_size : bytes of a chunk before compression
-    split_size : bytes after which the next file is begun, 0 for never
-    split_duration : seconds of stamps after which the next file is begun, 0 for never
-    metadata : what to record about the drive, e.g. plan id and versions; may be added to later
-
     Latched topics (every publisher offers transient-local) are repeated at the beginning of each
     further file, stamped with the time of the split, so that every file can be used alone.
+
+    Parameters
+    ----------
+    path : Path
+        Directory to create; its parents are created too.
+    compression : Compression
+        Of the chunks.
+    chunk_size : int
+        Size of a chunk before compression [bytes].
+    split_size : int
+        Size after which the next file is begun [bytes]; 0 for never.
+    split_duration : float
+        Time between stamps after which the next file is begun [s]; 0 for never.
+    metadata : mapping of str to str, optional
+        Notes about the drive, e.g. plan id and versions; may be added to later.
 
     Raises
     ------
@@ -121,7 +127,7 @@ class BagWriter(Closing):
         return sum(file.size for file in self._files)
 
     def add_topic(self, topic: Topic) -> int:
-        """Begin a topic; the returned id is what `write` wants."""
+        """Begin a topic; return its id for `write`."""
         self._topics.append(topic)
         topic_id = len(self._topics)
         if topic.latched:
@@ -131,7 +137,17 @@ class BagWriter(Closing):
         return topic_id
 
     def write(self, topic_id: int, stamp: int, data: bytes) -> None:
-        """Append a serialised (CDR) message received at ``stamp``, ns."""
+        """Append a message.
+
+        Parameters
+        ----------
+        topic_id : int
+            From `add_topic`.
+        stamp : int
+            Time of receipt [ns].
+        data : bytes
+            Serialised (CDR).
+        """
         if self._split_due(stamp):
             self._split(stamp)
         self._append(topic_id, stamp, data)

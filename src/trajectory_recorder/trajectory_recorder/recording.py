@@ -1,0 +1,313 @@
+"""What the recorder does with the messages of its topics, without ROS.
+
+`Recording` keeps the latched messages of all topics also while nothing is recorded, so that a bag
+begins with them; it opens and closes bags, watches the disk, and reports its state.
+"""
+
+import shutil
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+from trajectory_recorder.bag.topics import Topic, decode
+from trajectory_recorder.bag.writer import BagWriter, Compression
+from tricycle_core.diagnostics import Level
+from tricycle_core.errors import BagError
+
+METADATA = ("plan_id", "vehicle*", "firmware*")
+"""Values of diagnostics that are copied to the bag's metadata record."""
+
+_DIAGNOSTICS: dict[str, Callable[[Any], Any]] = {  # to a list of DiagnosticStatus
+    "diagnostic_msgs/msg/DiagnosticStatus": lambda m: [m],
+    "diagnostic_msgs/msg/DiagnosticArray": lambda m: m.status,
+}
+
+
+@dataclass(frozen=True)
+class BagSettings:
+    """How bags are written.
+
+    Attributes
+    ----------
+    compression : Compression
+        Of the chunks.
+    split_size : int
+        Size of a file [bytes]; 0: no limit.
+    split_duration : float
+        Duration of a file [s]; 0: no limit.
+    disk_reserve : float
+        Left free on the disk [bytes].
+    metadata : mapping of str to str
+        For the metadata record of every bag.
+    """
+
+    compression: Compression = Compression.ZSTD
+    split_size: int = 0
+    split_duration: float = 0.0
+    disk_reserve: float = 0.0
+    metadata: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Status:
+    """State of the recorder, for diagnostics.
+
+    Attributes
+    ----------
+    level : Level
+        ERROR where a recording ended by itself, WARN where messages or topics are missing.
+    message : str
+        In one line.
+    values : mapping of str to object
+        Details by name.
+    """
+
+    level: Level
+    message: str
+    values: Mapping[str, object]
+
+
+class TopicSource:
+    """A topic that is received: how it is offered, its latched messages, how many were lost.
+
+    Parameters
+    ----------
+    topic : Topic
+        As its publishers offer it now.
+    """
+
+    def __init__(self, topic: Topic) -> None:
+        self.topic = topic
+        self.id = 0  # in the bag being written
+        self.lost = 0  # messages
+        self._sequence = 0  # last one received
+        self.latched: deque[bytes] = deque()
+        self.offered(topic)
+
+    def offered(self, topic: Topic) -> None:
+        """Take note of how the topic is offered from now on."""
+        self.topic = topic
+        self._sequence = 0
+        # The middleware does not say how many messages a publisher latches; nearly all latch one.
+        self.latched = deque(self.latched, maxlen=len(topic.qos) if topic.latched else 0)
+
+    def received(self, data: bytes, sequence: int) -> None:
+        """Keep a latched message, and count those that are missing before it.
+
+        Parameters
+        ----------
+        data : bytes
+            Serialised.
+        sequence : int
+            Number by its publisher.
+        """
+        self.latched.append(data)
+        if len(self.topic.qos) == 1 and 0 < self._sequence < sequence:
+            self.lost += sequence - self._sequence - 1
+        self._sequence = sequence
+
+
+class Recording:
+    """The topics that are received, and the bag that they are written to.
+
+    Parameters
+    ----------
+    settings : BagSettings
+        Of all bags.
+    failed : callable
+        Called with the reason when the disk ends a recording; the bag holds what it took.
+
+    Attributes
+    ----------
+    topics : dict of str to TopicSource
+        By name.
+    refused : dict of str to str
+        Topics that are not recorded, and why.
+    """
+
+    def __init__(self, settings: BagSettings, failed: Callable[[str], None]) -> None:
+        self.topics: dict[str, TopicSource] = {}
+        self.refused: dict[str, str] = {}
+        self._settings = settings
+        self._failed = failed
+        self._bag: BagWriter | None = None
+        self._failure = ""  # why the last recording ended by itself
+        self._reported = (0.0, 0, 0)  # s, messages, bytes
+        self._disk_free = 0  # bytes
+
+    def start(self, output: str, stamp: int) -> Path:
+        """Begin a bag with the latched messages received so far; return where it is.
+
+        Parameters
+        ----------
+        output : str
+            Directory to create.
+        stamp : int
+            Time now, of the latched messages [ns].
+
+        Raises
+        ------
+        BagError
+            If a bag is being recorded, none is named, or it exists.
+        OSError
+            If the disk refuses it.
+        """
+        if self._bag is not None:
+            raise BagError(f"already recording {self._bag.path}: stop it first")
+        if not output:
+            raise BagError("the parameter output is empty: set it to the directory of the bag")
+        bag = BagWriter(
+            Path(output).absolute(),
+            compression=self._settings.compression,
+            split_size=self._settings.split_size,
+            split_duration=self._settings.split_duration,
+            metadata=self._settings.metadata,
+        )
+        self._bag = bag
+        self._failure = ""
+        self._reported = (time.monotonic(), 0, 0)
+        self._disk_free = shutil.disk_usage(bag.path).free
+        for source in self.topics.values():
+            source.id = bag.add_topic(source.topic)
+            source.lost = 0
+            for data in source.latched:
+                self.write(source, data, stamp)
+        if self._bag is None:
+            raise BagError(self._failure)
+        return bag.path
+
+    def stop(self) -> Path:
+        """Close the bag; return where it is.
+
+        Raises
+        ------
+        BagError
+            If nothing is being recorded.
+        OSError
+            If the disk does not take the rest.
+        """
+        if self._bag is None:
+            raise BagError(self._failure or "not recording")
+        bag, self._bag = self._bag, None
+        bag.close()
+        return bag.path
+
+    def offer(self, topic: Topic) -> TopicSource:
+        """Add a topic, or note that it is offered differently."""
+        source = self.topics.get(topic.name)
+        if source is not None:
+            source.offered(topic)
+            return source
+        source = self.topics[topic.name] = TopicSource(topic)
+        if self._bag is not None:
+            source.id = self._bag.add_topic(topic)
+        return source
+
+    def write(self, source: TopicSource, data: bytes, stamp: int) -> None:
+        """Write a message, if a bag is being recorded.
+
+        Parameters
+        ----------
+        source : TopicSource
+            One of `topics`.
+        data : bytes
+            Serialised message.
+        stamp : int
+            Time of receipt [ns].
+        """
+        if self._bag is None:
+            return
+        try:
+            self._bag.write(source.id, stamp, data)
+        except OSError as error:
+            self._fail(f"{self._bag.path}: {error.strerror or error}")
+            return
+        statuses = _DIAGNOSTICS.get(source.topic.type)
+        if statuses is not None:
+            with suppress(BagError):  # a message of no such type is recorded all the same
+                for status in statuses(decode(source.topic.type, data)):
+                    pairs = ((pair.key, pair.value) for pair in status.values)
+                    self._bag.metadata |= {k: v for k, v in pairs if matches(k, METADATA)}
+
+    def flush(self) -> None:
+        """Bring to the disk what was written, or end the recording where the disk is full."""
+        if self._bag is None:
+            return
+        reserve = self._settings.disk_reserve
+        try:
+            self._disk_free = shutil.disk_usage(self._bag.path).free
+            if self._disk_free >= reserve:
+                self._bag.flush()
+                return
+            left = f"{self._disk_free / 1e6:.0f} MB of disk left"
+            reason = f"{left}, disk_reserve is {reserve / 1e6:.0f} MB"
+        except OSError as error:
+            reason = f"{self._bag.path}: {error.strerror or error}"
+        self._fail(reason)
+
+    def status(self, patterns: Sequence[str]) -> Status:
+        """Return how the recorder is; rates are those since the call before.
+
+        Parameters
+        ----------
+        patterns : sequence of str
+            Of the topics that are wanted; those without a topic are named.
+        """
+        values: dict[str, object] = {}
+        if self._bag is not None:
+            before, messages, size = self._reported
+            now = time.monotonic()
+            self._reported = (now, self._bag.messages, self._bag.size)
+            values = {
+                "bag": self._bag.path,
+                "messages": self._bag.messages,
+                "bytes": self._bag.size,
+                "messages_per_second": round((self._bag.messages - messages) / (now - before), 1),
+                "bytes_per_second": round((self._bag.size - size) / (now - before)),
+                "disk_free": self._disk_free,
+            }
+        lost = sum(source.lost for source in self.topics.values())
+        values["lost"] = lost
+        values["topics"] = " ".join(sorted(self.topics))
+        missing = [p for p in patterns if not any(matches(name, [p]) for name in self.topics)]
+        if missing:
+            values["missing"] = " ".join(missing)
+        values |= self.refused
+        if self._failure:
+            return Status(Level.ERROR, self._failure, values)
+        if lost:
+            return Status(Level.WARN, f"{lost} messages lost", values)
+        if self.refused:
+            return Status(Level.WARN, "topics are not recorded", values)
+        return Status(Level.OK, "recording" if self._bag else "not recording", values)
+
+    def _fail(self, reason: str) -> None:
+        bag, self._bag = self._bag, None
+        self._failure = f"recording stopped: {reason}"
+        if bag is not None:
+            with suppress(OSError):
+                bag.close()
+        self._failed(self._failure)
+
+
+def matches(name: str, patterns: Sequence[str]) -> bool:
+    """Whether a name fits one of the patterns.
+
+    Parameters
+    ----------
+    name : str
+        Of a topic, or of a value.
+    patterns : sequence of str
+        ``*`` and ``?`` match anything.
+
+    Examples
+    --------
+    >>> matches("/maneuver/path", ["/odom", "/maneuver/*"])
+    True
+    """
+    return any(fnmatchcase(name, pattern) for pattern in patterns)

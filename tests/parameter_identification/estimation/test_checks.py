@@ -1,0 +1,62 @@
+"""Drives from which nothing can be identified."""
+
+import dataclasses
+from importlib import resources
+from pathlib import Path
+
+import pytest
+from simulated_drives import VEHICLE, driven, driven_pair
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.poses import PlanarTrajectory
+from parameter_identification.estimation.checks import check_drives, check_motion, check_vehicle
+from tricycle_core.errors import IdentificationError
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return driven_pair()
+
+
+def with_reference(drive, vehicle):
+    motion = simulate(vehicle, drive.commands)
+    reference = PlanarTrajectory(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
+    return dataclasses.replace(drive, reference=reference)
+
+
+def test_the_same_drive_does_not_count_twice(pair):
+    check_drives(pair, VEHICLE)
+    with pytest.raises(IdentificationError, match="circle and again are the same drive"):
+        check_drives([pair[0], dataclasses.replace(pair[0], name="again")], VEHICLE)
+
+
+def test_too_little_motion_is_refused(pair):
+    still = Commands([0.0, 20.0], [0.0, 0.0], [0.01, 0.01])
+    with pytest.raises(IdentificationError, match="too little motion"):
+        check_motion(driven(still))
+    moment = {s: signal.between(0.0, 0.5) for s, signal in pair[0].signals.items()}
+    with pytest.raises(IdentificationError, match="11 positions are too few"):
+        check_motion(dataclasses.replace(pair[0], signals=moment))
+    assert Sensor.POSITION in moment
+
+
+def test_a_drive_planned_for_another_vehicle_is_refused(pair):
+    cargo = load_vehicle(Path(str(resources.files("tricycle_sim") / "cargo_tricycle.yaml")))
+    with pytest.raises(IdentificationError, match="another vehicle"):
+        check_vehicle(with_reference(pair[0], cargo), VEHICLE)
+
+
+def test_a_drive_planned_with_other_nominal_values_is_taken(pair):
+    planned_with = VEHICLE.replace(cornering_stiffness=800.0, camber_stiffness=60.0)
+    check_vehicle(with_reference(pair[0], planned_with), VEHICLE)
+
+
+def test_a_vehicle_file_that_is_better_known_than_the_plan_was_is_taken(pair):
+    narrow = dataclasses.replace(
+        VEHICLE.replace(cornering_stiffness=800.0),
+        unknown={**VEHICLE.unknown, "cornering_stiffness": (760.0, 840.0)},
+    )
+    check_vehicle(with_reference(pair[0], VEHICLE), narrow)

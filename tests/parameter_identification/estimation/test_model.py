@@ -1,0 +1,64 @@
+"""Predictions of a drive and their derivatives."""
+
+import numpy as np
+import pytest
+from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, shares
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.estimation.model import DriveModel, restrict
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import TICK
+
+EXACT = {sensor: SensorNoise(0.0, rate=47.0) for sensor in Sensor}  # between ticks
+
+
+@pytest.fixture(scope="module")
+def model():
+    drive = driven(
+        commands_of_pair()["lane"], noise=0.0, others=EXACT.items(), pose=(3.0, -2.0, 2.5)
+    )
+    return DriveModel(VEHICLE, drive)
+
+
+def start_of(model):
+    """Nuisances, in standard deviations, of the true start."""
+    exact = {"start x": 3.0, "start y": -2.0, "start heading": 2.5}
+    return np.array([(exact.get(n.name, 0.0) - n.mean) / n.std for n in model.nuisances])
+
+
+def test_with_the_truth_nothing_is_left(model):
+    for p in model.predict(shares(TRUTH), start_of(model)):
+        np.testing.assert_allclose(p.residual, 0.0, atol=1e-9)
+
+
+def test_derivatives_are_those_of_the_prediction(model):
+    k, z, b = len(NAMES), shares(TRUTH), start_of(model)
+    variables = np.concatenate([z, b])
+    before = model.predict(z, b)
+    for i in range(len(variables)):
+        step = 1e-4 if i < k else 1e-3
+        ends = [variables + sign * step * np.eye(len(variables))[i] for sign in (-1, 1)]
+        low, high = (model.predict(v[:k], v[k:]) for v in ends)
+        for p, lower, upper in zip(before, low, high, strict=True):
+            slope = (upper.residual - lower.residual) / (2 * step)
+            smooth = np.abs(p.time / TICK % 1.0 - 0.5) < 0.4  # linear between ticks
+            tolerance = 0.02 * np.abs(slope).max() + 1e-6
+            np.testing.assert_allclose(p.jacobian[smooth, :, i], slope[smooth], atol=tolerance)
+
+
+def test_the_misfit_prefers_the_truth(model):
+    white = dict.fromkeys(Sensor, 0.01)
+    others = np.random.default_rng(1).uniform(size=(20, len(NAMES)))
+    misfits = model.misfits(np.vstack([shares(TRUTH), others]), white)
+    assert np.argmin(misfits) == 0
+    assert misfits[0] < 0.01 * misfits[1:].min()
+
+
+def test_a_vehicle_is_restricted_to_parameters_it_has():
+    vehicle = restrict(VEHICLE, ("yaw_inertia", "cornering_stiffness"))
+    assert tuple(vehicle.unknown) == ("cornering_stiffness", "yaw_inertia")
+    with pytest.raises(IdentificationError, match="'mass' is not an unknown parameter"):
+        restrict(VEHICLE, ("mass",))
+    with pytest.raises(IdentificationError, match="nothing to identify"):
+        restrict(VEHICLE, ())

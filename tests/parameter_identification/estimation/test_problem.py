@@ -1,0 +1,106 @@
+"""Least squares, its optimum, and what is read from it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from simulated_drives import NAMES, TRUTH, VEHICLE, driven_pair, shares
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.observability import hidden_combinations, identifiable
+from parameter_identification.estimation.optimum import find_optimum
+from parameter_identification.estimation.prior import prior_in_ranges
+from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.profiles import profile
+from parameter_identification.estimation.validation import (
+    fits_of_drives,
+    predict_held_out,
+    whiteness_of_residuals,
+)
+
+
+@pytest.fixture(scope="module")
+def pair():
+    return driven_pair()
+
+
+@pytest.fixture(scope="module")
+def problem(pair):
+    models = [DriveModel(VEHICLE, drive) for drive in pair]
+    with LeastSquares(models, *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as problem:
+        yield problem
+
+
+@pytest.fixture(scope="module")
+def optimum(problem):
+    return find_optimum(problem, starts=2, seed=0, level=0.95)
+
+
+def test_the_gram_matrix_is_that_of_cost_and_gradient(problem):
+    rng = np.random.default_rng(0)
+    v = np.concatenate([shares(TRUTH), 0.1 * rng.standard_normal(problem.n - problem.k)])
+    gram = problem.gram(v)
+    np.testing.assert_allclose(gram, gram.T)
+    for i in (0, 3, problem.k, problem.n - 1):
+        step = 1e-4 * np.eye(problem.n)[i]
+        slope = (problem.gram(v + step)[-1, -1] - problem.gram(v - step)[-1, -1]) / 2e-4
+        assert 2.0 * gram[i, -1] == pytest.approx(slope, rel=0.02, abs=0.5)
+
+
+def test_variables_that_are_not_free_stay(problem):
+    start = np.concatenate([np.full(problem.k, 0.4), np.zeros(problem.n - problem.k)])
+    free = np.arange(problem.n) >= problem.k
+    fit = problem.minimise(start, free)
+    np.testing.assert_array_equal(fit.at[: problem.k], 0.4)
+    assert fit.cost < problem.gram(start)[-1, -1]
+
+
+def test_the_optimum_is_near_the_truth_and_so_is_the_noise(problem, optimum):
+    deviation = np.abs(optimum.fit.at[: problem.k] - shares(TRUTH))
+    assert np.all(deviation < 4 * np.sqrt(np.diag(optimum.covariance))[: problem.k])
+    assert problem.noise[Sensor.POSITION].white == pytest.approx(0.01, rel=0.1)
+    assert optimum.starts == (2, 2)
+    assert optimum.rivals == ()
+
+
+def test_what_is_hidden_is_what_is_not_identifiable(problem, optimum):
+    shown = dict(zip(NAMES, identifiable(problem, optimum), strict=True))
+    assert shown["cornering_stiffness"]
+    assert not shown["self_aligning_stiffness"]
+    hidden = hidden_combinations(problem, optimum)
+    assert "self_aligning_stiffness" in hidden[0].weights
+    assert all(0.5 <= combination.remaining <= 1.0 for combination in hidden)
+
+
+def test_nothing_is_identifiable_where_other_parameters_fit_as_well(problem, optimum):
+    ambiguous = dataclasses.replace(optimum, rivals=(np.full(problem.k, 0.5),))
+    assert not identifiable(problem, ambiguous).any()
+
+
+def test_a_profile_agrees_with_the_linear_interval(problem, optimum):
+    curve = profile(problem, optimum.fit, optimum.covariance, 0, 0.95)
+    estimate, std = optimum.fit.at[0], np.sqrt(optimum.covariance[0, 0])
+    assert np.all(np.diff(curve.z) > 0)
+    assert curve.rise[curve.z == estimate].tolist() == [0.0]
+    assert curve.interval == pytest.approx((estimate - 1.96 * std, estimate + 1.96 * std), rel=0.05)
+
+
+def test_a_profile_ends_at_the_range(problem, optimum):
+    curve = profile(problem, optimum.fit, optimum.covariance, 2, 0.95)
+    assert curve.interval == (0.0, 1.0)
+
+
+def test_estimates_predict_better_than_nominal_values(problem, optimum, pair):
+    predictions = problem.predictions(optimum.fit.at)
+    for fit in fits_of_drives(problem, optimum, predictions):
+        before, after = (f[Sensor.POSITION].residual for f in (fit.before, fit.after))
+        assert np.mean(after**2) < 0.5 * np.mean(before**2)
+        assert abs(fit.nuisances["start heading"].estimate) < 0.02
+        assert fit.weights[Sensor.POSITION].max() <= 1.0
+    tests = whiteness_of_residuals(problem, predictions)
+    assert [(t.drive, t.channel) for t in tests] == [
+        (d.name, c) for d in pair for c in ("x", "y")
+    ]  # fmt: skip
+    held = predict_held_out(problem, optimum, pair[0], Loss.SQUARED)
+    assert held.rms_estimated < 0.5 * held.rms_nominal

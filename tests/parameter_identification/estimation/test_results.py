@@ -1,0 +1,28 @@
+"""Results of an identification: what is derived from them."""
+
+import numpy as np
+from found_identification import FOUND
+
+from parameter_identification.estimation.results import Combination
+
+
+def test_arrays_are_in_the_order_of_the_names():
+    assert FOUND.names == ("cornering_stiffness", "yaw_inertia")
+    np.testing.assert_array_equal(FOUND.estimates, [600.0, 50.0])
+    np.testing.assert_array_equal(FOUND.standard_deviations, [5.0, 7.0])
+    np.testing.assert_array_equal(FOUND.intervals, [[590.0, 611.0], [40.0, 60.0]])
+    np.testing.assert_allclose(FOUND.correlation, [[1.0, 1.0 / 35.0], [1.0 / 35.0, 1.0]])
+    assert FOUND.identifiable == {"cornering_stiffness": True, "yaw_inertia": False}
+    assert FOUND.white
+
+
+def test_the_posterior_is_a_prior():
+    prior = FOUND.posterior()
+    assert prior.names == FOUND.names
+    np.testing.assert_array_equal(prior.mean, FOUND.estimates)
+    np.testing.assert_array_equal(prior.covariance, FOUND.covariance)
+
+
+def test_combinations_are_read_by_people():
+    assert str(Combination({"yaw_inertia": 0.98}, 0.9)) == "yaw_inertia"
+    assert str(Combination({"a": 0.8, "b": -0.6}, 0.9)) == "+0.80 a -0.60 b"

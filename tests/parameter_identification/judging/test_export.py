@@ -1,0 +1,36 @@
+"""Judged drives in files and figures."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from driven_bags import Scene, sideways
+
+from parameter_identification.judging.export import ExportFormat, export, plot
+from parameter_identification.judging.judgement import judge
+
+
+def test_tum_export_agrees_with_evo(tmp_path: Path) -> None:
+    evo_io = pytest.importorskip("evo.tools.file_interface")
+    from evo.core.metrics import APE, PoseRelation
+
+    j = judge(Scene(deviation=sideways(0.2), noise=0.01).write(tmp_path / "bag"))
+    measured, reference = export([j], tmp_path / "out", ExportFormat.TUM)
+    ape = APE(PoseRelation.translation_part)
+    ape.process_data(
+        (evo_io.read_tum_trajectory_file(reference), evo_io.read_tum_trajectory_file(measured))
+    )
+    statistics = ape.get_all_statistics()
+    assert statistics["rmse"] == pytest.approx(j.rms, abs=1e-9)
+    assert statistics["max"] == pytest.approx(j.max, abs=1e-9)
+
+
+def test_csv_and_figure(tmp_path: Path) -> None:
+    j = judge(Scene(deviation=sideways(0.2)).write(tmp_path / "bag"))
+    (path,) = export([j], tmp_path, ExportFormat.CSV)
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    assert np.mean(table["along"] ** 2 + table["cross"] ** 2) == pytest.approx(j.te, rel=1e-12)
+    again = export([j, j], tmp_path / "again", ExportFormat.CSV)
+    assert [path.name for path in again] == ["bag.csv", "bag_2.csv"]
+    plot([j, j], tmp_path / "figures" / "figure.png")
+    assert (tmp_path / "figures" / "figure.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,68 @@
+"""Recovery of bags that other readers refuse."""
+
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.recovery import recover
+from trajectory_recorder.bag.topics import Topic
+from trajectory_recorder.bag.writer import BagWriter, Compression
+from tricycle_core.errors import BagError
+
+COUNT = 3000
+
+
+@pytest.fixture
+def bag(tmp_path: Path) -> Path:
+    with BagWriter(
+        tmp_path / "bag", chunk_size=2000, compression=Compression.NONE, metadata={"plan_id": "p"}
+    ) as writer:
+        topic = writer.add_topic(Topic.of_type("/chatter", "std_msgs/msg/String"))
+        for i in range(COUNT):
+            writer.write(topic, i, b"%06d" % i)
+    return tmp_path / "bag"
+
+
+def contents(bag: Path) -> list[bytes]:
+    with BagReader(bag) as reader:
+        return [message.data for message in reader.messages()]
+
+
+def test_a_torn_bag_becomes_one_that_any_reader_opens(bag: Path, tmp_path: Path) -> None:
+    file = bag / "bag_0.mcap"
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    told: list[tuple[int, int]] = []
+    found = recover(
+        bag, tmp_path / "whole", progress=lambda done, total: told.append((done, total))
+    )
+    assert found.damage == ()
+    assert 0 < found.messages < COUNT
+    assert told[-1] == (found.messages, found.messages)
+    assert contents(tmp_path / "whole") == [b"%06d" % i for i in range(found.messages)]
+    with BagReader(tmp_path / "whole") as reader:
+        assert reader.complete
+        assert reader.metadata["plan_id"] == "p"
+    with (tmp_path / "whole" / "whole_0.mcap").open("rb") as stream:
+        assert make_reader(stream).get_summary().statistics.message_count == found.messages
+
+
+def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path) -> None:
+    file = bag / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    at = content.index(b"%06d" % 1000)
+    content[at : at + 6] = b"damage"
+    file.write_bytes(content)
+    found = recover(bag, tmp_path / "whole")
+    (damage,) = found.damage
+    assert "damaged chunk at byte" in str(damage)
+    kept = contents(tmp_path / "whole")
+    assert len(kept) == found.messages
+    assert COUNT - 100 < len(kept) < COUNT
+    assert b"%06d" % 1000 not in kept
+
+
+def test_nothing_is_overwritten(bag: Path) -> None:
+    with pytest.raises(BagError, match="exists"):
+        recover(bag, bag)

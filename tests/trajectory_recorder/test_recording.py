@@ -1,0 +1,141 @@
+"""What a recording is made of: latched messages, losses, the disk, its state."""
+
+from pathlib import Path
+
+import pytest
+
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
+from trajectory_recorder.recording import BagSettings, Recording, matches
+from tricycle_core.diagnostics import Level
+from tricycle_core.errors import BagError
+
+TYPE = "std_msgs/msg/String"
+LATCHED = (OfferedQos(durability="transient_local"),)
+ONE = (OfferedQos(),)
+PATTERNS = ["/odom", "/maneuver/*"]
+
+
+@pytest.fixture
+def failures() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def recording(failures: list[str]) -> Recording:
+    return Recording(BagSettings(metadata={"software_version": "1"}), failures.append)
+
+
+def topic(name: str, qos: tuple[OfferedQos, ...] = ONE, type_name: str = TYPE) -> Topic:
+    return Topic.of_type(name, type_name, qos=qos)
+
+
+def contents(bag: Path) -> list[tuple[str, int, bytes]]:
+    with BagReader(bag) as reader:
+        return list(reader.messages())
+
+
+def test_a_bag_begins_with_the_latched_messages_of_before(
+    recording: Recording, tmp_path: Path
+) -> None:
+    plan = recording.offer(topic("/maneuver/path", LATCHED))
+    odom = recording.offer(topic("/odom"))
+    for source, data in ((plan, b"old"), (plan, b"new"), (odom, b"before")):
+        source.received(data, 1)
+        recording.write(source, data, 5)
+    bag = recording.start(str(tmp_path / "bag"), 10)
+    recording.write(odom, b"during", 11)
+    assert recording.stop() == bag == tmp_path / "bag"
+    recording.write(odom, b"after", 12)
+    assert contents(bag) == [("/maneuver/path", 10, b"new"), ("/odom", 11, b"during")]
+
+
+def test_a_topic_that_comes_late_is_recorded(recording: Recording, tmp_path: Path) -> None:
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    recording.write(recording.offer(topic("/late")), b"x", 1)
+    recording.stop()
+    assert contents(bag) == [("/late", 1, b"x")]
+
+
+def test_lost_messages_are_counted_per_publisher(recording: Recording) -> None:
+    source = recording.offer(topic("/odom"))
+    for sequence in (1, 2, 5, 6):
+        source.received(b"", sequence)
+    assert source.lost == 2
+    assert recording.offer(topic("/odom")) is source  # a publisher begins again
+    source.received(b"", 1)
+    recording.offer(topic("/odom", ONE * 2))  # two publishers number on their own
+    for sequence in (1, 9):
+        source.received(b"", sequence)
+    assert source.lost == 2
+    assert recording.status(PATTERNS).message == "2 messages lost"
+    assert recording.status(PATTERNS).level is Level.WARN
+
+
+def test_values_of_diagnostics_become_metadata(recording: Recording, tmp_path: Path) -> None:
+    kind = "diagnostic_msgs/msg/DiagnosticStatus"
+    types = jazzy().types
+    pairs = {"plan_id": "p1", "vehicle_hash": "abc", "elapsed": "1.0"}
+    message = types[kind](
+        level=0, name="", message="", hardware_id="",
+        values=[types["diagnostic_msgs/msg/KeyValue"](key=k, value=v) for k, v in pairs.items()],
+    )  # fmt: skip
+    state = recording.offer(topic("/maneuver/state", type_name=kind))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    recording.write(state, bytes(jazzy().serialize_cdr(message, kind)), 1)
+    recording.write(state, b"no such message", 2)
+    recording.stop()
+    with BagReader(bag) as reader:
+        assert reader.metadata == {
+            "software_version": "1", "plan_id": "p1", "vehicle_hash": "abc",
+        }  # fmt: skip
+        assert reader.topics["/maneuver/state"].count == 2
+
+
+def test_the_state_names_what_is_missing_and_refused(recording: Recording, tmp_path: Path) -> None:
+    status = recording.status(PATTERNS)
+    assert (status.level, status.message) == (Level.OK, "not recording")
+    assert status.values["missing"] == "/odom /maneuver/*"
+    recording.offer(topic("/odom"))
+    recording.start(str(tmp_path / "bag"), 0)
+    status = recording.status(PATTERNS)
+    assert (status.level, status.message) == (Level.OK, "recording")
+    assert (status.values["topics"], status.values["missing"]) == ("/odom", "/maneuver/*")
+    assert status.values["messages"] == 0
+    recording.refused["/tf"] = "of no known type"
+    status = recording.status(PATTERNS)
+    assert (status.level, status.values["/tf"]) == (Level.WARN, "of no known type")
+    recording.stop()
+
+
+def test_mistakes_are_named(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="not recording"):
+        recording.stop()
+    with pytest.raises(BagError, match="output is empty"):
+        recording.start("", 0)
+    recording.start(str(tmp_path / "bag"), 0)
+    with pytest.raises(BagError, match="already recording"):
+        recording.start(str(tmp_path / "other"), 0)
+    recording.stop()
+    with pytest.raises(BagError, match="exists"):
+        recording.start(str(tmp_path / "bag"), 0)
+
+
+def test_a_disk_without_reserve_ends_the_recording(failures: list[str], tmp_path: Path) -> None:
+    recording = Recording(BagSettings(disk_reserve=1e18), failures.append)
+    source = recording.offer(topic("/odom"))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    recording.write(source, b"x", 1)
+    recording.flush()
+    (failure,) = failures
+    assert "MB of disk left, disk_reserve is 1000000000000 MB" in failure
+    assert recording.status([]).level is Level.ERROR
+    with pytest.raises(BagError, match="disk left"):
+        recording.stop()
+    recording.flush()
+    assert contents(bag) == [("/odom", 1, b"x")]
+
+
+def test_patterns() -> None:
+    assert matches("/maneuver/path", PATTERNS)
+    assert not matches("/odometry", PATTERNS)
