@@ -8,7 +8,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel, restrict
 from tricycle_core.errors import IdentificationError
-from tricycle_core.quantities import TICK
+from tricycle_core.timing import TICK
 
 EXACT = {sensor: SensorNoise(0.0, rate=47.0) for sensor in Sensor}  # between ticks
 

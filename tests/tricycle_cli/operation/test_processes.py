@@ -1,11 +1,21 @@
 """Child processes and signals."""
 
 import signal
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
-from tricycle_cli.operation.processes import interrupts_held
+from tricycle_cli.operation.processes import (
+    NodeProcesses,
+    executable,
+    interrupts_held,
+    own_domain,
+    ros_environment,
+    run_in_foreground,
+)
+from tricycle_core.errors import NodeError
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -31,3 +41,50 @@ def test_another_thread_is_never_interrupted():
 
     with ThreadPoolExecutor() as pool:
         assert pool.submit(step).result() == "done"
+
+
+def test_an_executable_that_is_not_installed_is_told():
+    assert executable(Path(sys.executable).name) == sys.executable
+    with pytest.raises(NodeError, match="no_such_node: not installed"):
+        executable("no_such_node")
+
+
+def test_nodes_get_a_domain_of_their_own(tmp_path):
+    assert own_domain() != own_domain(1)
+    env = ros_environment(domain=7, log_dir=tmp_path)
+    assert env["ROS_DOMAIN_ID"] == "7"
+    assert Path(env["FASTRTPS_DEFAULT_PROFILES_FILE"]).exists()
+
+
+@pytest.fixture
+def node(tmp_path, monkeypatch):
+    """Install an executable that prints its arguments and ends with status 3."""
+    file = tmp_path / "some_node"
+    file.write_text('#!/bin/sh\necho "$@"\nexit 3\n')
+    file.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
+    return file.name
+
+
+def test_a_node_that_has_ended_is_told_with_its_last_words(node, tmp_path):
+    with NodeProcesses({"PATH": "/usr/bin:/bin"}, tmp_path / "log") as nodes:
+        nodes.start(node, config="nodes.yaml", parameters={"rate": 2.5, "name": "on"})
+        while True:
+            try:
+                nodes.check()
+            except NodeError as error:
+                ended = str(error)
+                break
+    assert ended.startswith("some_node ended with status 3: --ros-args --params-file nodes.yaml")
+    assert '-p some_node:rate:=2.5 -p some_node:name:="on"' in ended
+
+
+def test_a_node_in_the_foreground_ends_with_its_own_status(node, capfd):
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        parameters = {"topics": ["odom"]}
+        assert run_in_foreground(node, parameters, remappings=["/odom:=/other"]) == 3
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    assert capfd.readouterr().out == '--ros-args -p topics:=["odom"] -r /odom:=/other\n'

@@ -181,7 +181,7 @@ class Campaign:
         return plan
 
     def _prior(self) -> BoxPrior | None:
-        """What the drives so far have taught, in ranges."""
+        """What is known after the drives so far, as shares of the ranges."""
         if not self.steps:
             return None
         found = self.steps[-1].identification

@@ -109,7 +109,7 @@ class CampaignRequest:
         target : str
             Unknown parameter to excite.
         prior : BoxPrior, optional
-            What earlier drives have taught; None: the ranges of the vehicle.
+            What is known after earlier drives; None: the ranges of the vehicle.
         seed : int
             Of the search.
         """

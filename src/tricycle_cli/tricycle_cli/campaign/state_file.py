@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from parameter_identification.identification_file import IdentificationDocument
@@ -58,17 +58,17 @@ class CampaignState:
 
     Attributes
     ----------
+    schema : int
+        Version of this format.
     settings : Settings
         Of the campaign.
     steps : tuple of Step
         Drives so far; the last one may be unfinished.
-    schema : int
-        Version of this format.
     """
 
+    schema: int = field(default=SCHEMA, kw_only=True)
     settings: Settings
     steps: tuple[Step, ...] = ()
-    schema: int = SCHEMA
 
     def write(self, file: Path) -> None:
         """Write or replace the file."""

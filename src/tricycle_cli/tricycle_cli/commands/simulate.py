@@ -20,7 +20,6 @@ from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands, load_commands
-from tricycle_sim.setpoints import tick_count
 from tricycle_sim.trajectory_files import PICTURES, SUFFIXES, plot_trajectory, save_trajectory
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 
@@ -142,6 +141,8 @@ def _commands(args: argparse.Namespace, vehicle: Vehicle) -> Commands:
 
 
 def _check_size(samples: int, commands: Commands) -> None:
+    from tricycle_sim.setpoints import tick_count
+
     rows = samples * (tick_count(commands.duration) + 1)
     if rows > _MOST_ROWS:
         raise CommandsError(

@@ -240,7 +240,7 @@ class Operator(Closing):
         try:
             yield
         except BaseException:
-            with suppress(NodeError):  # what came first is told
+            with suppress(NodeError):  # the first error is reported
                 self._trigger("trajectory_recorder/stop")
             raise
         self._trigger("trajectory_recorder/stop")

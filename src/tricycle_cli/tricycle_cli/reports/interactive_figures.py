@@ -19,7 +19,7 @@ from tricycle_cli.reports.tables import allowed_rise
 from tricycle_core.palette import BLUE, GREEN, GREY, PURPLE, VERMILLION
 from tricycle_core.quantities import FloatArray
 
-POINTS = 1000  # of a curve; more cannot be told apart on a screen
+POINTS = 1000  # of a curve; a screen cannot show more
 MARKS = 5.0  # s between the lines that join equal times
 HEIGHT = 400  # px
 _EDGE = {"width": 1, "color": "white"}  # of marks

@@ -15,7 +15,7 @@ MARKS = 5.0  # s between the lines that join equal times
 
 
 def plot_plan(plan: Plan, path: Path) -> None:
-    """Path, commands and Sobol' indices of a plan, and what the drives of its set will teach.
+    """Path, commands and Sobol' indices of a plan, and what is expected to be known after its set.
 
     Parameters
     ----------

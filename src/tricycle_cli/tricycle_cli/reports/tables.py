@@ -1,15 +1,20 @@
 """Tables for the terminal, and the numbers in them that pages show too."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable, Mapping, Sequence
 from statistics import NormalDist
+from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from excitation_planner.plan import Plan
-from parameter_identification.identification import Estimate, Identification
 from parameter_identification.judging.judgement import Anchor, Judgement
+
+if TYPE_CHECKING:
+    from excitation_planner.plan import Plan
+    from parameter_identification.identification import Estimate, Identification
 
 HEADINGS = ("parameter", "unit", "range", "estimate", "interval", "truth")
 """Of the table of identified parameters."""

@@ -1,0 +1,70 @@
+"""What a campaign found, as numbers, as a table and as a figure."""
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from excitation_planner.maneuver import Circle
+from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
+from tricycle_cli.campaign.cycle import Campaign
+from tricycle_cli.campaign.request import CampaignRequest
+from tricycle_cli.campaign.results import campaign_report, campaign_table, plot_campaign
+from tricycle_cli.campaign.state_file import CampaignState, Step
+from tricycle_sim.vehicle import load_vehicle
+
+TRUTH = {"cornering_stiffness": 700.0}
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    """Open a campaign of one finished drive."""
+    request = CampaignRequest(load_vehicle(), (Circle(),), ("cornering_stiffness",), 0.05)
+    entry = ParameterEntry(
+        estimate=710.0, low=690.0, high=730.0, standard_deviation=10.0, range=(500.0, 1500.0)
+    )
+    found = IdentificationDocument(
+        level=0.95,
+        parameters={"cornering_stiffness": entry},
+        covariance=np.array([[100.0]]),
+    )
+    step = Step(
+        target="cornering_stiffness",
+        plan="plans/01.json",
+        bag="bags/01",
+        maneuver="circle",
+        operation={"radius": 3.0, "speed": 0.8},
+        plan_id="id",
+        duration=20.0,
+        predicted_std={"cornering_stiffness": 12.0},
+        driven=True,
+        identification=found,
+    )
+    CampaignState(request.settings(), (step,)).write(tmp_path / "campaign.json")
+    return Campaign(tmp_path, request)
+
+
+def test_the_report_says_what_is_known_after_each_drive(campaign):
+    report = campaign_report(campaign, TRUTH)
+    target = report["targets"]["cornering_stiffness"]
+    assert target["estimate"] == 710.0
+    assert target["truth"] == 700.0
+    assert target["half_width"] == pytest.approx(1.96 * 10.0 / 710.0)
+    assert target["within_tolerance"]
+    assert (report["drives"], report["driving_seconds"]) == (1, 20.0)
+    assert report["steps"][0]["known"]["cornering_stiffness"] == {"estimate": 710.0, "std": 10.0}
+    assert "truth" not in campaign_report(campaign)["targets"]["cornering_stiffness"]
+
+
+def test_the_table_has_a_row_per_drive(campaign):
+    console = Console(width=120, file=io.StringIO(), record=True)
+    console.print(campaign_table(campaign, TRUTH))
+    text = console.export_text()
+    for part in ("wanted: ± 5 %", "nothing: the ranges", "1: circle", "710 ± 2.76%", "700"):
+        assert part in text
+
+
+def test_the_figure_is_written(campaign, tmp_path):
+    plot_campaign(campaign, TRUTH, tmp_path / "report.png")
+    assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")

@@ -1,0 +1,124 @@
+"""What an identification found: its page, its files and its remarks."""
+
+import dataclasses
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.model import Prediction
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.results import (
+    Combination,
+    DriveFit,
+    Estimate,
+    HeldOut,
+    Identification,
+    NuisanceEstimate,
+    Profile,
+)
+from parameter_identification.estimation.whiteness import Whiteness
+from parameter_identification.identification_file import load_identification_file
+from tricycle_cli.reports.identification_page import (
+    identification_page,
+    profiles_figure,
+    residuals_figure,
+    save_identification,
+    trajectories_figure,
+)
+from tricycle_cli.reports.tables import parameter_table, remarks
+from tricycle_sim.vehicle import load_vehicle
+
+TIME = np.linspace(0.0, 2.0, 50)
+
+
+def predicted(offset):
+    values = np.column_stack([TIME, offset * np.sin(TIME)])
+    residual = np.full((len(TIME), 2), 0.003)
+    return {Sensor.POSITION: Prediction(Sensor.POSITION, TIME, values, residual, np.empty(0))}
+
+
+@pytest.fixture
+def found():
+    """Return an identification of one short drive that shows one of two parameters."""
+    profile = Profile(np.array([590.0, 600.0, 611.0]), np.array([3.9, 0.0, 3.9]))
+    nuisances = {"gyro bias": NuisanceEstimate(0.1, 0.01, "rad/s")}
+    return Identification(
+        vehicle="tricycle",
+        vehicle_hash=load_vehicle().file_hash,
+        parameters={
+            "cornering_stiffness": Estimate(
+                *("N/rad", 600.0, 5.0, 590.0, 611.0, (591.0, 610.0), (500.0, 1500.0), True, profile)
+            ),
+            "yaw_inertia": Estimate(
+                *("kg m^2", 50.0, 14.0, 25.0, 75.0, (25.0, 75.0), (25.0, 75.0), False)
+            ),
+        },
+        covariance=np.array([[25.0, 1.0], [1.0, 196.0]]),
+        fixed={},
+        hidden=(Combination({"yaw_inertia": 1.0}, 0.97),),
+        noise={Sensor.POSITION: NoiseLevel(0.01, 0.0, 1.0)},
+        whiteness=(
+            Whiteness("first", "x", 0.003, 0.1, 90.0, 100, 0.5),
+            Whiteness("first", "y", 0.003, np.nan, np.nan, 100, np.nan),
+        ),
+        drives=(DriveFit("first", nuisances, predicted(0.5), predicted(1.0), {}),),
+        held_out=(HeldOut("second", 0.2, 0.02, 0.014),),
+        outliers=3,
+        rivals=(np.array([700.0, 55.0]),),
+        starts=(4, 3),
+        truth={"cornering_stiffness": 601.0},
+        level=0.95,
+        seed=1,
+        seconds=2.5,
+    )
+
+
+def test_the_page_begins_with_the_parameters_and_what_the_drives_do_not_show(found):
+    page = identification_page(found)
+    for text in ("600 ± 5", "590 – 611", "601 ✓", "not shown", "gyro bias", "0.1 ± 0.01"):
+        assert text in page
+    assert page.index("Parameters") < page.index("Trajectories") < page.index("Residuals")
+    assert page.count("<img") == 3
+
+
+def test_without_profiles_there_is_no_figure_of_them(found):
+    plain = {name: dataclasses.replace(e, profile=None) for name, e in found.parameters.items()}
+    page = identification_page(dataclasses.replace(found, parameters=plain))
+    assert "Profiles" not in page
+    assert page.count("<img") == 2
+
+
+def test_remarks_say_what_a_reader_must_know(found):
+    lines = remarks(found)
+    for text in ("yaw_inertia (97% of its prior", "1 other set(s)", "3 samples", "second, not"):
+        assert any(text in line for line in lines), text
+
+
+def test_the_terminal_shows_a_truth_that_is_given(found):
+    console = Console(width=120, file=io.StringIO(), record=True)
+    console.print(parameter_table(found, {"yaw_inertia": 90.0}))
+    text = console.export_text()
+    assert "90 ✗" in text
+    assert "601" not in text
+
+
+def test_figures_have_a_panel_per_drive_channel_and_profile(found):
+    assert len(trajectories_figure(found).axes) == 1
+    assert len(residuals_figure(found).axes) == 2
+    (profile,) = (axes for axes in profiles_figure(found).axes if axes.lines)
+    assert list(profile.lines[0].get_ydata()) == [3.9, 0.0, 3.9]
+
+
+def test_everything_is_saved_and_can_be_read_again(found, tmp_path):
+    save_identification(found, None, tmp_path / "new" / "folder")
+    assert {path.name for path in (tmp_path / "new" / "folder").iterdir()} == {
+        *("identification.json", "vehicle.yaml", "report.html"),
+        *("trajectories.png", "residuals.png", "profiles.png"),
+    }
+    document = load_identification_file(tmp_path / "new" / "folder" / "identification.json")
+    assert document.parameters["cornering_stiffness"].estimate == 600.0
+    vehicle = load_vehicle(tmp_path / "new" / "folder" / "vehicle.yaml")
+    assert vehicle.nominal["cornering_stiffness"] == 600.0

@@ -1,0 +1,57 @@
+"""Tables hold the numbers of what they show."""
+
+import dataclasses
+import io
+
+import pytest
+from rich.console import Console
+
+from parameter_identification.judging.judgement import judge
+from tricycle_cli.reports.tables import (
+    allowed_rise,
+    drives_table,
+    judgement_table,
+    plan_table,
+    prediction_table,
+)
+
+
+def text_of(table):
+    console = Console(width=200, file=io.StringIO(), record=True)
+    console.print(table)
+    return console.export_text()
+
+
+def test_a_plan_shows_its_indices_and_marks_the_target(plan):
+    text = text_of(plan_table(plan))
+    assert "circle: radius = 3, speed = 0.8" in text
+    assert "cornering_stiffness (target)" in text
+    for name, index in plan.main.items():
+        assert name in text
+        assert f"{index.value:.4f}" in text
+
+
+def test_a_prediction_is_given_in_units_and_as_shares(plan):
+    (low, high) = plan.unknown["yaw_inertia"]
+    predicted = {"yaw_inertia": 0.1 * (high - low)}
+    text = text_of(prediction_table(dataclasses.replace(plan, predicted_std=predicted, drives=2)))
+    assert "expected after the 2 drives" in text
+    assert "10.0%" in text
+    assert "35%" in text  # of the deviation of a uniform parameter
+
+
+def test_drives_show_what_was_planned_and_what_was_measured(plan, record_drive, tmp_path):
+    record_drive(tmp_path / "bag")
+    judgement = judge(tmp_path / "bag")
+    one = {"designed": plan}, {"designed": 0.00123}, {"designed": judgement}
+    text = text_of(drives_table("cornering_stiffness", *one))
+    for part in ("designed", "0.00123", f"{judgement.te:.5f}", f"{plan.cost:.3f}"):
+        assert part in text
+    text = text_of(judgement_table([judgement, judgement]))
+    assert text.count(f"{judgement.te_corrected:.5g}") >= 2
+    assert "TE at anchor fit / m²" in text
+
+
+@pytest.mark.parametrize(("level", "rise"), [(0.6827, 1.0), (0.95, 3.8415), (0.9545, 4.0)])
+def test_the_rise_is_the_quantile_of_chi_square(level, rise):
+    assert allowed_rise(level) == pytest.approx(rise, abs=1e-3)
