@@ -119,6 +119,7 @@ _STEER, _DRIVE, _PLC, _CODEC, _DOCUMENT = (
     f"tests/tricycle_sim/plc/test_{name}.py"
     for name in ("steer", "drive", "plc", "firmware", "protocol_document")
 )
+_FULL_LINE = f"{_CODEC}::test_a_full_line_drops_whole_frames_and_counts_them"
 FIRMWARE_TARGETS = (
     FirmwareTarget(
         "frame.c",
@@ -129,7 +130,7 @@ FIRMWARE_TARGETS = (
             f"{_CODEC}::test_damaged_streams_are_judged_alike",
         ),
     ),
-    FirmwareTarget("plc.c", ("steer", "drive"), (_PLC, _DOCUMENT)),
+    FirmwareTarget("plc.c", ("steer", "drive"), (_PLC, _FULL_LINE, _DOCUMENT)),
     FirmwareTarget("plc.h", ("steer", "drive"), (_STEER, _DRIVE), ("clamp", "slew")),
     FirmwareTarget(
         "steer.c",

@@ -179,6 +179,14 @@ def test_every_emergency_stop_latches_and_cuts_the_outputs(armed, how):
 # ---- sequence, counters, clock ----
 
 
+def test_frames_are_numbered_on_from_the_hello(bench):
+    bench.send(m.Hello(0, bench.board, 1), seq=200)
+    assert bench.send(m.Ping(1), seq=200) == []  # a duplicate of it
+    assert len(bench.send(m.Ping(1), seq=203)) == 1
+    stats = bench.stats()
+    assert (stats.duplicate, stats.seq_gap) == (1, 2)
+
+
 def test_hello_ack_identifies_the_board(make_bench):
     for board in (STEER, DRIVE):
         ack = make_bench(board, boot_count=0xFFFE).booted().hello()
@@ -206,6 +214,9 @@ def test_an_age_is_in_whole_ticks(bench):
     assert bench.tick().command_age == 0
     assert bench.tick().command_age == 1
     bench.hello()
+    assert bench.tick().command_age == 255
+    bench.command()
+    bench.now += 2_560_000  # a tick that came late
     assert bench.tick().command_age == 255
 
 
