@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import lz4.frame
 import zstandard
@@ -22,7 +22,6 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
-from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from trajectory_recorder.bag.metadata import one_line, read_metadata
 from trajectory_recorder.bag.records import (
@@ -39,6 +38,9 @@ from trajectory_recorder.bag.records import (
 from trajectory_recorder.bag.topics import OfferedQos, Topic, parse_profiles
 from tricycle_core.closing import Closing
 from tricycle_core.errors import BagError
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 __all__ = ["BagError", "BagReader", "RecordedMessage"]
 
@@ -447,7 +449,7 @@ class _RosbagsStorage:
         self._reader.close()
 
 
-def _rosbags_topic(connection: Connection) -> Topic:
+def _rosbags_topic(connection: "Connection") -> Topic:
     texts = (connection.topic, connection.msgtype, connection.digest)
     if not isinstance(connection.msgcount, int) or not all(isinstance(t, str) for t in texts):
         raise BagError("its topics need a name, a type and a message count")
@@ -458,7 +460,7 @@ def _rosbags_topic(connection: Connection) -> Topic:
         type_hash=connection.digest,
         qos=tuple(
             OfferedQos.of_connection(qos)
-            for qos in cast(ConnectionExtRosbag2, connection.ext).offered_qos_profiles
+            for qos in cast("ConnectionExtRosbag2", connection.ext).offered_qos_profiles
         ),
         count=connection.msgcount,
     )

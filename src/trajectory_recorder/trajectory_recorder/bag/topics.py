@@ -1,4 +1,9 @@
-"""What a bag holds about a topic: type, definition, type hash, offered quality of service."""
+"""What a bag holds about a topic: type, definition, type hash, offered quality of service.
+
+rosbags is imported where it is used: that takes a while, and commands that read no bag do without.
+"""
+
+from __future__ import annotations
 
 import importlib
 import os
@@ -10,16 +15,17 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from trajectory_recorder.bag.metadata import load_yaml
 from tricycle_core.errors import BagError
 from tricycle_core.stamps import SECOND
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Qos
+    from rosbags.typesys.store import Typestore
 
 FOREVER = 2**63 - 1  # ns; how ROS 2 writes an infinite deadline, lifespan or lease
 
@@ -61,7 +67,7 @@ class OfferedQos:
         return self.durability == "transient_local"
 
     @classmethod
-    def of_connection(cls, qos: Qos) -> "OfferedQos":
+    def of_connection(cls, qos: Qos) -> OfferedQos:
         """Return the quality of service that `rosbags` read."""
         return cls(
             history=qos.history.name.lower(),
@@ -75,7 +81,7 @@ class OfferedQos:
         )
 
     @classmethod
-    def of_yaml(cls, entry: Mapping[str, Any]) -> "OfferedQos":
+    def of_yaml(cls, entry: Mapping[str, Any]) -> OfferedQos:
         """Return the quality of service of an entry of ``offered_qos_profiles``.
 
         Parameters
@@ -88,6 +94,7 @@ class OfferedQos:
         KeyError, TypeError, ValueError
             If it is none.
         """
+        from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability
 
         def nanoseconds(time: Mapping[str, int]) -> int:
             return int(time["sec"]) * SECOND + int(time["nsec"])
@@ -178,7 +185,7 @@ class Topic:
         return bool(self.qos) and all(qos.latched for qos in self.qos)
 
     @classmethod
-    def of_type(cls, name: str, type_name: str, *, qos: tuple[OfferedQos, ...] = ()) -> "Topic":
+    def of_type(cls, name: str, type_name: str, *, qos: tuple[OfferedQos, ...] = ()) -> Topic:
         """Return a topic of a type of ROS 2 Jazzy or of an installed package.
 
         Parameters
@@ -204,6 +211,8 @@ class Topic:
 @cache
 def jazzy() -> Typestore:
     """Return the message types of ROS 2 Jazzy: definitions, hashes and CDR, without ROS."""
+    from rosbags.typesys import Stores, get_typestore
+
     return get_typestore(Stores.ROS2_JAZZY)
 
 
@@ -217,6 +226,8 @@ def _parts(type_name: str) -> tuple[str, str]:
 
 def _register(type_name: str) -> None:
     """Make an installed message type, and those it is made of, known to `jazzy`."""
+    from rosbags.typesys import get_types_from_msg
+
     store = jazzy()
     if type_name in store.types:
         return
