@@ -148,7 +148,7 @@ def run_node(factory: Callable[[], Node]) -> None:
         nonlocal stopped
         stopped = True
 
-    # rclpy's own handlers print a traceback now and then; see docs/link.md
+    # rclpy's own handlers sometimes print a traceback
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
     # what libraries have to say: the vehicle model says when it compiles
