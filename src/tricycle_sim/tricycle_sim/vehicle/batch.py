@@ -85,7 +85,7 @@ def simulate(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
-    """Replay commands on vehicles that differ in their unknown parameters.
+    """Drive vehicles that differ in their unknown parameters by the same commands.
 
     Every vehicle starts in static equilibrium at the origin, heading +x. RK4 with steps of
     10 ms. Memory grows with n times t; `simulate_planar` avoids that.
@@ -146,7 +146,7 @@ def simulate_planar(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> None:
-    """Replay commands block by block of samples, without keeping the trajectories.
+    """Drive block by block of samples, without keeping the trajectories.
 
     Parameters
     ----------
