@@ -121,6 +121,14 @@ def test_the_watchdog_trips_after_200_to_210_ms(armed, phase):
     assert armed.stats().watchdog_trips == 1
 
 
+def test_a_limited_command_is_a_fault_bit_while_it_lasts(armed):
+    armed.drive(2, 3.0 if armed.board is STEER else 9.0)
+    assert armed.state.faults == Fault.LIMIT
+    assert armed.state.flags == m.StateFlag.ENABLED | m.StateFlag.LIMITED
+    armed.drive(1, 0.1)
+    assert (armed.state.faults, armed.state.flags) == (0, m.StateFlag.ENABLED)
+
+
 def test_a_timed_out_board_never_arms_again_by_itself(armed):
     armed.tick(25)
     armed.drive(150)
@@ -177,6 +185,16 @@ def test_every_emergency_stop_latches_and_cuts_the_outputs(armed, how):
 
 
 # ---- sequence, counters, clock ----
+
+
+@pytest.mark.parametrize("session", [0, 1, 7])
+def test_a_plc_without_a_session_answers_nothing_but_hello(make_bench, session):
+    bench = make_bench(STEER)
+    bench.tick()
+    assert bench.send(m.Ping(1), session=session) == []
+    assert bench.send(m.StatsRequest(), session=session) == []
+    bench.hello()
+    assert bench.stats().session == 2
 
 
 def test_frames_are_numbered_on_from_the_hello(bench):
