@@ -166,9 +166,7 @@ class DesignProblem:
             raise DesignError(f"prior: must be about {self._names}")
         if self.draws < 1:
             raise DesignError(f"draws = {self.draws}: at least one is needed")
-        # the criteria C, D and A have indices from the verification alone
-        times = 1 if self.criterion is Criterion.H else VERIFICATION
-        self.unknown.check_samples(times * self.samples)
+        self.unknown.check_samples(self.samples)
         if self.points < 1:
             raise DesignError(
                 f"budget = {self.budget} is too small: an evaluation and the verification take "
