@@ -95,9 +95,9 @@ soak: setup  ## an hour of driving on a bad line, fifty recorders killed
 KERNELS := $(addprefix tests/tricycle_sim/,vehicle/test_uncompiled.py vehicle/test_kernel.py test_setpoints.py) \
 	-k "uncompiled or setpoints or lagrange or linkage or ratio_of or inverse or servo or static"
 COVERAGE := $(BIN)/python -m coverage
-PROTOCOL := src/tricycle_bridge/*/protocol/*.py,src/tricycle_bridge/*/link.py,src/tricycle_sim/*/plc/plc.py,src/tricycle_sim/*/plc/steer.py,src/tricycle_sim/*/plc/drive.py
+PROTOCOL := src/tricycle_bridge/*/protocol/*.py,src/tricycle_bridge/*/link.py,src/tricycle_bridge/*/handshake.py,src/tricycle_bridge/*/operations.py,src/tricycle_bridge/*/arming.py,src/tricycle_bridge/*/command_stream.py,src/tricycle_sim/*/plc/plc.py,src/tricycle_sim/*/plc/steer.py,src/tricycle_sim/*/plc/drive.py
 PHYSICS := src/tricycle_sim/*/vehicle/*.py,src/tricycle_sim/*/setpoints.py
-STATISTICS := $(addprefix src/excitation_planner/*/,box.py trajectory_error.py indices/*.py design/criteria.py design/information.py)
+STATISTICS := $(addprefix src/excitation_planner/*/,box.py trajectory_error.py indices/*.py design/criteria.py design/information.py design/noise.py design/prior.py design/problem.py)
 comma := ,
 empty :=
 coverage: setup  ## branch coverage; physics, protocol and statistics must reach 95 %

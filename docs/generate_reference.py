@@ -150,6 +150,7 @@ def files_page() -> str:
     """Plan and study."""
     from excitation_planner import plan
     from excitation_planner.design import store
+    from excitation_planner.design.noise import MeasurementNoise
     from excitation_planner.design.study import Study
 
     inner = [
@@ -169,6 +170,8 @@ def files_page() -> str:
             "the fields below it has `schema` and `id`: twelve digits of a hash of commands and "
             "reference, which detects changes.\n\n",
             _fields(plan.Plan),
+            "\nThe fields of `noise` stand beside the others, not in an object of their own:\n\n",
+            _fields(MeasurementNoise),
             "\nAn index is an object with `value`, and `low` and `high`, its 95 % interval.\n",
             *inner,
             "\n## Study\n\nA study is a directory.\n\n```text\n",

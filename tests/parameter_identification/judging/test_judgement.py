@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 from parameter_identification.drives.recorded import read_drive
 from parameter_identification.judging.judgement import Anchor, TopicNames, judge
 from trajectory_recorder.bag.topics import jazzy
-from tricycle_cli.commands.judge import add_parser
+from tricycle_cli.commands.judge import add_arguments
 from tricycle_core.errors import BagError, JudgeError
 
 
@@ -299,13 +299,13 @@ def test_the_command_compares_bags_and_prints_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
+    add_arguments(parser)
     bags = [
         str(Scene(deviation=sideways(d), noise=0.01).write(tmp_path / name))
         for name, d in (("good", 0.05), ("bad", 0.2))
     ]
     arguments = ["--plot", str(tmp_path / "f.png"), "--export", "csv", "--output", str(tmp_path)]
-    args = parser.parse_args(["judge", *bags, *arguments])
+    args = parser.parse_args([*bags, *arguments])
     assert args.run(args) == 0
     table = capsys.readouterr().out
     assert "good" in table
@@ -316,7 +316,7 @@ def test_the_command_compares_bags_and_prints_json(
     args.run(args)
     one = json.loads(capsys.readouterr().out)
     assert {"te", "rms", "max", "points", "duration", "matched_fraction"} <= one.keys()
-    args = parser.parse_args(["judge", *bags, "--json"])
+    args = parser.parse_args([*bags, "--json"])
     args.run(args)
     two = json.loads(capsys.readouterr().out)["bags"]
     assert two[0] == one

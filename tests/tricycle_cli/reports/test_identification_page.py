@@ -47,7 +47,7 @@ def found():
     nuisances = {"gyro bias": NuisanceEstimate(0.1, 0.01, "rad/s")}
     return Identification(
         vehicle="tricycle",
-        vehicle_hash=load_vehicle().file_hash,
+        vehicle_hash=load_vehicle().fingerprint,
         parameters={
             "cornering_stiffness": Estimate(
                 *("N/rad", 600.0, 5.0, 590.0, 611.0, (591.0, 610.0), (500.0, 1500.0), True, profile)

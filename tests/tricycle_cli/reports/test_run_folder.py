@@ -27,10 +27,10 @@ def test_no_directory_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("estimate", "x", r"Expected `float`, got `str` .*estimate"),
-        ("range", [1, 2, 3], r"Expected `array` of length 2, got 3 .*range"),
+        ("estimate", "x", r"\.estimate: expected `float`, got `str`"),
+        ("range", [1, 2, 3], r"\.range: expected `array` of length 2, got 3"),
         ("profile", {"values": [1, 2], "rise": [0]}, "a profile must be two lists of one length"),
-        ("low", None, r"Expected `float`, got `null` .*low"),
+        ("low", None, r"\.low: expected `float`, got `null`"),
     ],
 )
 def test_a_damaged_identification_is_told(name, value, message, identified, tmp_path):
