@@ -312,7 +312,7 @@ def test_the_command_compares_bags_and_prints_json(
     assert "TE at anchor fit / m²" in table
     assert {"f.png", "good.csv", "bad.csv"} <= {path.name for path in tmp_path.iterdir()}
 
-    args = parser.parse_args(["judge", bags[0], "--json"])
+    args = parser.parse_args([bags[0], "--json"])
     args.run(args)
     one = json.loads(capsys.readouterr().out)
     assert {"te", "rms", "max", "points", "duration", "matched_fraction"} <= one.keys()
@@ -322,7 +322,7 @@ def test_the_command_compares_bags_and_prints_json(
     assert two[0] == one
     assert two[1]["te"] > two[0]["te"]
 
-    args = parser.parse_args(["judge", bags[0], str(tmp_path / "absent"), "--json"])
+    args = parser.parse_args([bags[0], str(tmp_path / "absent"), "--json"])
     assert args.run(args) == 2
     output, errors = capsys.readouterr()
     assert json.loads(output)["bags"] == [one]
