@@ -95,6 +95,11 @@ def test_entries_of_a_newer_version_are_ignored():
     assert document.intervals["mass"] == Interval(0.0, 1.0)
 
 
+def test_a_field_that_an_older_file_lacks_is_written_again():
+    document = decode(Document, GOOD, "plan.json", PlanError)
+    assert encode(document) == GOOD | {"comment": None}
+
+
 def test_infinity_is_a_number_and_nan_is_not():
     assert parse_json(b"[Infinity, -Infinity]", "f", PlanError) == [math.inf, -math.inf]
     with pytest.raises(PlanError, match="f: is not JSON"):

@@ -6,9 +6,10 @@ JSON values and back; whatever does not fit its type is refused with the place w
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -153,6 +154,13 @@ def encode(document: object) -> Any:
     document : dataclass
         May hold dataclasses, mappings, sequences, enumerations and arrays.
     """
+    # field by field: msgspec leaves out those that `decode` left at their defaults
+    if dataclasses.is_dataclass(document):
+        return {f.name: encode(getattr(document, f.name)) for f in dataclasses.fields(document)}
+    if isinstance(document, Mapping):
+        return {encode(name): encode(value) for name, value in document.items()}
+    if isinstance(document, list | tuple):
+        return [encode(value) for value in document]
     return msgspec.to_builtins(document, enc_hook=_plain)
 
 
