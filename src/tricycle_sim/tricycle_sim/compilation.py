@@ -16,7 +16,7 @@ import numba
 from llvmlite import binding as llvm
 from numba.core import event
 
-from tricycle_core import quantities
+from tricycle_core import timing
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -35,7 +35,7 @@ def sources() -> list[Path]:
     """Return the files that are compiled into each other, or whose numbers are."""
     folder = Path(__file__).parent
     wing = sorted(folder.glob("vehicle/*.py"))
-    return [*wing, folder / "setpoints.py", Path(__file__), Path(quantities.__file__)]
+    return [*wing, folder / "setpoints.py", Path(__file__), Path(timing.__file__)]
 
 
 _FINGERPRINT = hashlib.sha256(b"".join(path.read_bytes() for path in sources())).hexdigest()
