@@ -127,5 +127,5 @@ def test_a_template_is_compiled_with_other_functions_in_place_of_its_names():
 
 def test_all_modules_of_the_vehicle_are_in_the_fingerprint():
     names = {path.name for path in compilation.sources()}
-    assert {"kernel.py", "tyre.py", "actuators.py", "layout.py", "quantities.py"} <= names
+    assert {"kernel.py", "tyre.py", "actuators.py", "layout.py", "timing.py"} <= names
     assert all(path.is_file() for path in compilation.sources())
