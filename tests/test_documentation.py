@@ -36,6 +36,7 @@ def generator():
     return module
 
 
+@pytest.mark.slow
 def test_the_site_builds_without_a_warning(tmp_path):
     line = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path]
     done = subprocess.run(
