@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 DOCS = Path(__file__).parent
 GENERATED = (
@@ -125,12 +125,14 @@ def _summary(described: type) -> str:
 
 
 def _meanings(described: type) -> dict[str, str]:
-    """Meaning of each field, from the docstring's Attributes or the comment beside it."""
+    """Unit or enumeration in each field's annotation, and the comment beside it."""
     source = inspect.getsource(described)
-    comments = dict(re.findall(r"^    (\w+): .*?# (.*)$", source, re.MULTILINE))
-    for names, text in _attributes(described):
-        comments |= dict.fromkeys(names, text)
-    return comments
+    meanings = dict(re.findall(r"^    (\w+): .*?# (.*)$", source, re.MULTILINE))
+    for name, hint in get_type_hints(described, include_extras=True).items():
+        for unit in getattr(hint, "__metadata__", ())[1:]:  # behind the type on the wire
+            count = unit.__name__ if isinstance(unit, type) else f"{unit.scale:g} {unit.symbol}"
+            meanings[name] = "; ".join([count, meanings[name]] if name in meanings else [count])
+    return meanings
 
 
 # --- files ----------------------------------------------------------------------------------------
