@@ -10,6 +10,7 @@ from cobs import cobs
 from plc_bench import DRIVE, ENABLE, ESTOP, STEER, Fault, Op, Result, State
 
 from tricycle_bridge.protocol import messages as m
+from tricycle_sim.plc.plc import to_i16, to_u16
 
 # ---- handshake ----
 
@@ -182,6 +183,19 @@ def test_every_emergency_stop_latches_and_cuts_the_outputs(armed, how):
 
 
 # ---- limits ----
+
+
+# ---- fields of state frames ----
+
+
+@pytest.mark.parametrize(
+    ("value", "i16", "u16"),
+    [(0.6, 1, 1), (-1.2, -1, 0), (32_767, 32_767, 32_767), (32_768, 32_767, 32_768),
+     (-32_768, -32_768, 0), (-32_769, -32_768, 0), (65_535, 32_767, 65_535),
+     (65_536, 32_767, 65_535), (0, 0, 0)],
+)  # fmt: skip
+def test_a_value_is_rounded_and_limited_to_its_field(value, i16, u16):
+    assert (to_i16(value), to_u16(value)) == (i16, u16)
 
 
 # ---- sequence, counters, clock ----
