@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tricycle_bridge.kinematics import steering_motor_angle
-from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 
 CASTER = math.radians(20)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_SPEED, MAX_STEERING_ANGLE
 from tricycle_core.errors import CommandsError
 from tricycle_sim.commands import Commands, load_commands
 

@@ -11,15 +11,8 @@ from typing import NamedTuple
 from tricycle_bridge.command_stream import VehicleCommand
 from tricycle_bridge.link import DEGRADED_AGE, PlcLink
 from tricycle_bridge.operations import OperationOutcome
-from tricycle_bridge.protocol.messages import (
-    ARMING_COMMANDS,
-    Board,
-    Fault,
-    Op,
-    PlcState,
-    Result,
-    StateFlag,
-)
+from tricycle_bridge.protocol.limits import ARMING_COMMANDS
+from tricycle_bridge.protocol.messages import Board, Fault, Op, PlcState, Result, StateFlag
 from tricycle_bridge.protocol.readable import fault_names, state_name
 
 ARMING_PATIENCE = 2.0

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from tricycle_bridge.command_stream import VehicleCommand
 from tricycle_bridge.link import BoardCommand, Telemetry
+from tricycle_bridge.protocol.limits import MAX_SPEED, MAX_STEERING_ANGLE
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
-    MAX_SPEED,
-    MAX_STEERING_ANGLE,
     SPEED_UNIT,
     STEER_RATE_UNIT,
     DriveCommand,

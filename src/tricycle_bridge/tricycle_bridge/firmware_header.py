@@ -1,4 +1,4 @@
-"""Writes the firmware's C header from the message table and the boards' constants.
+"""Writes the firmware's C header from the message table, the limits and the boards' constants.
 
     python -m tricycle_bridge.firmware_header > firmware/messages.h
 
@@ -11,7 +11,7 @@ import enum
 import re
 import sys
 
-from tricycle_bridge.protocol import boards, messages
+from tricycle_bridge.protocol import boards, limits, messages
 from tricycle_bridge.protocol.messages import MESSAGES, Board, Message, layout
 from tricycle_core.timing import TICK
 
@@ -55,15 +55,15 @@ def _constants() -> dict[str, tuple[int, str]]:
         "BAUD": (messages.BAUD, ""),
         "MAX_PAYLOAD": (messages.MAX_PAYLOAD, "bytes"),
         "CONTROL_GUARD": (messages.Control.GUARD, ""),
-        "MAX_ANGLE": (round(messages.MAX_STEERING_ANGLE / messages.ANGLE_UNIT), "1e-4 rad"),
-        "MAX_RATE": (round(messages.MAX_STEERING_RATE / messages.STEER_RATE_UNIT), "1e-3 rad/s"),
-        "MAX_SPEED": (round(messages.MAX_SPEED / messages.SPEED_UNIT), "mm/s"),
-        "MAX_ACCELERATION": (round(messages.MAX_ACCELERATION / messages.SPEED_UNIT), "mm/s^2"),
+        "MAX_ANGLE": (round(limits.MAX_STEERING_ANGLE / messages.ANGLE_UNIT), "1e-4 rad"),
+        "MAX_RATE": (round(limits.MAX_STEERING_RATE / messages.STEER_RATE_UNIT), "1e-3 rad/s"),
+        "MAX_SPEED": (round(limits.MAX_SPEED / messages.SPEED_UNIT), "mm/s"),
+        "MAX_ACCELERATION": (round(limits.MAX_ACCELERATION / messages.SPEED_UNIT), "mm/s^2"),
         "MAX_BRAKE": (round(1 / messages.BRAKE_UNIT), "0.5 %"),
-        "WATCHDOG_MS": (round(messages.WATCHDOG * 1e3), "ms"),
-        "STALE_TICKS": (messages.STALE_TICKS, "1.024 ms"),
+        "WATCHDOG_MS": (round(limits.WATCHDOG * 1e3), "ms"),
+        "STALE_TICKS": (limits.STALE_TICKS, "1.024 ms"),
         "TICK_US": (round(TICK * 1e6), "us"),
-        "ARMING_COMMANDS": (messages.ARMING_COMMANDS, ""),
+        "ARMING_COMMANDS": (limits.ARMING_COMMANDS, ""),
         "ADC_CENTRE": (boards.ADC_CENTRE, "counts at 0 rad"),
         "ADC_SCALE": (boards.ADC_SCALE, "counts per rad"),
         "ADC_LOW": (boards.ADC_LOW, "counts"),

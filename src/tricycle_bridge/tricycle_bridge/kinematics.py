@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 
 # The inner wheel turns by the motor's angle theta, the outer by theta (0.8 - 0.2 |theta| / 45 deg):
 # their mean is theta (0.9 - 0.1 |theta| / 45 deg).

@@ -6,12 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from tricycle_bridge.protocol.messages import (
-    MAX_ACCELERATION,
-    MAX_STEERING_RATE,
-    SPEED_UNIT,
-    STEER_RATE_UNIT,
-)
+from tricycle_bridge.protocol.limits import MAX_ACCELERATION, MAX_STEERING_RATE
+from tricycle_bridge.protocol.messages import SPEED_UNIT, STEER_RATE_UNIT
 from tricycle_core.errors import LinkError
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tricycle_bridge.protocol.messages import MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_SPEED, MAX_STEERING_ANGLE
 from tricycle_core.documents import read_bounded, write_whole
 from tricycle_core.errors import CommandsError
 from tricycle_core.quantities import FloatArray

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from tricycle_bridge.protocol import boards
-from tricycle_bridge.protocol.messages import MAX_ACCELERATION, MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_ACCELERATION, MAX_SPEED, MAX_STEERING_ANGLE
 
 
 def test_a_hall_pulse_is_an_edge_of_the_motor():

@@ -14,7 +14,7 @@ import pytest
 from plc_bench import DRIVE, ENABLE, ESTOP, STEER, Fault, Op, Result, State
 
 from tricycle_bridge import arming, command_stream, handshake, link, operations
-from tricycle_bridge.protocol import boards
+from tricycle_bridge.protocol import boards, limits
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
 from tricycle_core.timing import TICK
@@ -178,10 +178,10 @@ def test_the_rules_of_the_decoder_are_those_described():
 def test_limits_are_those_of_both_codes(macros):
     rows = {row[0]: row[1:] for row in table("5.5 Limits", "limit", "value", "on the wire")}
     expected = {
-        "steering motor, either side": (m.MAX_STEERING_ANGLE, "MAX_ANGLE"),
-        "rate of the steering motor": (m.MAX_STEERING_RATE, "MAX_RATE"),
-        "speed": (m.MAX_SPEED, "MAX_SPEED"),
-        "acceleration and deceleration": (m.MAX_ACCELERATION, "MAX_ACCELERATION"),
+        "steering motor, either side": (limits.MAX_STEERING_ANGLE, "MAX_ANGLE"),
+        "rate of the steering motor": (limits.MAX_STEERING_RATE, "MAX_RATE"),
+        "speed": (limits.MAX_SPEED, "MAX_SPEED"),
+        "acceleration and deceleration": (limits.MAX_ACCELERATION, "MAX_ACCELERATION"),
         "brake": (100.0, "MAX_BRAKE"),
     }
     assert {name: (number(v), int(wire)) for name, (v, wire) in rows.items()} == {
@@ -202,7 +202,7 @@ def test_constants_of_the_boards_are_those_of_both_codes(macros):
         "steer supply": boards.STEER_SUPPLY,
     }
     meanings = {row[0]: row[2] for row in table("5.8 Boards", "constant", "value", "meaning")}
-    assert f"{m.MAX_STEERING_ANGLE} rad" in meanings["servo, span"]
+    assert f"{limits.MAX_STEERING_ANGLE} rad" in meanings["servo, span"]
     assert rows["potentiometer, centre"] == macros["ADC_CENTRE"]
     assert rows["potentiometer, scale"] == macros["ADC_SCALE"]
     assert round(rows["hall pulse"] * 1e6) == macros["HALL_PULSE"]
@@ -216,12 +216,12 @@ def test_thresholds_of_faults_are_those_of_both_codes(macros):
     found = {
         name: [float(x) for x in re.findall(r"\d+(?:\.\d+)?", text)] for name, text in when.items()
     }
-    assert found["CMD_TIMEOUT"] == [m.WATCHDOG * 1e3]
+    assert found["CMD_TIMEOUT"] == [limits.WATCHDOG * 1e3]
     assert found["TRACKING"] == [boards.TRACKING_ERROR, boards.TRACKING_TIME]
     assert found["SENSOR"] == [boards.ADC_LOW, boards.ADC_HIGH]
     assert found["STALL"] == [boards.STALL_SPEED, boards.STALL_TIME]
     assert found["OVERSPEED"] == [round(boards.OVERSPEED, 9), 1.1]
-    assert pytest.approx(1.1 * m.MAX_SPEED) == boards.OVERSPEED
+    assert pytest.approx(1.1 * limits.MAX_SPEED) == boards.OVERSPEED
     (at_rest,) = re.findall(r"\*At rest\* is a measured speed below ([\d.]+) m/s", DOCUMENT)
     assert float(at_rest) == boards.AT_REST
     names = ("WATCHDOG_MS", "TRACKING_ERROR", "TRACKING_MS", "ADC_LOW", "ADC_HIGH", "STALL_SPEED",
@@ -241,8 +241,8 @@ def test_times_of_a_plc_are_those_of_both_codes(macros):
     rows = {r[0]: milliseconds(r[1]) for r in table("9 Times", "time of a PLC", "value")}
     assert rows == {
         "tick, state frame": TICK * 1e3,
-        "watchdog: no accepted command": m.WATCHDOG * 1e3,
-        "stale echo": round(m.STALE_TICKS * m.ECHO_TICK * 1e3, 6),
+        "watchdog: no accepted command": limits.WATCHDOG * 1e3,
+        "stale echo": round(limits.STALE_TICKS * limits.ECHO_TICK * 1e3, 6),
         "steer PLC holds its angle in STOPPING": boards.HOLDING_TIME * 1e3,
         "TRACKING": boards.TRACKING_TIME * 1e3,
         "STALL": boards.STALL_TIME * 1e3,
@@ -253,7 +253,7 @@ def test_times_of_a_plc_are_those_of_both_codes(macros):
         rows[name] for name in rows if name != "stale echo"
     ]
     (units,) = re.findall(r"& 0xFFFF ≤ (\d+)", section("4 Freshness"))
-    assert int(units) == m.STALE_TICKS == macros["STALE_TICKS"]
+    assert int(units) == limits.STALE_TICKS == macros["STALE_TICKS"]
 
 
 def test_times_of_the_host_are_those_of_the_code():
@@ -491,4 +491,4 @@ def test_arming_needs_as_many_commands_as_the_document_says(make_bench):
         bench = make_bench(board).booted()
         bench.drive(int(needed) - fewer)
         assert bench.control(Op.ARM) is (Result.PRECONDITIONS if fewer else Result.OK)
-    assert int(needed) == m.ARMING_COMMANDS
+    assert int(needed) == limits.ARMING_COMMANDS

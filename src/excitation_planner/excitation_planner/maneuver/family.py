@@ -16,7 +16,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from excitation_planner.box import Box
-from tricycle_bridge.protocol.messages import MAX_SPEED
+from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands

@@ -2,10 +2,10 @@
 
 Emulation and firmware use the same values: `tricycle_bridge.firmware_header` writes them into the
 firmware's C header. The limits that a host meets (angle, rate, speed, acceleration, watchdog) are
-in `tricycle_bridge.protocol.messages`.
+in `tricycle_bridge.protocol.limits`.
 """
 
-from tricycle_bridge.protocol.messages import MAX_SPEED
+from tricycle_bridge.protocol.limits import MAX_SPEED
 
 # Supplies: the drive PLC measures the battery, the steer PLC the servo's regulator behind it.
 DRIVE_SUPPLY = 48.0  # V

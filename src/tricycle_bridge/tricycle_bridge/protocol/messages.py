@@ -16,6 +16,7 @@ import struct
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self, get_type_hints
 
+from tricycle_bridge.protocol.limits import ECHO_TICK
 from tricycle_core.errors import LinkError
 
 MAJOR = 1  # version of the protocol
@@ -31,18 +32,6 @@ BRAKE_UNIT = 0.005  # full brake = 200
 TRAVEL_UNIT = 1e-6  # m, per hall pulse
 VOLTAGE_UNIT = 1e-3  # V
 CURRENT_UNIT = 1e-3  # A
-
-# Limits inside the PLCs, which no host can widen (section 5).
-MAX_STEERING_ANGLE = 0.7854  # rad, steering motor, either side
-MAX_STEERING_RATE = 3.0  # rad/s
-MAX_SPEED = 4.8  # m/s
-MAX_ACCELERATION = 2.0  # m/s^2
-
-# Time limits on the PLC.
-WATCHDOG = 0.2  # s without an accepted command until STOPPING
-STALE_TICKS = 150  # of ECHO_TICK: an older echo marks a stale command
-ECHO_TICK = 1024e-6  # s
-ARMING_COMMANDS = 5  # good commands in a row before ARM is accepted
 
 
 class Board(enum.IntEnum):

@@ -13,13 +13,10 @@ from tricycle_bridge.protocol.boards import (
     STALL_SPEED,
     STALL_TIME,
 )
+from tricycle_bridge.protocol.limits import MAX_ACCELERATION, MAX_SPEED, STALE_TICKS, WATCHDOG
 from tricycle_bridge.protocol.messages import (
     BRAKE_UNIT,
-    MAX_ACCELERATION,
-    MAX_SPEED,
     SPEED_UNIT,
-    STALE_TICKS,
-    WATCHDOG,
     Board,
     CommandFlag,
     DriveCommand,

@@ -17,12 +17,10 @@ from abc import ABC, abstractmethod
 from typing import ClassVar, Generic, Protocol, TypeVar, cast
 
 from tricycle_bridge.protocol.framing import Frame, FrameDecoder, encode
+from tricycle_bridge.protocol.limits import ARMING_COMMANDS, STALE_TICKS, WATCHDOG
 from tricycle_bridge.protocol.messages import (
-    ARMING_COMMANDS,
     MAJOR,
     MINOR,
-    STALE_TICKS,
-    WATCHDOG,
     Ack,
     Board,
     Capability,

@@ -21,7 +21,7 @@ from tricycle_bridge.protocol.boards import (
     STEER_SUPPLY,
     SUPPLY_DIVIDER,
 )
-from tricycle_bridge.protocol.messages import MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_core.closing import Closing
 from tricycle_core.errors import LinkError
 

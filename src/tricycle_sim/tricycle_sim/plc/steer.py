@@ -16,13 +16,15 @@ from tricycle_bridge.protocol.boards import (
     TRACKING_ERROR,
     TRACKING_TIME,
 )
-from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
+from tricycle_bridge.protocol.limits import (
     MAX_STEERING_ANGLE,
     MAX_STEERING_RATE,
     STALE_TICKS,
-    STEER_RATE_UNIT,
     WATCHDOG,
+)
+from tricycle_bridge.protocol.messages import (
+    ANGLE_UNIT,
+    STEER_RATE_UNIT,
     Board,
     CommandFlag,
     Fault,

@@ -8,7 +8,7 @@ nonsense.
 import numpy as np
 from scipy.linalg import eig
 
-from tricycle_bridge.protocol.messages import MAX_SPEED
+from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.groups import STRAIGHT, equilibrium, pack
