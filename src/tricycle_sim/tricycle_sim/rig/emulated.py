@@ -57,9 +57,7 @@ class EmulatedRig(Rig):
         radius, voltage = self._vehicle.tyre_radius, self._vehicle.battery_voltage
         steer_bytes, steer = self._steer.tick(
             now,
-            SteerMeasurement(
-                angle=state.steering_motor_angle, rate=state.steering_motor_rate, supply=voltage
-            ),
+            SteerMeasurement(angle=state.steering_motor_angle, rate=state.steering_motor_rate),
         )
         drive_bytes, drive = self._drive.tick(
             now,
