@@ -54,7 +54,7 @@ class EmulatedRig(Rig):
     def step(self) -> dict[Board, bytes]:
         """Run one tick: PLCs measure and control, the vehicle moves. Return the telemetry."""
         now, state = self._plc_time_us, self._live.state
-        radius, voltage = self._vehicle.tyre_radius, self._vehicle.battery_voltage
+        radius = self._vehicle.tyre_radius
         steer_bytes, steer = self._steer.tick(
             now,
             SteerMeasurement(angle=state.steering_motor_angle, rate=state.steering_motor_rate),
@@ -66,7 +66,7 @@ class EmulatedRig(Rig):
                 hall_count=int(state.rear_wheel_angle * radius / HALL_PULSE),
                 torque=state.motor_torque,
                 current=max(0.0, state.motor_current),
-                supply=voltage,
+                supply=self._vehicle.battery_voltage,
             ),
         )
         self._live.step(
