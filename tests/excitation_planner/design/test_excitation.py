@@ -72,6 +72,7 @@ def test_noise_counts_as_one_more_contributor():
     assert same(design, of_outputs)
 
 
+@pytest.mark.slow
 def test_the_seed_decides_and_nothing_else():
     here = best(interior, "p", seed=3)
     assert same(here, best(interior, "p", seed=3))

@@ -32,6 +32,7 @@ def plan(request_):
     return plan_at(request_, np.array([3.0, 0.8]))
 
 
+@pytest.mark.slow
 def test_indices_agree_with_saltelli_on_the_simulator(request_, plan):
     low, high = np.array(list(VEHICLE.unknown.values())).T
     u = qmc.Sobol(12, seed=1).random(1024)

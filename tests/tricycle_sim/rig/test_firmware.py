@@ -82,6 +82,7 @@ def slalom(drive, seconds):
     return np.split(np.array(rows), [2, 3], axis=1)
 
 
+@pytest.mark.slow
 def test_the_firmware_drives_what_the_emulation_drives(rig):
     for _ in range(7):
         rig.step()
@@ -118,6 +119,7 @@ def test_the_host_has_answered_when_both_boards_were_sent_a_command(rig):
     assert not rig.answered
 
 
+@pytest.mark.slow
 def test_a_silent_host_stops_the_vehicle(rig):
     drive = Drive(rig)
     drive.arm()
@@ -131,6 +133,7 @@ def test_a_silent_host_stops_the_vehicle(rig):
     assert abs(rig.state.vx) < 0.01
 
 
+@pytest.mark.slow
 def test_reset_puts_fresh_boards_in_and_time_goes_on(rig):
     drive = Drive(rig)
     drive.arm()
