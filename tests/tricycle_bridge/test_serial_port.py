@@ -74,7 +74,7 @@ class Host:
             assert success or any(pause in text for pause in PAUSES), text
             assert time.monotonic() < deadline, text
             self.until(lambda: not self.bridge.refusal(time.monotonic()), "a reason to be gone")
-            self.bridge.arm(time.monotonic(), lambda *answer: answers.append(answer))
+            self.bridge.arm(time.monotonic(), answers.append)
             self.until(lambda: answers, "an answer")
 
     def drive(self, angle, speed, pair):
