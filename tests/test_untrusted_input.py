@@ -109,6 +109,7 @@ def test_vehicle_bytes(tmp_path, content):
     survives(load_vehicle, VehicleError, tmp_path / "vehicle.yaml", content)
 
 
+@pytest.mark.slow
 @fuzzed
 @given(document=changed(yaml.safe_load(VEHICLE)))
 def test_vehicle_document(tmp_path, document):

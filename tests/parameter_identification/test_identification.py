@@ -109,6 +109,7 @@ def test_a_gyro_narrows_the_intervals(commands):
     )
 
 
+@pytest.mark.slow
 def test_drift_widens_the_intervals_and_is_told(commands, pair):
     drift = [
         measure(
@@ -132,6 +133,7 @@ def test_a_model_that_lacks_an_effect_leaves_residuals_that_are_not_white(comman
     assert not identify(drives, VEHICLE).white
 
 
+@pytest.mark.slow
 def test_a_steering_that_is_two_degrees_off_leaves_residuals_that_are_not_white(commands):
     drives = []
     for i, c in enumerate(commands.values()):

@@ -38,6 +38,7 @@ def test_help_imports_nothing_slow(arguments):
     assert names & SLOW == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_a_command_imports_nothing_slow(command):
     status, names = imported(command, "--help")

@@ -64,6 +64,7 @@ def test_a_target_that_cannot_be_excited_is_called_so():
     assert "largest other contribution: p" in design.explanation
 
 
+@pytest.mark.slow
 def test_noise_counts_as_one_more_contributor():
     design = best(interior, "p", noise_variance=10.0)
     assert design.verdict is Verdict.CANNOT_EXCITE
@@ -141,6 +142,7 @@ def test_unknown_target_lists_the_parameters_there_are():
         best(interior, "z")
 
 
+@pytest.mark.slow
 def test_progress_counts_runs_up_to_the_budget():
     calls = []
     design = best(interior, "p", progress=lambda done, total: calls.append((done, total)))

@@ -97,6 +97,7 @@ def f(x, P):
     return P[:, 0] + (0.1 + (x[0] - 0.4) ** 2 + (x[1] - 0.6) ** 2) * P[:, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("search", [Search.ONE_SHOT_SOBOL, Search.ONE_SHOT_FACTORIAL])
 @pytest.mark.parametrize("noise_variance", [0.0, 1e-3])
 def test_the_papers_one_shot_search_models_the_indices(search, noise_variance):

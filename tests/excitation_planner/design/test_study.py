@@ -49,6 +49,7 @@ def answer(study: Study, proposals, rng) -> None:
             study.tell(p.point, [run[1] for run in mine], np.array([run[2] for run in mine]))
 
 
+@pytest.mark.slow
 def test_ask_and_tell_gives_the_design_of_the_callable(tmp_path):
     study = Study.create(tmp_path / "study", OPERATION, UNKNOWN, "p", **ARGUMENTS)
     rng = np.random.default_rng(0)
@@ -82,6 +83,7 @@ def test_through_csv_files(tmp_path):
     assert_same(study.design(), by_call())
 
 
+@pytest.mark.slow
 def test_a_killed_design_goes_on_where_it_was(tmp_path):
     arguments = {"workers": 1, "store": tmp_path / "study", **ARGUMENTS}
     calls = 0
@@ -108,6 +110,7 @@ def test_a_killed_design_goes_on_where_it_was(tmp_path):
     assert calls == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [1, 7, 30])
 def test_a_line_cut_off_by_a_crash_is_asked_again(tmp_path, cut):
     path = tmp_path / "study"

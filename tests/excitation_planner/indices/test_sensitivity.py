@@ -86,6 +86,7 @@ def test_g_function_is_hard_but_ranked_rightly():
     assert np.array_equal(np.argsort(-result.main), [0, 1, 2, 3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("infill_by", Infill)
 @pytest.mark.parametrize("batch", [5, 8])
 def test_infill_helps(infill_by, batch):

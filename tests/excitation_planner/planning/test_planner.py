@@ -74,6 +74,7 @@ def test_a_random_point_can_be_driven_and_follows_its_seed(request_):
     assert nominal_run(VEHICLE, request_.family, points[2]).commands.duration > 20
 
 
+@pytest.mark.slow
 def test_a_plan_says_what_the_drive_will_teach(request_, plan):
     assert set(plan.predicted_std) == set(VEHICLE.unknown)
     for name, (low, high) in VEHICLE.unknown.items():

@@ -47,6 +47,7 @@ def test_sensors_that_a_bag_lacks_are_done_without(tmp_path: Path) -> None:
     assert set(read_measured_drive(path, VEHICLE).signals) == {Sensor.POSITION, Sensor.HEADING}
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_writes_what_it_found(
     bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,6 +89,7 @@ BAD: dict[str, tuple[SimulatedBag, str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("what", BAD)
 def test_bad_bags_are_one_line_and_status_2(
     what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -43,6 +43,7 @@ def test_too_little_motion_is_refused(pair):
     assert Sensor.POSITION in moment
 
 
+@pytest.mark.slow
 def test_a_drive_planned_for_another_vehicle_is_refused(pair):
     cargo = load_vehicle(Path(str(resources.files("tricycle_sim") / "cargo_tricycle.yaml")))
     with pytest.raises(IdentificationError, match="another vehicle"):

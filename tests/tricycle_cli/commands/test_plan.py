@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
@@ -25,6 +27,7 @@ def test_plan_prints_one_json_object_and_writes_plan_and_figure(capsys, tmp_path
     assert (tmp_path / "p" / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.slow
 def test_a_plan_is_shown(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     request = PlanRequest(load_vehicle(), Circle(), "camber_stiffness", samples=20)

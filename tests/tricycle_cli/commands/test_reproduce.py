@@ -7,6 +7,7 @@ import pytest
 from tricycle_cli.main import main
 
 
+@pytest.mark.slow
 def test_a_table_is_written_and_printed(tmp_path, capsys):
     assert main(["reproduce", "table1", "--output", str(tmp_path / "paper"), "--json"]) == 0
     table = json.loads(capsys.readouterr().out)["table1"]

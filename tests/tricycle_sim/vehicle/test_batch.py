@@ -76,6 +76,7 @@ def test_a_sample_does_not_depend_on_its_companions_or_on_threads():
     assert np.array_equal(least.x, together.x[np.arange(21), together.load_left.argmin(axis=1)])
 
 
+@pytest.mark.slow
 def test_planar_blocks_are_the_trajectories():
     parameters, commands = sample(43), slalom()
     full = simulate(VEHICLE, commands, parameters)
@@ -141,6 +142,7 @@ def assert_sound(trajectory):
     assert trajectory.z.max() < 1.0
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(
     rows=st.lists(

@@ -103,6 +103,7 @@ def kernel_slopes(vehicle, s):
     return slopes, rows[EVALUATED.load_left : EVALUATED.load_rear + 1, 0]
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(situations(), parameters(), st.sampled_from([0.0, 0.7]), st.sampled_from([0.0, 0.4]))
 def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, air_drag):

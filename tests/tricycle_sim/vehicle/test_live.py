@@ -60,6 +60,7 @@ def test_two_substeps_change_the_path_by_less_than_a_micrometre():
     assert 0.0 < deviation < 1e-6
 
 
+@pytest.mark.slow
 def test_tracking_tick_equals_the_batch_to_round_off():
     groups = pack(VEHICLE, VEHICLE.nominal_point()[np.newaxis], equilibrium(VEHICLE))
     servo, constants = np.zeros(2), steering_constants(VEHICLE, 0.5 * TICK)

@@ -36,6 +36,7 @@ def driven():
     return [*np.array(columns)[:, :, -1].ravel().tolist(), state.x, state.vx, *state.loads]
 
 
+@pytest.mark.slow
 def test_compiled_and_interpreted_agree():
     other = "0" if os.environ.get("NUMBA_DISABLE_JIT", "0") == "1" else "1"
     done = subprocess.run(
