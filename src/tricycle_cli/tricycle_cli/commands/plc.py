@@ -108,7 +108,6 @@ def _monitor(probe: PortProbe, seconds: float, *, file: TextIO) -> None:
 
 
 def _telemetry_line(event: LinkEvent) -> str:
-
     state = event.state
     faults = fault_names(state.faults) if state else ""
     if isinstance(state, SteerState):

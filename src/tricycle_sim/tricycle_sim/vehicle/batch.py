@@ -324,7 +324,7 @@ def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatAr
 
 
 def _run_blocks(
-    run: Progress,
+    run: Callable[[int, int], None],
     n: int,
     threads: int | None,
     progress: Progress | None,
