@@ -21,16 +21,23 @@ SUPPLY_DIVIDER = 11  # of the divider between a supply and its input
 
 # Outputs.
 SERVO_CENTRE = 1500  # us pulse at 0 rad
-SERVO_SPAN = 500  # us more at the largest angle
+SERVO_SPAN = 500  # us more at the end stop
 PWM_TOP = 799  # timer count of full PWM: 16 MHz / 800 = 20 kHz
-MAX_TORQUE = 35.0  # N m at full PWM
 
 # State machine (section 5 of docs/protocol.md).
-HOLDING_TIME = 1.0  # s for which a steer PLC in STOPPING holds its angle
+HOLDING_TIME = 10.0  # s for which a steer PLC holds its angle after it was armed
 TRACKING_ERROR = 0.15  # rad between set-point and angle ...
 TRACKING_TIME = 1.0  # s ... for so long: TRACKING
 AT_REST = 0.02  # m/s; less counts as measured speed 0
-STALL_SPEED = 0.3  # m/s of set-point at which a wheel at rest is stalled ...
-STALL_TIME = 2.0  # s ... for so long: STALL
-OVERSPEED = 1.1 * MAX_SPEED  # m/s; more is OVERSPEED
+STOPPING_TIME = 8.0  # s after which a drive PLC in STOPPING gives up: STOP_TIMEOUT
+STOPPING_EXCESS = 0.2  # m/s above the ramp in STOPPING at which the friction brake joins ...
+STOPPING_BRAKE_RATE = 0.05  # ... and grows per tick, as a share of the full brake
+OVERSPEED = 1.1  # times the largest speed; more is OVERSPEED
 HARDWARE_WATCHDOG = 0.06  # s without a tick until the microcontroller resets
+
+# What the wheel must do under the motor's torque (PULSES, section 5.8).
+MASS_LOW = 40.0  # kg at the tread, wheels' inertia included, unless SETUP says so ...
+MASS_HIGH = 100.0  # ... and at most
+RESISTANCE = 0.65  # m/s^2 either way: 5 % of slope, rolling
+TORQUE_LAG = 0.03  # s of the motor behind its demand
+PULSE_MARGIN = 1.15  # pulses between the travel that must be and the pulses that came: PULSES

@@ -1,11 +1,17 @@
 """Limits and times inside the PLCs, which no host can widen (docs/protocol.md, sections 5, 9)."""
 
-MAX_STEERING_ANGLE = 0.7854  # rad, steering motor, either side
+STEERING_END_STOP = 0.7854  # rad, steering motor, either side: the mechanical stop
+MAX_STEERING_ANGLE = 0.7461  # rad, 5 % before it
 MAX_STEERING_RATE = 3.0  # rad/s
 MAX_SPEED = 4.8  # m/s
 MAX_ACCELERATION = 2.0  # m/s^2
+MAX_TORQUE = 35.0  # N m, of the motor: full PWM
+MAX_REGENERATIVE_TORQUE = 15.0  # N m, of the braking motor
+MAX_POWER = 250.0  # W, of the motor
 
 WATCHDOG = 0.2  # s without an accepted command until STOPPING
 STALE_TICKS = 150  # of ECHO_TICK: an older echo marks a stale command
 ECHO_TICK = 1024e-6  # s
 ARMING_COMMANDS = 5  # good commands in a row before ARM is accepted
+ARMING_SPEED = 0.1  # m/s; a vehicle that moves at this speed is not armed
+ANSWER_BUDGET = 64  # bytes of answers that a PLC sends between two ticks

@@ -1,4 +1,4 @@
-"""The message table of the tricycle by-wire protocol (TBP v1), from which all else is generated.
+"""The message table of the tricycle by-wire protocol (TBP v2), from which all else is generated.
 
 Each message is a frozen dataclass whose fields are the payload's integers in wire order, little
 endian. A field is annotated with its wire type and, where it has one, with its `Unit` or the
@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, Self, get_type_hints
 from tricycle_bridge.protocol.limits import ECHO_TICK
 from tricycle_core.errors import LinkError
 
-MAJOR = 1  # version of the protocol
+MAJOR = 2  # version of the protocol
 MINOR = 0
 BAUD = 115_200  # 8N1
 MAX_PAYLOAD = 40  # bytes
@@ -32,6 +32,9 @@ BRAKE_UNIT = 0.005  # full brake = 200
 TRAVEL_UNIT = 1e-6  # m, per hall pulse
 VOLTAGE_UNIT = 1e-3  # V
 CURRENT_UNIT = 1e-3  # A
+LENGTH_UNIT = 1e-4  # m, of the tyre radius
+TORQUE_UNIT = 0.01  # N m
+MASS_UNIT = 0.1  # kg
 
 
 class Board(enum.IntEnum):
@@ -66,19 +69,22 @@ class Fault(enum.IntFlag, boundary=enum.KEEP):
     SENSOR = 1 << 2
     ESTOP_HOST = 1 << 3
     ESTOP_HW = 1 << 4
-    STALL = 1 << 5
+    PULSES = 1 << 5
     OVERSPEED = 1 << 6
     WDT_RESET = 1 << 7
     LIMIT = 1 << 8  # neither latches nor blocks ARM
+    SUPPLY = 1 << 9  # does not latch; blocks ARM while it is set
+    STOP_TIMEOUT = 1 << 10
 
 
 class Op(enum.IntEnum):
-    """Operations of CTRL."""
+    """Operations of CTRL; SETUP stands only in the ACK of a SETUP message."""
 
     DISARM = 0
     ARM = 1
     ESTOP = 2
     CLEAR = 3
+    SETUP = 4
 
 
 class Result(enum.IntEnum):
@@ -90,6 +96,8 @@ class Result(enum.IntEnum):
     WRONG_STATE = 3  # or faults set
     PRECONDITIONS = 4
     WRONG_SESSION = 5
+    OUT_OF_RANGE = 6
+    STALE = 7
 
 
 class Gear(enum.IntEnum):
@@ -114,6 +122,7 @@ class CommandFlag(enum.IntFlag):
 
     ENABLE = 1 << 0
     ESTOP = 1 << 1
+    STANDSTILL = 1 << 2  # the host measures the vehicle at rest
 
 
 class StateFlag(enum.IntFlag):
@@ -122,6 +131,8 @@ class StateFlag(enum.IntFlag):
     ENABLED = 1 << 0  # last command enabled
     ESTOP_PRESSED = 1 << 1  # hardware e-stop
     LIMITED = 1 << 2  # output limited
+    SET_UP = 1 << 3  # SETUP was accepted in this session
+    HOLDING = 1 << 4  # not armed, and the servo still holds its angle; or armed, brake on at rest
 
 
 class EventCode(enum.IntEnum):
@@ -214,6 +225,11 @@ _ECHO = Unit(ECHO_TICK, "s")
 _CENTISECONDS = Unit(0.01, "s")
 _VOLTAGE = Unit(VOLTAGE_UNIT, "V")
 _CURRENT = Unit(CURRENT_UNIT, "A")
+_LENGTH = Unit(LENGTH_UNIT, "m")
+_TRAVEL = Unit(TRAVEL_UNIT, "m")
+_TORQUE = Unit(TORQUE_UNIT, "N m")
+_POWER = Unit(1.0, "W")
+_MASS = Unit(MASS_UNIT, "kg")
 
 
 Meaning = Unit | type[enum.IntEnum] | type[enum.IntFlag]
@@ -323,19 +339,30 @@ class Control(Message):
     ID = 0x03
     GUARD: ClassVar[int] = 0xA5
     op: Annotated[U8, Op]
-    arg: U8
     inverted_op: U8
+    number: U8  # of the operation; its repeats have the same
     guard: U8
+    echo: Annotated[U16, _ECHO]  # of the newest state frame's time
 
     @classmethod
-    def of(cls, op: int) -> Self:
-        """Return the message for an operation with its guard bytes."""
-        return cls(op, 0, ~op & 0xFF, cls.GUARD)
+    def of(cls, op: int, number: int = 0, echo: int = 0) -> Self:
+        """Return the message for an operation with its guard bytes.
+
+        Parameters
+        ----------
+        op : int
+            The operation.
+        number : int
+            Counts operations, modulo 256.
+        echo : int
+            `echo_of` the newest state frame's time.
+        """
+        return cls(op, ~op & 0xFF, number, cls.GUARD, echo)
 
     @property
     def guarded(self) -> bool:
         """Whether the guard bytes are right."""
-        return self.arg == 0 and self.inverted_op == ~self.op & 0xFF and self.guard == self.GUARD
+        return self.inverted_op == ~self.op & 0xFF and self.guard == self.GUARD
 
 
 @dataclass(frozen=True)
@@ -366,6 +393,18 @@ class SteerCommand(Message):
 
 
 @dataclass(frozen=True)
+class SteerSetup(Message):
+    """SETUP: the vehicle's limits for this session; 0 = the board's own."""
+
+    ID = 0x11
+    BOARD = Board.STEER
+    max_angle: Annotated[U16, _ANGLE]
+    max_rate: Annotated[U16, _RATE]
+    supply_low: Annotated[U16, _VOLTAGE]
+    supply_high: Annotated[U16, _VOLTAGE]
+
+
+@dataclass(frozen=True)
 class DriveCommand(Message):
     """Set-point of the drive."""
 
@@ -378,6 +417,27 @@ class DriveCommand(Message):
     brake: Annotated[U8, _BRAKE]  # 200 counts = full
     reserved: U8
     echo: Annotated[U16, _ECHO]  # of the newest state frame's time
+
+
+@dataclass(frozen=True)
+class DriveSetup(Message):
+    """SETUP: the vehicle's drive for this session; 0 = the board's own."""
+
+    ID = 0x21
+    BOARD = Board.DRIVE
+    max_speed: Annotated[U16, _SPEED]
+    max_acceleration: Annotated[U16, _ACCELERATION]
+    pulse: Annotated[U16, _TRAVEL]  # of travel per hall pulse
+    tyre_radius: Annotated[U16, _LENGTH]
+    torque: Annotated[U16, _TORQUE]  # largest of the motor
+    regenerative_torque: Annotated[U16, _TORQUE]  # largest braking one of the motor
+    power: Annotated[U16, _POWER]
+    mass_low: Annotated[U16, _MASS]  # lightest at the tread, wheels' inertia included
+    mass_high: Annotated[U16, _MASS]  # heaviest
+    supply_low: Annotated[U16, _VOLTAGE]
+    supply_high: Annotated[U16, _VOLTAGE]
+    throttle_low: Annotated[U16, _VOLTAGE]  # at the motor's controller without torque
+    throttle_high: Annotated[U16, _VOLTAGE]  # with full torque
 
 
 # ---- PLC -> host ----
@@ -413,45 +473,52 @@ class Pong(Message):
 
 @dataclass(frozen=True)
 class Ack(Message):
-    """Answer to CTRL."""
+    """Answer to CTRL and SETUP."""
 
     ID = 0x83
     op: Annotated[U8, Op]
-    ctrl_seq: U8  # header seq of the CTRL
+    ctrl_seq: U8  # header seq of what it answers
     result: Annotated[U8, Result]
     state: Annotated[U8, PlcState]
 
 
 @dataclass(frozen=True)
 class SteerLimits(Message):
-    """Limits inside the steer PLC."""
+    """Limits in force in the steer PLC."""
 
     ID = 0x84
     BOARD = Board.STEER
-    min_angle: Annotated[I16, _ANGLE]
-    max_angle: Annotated[I16, _ANGLE]
-    max_rate: Annotated[I16, _RATE]
-    watchdog: Annotated[I16, _MILLISECONDS]
-    stale: Annotated[I16, _ECHO]
-    adc_scale: I16  # counts per rad
-    reserved_1: I16
-    reserved_2: I16
+    max_angle: Annotated[U16, _ANGLE]
+    max_rate: Annotated[U16, _RATE]
+    supply_low: Annotated[U16, _VOLTAGE]
+    supply_high: Annotated[U16, _VOLTAGE]
+    watchdog: Annotated[U16, _MILLISECONDS]
+    stale: Annotated[U16, _ECHO]
+    end_stop: Annotated[U16, _ANGLE]  # of the steering motor, either side
+    adc_scale: U16  # counts per rad
 
 
 @dataclass(frozen=True)
 class DriveLimits(Message):
-    """Limits inside the drive PLC."""
+    """Limits in force in the drive PLC."""
 
     ID = 0x84
     BOARD = Board.DRIVE
-    reserved_0: I16
-    max_speed: Annotated[I16, _SPEED]
-    max_acceleration: Annotated[I16, _ACCELERATION]
-    watchdog: Annotated[I16, _MILLISECONDS]
-    stale: Annotated[I16, _ECHO]
-    pulse: Annotated[I16, Unit(TRAVEL_UNIT, "m")]  # of travel per hall pulse
-    reserved_1: I16
-    reserved_2: I16
+    max_speed: Annotated[U16, _SPEED]
+    max_acceleration: Annotated[U16, _ACCELERATION]
+    pulse: Annotated[U16, _TRAVEL]  # of travel per hall pulse
+    tyre_radius: Annotated[U16, _LENGTH]
+    torque: Annotated[U16, _TORQUE]
+    regenerative_torque: Annotated[U16, _TORQUE]
+    power: Annotated[U16, _POWER]
+    mass_low: Annotated[U16, _MASS]
+    mass_high: Annotated[U16, _MASS]
+    supply_low: Annotated[U16, _VOLTAGE]
+    supply_high: Annotated[U16, _VOLTAGE]
+    throttle_low: Annotated[U16, _VOLTAGE]
+    throttle_high: Annotated[U16, _VOLTAGE]
+    watchdog: Annotated[U16, _MILLISECONDS]
+    stale: Annotated[U16, _ECHO]
 
 
 @dataclass(frozen=True)
@@ -536,7 +603,9 @@ MESSAGES: tuple[type[Message], ...] = (
     LimitsRequest,
     StatsRequest,
     SteerCommand,
+    SteerSetup,
     DriveCommand,
+    DriveSetup,
     HelloAck,
     Pong,
     Ack,
