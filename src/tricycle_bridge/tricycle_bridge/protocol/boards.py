@@ -38,6 +38,9 @@ HARDWARE_WATCHDOG = 0.06  # s without a tick until the microcontroller resets
 # What the wheel must do under the motor's torque (PULSES, section 5.8).
 MASS_LOW = 40.0  # kg at the tread, wheels' inertia included, unless SETUP says so ...
 MASS_HIGH = 100.0  # ... and at most
-RESISTANCE = 0.65  # m/s^2 either way: 5 % of slope, rolling
+RESISTANCE = 0.62  # m/s^2 either way: 5 % of slope, rolling
 TORQUE_LAG = 0.03  # s of the motor behind its demand
-PULSE_MARGIN = 1.15  # pulses between the travel that must be and the pulses that came: PULSES
+PULSE_MARGIN = 1.15  # pulses by which travel and pulses may differ
+AGAINST_GEAR = 0.4  # m/s against the gear; more is the direction wire
+NO_PULSE_SPEED = 0.1  # m/s of set-point at which pulses must come ...
+NO_PULSE_TIME = 2.5  # s ... after so long, whatever the slope
