@@ -5,38 +5,60 @@
 
 #include <stdint.h>
 
-#define TBP_MAJOR 1
+#define TBP_MAJOR 2
 #define TBP_MINOR 0
 #define BAUD 115200
 #define MAX_PAYLOAD 40 /* bytes */
+#define ANSWER_BUDGET 64 /* bytes */
 #define CONTROL_GUARD 165
-#define MAX_ANGLE 7854 /* 1e-4 rad */
+#define END_STOP 7854 /* 1e-4 rad */
+#define MAX_ANGLE 7461 /* 1e-4 rad */
 #define MAX_RATE 3000 /* 1e-3 rad/s */
 #define MAX_SPEED 4800 /* mm/s */
 #define MAX_ACCELERATION 2000 /* mm/s^2 */
+#define MAX_TORQUE 35000 /* mN m at full PWM */
+#define MAX_REGENERATIVE_TORQUE 15000 /* mN m */
+#define MAX_POWER 250000 /* mW */
 #define MAX_BRAKE 200 /* 0.5 % */
 #define WATCHDOG_MS 200 /* ms */
 #define STALE_TICKS 150 /* 1.024 ms */
 #define TICK_US 10000 /* us */
 #define ARMING_COMMANDS 5
+#define ARMING_SPEED 100 /* mm/s */
 #define ADC_CENTRE 512 /* counts at 0 rad */
 #define ADC_SCALE 435 /* counts per rad */
 #define ADC_LOW 5 /* counts */
 #define ADC_HIGH 1018 /* counts */
 #define HALL_PULSE 15253 /* um */
+#define HALL_PULSE_MIN 1000 /* um */
+#define HALL_PULSE_MAX 60000 /* um */
+#define TYRE_RADIUS 3350 /* 0.1 mm */
+#define TYRE_RADIUS_MIN 500 /* 0.1 mm */
+#define TYRE_RADIUS_MAX 10000 /* 0.1 mm */
 #define SUPPLY_DIVIDER 11
 #define SERVO_CENTRE 1500 /* us at 0 rad */
-#define SERVO_SPAN 500 /* us more at MAX_ANGLE */
+#define SERVO_SPAN 500 /* us more at END_STOP */
 #define PWM_TOP 799 /* timer counts */
-#define MAX_TORQUE 35000 /* mN m at full PWM */
-#define HOLDING_MS 1000 /* ms */
+#define THROTTLE_MAX 5000 /* mV */
+#define HOLDING_MS 10000 /* ms */
 #define TRACKING_ERROR 1500 /* 1e-4 rad */
 #define TRACKING_MS 1000 /* ms */
 #define AT_REST 20 /* mm/s */
-#define STALL_SPEED 300 /* mm/s */
-#define STALL_MS 2000 /* ms */
-#define OVERSPEED 5280 /* mm/s */
+#define STOPPING_MS 8000 /* ms */
+#define STOPPING_EXCESS 200 /* mm/s */
+#define STOPPING_BRAKE_RATE 10 /* 0.5 % per tick */
+#define OVERSPEED_PERCENT 110 /* % of the largest speed */
 #define HARDWARE_WATCHDOG_MS 60 /* ms */
+#define MASS_LOW 400 /* 0.1 kg */
+#define MASS_HIGH 1000 /* 0.1 kg */
+#define MASS_MIN 50 /* 0.1 kg */
+#define MASS_MAX 60000 /* 0.1 kg */
+#define RESISTANCE 0.62f /* m/s^2 */
+#define TORQUE_LAG 0.03f /* s */
+#define PULSE_MARGIN 1.15f /* pulses */
+#define AGAINST_GEAR 0.4f /* m/s */
+#define NO_PULSE_SPEED 0.1f /* m/s */
+#define NO_PULSE_TIME 2.5f /* s */
 
 #define BOARD_STEER 1
 #define BOARD_DRIVE 2
@@ -54,15 +76,18 @@
 #define FAULT_SENSOR 4
 #define FAULT_ESTOP_HOST 8
 #define FAULT_ESTOP_HW 16
-#define FAULT_STALL 32
+#define FAULT_PULSES 32
 #define FAULT_OVERSPEED 64
 #define FAULT_WDT_RESET 128
 #define FAULT_LIMIT 256
+#define FAULT_SUPPLY 512
+#define FAULT_STOP_TIMEOUT 1024
 
 #define OP_DISARM 0
 #define OP_ARM 1
 #define OP_ESTOP 2
 #define OP_CLEAR 3
+#define OP_SETUP 4
 
 #define RESULT_OK 0
 #define RESULT_UNKNOWN_OP 1
@@ -70,6 +95,8 @@
 #define RESULT_WRONG_STATE 3
 #define RESULT_PRECONDITIONS 4
 #define RESULT_WRONG_SESSION 5
+#define RESULT_OUT_OF_RANGE 6
+#define RESULT_STALE 7
 
 #define GEAR_NEUTRAL 0
 #define GEAR_DRIVE 1
@@ -82,10 +109,13 @@
 
 #define COMMAND_FLAG_ENABLE 1
 #define COMMAND_FLAG_ESTOP 2
+#define COMMAND_FLAG_STANDSTILL 4
 
 #define STATE_FLAG_ENABLED 1
 #define STATE_FLAG_ESTOP_PRESSED 2
 #define STATE_FLAG_LIMITED 4
+#define STATE_FLAG_SET_UP 8
+#define STATE_FLAG_HOLDING 16
 
 #define EVENT_CODE_BOOT 0
 #define EVENT_CODE_STATE_CHANGE 1
@@ -114,14 +144,15 @@ _Static_assert(sizeof(struct ping) == 4, "ping");
 
 /* CTRL: an operation of the state machine; build it with `of`. */
 #define ID_CONTROL 0x03
-#define SIZE_CONTROL 4
+#define SIZE_CONTROL 6
 struct control {
 	uint8_t op;
-	uint8_t arg;
 	uint8_t inverted_op;
+	uint8_t number;
 	uint8_t guard;
+	uint16_t echo;
 } __attribute__((packed));
-_Static_assert(sizeof(struct control) == 4, "control");
+_Static_assert(sizeof(struct control) == 6, "control");
 
 /* Ask for LIMITS. */
 #define ID_LIMITS_REQUEST 0x04
@@ -143,6 +174,17 @@ struct steer_command {
 } __attribute__((packed));
 _Static_assert(sizeof(struct steer_command) == 8, "steer_command");
 
+/* SETUP: the vehicle's limits for this session; 0 = the board's own. (steer PLC) */
+#define ID_STEER_SETUP 0x11
+#define SIZE_STEER_SETUP 8
+struct steer_setup {
+	uint16_t max_angle;
+	uint16_t max_rate;
+	uint16_t supply_low;
+	uint16_t supply_high;
+} __attribute__((packed));
+_Static_assert(sizeof(struct steer_setup) == 8, "steer_setup");
+
 /* Set-point of the drive. (drive PLC) */
 #define ID_DRIVE_COMMAND 0x20
 #define SIZE_DRIVE_COMMAND 10
@@ -156,6 +198,26 @@ struct drive_command {
 	uint16_t echo;
 } __attribute__((packed));
 _Static_assert(sizeof(struct drive_command) == 10, "drive_command");
+
+/* SETUP: the vehicle's drive for this session; 0 = the board's own. (drive PLC) */
+#define ID_DRIVE_SETUP 0x21
+#define SIZE_DRIVE_SETUP 26
+struct drive_setup {
+	uint16_t max_speed;
+	uint16_t max_acceleration;
+	uint16_t pulse;
+	uint16_t tyre_radius;
+	uint16_t torque;
+	uint16_t regenerative_torque;
+	uint16_t power;
+	uint16_t mass_low;
+	uint16_t mass_high;
+	uint16_t supply_low;
+	uint16_t supply_high;
+	uint16_t throttle_low;
+	uint16_t throttle_high;
+} __attribute__((packed));
+_Static_assert(sizeof(struct drive_setup) == 26, "drive_setup");
 
 /* Who a PLC is. */
 #define ID_HELLO_ACK 0x81
@@ -185,7 +247,7 @@ struct pong {
 } __attribute__((packed));
 _Static_assert(sizeof(struct pong) == 12, "pong");
 
-/* Answer to CTRL. */
+/* Answer to CTRL and SETUP. */
 #define ID_ACK 0x83
 #define SIZE_ACK 4
 struct ack {
@@ -196,35 +258,42 @@ struct ack {
 } __attribute__((packed));
 _Static_assert(sizeof(struct ack) == 4, "ack");
 
-/* Limits inside the steer PLC. (steer PLC) */
+/* Limits in force in the steer PLC. (steer PLC) */
 #define ID_STEER_LIMITS 0x84
 #define SIZE_STEER_LIMITS 16
 struct steer_limits {
-	int16_t min_angle;
-	int16_t max_angle;
-	int16_t max_rate;
-	int16_t watchdog;
-	int16_t stale;
-	int16_t adc_scale;
-	int16_t reserved_1;
-	int16_t reserved_2;
+	uint16_t max_angle;
+	uint16_t max_rate;
+	uint16_t supply_low;
+	uint16_t supply_high;
+	uint16_t watchdog;
+	uint16_t stale;
+	uint16_t end_stop;
+	uint16_t adc_scale;
 } __attribute__((packed));
 _Static_assert(sizeof(struct steer_limits) == 16, "steer_limits");
 
-/* Limits inside the drive PLC. (drive PLC) */
+/* Limits in force in the drive PLC. (drive PLC) */
 #define ID_DRIVE_LIMITS 0x84
-#define SIZE_DRIVE_LIMITS 16
+#define SIZE_DRIVE_LIMITS 30
 struct drive_limits {
-	int16_t reserved_0;
-	int16_t max_speed;
-	int16_t max_acceleration;
-	int16_t watchdog;
-	int16_t stale;
-	int16_t pulse;
-	int16_t reserved_1;
-	int16_t reserved_2;
+	uint16_t max_speed;
+	uint16_t max_acceleration;
+	uint16_t pulse;
+	uint16_t tyre_radius;
+	uint16_t torque;
+	uint16_t regenerative_torque;
+	uint16_t power;
+	uint16_t mass_low;
+	uint16_t mass_high;
+	uint16_t supply_low;
+	uint16_t supply_high;
+	uint16_t throttle_low;
+	uint16_t throttle_high;
+	uint16_t watchdog;
+	uint16_t stale;
 } __attribute__((packed));
-_Static_assert(sizeof(struct drive_limits) == 16, "drive_limits");
+_Static_assert(sizeof(struct drive_limits) == 30, "drive_limits");
 
 /* Counters of a PLC; they wrap, max_tick saturates. */
 #define ID_STATS 0x85

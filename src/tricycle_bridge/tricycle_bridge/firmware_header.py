@@ -47,46 +47,72 @@ def _struct(message: type[Message]) -> str:
     return "\n".join(lines)
 
 
-def _constants() -> dict[str, tuple[int, str]]:
+def _constants() -> dict[str, tuple[int | float, str]]:
     """Limits, times and board constants in the units of the firmware, each with its unit."""
     return {
         "TBP_MAJOR": (messages.MAJOR, ""),
         "TBP_MINOR": (messages.MINOR, ""),
         "BAUD": (messages.BAUD, ""),
         "MAX_PAYLOAD": (messages.MAX_PAYLOAD, "bytes"),
+        "ANSWER_BUDGET": (limits.ANSWER_BUDGET, "bytes"),
         "CONTROL_GUARD": (messages.Control.GUARD, ""),
+        "END_STOP": (round(limits.STEERING_END_STOP / messages.ANGLE_UNIT), "1e-4 rad"),
         "MAX_ANGLE": (round(limits.MAX_STEERING_ANGLE / messages.ANGLE_UNIT), "1e-4 rad"),
         "MAX_RATE": (round(limits.MAX_STEERING_RATE / messages.STEER_RATE_UNIT), "1e-3 rad/s"),
         "MAX_SPEED": (round(limits.MAX_SPEED / messages.SPEED_UNIT), "mm/s"),
         "MAX_ACCELERATION": (round(limits.MAX_ACCELERATION / messages.SPEED_UNIT), "mm/s^2"),
+        "MAX_TORQUE": (round(limits.MAX_TORQUE * 1e3), "mN m at full PWM"),
+        "MAX_REGENERATIVE_TORQUE": (round(limits.MAX_REGENERATIVE_TORQUE * 1e3), "mN m"),
+        "MAX_POWER": (round(limits.MAX_POWER * 1e3), "mW"),
         "MAX_BRAKE": (round(1 / messages.BRAKE_UNIT), "0.5 %"),
         "WATCHDOG_MS": (round(limits.WATCHDOG * 1e3), "ms"),
         "STALE_TICKS": (limits.STALE_TICKS, "1.024 ms"),
         "TICK_US": (round(TICK * 1e6), "us"),
         "ARMING_COMMANDS": (limits.ARMING_COMMANDS, ""),
+        "ARMING_SPEED": (round(limits.ARMING_SPEED / messages.SPEED_UNIT), "mm/s"),
         "ADC_CENTRE": (boards.ADC_CENTRE, "counts at 0 rad"),
         "ADC_SCALE": (boards.ADC_SCALE, "counts per rad"),
         "ADC_LOW": (boards.ADC_LOW, "counts"),
         "ADC_HIGH": (boards.ADC_HIGH, "counts"),
-        "HALL_PULSE": (round(boards.HALL_PULSE * 1e6), "um"),
+        "HALL_PULSE": (round(boards.HALL_PULSE / messages.TRAVEL_UNIT), "um"),
+        "HALL_PULSE_MIN": (round(boards.HALL_PULSES[0] / messages.TRAVEL_UNIT), "um"),
+        "HALL_PULSE_MAX": (round(boards.HALL_PULSES[1] / messages.TRAVEL_UNIT), "um"),
+        "TYRE_RADIUS": (round(boards.TYRE_RADIUS / messages.LENGTH_UNIT), "0.1 mm"),
+        "TYRE_RADIUS_MIN": (round(boards.TYRE_RADII[0] / messages.LENGTH_UNIT), "0.1 mm"),
+        "TYRE_RADIUS_MAX": (round(boards.TYRE_RADII[1] / messages.LENGTH_UNIT), "0.1 mm"),
         "SUPPLY_DIVIDER": (boards.SUPPLY_DIVIDER, ""),
         "SERVO_CENTRE": (boards.SERVO_CENTRE, "us at 0 rad"),
-        "SERVO_SPAN": (boards.SERVO_SPAN, "us more at MAX_ANGLE"),
+        "SERVO_SPAN": (boards.SERVO_SPAN, "us more at END_STOP"),
         "PWM_TOP": (boards.PWM_TOP, "timer counts"),
-        "MAX_TORQUE": (round(boards.MAX_TORQUE * 1e3), "mN m at full PWM"),
+        "THROTTLE_MAX": (round(boards.MAX_THROTTLE / messages.VOLTAGE_UNIT), "mV"),
         "HOLDING_MS": (round(boards.HOLDING_TIME * 1e3), "ms"),
         "TRACKING_ERROR": (round(boards.TRACKING_ERROR / messages.ANGLE_UNIT), "1e-4 rad"),
         "TRACKING_MS": (round(boards.TRACKING_TIME * 1e3), "ms"),
         "AT_REST": (round(boards.AT_REST / messages.SPEED_UNIT), "mm/s"),
-        "STALL_SPEED": (round(boards.STALL_SPEED / messages.SPEED_UNIT), "mm/s"),
-        "STALL_MS": (round(boards.STALL_TIME * 1e3), "ms"),
-        "OVERSPEED": (round(boards.OVERSPEED / messages.SPEED_UNIT), "mm/s"),
+        "STOPPING_MS": (round(boards.STOPPING_TIME * 1e3), "ms"),
+        "STOPPING_EXCESS": (round(boards.STOPPING_EXCESS / messages.SPEED_UNIT), "mm/s"),
+        "STOPPING_BRAKE_RATE": (
+            round(boards.STOPPING_BRAKE_RATE / messages.BRAKE_UNIT),
+            "0.5 % per tick",
+        ),
+        "OVERSPEED_PERCENT": (round(boards.OVERSPEED * 100), "% of the largest speed"),
         "HARDWARE_WATCHDOG_MS": (round(boards.HARDWARE_WATCHDOG * 1e3), "ms"),
+        "MASS_LOW": (round(boards.MASS_LOW / messages.MASS_UNIT), "0.1 kg"),
+        "MASS_HIGH": (round(boards.MASS_HIGH / messages.MASS_UNIT), "0.1 kg"),
+        "MASS_MIN": (round(boards.MASSES[0] / messages.MASS_UNIT), "0.1 kg"),
+        "MASS_MAX": (round(boards.MASSES[1] / messages.MASS_UNIT), "0.1 kg"),
+        "RESISTANCE": (boards.RESISTANCE, "m/s^2"),
+        "TORQUE_LAG": (boards.TORQUE_LAG, "s"),
+        "PULSE_MARGIN": (boards.PULSE_MARGIN, "pulses"),
+        "AGAINST_GEAR": (boards.AGAINST_GEAR, "m/s"),
+        "NO_PULSE_SPEED": (boards.NO_PULSE_SPEED, "m/s"),
+        "NO_PULSE_TIME": (boards.NO_PULSE_TIME, "s"),
     }
 
 
-def _define(name: str, value: int, unit: str) -> str:
-    return f"#define {name} {value}" + (f" /* {unit} */" if unit else "")
+def _define(name: str, value: float, unit: str) -> str:
+    number = f"{value!r}f" if isinstance(value, float) else str(value)
+    return f"#define {name} {number}" + (f" /* {unit} */" if unit else "")
 
 
 def firmware_header() -> str:

@@ -5,8 +5,6 @@ firmware's C header. The limits that a host meets (angle, rate, speed, accelerat
 in `tricycle_bridge.protocol.limits`.
 """
 
-from tricycle_bridge.protocol.limits import MAX_SPEED
-
 # Supplies: the drive PLC measures the battery, the steer PLC the servo's regulator behind it.
 DRIVE_SUPPLY = 48.0  # V
 STEER_SUPPLY = 12.0  # V
@@ -16,7 +14,8 @@ ADC_CENTRE = 512  # counts of the potentiometer at 0 rad
 ADC_SCALE = 435  # counts per rad of the steering motor
 ADC_LOW = 5  # counts; less is a broken wire
 ADC_HIGH = 1018  # counts; more is a broken wire
-HALL_PULSE = 0.015253  # m of travel per hall pulse: 23 pole pairs x 6 edges on a 0.335 m wheel
+HALL_PULSE = 0.015253  # m of travel per hall pulse: 23 pole pairs x 6 edges on this wheel:
+TYRE_RADIUS = 0.335  # m
 SUPPLY_DIVIDER = 11  # of the divider between a supply and its input
 
 # Outputs.
@@ -44,3 +43,9 @@ PULSE_MARGIN = 1.15  # pulses by which travel and pulses may differ
 AGAINST_GEAR = 0.4  # m/s against the gear; more is the direction wire
 NO_PULSE_SPEED = 0.1  # m/s of set-point at which pulses must come ...
 NO_PULSE_TIME = 2.5  # s ... after so long, whatever the slope
+
+# What SETUP may say of the vehicle: lowest and highest.
+HALL_PULSES = (0.001, 0.06)  # m
+TYRE_RADII = (0.05, 1.0)  # m
+MASSES = (5.0, 6000.0)  # kg
+MAX_THROTTLE = 5.0  # V
