@@ -8,28 +8,51 @@ from tricycle_bridge.protocol.boards import (
     AT_REST,
     DRIVE_SUPPLY,
     HALL_PULSE,
-    MAX_TORQUE,
+    HALL_PULSES,
+    MASS_HIGH,
+    MASS_LOW,
+    MASSES,
+    MAX_THROTTLE,
     OVERSPEED,
-    STALL_SPEED,
-    STALL_TIME,
+    STOPPING_BRAKE_RATE,
+    STOPPING_EXCESS,
+    STOPPING_TIME,
+    TYRE_RADII,
+    TYRE_RADIUS,
 )
-from tricycle_bridge.protocol.limits import MAX_ACCELERATION, MAX_SPEED, STALE_TICKS, WATCHDOG
+from tricycle_bridge.protocol.limits import (
+    ARMING_SPEED,
+    MAX_ACCELERATION,
+    MAX_POWER,
+    MAX_REGENERATIVE_TORQUE,
+    MAX_SPEED,
+    MAX_TORQUE,
+    STALE_TICKS,
+    WATCHDOG,
+)
 from tricycle_bridge.protocol.messages import (
     BRAKE_UNIT,
+    LENGTH_UNIT,
+    MASS_UNIT,
     SPEED_UNIT,
+    TORQUE_UNIT,
+    TRAVEL_UNIT,
+    VOLTAGE_UNIT,
     Board,
-    CommandFlag,
     DriveCommand,
     DriveLimits,
+    DriveSetup,
     DriveState,
     Fault,
     Gear,
     PlcState,
 )
 from tricycle_sim.plc.plc import Plc, clamp, to_i16, to_u16
+from tricycle_sim.plc.wheel import WheelCheck
 from tricycle_sim.setpoints import slew
 
-_STALL_US = round(STALL_TIME * 1e6)
+_STOPPING_US = round(STOPPING_TIME * 1e6)
+_SIGNS = {Gear.DRIVE: 1, Gear.REVERSE: -1, Gear.NEUTRAL: 0}
 
 
 @dataclass(frozen=True)
@@ -43,7 +66,7 @@ class DriveMeasurement:
     hall_count : int
         Hall pulses, `HALL_PULSE` of travel each; forward counts up.
     torque : float
-        Torque of the motor in N m.
+        Torque of the motor in the last tick in N m.
     current : float
         Current from the supply in A.
     supply : float
@@ -79,88 +102,165 @@ class DriveOutput:
     brake: float
 
 
-class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand]):
+class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
     """The drive PLC: a slewed, limited speed set-point, gear and brake."""
 
     board = Board.DRIVE
+    _own = DriveSetup(
+        max_speed=round(MAX_SPEED / SPEED_UNIT),
+        max_acceleration=round(MAX_ACCELERATION / SPEED_UNIT),
+        pulse=round(HALL_PULSE / TRAVEL_UNIT),
+        tyre_radius=round(TYRE_RADIUS / LENGTH_UNIT),
+        torque=round(MAX_TORQUE / TORQUE_UNIT),
+        regenerative_torque=round(MAX_REGENERATIVE_TORQUE / TORQUE_UNIT),
+        power=round(MAX_POWER),
+        mass_low=round(MASS_LOW / MASS_UNIT),
+        mass_high=round(MASS_HIGH / MASS_UNIT),
+        supply_low=0,
+        supply_high=0,
+        throttle_low=0,
+        throttle_high=0,
+    )
 
     def _reset_board(self) -> None:
         self._measured = DriveMeasurement()
         self._target = 0.0  # m/s, not negative, as commanded
-        self._acceleration_limit = MAX_ACCELERATION  # m/s^2
+        self._acceleration_limit = 0.0  # m/s^2
         self._commanded_gear = Gear.NEUTRAL
         self._commanded_brake = 0.0
-        self._command_limited = False
         self._gear = Gear.NEUTRAL
         self._brake = 1.0
         self._setpoint = 0.0  # m/s, forward positive
-        self._stalled_since: int | None = None  # us
+        self._holding = False  # armed and at rest: brake full, motor off
+        self._hall_count = 0  # of the last tick
+        self._pulses = 0  # since then
+
+    def _put_in_force(self) -> None:
+        force = self._in_force
+        self._max_speed = force.max_speed * SPEED_UNIT
+        self._max_acceleration = force.max_acceleration * SPEED_UNIT
+        self._wheel = WheelCheck(
+            force.pulse * TRAVEL_UNIT,
+            force.tyre_radius * LENGTH_UNIT,
+            force.mass_low * MASS_UNIT,
+            force.mass_high * MASS_UNIT,
+        )
+
+    def _allowed(self, setup: DriveSetup) -> bool:
+        own = self._own
+        return (
+            setup.max_speed <= own.max_speed
+            and setup.max_acceleration <= own.max_acceleration
+            and _within(setup.pulse * TRAVEL_UNIT, HALL_PULSES)
+            and _within(setup.tyre_radius * LENGTH_UNIT, TYRE_RADII)
+            and setup.torque <= own.torque
+            and setup.regenerative_torque <= own.regenerative_torque
+            and setup.power <= own.power
+            and _within(setup.mass_low * MASS_UNIT, MASSES)
+            and _within(setup.mass_high * MASS_UNIT, MASSES)
+            and setup.mass_low <= setup.mass_high
+            and (setup.supply_low < setup.supply_high or setup.supply_low == setup.supply_high == 0)
+            and (
+                setup.throttle_low < setup.throttle_high <= round(MAX_THROTTLE / VOLTAGE_UNIT)
+                or setup.throttle_low == setup.throttle_high == 0
+            )
+        )
 
     @property
     def _at_rest(self) -> bool:
         return abs(self._measured.speed) < AT_REST
 
+    def _begin_tick(self, now_us: int) -> None:  # noqa: ARG002 - the steering's holding ends
+        count = self._measured.hall_count
+        self._pulses, self._hall_count = count - self._hall_count, count
+
     def _find_fault(self, now_us: int) -> Fault:
-        if abs(self._measured.speed) > OVERSPEED:
+        if abs(self._measured.speed) > OVERSPEED * self._max_speed + 1e-9:
             return Fault.OVERSPEED
-        if not (self._at_rest and abs(self._setpoint) > STALL_SPEED):
-            self._stalled_since = None
-        elif self._stalled_since is None:
-            self._stalled_since = now_us
-        elif now_us - self._stalled_since >= _STALL_US:
-            return Fault.STALL
+        if self._wheel_fails():
+            return Fault.PULSES
+        late = now_us - self._state_since >= _STOPPING_US
+        if self.state is PlcState.STOPPING and late and not self._stopped():
+            return Fault.STOP_TIMEOUT
         return Fault(0)
 
-    def _stopped(self, now_us: int) -> bool:  # noqa: ARG002 - the steering's takes its time
+    def _wheel_fails(self) -> bool:
+        """Whether torque and pulses of the last tick do not fit together."""
+        if not self._motor_on or self._brake > 0.0:
+            return False
+        sign = _SIGNS[self._gear]
+        return self._wheel.fails(
+            sign * self._measured.torque,
+            sign * self._pulses,
+            sign * self._measured.speed,
+            sign * self._setpoint,
+        )
+
+    def _stopped(self) -> bool:
         return self._at_rest and self._setpoint == 0.0
 
     def _ready(self) -> bool:
-        return self._target == 0.0
+        return self._target == 0.0 and abs(self._measured.speed) < ARMING_SPEED
 
     def _armed(self) -> None:
         self._setpoint = 0.0
-        self._stalled_since = None
 
-    def _take_command(self, command: DriveCommand) -> CommandFlag:
+    def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - the steering's begins to hold
+        self._holding = False
+
+    @property
+    def _holds(self) -> bool:
+        return self._holding
+
+    def _take_command(self, command: DriveCommand) -> bool:
         speed = command.speed * SPEED_UNIT
-        acceleration = command.max_acceleration * SPEED_UNIT or MAX_ACCELERATION
-        self._target = min(max(speed, 0.0), MAX_SPEED)
-        self._acceleration_limit = min(acceleration, MAX_ACCELERATION)
+        acceleration = command.max_acceleration * SPEED_UNIT or self._max_acceleration
+        self._target = min(max(speed, 0.0), self._max_speed)
+        self._acceleration_limit = min(acceleration, self._max_acceleration)
         self._commanded_brake = min(command.brake * BRAKE_UNIT, 1.0)
         known_gear = command.gear in (Gear.NEUTRAL, Gear.DRIVE, Gear.REVERSE)
         self._commanded_gear = Gear(command.gear) if known_gear else Gear.NEUTRAL
-        self._command_limited = (
+        return (
             self._target != speed
             or self._acceleration_limit != acceleration
             or self._commanded_brake != command.brake * BRAKE_UNIT
             or not known_gear
         )
-        return CommandFlag(command.flags & 3)
 
     def _control(self) -> DriveOutput:
-        self._limited = self._command_limited and self.state is PlcState.ARMED
         if self.state is PlcState.ARMED:
-            self._brake = self._commanded_brake
-            if self._commanded_gear != self._gear and self._at_rest and self._setpoint == 0.0:
-                self._gear = self._commanded_gear
-            sign = {Gear.DRIVE: 1.0, Gear.REVERSE: -1.0, Gear.NEUTRAL: 0.0}[self._gear]
-            target = sign * self._target if self._gear == self._commanded_gear else 0.0
-            self._setpoint = slew(self._setpoint, target, self._acceleration_limit)
+            self._follow_command()
         elif self.state is PlcState.STOPPING:
-            self._setpoint = slew(self._setpoint, 0.0, MAX_ACCELERATION)
+            self._setpoint = slew(self._setpoint, 0.0, self._max_acceleration)
+            if abs(self._measured.speed - self._setpoint) > STOPPING_EXCESS:
+                self._brake = min(self._brake + STOPPING_BRAKE_RATE, 1.0)
         else:
             self._setpoint, self._brake, self._gear = 0.0, 1.0, Gear.NEUTRAL
+        if not self._motor_on or self._brake > 0.0:
+            self._wheel.restart()
         return DriveOutput(self._motor_on, self._setpoint, self._brake)
+
+    def _follow_command(self) -> None:
+        at_rest = self._at_rest and self._setpoint == 0.0
+        if self._commanded_gear != self._gear and at_rest:
+            self._gear = self._commanded_gear
+            self._wheel.restart()
+        in_gear = self._gear == self._commanded_gear
+        target = _SIGNS[self._gear] * self._target if in_gear else 0.0
+        self._holding = target == 0.0 and (at_rest or self._holding)
+        self._brake = 1.0 if self._holding else self._commanded_brake
+        self._setpoint = slew(self._setpoint, target, self._acceleration_limit)
 
     @property
     def _motor_on(self) -> bool:
-        return self.state in (PlcState.ARMED, PlcState.STOPPING) and self._gear is not Gear.NEUTRAL
+        on = self.state in (PlcState.ARMED, PlcState.STOPPING) and not self._holding
+        return on and self._gear is not Gear.NEUTRAL
 
     def _state_frame(self, now_us: int) -> DriveState:
         return DriveState(
             now_us & 0xFFFFFFFF,
             self.state,
-            self._state_flags(),
+            self._state_flags(now_us),
             self.faults,
             to_i16(self._measured.speed / SPEED_UNIT),
             to_i16(self._setpoint / SPEED_UNIT),
@@ -178,12 +278,10 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand]):
 
     def _limits_frame(self) -> DriveLimits:
         return DriveLimits(
-            0,
-            round(MAX_SPEED / SPEED_UNIT),
-            round(MAX_ACCELERATION / SPEED_UNIT),
-            round(WATCHDOG * 1e3),
-            STALE_TICKS,
-            round(HALL_PULSE * 1e6),
-            0,
-            0,
+            **vars(self._in_force), watchdog=round(WATCHDOG * 1e3), stale=STALE_TICKS
         )
+
+
+def _within(value: float, bounds: tuple[float, float]) -> bool:
+    low, high = bounds
+    return low - 1e-9 <= value <= high + 1e-9

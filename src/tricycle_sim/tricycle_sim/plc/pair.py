@@ -8,7 +8,7 @@ import select
 import threading
 import time
 
-from tricycle_bridge.protocol.boards import HALL_PULSE
+from tricycle_bridge.protocol.boards import HALL_PULSE, MASS_LOW, TYRE_RADIUS
 from tricycle_bridge.protocol.messages import Board, ResetCause
 from tricycle_core.closing import Closing
 from tricycle_core.timing import TICK
@@ -16,6 +16,7 @@ from tricycle_sim.plc.drive import DriveMeasurement, DriveOutput, DrivePlc
 from tricycle_sim.plc.pty_port import PtyPort
 from tricycle_sim.plc.steer import SteerMeasurement, SteerOutput, SteerPlc
 
+_MASS = 1.5 * MASS_LOW  # kg at the tread
 _BRAKING = 3.0  # m/s^2 at full brake
 
 
@@ -23,7 +24,7 @@ class PlcPair(Closing):
     """A steer and a drive PLC, each on a pty, served by one thread at 100 Hz.
 
     The vehicle behind them is the simplest one: steering and speed are at their set-points within
-    the tick, the brake decelerates at 3 m/s^2.
+    the tick, with whatever torque that takes, the brake decelerates at 3 m/s^2.
 
     Parameters
     ----------
@@ -62,6 +63,7 @@ class PlcPair(Closing):
         self.steering_angle = 0.0
         self.speed = 0.0
         self.distance = 0.0
+        self._torque = 0.0  # N m of the motor
         self._start_us = start_us
         self._started = time.monotonic()
         self._stalled: set[Board] = set()
@@ -170,13 +172,17 @@ class PlcPair(Closing):
             drive = DriveMeasurement(
                 self.speed,
                 round(self.distance / HALL_PULSE),
+                self._torque,
                 estop_pressed=self.estop_pressed,
             )
             data, self.drive_output = self.drive.tick(now, drive)
             self._write(Board.DRIVE, data)
         if self.steer_output.servo_on:
             self.steering_angle = self.steer_output.setpoint
+        self._torque = 0.0
         if self.drive_output.motor_on:
+            gain = self.drive_output.setpoint - self.speed
+            self._torque = _MASS * gain / TICK * TYRE_RADIUS
             self.speed = self.drive_output.setpoint
         braked = self.drive_output.brake * _BRAKING * TICK
         self.speed = max(self.speed - braked, min(self.speed + braked, 0.0))

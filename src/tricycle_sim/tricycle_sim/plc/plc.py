@@ -16,17 +16,19 @@ import dataclasses
 from abc import ABC, abstractmethod
 from typing import ClassVar, Generic, Protocol, TypeVar, cast
 
-from tricycle_bridge.protocol.framing import Frame, FrameDecoder, encode
-from tricycle_bridge.protocol.limits import ARMING_COMMANDS, STALE_TICKS, WATCHDOG
+from tricycle_bridge.protocol.framing import DELIMITER, Frame, FrameDecoder, encode
+from tricycle_bridge.protocol.limits import ANSWER_BUDGET, ARMING_COMMANDS, STALE_TICKS, WATCHDOG
 from tricycle_bridge.protocol.messages import (
     MAJOR,
     MINOR,
+    VOLTAGE_UNIT,
     Ack,
     Board,
     Capability,
     CommandFlag,
     Control,
     DriveCommand,
+    DriveSetup,
     Event,
     EventCode,
     Fault,
@@ -44,6 +46,7 @@ from tricycle_bridge.protocol.messages import (
     Stats,
     StatsRequest,
     SteerCommand,
+    SteerSetup,
     echo_of,
 )
 from tricycle_core.timing import TICK
@@ -51,11 +54,17 @@ from tricycle_sim.setpoints import slew
 
 _WATCHDOG_US = round(WATCHDOG * 1e6)
 _TICK_US = round(TICK * 1e6)
+_NEWEST_STEP = 127  # between numbers of operations; further is backwards
 _U16, _U32 = 0xFFFF, 0xFFFFFFFF
 
 
 class Measurement(Protocol):
     """The inputs that both PLCs have."""
+
+    @property
+    def supply(self) -> float:
+        """Voltage of the supply in V."""
+        ...
 
     @property
     def estop_pressed(self) -> bool:
@@ -66,9 +75,10 @@ class Measurement(Protocol):
 MeasurementT = TypeVar("MeasurementT", bound=Measurement)
 OutputT = TypeVar("OutputT")
 CommandT = TypeVar("CommandT", SteerCommand, DriveCommand)
+SetupT = TypeVar("SetupT", SteerSetup, DriveSetup)
 
 
-class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
+class Plc(ABC, Generic[MeasurementT, OutputT, CommandT, SetupT]):
     """An emulated PLC; `SteerPlc` and `DrivePlc` add what differs between the boards.
 
     Parameters
@@ -91,13 +101,14 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
     """
 
     board: ClassVar[Board]
+    _own: SetupT  # what is in force without a SETUP
     _measured: MeasurementT  # inputs of the newest tick
 
     def __init__(
         self,
         *,
         boot_count: int = 0,
-        firmware: tuple[int, int, int] = (1, 0, 0),
+        firmware: tuple[int, int, int] = (2, 0, 0),
         major: int = MAJOR,
         minor: int = MINOR,
     ) -> None:
@@ -117,16 +128,22 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         self.counters = Stats(*([0] * len(dataclasses.fields(Stats))))
         self._decoder = FrameDecoder(self.board, host=False)
         self._seq = 0
+        self._answered = 0  # bytes of answers since the last tick
         self._last_rx_seq: int | None = None
+        self._operation: int | None = None  # number of the last one in this session ...
+        self._operation_result = Result.OK  # ... and its result
+        self._setup: SetupT | None = None  # as accepted in this session
+        self._in_force: SetupT = self._own
         self._command_seq = 0
         self._command_at: int | None = None  # us, of the last accepted command
         self._commands_in_row = 0  # with enable = 1
         self._enabled = False  # flag of the last accepted command
-        self._limited = False
+        self._command_limited = False  # the last accepted command
         self._estop_pressed = False
         self._state_since = 0  # us
-        self._transmit: list[bytes] = []
+        self._transmit = [DELIMITER]  # ends a frame that the reset has cut
         self._reset_board()
+        self._put_in_force()
 
     @property
     def session(self) -> int:
@@ -176,21 +193,22 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         """
         self._estop_pressed = measurement.estop_pressed
         self._measured = measurement
+        self._answered = 0
+        self._begin_tick(now_us)
         if self.state is PlcState.BOOT:
             self._enter(PlcState.SAFE, now_us, code=EventCode.BOOT)
         if self._estop_pressed:
             self._estop(Fault.ESTOP_HW, now_us)
         self._check_watchdog(now_us)
-        if self.state is PlcState.ARMED and (fault := self._find_fault(now_us)):
+        moving = self.state in (PlcState.ARMED, PlcState.STOPPING)
+        if moving and (fault := self._find_fault(now_us)):
             self.faults |= fault
             self._enter(PlcState.FAULT, now_us)
-        if self.state is PlcState.STOPPING and self._stopped(now_us):
+        if self.state is PlcState.STOPPING and self._stopped():
             self._enter(PlcState.SAFE, now_us)
         output = self._control()
-        if self._limited:
-            self.faults |= Fault.LIMIT
-        else:
-            self.faults &= ~Fault.LIMIT
+        self._mark(Fault.LIMIT, is_set=self._limited(now_us))
+        self._mark(Fault.SUPPLY, is_set=self._supply_wrong)
         self._send(self._state_frame(now_us))
         return self._take_bytes(), output
 
@@ -205,11 +223,23 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         """Forget the board's own state, `_measured` too."""
 
     @abstractmethod
-    def _find_fault(self, now_us: int) -> Fault:
-        """Sensor, tracking, stall or overspeed faults of an armed board."""
+    def _put_in_force(self) -> None:
+        """Use the values of `_in_force`."""
 
     @abstractmethod
-    def _stopped(self, now_us: int) -> bool:
+    def _allowed(self, setup: SetupT) -> bool:
+        """Whether a SETUP, its zeros replaced, is within the board's own limits."""
+
+    @abstractmethod
+    def _begin_tick(self, now_us: int) -> None:
+        """What a tick does before the state machine."""
+
+    @abstractmethod
+    def _find_fault(self, now_us: int) -> Fault:
+        """Faults of an armed or stopping board that end in FAULT."""
+
+    @abstractmethod
+    def _stopped(self) -> bool:
         """Whether STOPPING is over."""
 
     @abstractmethod
@@ -221,12 +251,21 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         """Prepare the set-point when arming."""
 
     @abstractmethod
-    def _take_command(self, command: CommandT) -> CommandFlag:
-        """Keep a command's set-point; return its flags."""
+    def _left_armed(self, now_us: int) -> None:
+        """Do what leaving ARMED needs, whatever the reason."""
+
+    @abstractmethod
+    def _take_command(self, command: CommandT) -> bool:
+        """Keep a command's set-point; return whether a limit acts on it."""
 
     @abstractmethod
     def _control(self) -> OutputT:
-        """Advance the set-point by one tick; `_limited` says whether a limit acted."""
+        """Advance the set-point by one tick."""
+
+    @property
+    @abstractmethod
+    def _holds(self) -> bool:
+        """Flag HOLDING."""
 
     @abstractmethod
     def _state_frame(self, now_us: int) -> Message:
@@ -244,6 +283,17 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         )
         self._transmit.append(frame)
         self._seq = (self._seq + 1) & 0xFF
+
+    def _answer(self, message: Message) -> None:
+        """Send an answer unless the answers since the last tick leave no room for it."""
+        before = len(self._transmit)
+        self._send(message)
+        size = len(self._transmit[before])
+        if self._answered + size > ANSWER_BUDGET:
+            del self._transmit[before]
+            self._count(tx_drop=1)
+        else:
+            self._answered += size
 
     def _take_bytes(self) -> bytes:
         data = b"".join(self._transmit)
@@ -269,13 +319,16 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
                 self._accept_command(frame.seq, cast(CommandT, message), now_us)
             case Control():
                 result = self._operate(message, now_us)
-                self._send(Ack(message.op, frame.seq, result, self.state))
+                self._answer(Ack(message.op, frame.seq, result, self.state))
+            case SteerSetup() | DriveSetup():
+                result = self._set_up(cast(SetupT, message))
+                self._answer(Ack(Op.SETUP, frame.seq, result, self.state))
             case Ping():
-                self._send(Pong(message.token, now_us & _U32, now_us & _U32))
+                self._answer(Pong(message.token, now_us & _U32, now_us & _U32))
             case LimitsRequest():
-                self._send(self._limits_frame())
+                self._answer(self._limits_frame())
             case StatsRequest():
-                self._send(self._stats_frame())
+                self._answer(self._stats_frame())
 
     def _greet(self, frame: Frame, hello: Hello, now_us: int) -> None:
         if hello.board not in (self.board, Board.ANY):
@@ -286,7 +339,10 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         self._last_rx_seq = frame.seq
         self._command_at = None
         self._commands_in_row = 0
-        self._send(
+        self._operation = None
+        self._setup = None
+        self._use(self._own)
+        self._answer(
             HelloAck(
                 self._minor,
                 self.board,
@@ -312,19 +368,25 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
         return True
 
     def _accept_command(self, seq: int, command: CommandT, now_us: int) -> None:
-        if (echo_of(now_us) - command.echo) & _U16 > STALE_TICKS:
-            self._count(stale=1)
+        if self._is_stale(command.echo, now_us):
             self._commands_in_row = 0
             return
-        flags = self._take_command(command)
+        self._command_limited = self._take_command(command)
         self._command_seq = seq
         self._command_at = now_us
-        self._enabled = bool(flags & CommandFlag.ENABLE)
+        self._enabled = bool(command.flags & CommandFlag.ENABLE)
         self._commands_in_row = self._commands_in_row + 1 if self._enabled else 0
-        if flags & CommandFlag.ESTOP:
+        if command.flags & CommandFlag.ESTOP:
             self._estop(Fault.ESTOP_HOST, now_us)
         elif self.state is PlcState.ARMED and not self._enabled:
             self._enter(PlcState.STOPPING, now_us)
+
+    def _is_stale(self, echo: int, now_us: int) -> bool:
+        """Judge an echo (section 4) and count a stale one."""
+        stale = (echo_of(now_us) - echo) & _U16 > STALE_TICKS
+        if stale:
+            self._count(stale=1)
+        return stale
 
     def _stats_frame(self) -> Stats:
         decoder = self._decoder.counters
@@ -346,6 +408,8 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
     ) -> None:
         old, self.state = self.state, state
         self._state_since = now_us
+        if old is PlcState.ARMED:
+            self._left_armed(now_us)
         self._send(Event(now_us & _U32, code, old << 4 | state, self.faults))
 
     def _estop(self, fault: Fault, now_us: int) -> None:
@@ -366,7 +430,22 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
     def _operate(self, control: Control, now_us: int) -> Result:
         if not control.guarded:
             return Result.BAD_GUARD
-        match control.op:
+        if control.op not in (Op.DISARM, Op.ARM, Op.ESTOP, Op.CLEAR):
+            return Result.UNKNOWN_OP
+        last = self._operation
+        step = 1 if last is None else (control.number - last) & 0xFF
+        if control.op in (Op.ARM, Op.CLEAR):
+            if step == 0:
+                return self._operation_result
+            if step > _NEWEST_STEP or self._is_stale(control.echo, now_us):
+                return Result.STALE
+        result = self._do(Op(control.op), now_us)
+        if 0 < step <= _NEWEST_STEP:
+            self._operation, self._operation_result = control.number, result
+        return result
+
+    def _do(self, op: Op, now_us: int) -> Result:
+        match op:
             case Op.ESTOP:
                 self._estop(Fault.ESTOP_HOST, now_us)
                 return Result.OK
@@ -376,17 +455,15 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
                 return Result.OK
             case Op.CLEAR:
                 return self._clear(now_us)
-            case Op.ARM:
-                return self._arm(now_us)
             case _:
-                return Result.UNKNOWN_OP
+                return self._arm(now_us)
 
     def _clear(self, now_us: int) -> Result:
         if self.state in (PlcState.ARMED, PlcState.STOPPING):
             return Result.WRONG_STATE
         if self._estop_pressed:
             return Result.PRECONDITIONS
-        self.faults = Fault(0)
+        self.faults &= Fault.LIMIT | Fault.SUPPLY
         if self.state is not PlcState.SAFE:
             self._enter(PlcState.SAFE, now_us)
         return Result.OK
@@ -394,27 +471,65 @@ class Plc(ABC, Generic[MeasurementT, OutputT, CommandT]):
     def _arm(self, now_us: int) -> Result:
         if self.state is PlcState.ARMED:
             return Result.OK
-        if self.state is not PlcState.SAFE or self.faults & ~Fault.LIMIT:
+        if self.state is not PlcState.SAFE or self.faults & ~(Fault.LIMIT | Fault.SUPPLY):
             return Result.WRONG_STATE
         age = self.command_age(now_us)
         if (
-            self._commands_in_row < ARMING_COMMANDS
+            self._setup is None
+            or self._commands_in_row < ARMING_COMMANDS
             or age is None
             or age > _WATCHDOG_US
             or not self._ready()
+            or self._supply_wrong
         ):
             return Result.PRECONDITIONS
         self._armed()
         self._enter(PlcState.ARMED, now_us)
         return Result.OK
 
+    # ---- values of the vehicle (SETUP) ----
+
+    def _set_up(self, setup: SetupT) -> Result:
+        if self.state is not PlcState.SAFE:
+            return Result.WRONG_STATE
+        if self._setup is not None:
+            return Result.OK if setup == self._setup else Result.WRONG_STATE
+        values = zip(dataclasses.astuple(setup), dataclasses.astuple(self._own), strict=True)
+        wanted = type(setup)(*(given or own for given, own in values))
+        if not self._allowed(wanted):
+            return Result.OUT_OF_RANGE
+        self._setup = setup
+        self._use(wanted)
+        return Result.OK
+
+    def _use(self, values: SetupT) -> None:
+        """Put values in force; commands so far were judged by other ones."""
+        self._in_force = values
+        self._commands_in_row = 0
+        self._put_in_force()
+
+    @property
+    def _supply_wrong(self) -> bool:
+        low, high = self._in_force.supply_low, self._in_force.supply_high
+        return high > 0 and not low <= to_u16(self._measured.supply / VOLTAGE_UNIT) <= high
+
     # ---- parts of state frames ----
 
-    def _state_flags(self) -> int:
+    def _mark(self, fault: Fault, *, is_set: bool) -> None:
+        """Set or clear a fault that does not latch."""
+        self.faults = self.faults | fault if is_set else self.faults & ~fault
+
+    def _limited(self, now_us: int) -> bool:
+        age = self.command_age(now_us)
+        return self._command_limited and age is not None and age < _WATCHDOG_US
+
+    def _state_flags(self, now_us: int) -> int:
         return (
             (StateFlag.ENABLED if self._enabled else 0)
             | (StateFlag.ESTOP_PRESSED if self._estop_pressed else 0)
-            | (StateFlag.LIMITED if self._limited else 0)
+            | (StateFlag.LIMITED if self._limited(now_us) else 0)
+            | (StateFlag.SET_UP if self._setup is not None else 0)
+            | (StateFlag.HOLDING if self._holds else 0)
         )
 
     def _age_ticks(self, now_us: int) -> int:

@@ -20,6 +20,7 @@ from tricycle_bridge.protocol.limits import (
     MAX_STEERING_ANGLE,
     MAX_STEERING_RATE,
     STALE_TICKS,
+    STEERING_END_STOP,
     WATCHDOG,
 )
 from tricycle_bridge.protocol.messages import (
@@ -31,6 +32,7 @@ from tricycle_bridge.protocol.messages import (
     PlcState,
     SteerCommand,
     SteerLimits,
+    SteerSetup,
     SteerState,
 )
 from tricycle_sim.plc.plc import Plc, clamp, to_i16, to_u16
@@ -88,20 +90,43 @@ class SteerOutput:
     setpoint: float
 
 
-class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand]):
+class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand, SteerSetup]):
     """The steer PLC: a slewed, limited set-point for the steering servo."""
 
     board = Board.STEER
+    _own = SteerSetup(
+        max_angle=round(MAX_STEERING_ANGLE / ANGLE_UNIT),
+        max_rate=round(MAX_STEERING_RATE / STEER_RATE_UNIT),
+        supply_low=0,
+        supply_high=0,
+    )
 
     def _reset_board(self) -> None:
         self._measured = SteerMeasurement()
         self._target = 0.0  # rad, as commanded
-        self._rate_limit = MAX_STEERING_RATE  # rad/s
-        self._command_limited = False
+        self._rate_limit = 0.0  # rad/s
         self._setpoint = 0.0  # rad
+        self._holding_since: int | None = None  # us, when it left ARMED; None: it does not hold
         self._tracking_since: int | None = None  # us
 
+    def _put_in_force(self) -> None:
+        self._max_angle = self._in_force.max_angle * ANGLE_UNIT
+        self._max_rate = self._in_force.max_rate * STEER_RATE_UNIT
+
+    def _allowed(self, setup: SteerSetup) -> bool:
+        return (
+            setup.max_angle <= self._own.max_angle
+            and setup.max_rate <= self._own.max_rate
+            and (setup.supply_low < setup.supply_high or setup.supply_low == setup.supply_high == 0)
+        )
+
+    def _begin_tick(self, now_us: int) -> None:
+        if self._holding_since is not None and now_us - self._holding_since >= _HOLDING_US:
+            self._holding_since = None
+
     def _find_fault(self, now_us: int) -> Fault:
+        if self.state is not PlcState.ARMED:
+            return Fault(0)
         if not ADC_LOW <= self._measured.counts <= ADC_HIGH:
             return Fault.SENSOR
         if abs(self._setpoint - self._measured.angle) <= TRACKING_ERROR:
@@ -112,8 +137,8 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand]):
             return Fault.TRACKING
         return Fault(0)
 
-    def _stopped(self, now_us: int) -> bool:
-        return now_us - self._state_since >= _HOLDING_US
+    def _stopped(self) -> bool:
+        return not self._holds
 
     def _ready(self) -> bool:
         return True
@@ -121,35 +146,46 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand]):
     def _armed(self) -> None:
         self._setpoint = self._measured.angle
         self._tracking_since = None
+        self._holding_since = None
 
-    def _take_command(self, command: SteerCommand) -> CommandFlag:
+    def _left_armed(self, now_us: int) -> None:
+        self._holding_since = now_us
+
+    @property
+    def _holds(self) -> bool:
+        return self._holding_since is not None
+
+    def _take_command(self, command: SteerCommand) -> bool:
         angle = command.angle * ANGLE_UNIT
-        rate = command.max_rate * STEER_RATE_UNIT or MAX_STEERING_RATE
-        self._target = min(max(angle, -MAX_STEERING_ANGLE), MAX_STEERING_ANGLE)
-        self._rate_limit = min(rate, MAX_STEERING_RATE)
-        self._command_limited = self._target != angle or self._rate_limit != rate
-        return CommandFlag(command.flags & 3)
+        rate = command.max_rate * STEER_RATE_UNIT or self._max_rate
+        self._target = min(max(angle, -self._max_angle), self._max_angle)
+        self._rate_limit = min(rate, self._max_rate)
+        if command.flags & CommandFlag.STANDSTILL:
+            self._holding_since = None
+        return self._target != angle or self._rate_limit != rate
+
+    @property
+    def _servo_on(self) -> bool:
+        return self.state is PlcState.ARMED or self._holds
 
     def _control(self) -> SteerOutput:
-        servo_on = self.state in (PlcState.ARMED, PlcState.STOPPING)
-        self._limited = self._command_limited and self.state is PlcState.ARMED
         if self.state is PlcState.ARMED:
             self._setpoint = slew(self._setpoint, self._target, self._rate_limit)
-        elif not servo_on:
+        elif not self._holds:
             self._setpoint = self._measured.angle
-        return SteerOutput(servo_on, self._setpoint)
+        return SteerOutput(self._servo_on, self._setpoint)
 
     def _state_frame(self, now_us: int) -> SteerState:
-        on = self.state in (PlcState.ARMED, PlcState.STOPPING)
+        pulse = round(SERVO_CENTRE + SERVO_SPAN / STEERING_END_STOP * self._setpoint)
         return SteerState(
             now_us & 0xFFFFFFFF,
             self.state,
-            self._state_flags(),
+            self._state_flags(now_us),
             self.faults,
             to_i16(self._measured.angle / ANGLE_UNIT),
             to_i16(self._setpoint / ANGLE_UNIT),
             to_i16(self._measured.rate / STEER_RATE_UNIT),
-            round(SERVO_CENTRE + SERVO_SPAN / MAX_STEERING_ANGLE * self._setpoint) if on else 0,
+            pulse if self._servo_on else 0,
             self._measured.counts,
             to_u16(self._measured.supply * 1e3),
             self._command_seq,
@@ -157,14 +193,10 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand]):
         )
 
     def _limits_frame(self) -> SteerLimits:
-        angle = round(MAX_STEERING_ANGLE / ANGLE_UNIT)
         return SteerLimits(
-            -angle,
-            angle,
-            round(MAX_STEERING_RATE / STEER_RATE_UNIT),
-            round(WATCHDOG * 1e3),
-            STALE_TICKS,
-            ADC_SCALE,
-            0,
-            0,
+            **vars(self._in_force),
+            watchdog=round(WATCHDOG * 1e3),
+            stale=STALE_TICKS,
+            end_stop=round(STEERING_END_STOP / ANGLE_UNIT),
+            adc_scale=ADC_SCALE,
         )

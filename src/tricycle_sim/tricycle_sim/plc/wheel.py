@@ -1,4 +1,4 @@
-"""Does the wheel turn as the motor's torque says? (`wheel.c` in C; section 5.8 of docs/protocol.md.)
+"""Whether the wheel turns as the motor's torque says (`wheel.c` in C; section 5.8).
 
 A broken hall wire shows no pulses, a broken direction wire shows them the wrong way round; the
 speed controller then pushes ever harder. The mass is known within a range, the slope is not, but
