@@ -6,12 +6,17 @@
 #include <stdint.h>
 
 #include "messages.h"
+#include "motor.h"
+#include "wheel.h"
 
 #if defined(BOARD_IS_STEER)
 #define THIS_BOARD BOARD_STEER
 #define ID_COMMAND ID_STEER_COMMAND
 #define SIZE_COMMAND SIZE_STEER_COMMAND
+#define ID_SETUP ID_STEER_SETUP
+#define SIZE_SETUP SIZE_STEER_SETUP
 struct board {
+	struct steer_setup in_force; /* no field is 0 but those of the supply */
 	/* inputs */
 	int16_t angle;   /* 1e-4 rad */
 	int16_t rate;    /* 1e-3 rad/s */
@@ -27,21 +32,26 @@ struct board {
 	bool command_limited;
 	bool off_track;
 	uint32_t off_track_since; /* us */
+	bool holding;             /* not armed any more, the servo still on */
+	uint32_t holding_since;   /* us */
 };
 #elif defined(BOARD_IS_DRIVE)
 #define THIS_BOARD BOARD_DRIVE
 #define ID_COMMAND ID_DRIVE_COMMAND
 #define SIZE_COMMAND SIZE_DRIVE_COMMAND
+#define ID_SETUP ID_DRIVE_SETUP
+#define SIZE_SETUP SIZE_DRIVE_SETUP
 struct board {
+	struct drive_setup in_force; /* no field is 0 but those of supply and throttle */
 	/* inputs */
 	int16_t speed;      /* mm/s */
 	int32_t hall_count; /* pulses */
 	uint16_t current;   /* mA */
 	uint16_t supply;    /* mV */
-	int16_t pwm;        /* per mille, as put out in the last tick */
 	bool estop_input;
 	/* outputs */
 	bool motor_on;
+	int32_t torque;   /* mN m, forward positive; until the next tick's is known, the last one's */
 	int32_t setpoint; /* 0.01 mm/s: one tick at 1 mm/s^2 */
 	uint8_t brake;    /* 0..200 */
 	/* between */
@@ -51,8 +61,13 @@ struct board {
 	uint8_t commanded_brake;
 	uint8_t gear;
 	bool command_limited;
-	bool stalled;
-	uint32_t stalled_since; /* us */
+	bool holding; /* armed, at rest with the brake on */
+	int32_t last_count;
+	int32_t pulses; /* since the last tick */
+	int32_t travel; /* um since the last tick */
+	struct hall hall;
+	struct motor motor;
+	struct wheel wheel;
 };
 #else
 #error "define BOARD_IS_STEER or BOARD_IS_DRIVE"

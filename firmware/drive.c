@@ -1,54 +1,162 @@
-/* The drive PLC: a slewed, limited speed set-point, gear and brake. */
+/* The drive PLC: a slewed, limited speed set-point, gear and brake, the motor's torque. */
 #include "plc.h"
 
 #include <string.h>
 
-#define STALL_SETPOINT (100L * STALL_SPEED) /* 0.01 mm/s */
-#define STALL_US (1000UL * STALL_MS)
+#define STOPPING_US (1000UL * STOPPING_MS)
+#define EXCESS (100L * STOPPING_EXCESS) /* 0.01 mm/s */
+
+const struct setup_field board_setup_fields[SIZE_SETUP / 2] = {
+	{ 1, MAX_SPEED, MAX_SPEED },
+	{ 1, MAX_ACCELERATION, MAX_ACCELERATION },
+	{ HALL_PULSE_MIN, HALL_PULSE_MAX, HALL_PULSE },
+	{ TYRE_RADIUS_MIN, TYRE_RADIUS_MAX, TYRE_RADIUS },
+	{ 1, MAX_TORQUE / 10, MAX_TORQUE / 10 },
+	{ 1, MAX_REGENERATIVE_TORQUE / 10, MAX_REGENERATIVE_TORQUE / 10 },
+	{ 1, MAX_POWER / 1000, MAX_POWER / 1000 },
+	{ MASS_MIN, MASS_MAX, MASS_LOW },
+	{ MASS_MIN, MASS_MAX, MASS_HIGH },
+	{ 1, UINT16_MAX, 0 },
+	{ 1, UINT16_MAX, 0 },
+	{ 1, THROTTLE_MAX, 0 },
+	{ 1, THROTTLE_MAX, 0 },
+};
+
+static int32_t magnitude(int32_t value)
+{
+	return value < 0 ? -value : value;
+}
 
 static bool at_rest(const struct plc *plc)
 {
-	return plc->board.speed < AT_REST && plc->board.speed > -AT_REST;
+	return magnitude(plc->board.speed) < AT_REST;
 }
 
 void board_reset(struct plc *plc)
 {
+	plc->board.hall.beyond = HALL_PULSE / 2; /* anywhere between two pulses */
 	plc->board.acceleration_limit = MAX_ACCELERATION;
 	plc->board.brake = MAX_BRAKE;
+}
+
+bool board_accepts(const void *values)
+{
+	struct drive_setup wanted;
+	memcpy(&wanted, values, sizeof wanted);
+	return wanted.mass_low <= wanted.mass_high &&
+	       in_order(wanted.supply_low, wanted.supply_high) &&
+	       in_order(wanted.throttle_low, wanted.throttle_high);
+}
+
+void board_set_up(struct plc *plc)
+{
+	struct board *board = &plc->board;
+	const struct drive_setup *in_force = &board->in_force;
+	/* a command that came before must not act beyond */
+	board->target = (int16_t)clamp(board->target, 0, in_force->max_speed);
+	if (board->acceleration_limit > in_force->max_acceleration)
+		board->acceleration_limit = in_force->max_acceleration;
+	wheel_set_up(&board->wheel, 1e-6f * in_force->pulse, 1e-4f * in_force->tyre_radius,
+		     0.1f * in_force->mass_low, 0.1f * in_force->mass_high);
+}
+
+void drive_measure(struct plc *plc, int32_t count, uint32_t edge_at, uint32_t now)
+{
+	struct board *board = &plc->board;
+	if (plc->state == PLC_STATE_BOOT)
+		board->hall.count = count; /* whatever it was before */
+	board->hall_count = count;
+	board->travel = hall_travel(&board->hall, board->in_force.pulse, count, edge_at, now);
+	board->speed = board->hall.speed;
+}
+
+void drive_push(struct plc *plc)
+{
+	struct board *board = &plc->board;
+	if (!board->motor_on) {
+		board->motor.integral = 0;
+		board->torque = 0;
+		return;
+	}
+	const struct motor_limits limits = {
+		board->in_force.tyre_radius,
+		10L * board->in_force.torque,
+		10L * board->in_force.regenerative_torque,
+		board->in_force.power,
+	};
+	if (board->gear == GEAR_REVERSE)
+		board->torque = -motor_torque(&board->motor, &limits, -board->setpoint,
+					      (int16_t)-board->speed, -board->travel);
+	else
+		board->torque = motor_torque(&board->motor, &limits, board->setpoint, board->speed,
+					     board->travel);
+}
+
+int16_t drive_pwm(const struct board *board)
+{
+	int32_t more = board->torque < 0 ? -MAX_TORQUE / 2 : MAX_TORQUE / 2;
+	if (!board->motor_on)
+		return 0;
+	return (int16_t)clamp((board->torque * 1000 + more) / MAX_TORQUE, -1000, 1000);
+}
+
+void board_begin_tick(struct plc *plc, uint32_t now)
+{
+	struct board *board = &plc->board;
+	(void)now;
+	board->pulses = board->hall_count - board->last_count;
+	board->last_count = board->hall_count;
+}
+
+/* Outputs are still those of the last tick. */
+static bool wheel_wrong(struct board *board)
+{
+	if (!board->motor_on || board->brake) {
+		wheel_restart(&board->wheel);
+		return false;
+	}
+	int8_t sign = board->gear == GEAR_REVERSE ? -1 : 1;
+	return wheel_fails(&board->wheel, 1e-3f * (float)(sign * board->torque),
+			   sign * board->pulses, 1e-3f * (float)(sign * board->speed),
+			   1e-5f * (float)(sign * board->setpoint));
 }
 
 uint16_t board_find_fault(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
-	if (board->speed > OVERSPEED || board->speed < -OVERSPEED)
-		return FAULT_OVERSPEED;
-	bool pulling = board->setpoint > STALL_SETPOINT || board->setpoint < -STALL_SETPOINT;
-	if (!(at_rest(plc) && pulling)) {
-		board->stalled = false;
-	} else if (!board->stalled) {
-		board->stalled = true;
-		board->stalled_since = now;
-	} else if (now - board->stalled_since >= STALL_US) {
-		return FAULT_STALL;
-	}
-	return 0;
+	uint16_t fault = wheel_wrong(board) ? FAULT_PULSES : 0;
+	if (100L * magnitude(board->speed) > (int32_t)OVERSPEED_PERCENT * board->in_force.max_speed)
+		fault |= FAULT_OVERSPEED;
+	if (plc->state == PLC_STATE_STOPPING && now - plc->state_since >= STOPPING_US)
+		fault |= FAULT_STOP_TIMEOUT;
+	return fault;
 }
 
-bool board_stopped(const struct plc *plc, uint32_t now)
+bool board_stopped(const struct plc *plc)
 {
-	(void)now;
 	return at_rest(plc) && plc->board.setpoint == 0;
 }
 
 bool board_ready(const struct plc *plc)
 {
-	return plc->board.target == 0;
+	return plc->board.target == 0 && magnitude(plc->board.speed) < ARMING_SPEED;
 }
 
 void board_armed(struct plc *plc)
 {
 	plc->board.setpoint = 0;
-	plc->board.stalled = false;
+	plc->board.holding = false;
+}
+
+void board_disarmed(struct plc *plc, uint32_t now)
+{
+	(void)now;
+	plc->board.holding = false;
+}
+
+bool board_holds(const struct plc *plc)
+{
+	return plc->board.holding;
 }
 
 void board_take_command(struct plc *plc, const void *payload)
@@ -56,12 +164,11 @@ void board_take_command(struct plc *plc, const void *payload)
 	struct board *board = &plc->board;
 	struct drive_command command;
 	memcpy(&command, payload, sizeof command);
-	uint16_t acceleration =
-		command.max_acceleration ? command.max_acceleration : MAX_ACCELERATION;
+	const uint16_t most = board->in_force.max_acceleration;
+	uint16_t acceleration = command.max_acceleration ? command.max_acceleration : most;
 	bool known_gear = command.gear <= GEAR_REVERSE;
-	board->target = (int16_t)clamp(command.speed, 0, MAX_SPEED);
-	board->acceleration_limit =
-		acceleration < MAX_ACCELERATION ? acceleration : MAX_ACCELERATION;
+	board->target = (int16_t)clamp(command.speed, 0, board->in_force.max_speed);
+	board->acceleration_limit = acceleration < most ? acceleration : most;
 	board->commanded_brake = command.brake < MAX_BRAKE ? command.brake : MAX_BRAKE;
 	board->commanded_gear = known_gear ? command.gear : GEAR_NEUTRAL;
 	board->command_limited = board->target != command.speed ||
@@ -76,26 +183,43 @@ static int32_t target_of(const struct board *board)
 	return (board->gear == GEAR_REVERSE ? -100L : 100L) * board->target;
 }
 
+/* Follows its command, and holds where that is to stand. */
+static void follow(struct plc *plc)
+{
+	struct board *board = &plc->board;
+	if (board->commanded_gear != board->gear && at_rest(plc) && board->setpoint == 0)
+		board->gear = board->commanded_gear;
+	board->setpoint = slew(board->setpoint, target_of(board), board->acceleration_limit);
+	bool stand = board->target == 0 || board->commanded_gear == GEAR_NEUTRAL;
+	/* the brake may slip: what holds goes on until there is a target */
+	board->holding = stand && (board->holding || (board->setpoint == 0 && at_rest(plc)));
+	board->brake = board->holding ? MAX_BRAKE : board->commanded_brake;
+}
+
+/* Ramps down; the brake joins where the motor cannot follow the ramp, and stays. */
+static void stop(struct board *board)
+{
+	board->setpoint = slew(board->setpoint, 0, board->in_force.max_acceleration);
+	if (magnitude(100L * board->speed - board->setpoint) > EXCESS)
+		board->brake = (uint8_t)clamp(board->brake + STOPPING_BRAKE_RATE, 0, MAX_BRAKE);
+}
+
 void board_control(struct plc *plc)
 {
 	struct board *board = &plc->board;
 	bool armed = plc->state == PLC_STATE_ARMED;
 	bool stopping = plc->state == PLC_STATE_STOPPING;
-	plc->limited = board->command_limited && armed;
 	if (armed) {
-		board->brake = board->commanded_brake;
-		if (board->commanded_gear != board->gear && at_rest(plc) && board->setpoint == 0)
-			board->gear = board->commanded_gear;
-		board->setpoint =
-			slew(board->setpoint, target_of(board), board->acceleration_limit);
+		follow(plc);
 	} else if (stopping) {
-		board->setpoint = slew(board->setpoint, 0, MAX_ACCELERATION);
+		stop(board);
 	} else {
 		board->setpoint = 0;
 		board->brake = MAX_BRAKE;
 		board->gear = GEAR_NEUTRAL;
 	}
-	board->motor_on = (armed || stopping) && board->gear != GEAR_NEUTRAL;
+	board->motor_on =
+		(armed || stopping) && board->gear != GEAR_NEUTRAL && !board->holding;
 }
 
 void board_send_state(struct plc *plc, uint32_t now)
@@ -109,7 +233,7 @@ void board_send_state(struct plc *plc, uint32_t now)
 		board->speed,
 		(int16_t)((board->setpoint + (board->setpoint < 0 ? -50 : 50)) / 100),
 		board->hall_count,
-		board->motor_on ? board->pwm : 0,
+		drive_pwm(board),
 		board->current,
 		board->supply,
 		board->gear,
@@ -122,8 +246,7 @@ void board_send_state(struct plc *plc, uint32_t now)
 
 void board_send_limits(struct plc *plc)
 {
-	struct drive_limits limits = {
-		0, MAX_SPEED, MAX_ACCELERATION, WATCHDOG_MS, STALE_TICKS, HALL_PULSE, 0, 0,
-	};
-	plc_send(plc, ID_DRIVE_LIMITS, &limits, sizeof limits);
+	struct drive_limits limits = { .watchdog = WATCHDOG_MS, .stale = STALE_TICKS };
+	memcpy(&limits, &plc->board.in_force, sizeof plc->board.in_force); /* its first fields */
+	plc_answer(plc, ID_DRIVE_LIMITS, &limits, sizeof limits);
 }

@@ -1,4 +1,4 @@
-/* Frames of TBP v1: COBS(header payload crc32) 00. */
+/* Frames of TBP v2: COBS(header payload crc32) 00. */
 #ifndef FRAME_H
 #define FRAME_H
 

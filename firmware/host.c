@@ -67,6 +67,11 @@ uint16_t host_faults(const struct host *host)
 	return host->plc.faults;
 }
 
+bool host_alive(const struct host *host)
+{
+	return host->plc.alive;
+}
+
 uint8_t host_session(const struct host *host)
 {
 	return host->plc.session;
@@ -109,15 +114,16 @@ void host_tick(struct host *host, uint32_t now, int16_t angle, int16_t rate, uin
 	outputs[1] = board->setpoint;
 }
 #else
-#include "motor.h"
 
-/* Speeds at ticks 10 ms apart and travels between them, from counts and newest edges. */
-void host_hall(const int32_t *counts, const uint32_t *edges, int32_t ticks, int16_t *speeds,
-	       int32_t *travels)
+/* Speeds at ticks 10 ms apart, from the time of the first, and travels between them, from counts
+ * and newest edges. */
+void host_hall(int32_t pulse, const int32_t *counts, const uint32_t *edges, int32_t ticks,
+	       uint32_t start, int16_t *speeds, int32_t *travels)
 {
-	struct hall hall = { .beyond = HALL_PULSE / 2 };
+	struct hall hall = { .beyond = pulse / 2, .edge_at = start - TICK_US, .middle = start - TICK_US };
 	for (int32_t i = 0; i < ticks; i++) {
-		travels[i] = hall_travel(&hall, counts[i], edges[i], (uint32_t)(i + 1) * TICK_US);
+		uint32_t now = start + (uint32_t)i * TICK_US;
+		travels[i] = hall_travel(&hall, pulse, counts[i], edges[i], now);
 		speeds[i] = hall.speed;
 	}
 }
@@ -127,24 +133,75 @@ struct motor *host_motor_new(void)
 	return calloc(1, sizeof(struct motor));
 }
 
-int32_t host_motor(struct motor *motor, int32_t setpoint, int16_t speed, int32_t travel)
+void host_motor_free(struct motor *motor)
 {
-	return motor_torque(motor, setpoint, speed, travel);
+	free(motor);
 }
 
-void host_tick(struct host *host, uint32_t now, int16_t speed, int32_t hall_count, int16_t pwm,
+int32_t host_motor(struct motor *motor, const struct motor_limits *limits, int32_t setpoint,
+		   int16_t speed, int32_t travel)
+{
+	return motor_torque(motor, limits, setpoint, speed, travel);
+}
+
+struct wheel *host_wheel_new(float pulse, float radius, float mass_low, float mass_high)
+{
+	struct wheel *wheel = calloc(1, sizeof *wheel);
+	if (wheel)
+		wheel_set_up(wheel, pulse, radius, mass_low, mass_high);
+	return wheel;
+}
+
+void host_wheel_free(struct wheel *wheel)
+{
+	free(wheel);
+}
+
+void host_wheel_restart(struct wheel *wheel)
+{
+	wheel_restart(wheel);
+}
+
+bool host_wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float speed,
+		      float setpoint)
+{
+	return wheel_fails(wheel, torque, pulses, speed, setpoint);
+}
+
+static void tick(struct host *host, uint32_t now, uint16_t current, uint16_t supply, bool estop)
+{
+	struct board *board = &host->plc.board;
+	board->current = current;
+	board->supply = supply;
+	board->estop_input = estop;
+	plc_tick(&host->plc, now);
+}
+
+/* With a measured speed and the motor's torque of the last tick, mN m. */
+void host_tick(struct host *host, uint32_t now, int16_t speed, int32_t hall_count, int32_t torque,
 	       uint16_t current, uint16_t supply, bool estop, int32_t outputs[3])
 {
 	struct board *board = &host->plc.board;
 	board->speed = speed;
 	board->hall_count = hall_count;
-	board->pwm = pwm;
-	board->current = current;
-	board->supply = supply;
-	board->estop_input = estop;
-	plc_tick(&host->plc, now);
+	board->torque = torque;
+	tick(host, now, current, supply, estop);
 	outputs[0] = board->motor_on;
 	outputs[1] = board->setpoint;
 	outputs[2] = board->brake;
+}
+
+/* As the board itself: the speed from hall pulses, the torque (mN m) from its controller. */
+void host_tick_pulses(struct host *host, uint32_t now, int32_t hall_count, uint32_t edge_at,
+		      uint16_t current, uint16_t supply, bool estop, int32_t outputs[4])
+{
+	struct board *board = &host->plc.board;
+	drive_measure(&host->plc, hall_count, edge_at, now);
+	tick(host, now, current, supply, estop);
+	drive_push(&host->plc);
+	outputs[0] = board->torque;
+	outputs[1] = board->motor_on;
+	outputs[2] = board->setpoint;
+	outputs[3] = board->brake;
 }
 #endif

@@ -4,7 +4,8 @@
 
 #define WATCHDOG_US (WATCHDOG_MS * 1000UL)
 #define VERSION_NODE (TBP_MAJOR << 5 | 0x10 | THIS_BOARD)
-#define FIRMWARE_VERSION 1, 0, 0
+#define FIRMWARE_VERSION 2, 0, 0
+#define SETUP_FIELDS (SIZE_SETUP / 2)
 
 static uint16_t echo_of(uint32_t t)
 {
@@ -21,11 +22,31 @@ static bool moving(const struct plc *plc)
 	return is(plc, PLC_STATE_ARMED) || is(plc, PLC_STATE_STOPPING);
 }
 
+static uint8_t encode(struct plc *plc, uint8_t wire[FRAME_MAX_WIRE], uint8_t id,
+		      const void *payload, uint8_t length)
+{
+	const uint8_t header[FRAME_HEADER] = { VERSION_NODE, id, plc->tx_seq++, plc->session };
+	return frame_encode(wire, header, payload, length);
+}
+
 void plc_send(struct plc *plc, uint8_t id, const void *payload, uint8_t length)
 {
 	uint8_t wire[FRAME_MAX_WIRE];
-	const uint8_t header[FRAME_HEADER] = { VERSION_NODE, id, plc->tx_seq++, plc->session };
-	uint8_t used = frame_encode(wire, header, payload, length);
+	uint8_t used = encode(plc, wire, id, payload, length);
+	if (!plc->transmit(plc->context, wire, used))
+		plc->stats.tx_drop++;
+}
+
+void plc_answer(struct plc *plc, uint8_t id, const void *payload, uint8_t length)
+{
+	uint8_t wire[FRAME_MAX_WIRE];
+	uint8_t used = encode(plc, wire, id, payload, length);
+	/* the rest of the line belongs to telemetry */
+	if (plc->answered + used > ANSWER_BUDGET) {
+		plc->stats.tx_drop++;
+		return;
+	}
+	plc->answered += used;
 	if (!plc->transmit(plc->context, wire, used))
 		plc->stats.tx_drop++;
 }
@@ -33,6 +54,8 @@ void plc_send(struct plc *plc, uint8_t id, const void *payload, uint8_t length)
 static void enter(struct plc *plc, uint8_t state, uint32_t now, uint8_t code)
 {
 	struct event event = { now, code, (uint8_t)(plc->state << 4 | state), plc->faults };
+	if (is(plc, PLC_STATE_ARMED))
+		board_disarmed(plc, now);
 	plc->state = state;
 	plc->state_since = now;
 	plc_send(plc, ID_EVENT, &event, sizeof event);
@@ -50,6 +73,46 @@ static void estop(struct plc *plc, uint16_t fault, uint32_t now)
 		change(plc, PLC_STATE_ESTOP, now);
 }
 
+/* ---- SETUP ---- */
+
+static void put_in_force(struct plc *plc, const uint16_t values[SETUP_FIELDS])
+{
+	memcpy(&plc->board.in_force, values, SIZE_SETUP);
+	board_set_up(plc);
+}
+
+static void forget_setup(struct plc *plc)
+{
+	uint16_t compiled[SETUP_FIELDS];
+	for (uint8_t i = 0; i < SETUP_FIELDS; i++)
+		compiled[i] = board_setup_fields[i].compiled;
+	plc->set_up = false;
+	put_in_force(plc, compiled);
+}
+
+static uint8_t take_setup(struct plc *plc, const uint8_t *payload)
+{
+	if (plc->set_up && memcmp(plc->setup, payload, SIZE_SETUP) == 0)
+		return RESULT_OK;
+	if (plc->set_up || !is(plc, PLC_STATE_SAFE))
+		return RESULT_WRONG_STATE;
+	uint16_t values[SETUP_FIELDS];
+	memcpy(values, payload, SIZE_SETUP);
+	for (uint8_t i = 0; i < SETUP_FIELDS; i++) {
+		const struct setup_field *field = &board_setup_fields[i];
+		if (values[i] == 0)
+			values[i] = field->compiled;
+		else if (values[i] < field->low || values[i] > field->high)
+			return RESULT_OUT_OF_RANGE;
+	}
+	if (!board_accepts(values))
+		return RESULT_OUT_OF_RANGE;
+	memcpy(plc->setup, payload, SIZE_SETUP);
+	plc->set_up = true;
+	put_in_force(plc, values);
+	return RESULT_OK;
+}
+
 void plc_reset(struct plc *plc, uint8_t cause, uint16_t boot_count)
 {
 	void *context = plc->context;
@@ -63,13 +126,15 @@ void plc_reset(struct plc *plc, uint8_t cause, uint16_t boot_count)
 	if (cause == RESET_CAUSE_WATCHDOG)
 		plc->faults = FAULT_WDT_RESET;
 	board_reset(plc);
+	forget_setup(plc);
 }
 
 uint8_t plc_state_flags(const struct plc *plc)
 {
 	return (plc->enabled ? STATE_FLAG_ENABLED : 0) |
 	       (plc->estop_pressed ? STATE_FLAG_ESTOP_PRESSED : 0) |
-	       (plc->limited ? STATE_FLAG_LIMITED : 0);
+	       (plc->limited ? STATE_FLAG_LIMITED : 0) | (plc->set_up ? STATE_FLAG_SET_UP : 0) |
+	       (board_holds(plc) ? STATE_FLAG_HOLDING : 0);
 }
 
 uint8_t plc_command_age(const struct plc *plc, uint32_t now)
@@ -83,6 +148,13 @@ uint8_t plc_command_age(const struct plc *plc, uint32_t now)
 static bool command_fresh(const struct plc *plc, uint32_t now, uint32_t limit)
 {
 	return plc->commanded && now - plc->command_at < limit;
+}
+
+static bool supply_wrong(const struct plc *plc)
+{
+	const struct board *board = &plc->board;
+	return (board->in_force.supply_low && board->supply < board->in_force.supply_low) ||
+	       (board->in_force.supply_high && board->supply > board->in_force.supply_high);
 }
 
 static uint8_t clear(struct plc *plc, uint32_t now)
@@ -101,33 +173,69 @@ static uint8_t arm(struct plc *plc, uint32_t now)
 {
 	if (is(plc, PLC_STATE_ARMED))
 		return RESULT_OK;
-	if (!is(plc, PLC_STATE_SAFE) || (plc->faults & ~FAULT_LIMIT))
+	if (!is(plc, PLC_STATE_SAFE) || (plc->faults & ~(FAULT_LIMIT | FAULT_SUPPLY)))
 		return RESULT_WRONG_STATE;
-	if (plc->commands_in_row < ARMING_COMMANDS || !command_fresh(plc, now, WATCHDOG_US + 1) ||
-	    !board_ready(plc))
+	if (!plc->set_up || plc->commands_in_row < ARMING_COMMANDS ||
+	    !command_fresh(plc, now, WATCHDOG_US + 1) || !board_ready(plc) || supply_wrong(plc))
 		return RESULT_PRECONDITIONS;
 	board_armed(plc);
 	change(plc, PLC_STATE_ARMED, now);
 	return RESULT_OK;
 }
 
+static bool stale(uint16_t echo, uint32_t now)
+{
+	return (uint16_t)(echo_of(now) - echo) > STALE_TICKS;
+}
+
+static uint8_t keep_result(struct plc *plc, uint8_t number, uint8_t result)
+{
+	plc->operated = true;
+	plc->operation = number;
+	plc->operation_result = result;
+	return result;
+}
+
+/* Towards standstill: whatever number and echo say. */
+static uint8_t take_away(struct plc *plc, const struct control *control, uint32_t now)
+{
+	if (control->op == OP_ESTOP)
+		estop(plc, FAULT_ESTOP_HOST, now);
+	else if (moving(plc))
+		change(plc, PLC_STATE_SAFE, now);
+	uint8_t step = control->number - plc->operation;
+	if (!plc->operated || (step > 0 && step < 128))
+		keep_result(plc, control->number, RESULT_OK);
+	return RESULT_OK;
+}
+
+/* What sets a vehicle in motion acts once, and only if it is new and from now. */
+static uint8_t give(struct plc *plc, const struct control *control, uint32_t now)
+{
+	uint8_t step = control->number - plc->operation;
+	if (plc->operated && step == 0)
+		return plc->operation_result;
+	if (plc->operated && step >= 128)
+		return RESULT_STALE;
+	if (stale(control->echo, now)) {
+		plc->stats.stale++;
+		return RESULT_STALE;
+	}
+	return keep_result(plc, control->number,
+			   control->op == OP_ARM ? arm(plc, now) : clear(plc, now));
+}
+
 static uint8_t operate(struct plc *plc, const struct control *control, uint32_t now)
 {
-	if (control->arg != 0 || (control->inverted_op ^ control->op) != 0xFF ||
-	    control->guard != CONTROL_GUARD)
+	if ((control->inverted_op ^ control->op) != 0xFF || control->guard != CONTROL_GUARD)
 		return RESULT_BAD_GUARD;
 	switch (control->op) {
 	case OP_ESTOP:
-		estop(plc, FAULT_ESTOP_HOST, now);
-		return RESULT_OK;
 	case OP_DISARM:
-		if (moving(plc))
-			change(plc, PLC_STATE_SAFE, now);
-		return RESULT_OK;
+		return take_away(plc, control, now);
 	case OP_CLEAR:
-		return clear(plc, now);
 	case OP_ARM:
-		return arm(plc, now);
+		return give(plc, control, now);
 	default:
 		return RESULT_UNKNOWN_OP;
 	}
@@ -140,7 +248,7 @@ static void accept_command(struct plc *plc, uint8_t seq, const uint8_t *payload,
 {
 	uint16_t echo;
 	memcpy(&echo, payload + SIZE_COMMAND - sizeof echo, sizeof echo);
-	if ((uint16_t)(echo_of(now) - echo) > STALE_TICKS) {
+	if (stale(echo, now)) {
 		plc->stats.stale++;
 		plc->commands_in_row = 0;
 		return;
@@ -172,13 +280,15 @@ static void greet(struct plc *plc, const uint8_t *header, const struct hello *he
 	plc->session = header[3];
 	plc->commanded = false;
 	plc->commands_in_row = 0;
+	plc->operated = false;
+	forget_setup(plc);
 	struct hello_ack ack = {
 		TBP_MINOR,	 THIS_BOARD,	  FIRMWARE_VERSION,
 		plc->reset_cause, plc->boot_count, plc->build_hash, hello->nonce,
 		CAPABILITY_HARDWARE_ESTOP | CAPABILITY_BOOT_COUNTER | CAPABILITY_SUPPLY_MEASURED,
 		WATCHDOG_MS,
 	};
-	plc_send(plc, ID_HELLO_ACK, &ack, sizeof ack);
+	plc_answer(plc, ID_HELLO_ACK, &ack, sizeof ack);
 }
 
 static bool count_seq(struct plc *plc, uint8_t seq)
@@ -212,9 +322,17 @@ static uint8_t payload_size(uint8_t id)
 		return SIZE_STATS_REQUEST;
 	case ID_COMMAND:
 		return SIZE_COMMAND;
+	case ID_SETUP:
+		return SIZE_SETUP;
 	default:
 		return 255;
 	}
+}
+
+static void acknowledge(struct plc *plc, uint8_t op, uint8_t seq, uint8_t result)
+{
+	struct ack ack = { op, seq, result, plc->state };
+	plc_answer(plc, ID_ACK, &ack, sizeof ack);
 }
 
 static void handle(struct plc *plc, uint32_t now)
@@ -263,21 +381,23 @@ static void handle(struct plc *plc, uint32_t now)
 		struct control control;
 		memcpy(&control, payload, sizeof control);
 		uint8_t result = operate(plc, &control, now);
-		struct ack ack = { control.op, header[2], result, plc->state };
-		plc_send(plc, ID_ACK, &ack, sizeof ack);
+		acknowledge(plc, control.op, header[2], result);
 		break;
 	}
+	case ID_SETUP:
+		acknowledge(plc, OP_SETUP, header[2], take_setup(plc, payload));
+		break;
 	case ID_PING: {
 		struct pong pong = { 0, now, now };
 		memcpy(&pong.token, payload, sizeof pong.token);
-		plc_send(plc, ID_PONG, &pong, sizeof pong);
+		plc_answer(plc, ID_PONG, &pong, sizeof pong);
 		break;
 	}
 	case ID_LIMITS_REQUEST:
 		board_send_limits(plc);
 		break;
 	case ID_STATS_REQUEST:
-		plc_send(plc, ID_STATS, &plc->stats, sizeof plc->stats);
+		plc_answer(plc, ID_STATS, &plc->stats, sizeof plc->stats);
 		break;
 	}
 }
@@ -318,27 +438,41 @@ static void check_watchdog(struct plc *plc, uint32_t now)
 	}
 }
 
+static void show(struct plc *plc, uint16_t fault, bool is_set)
+{
+	if (is_set)
+		plc->faults |= fault;
+	else
+		plc->faults &= (uint16_t)~fault;
+}
+
 void plc_tick(struct plc *plc, uint32_t now)
 {
+	static const uint8_t delimiter = 0;
 	plc->estop_pressed = plc->board.estop_input;
-	if (is(plc, PLC_STATE_BOOT))
+	if (is(plc, PLC_STATE_BOOT)) {
+		/* ends a frame that the reset cut off */
+		plc->transmit(plc->context, &delimiter, 1);
 		enter(plc, PLC_STATE_SAFE, now, EVENT_CODE_BOOT);
+	}
+	board_begin_tick(plc, now);
 	if (plc->estop_pressed)
 		estop(plc, FAULT_ESTOP_HW, now);
 	check_watchdog(plc, now);
-	if (is(plc, PLC_STATE_ARMED)) {
+	if (moving(plc)) {
 		uint16_t fault = board_find_fault(plc, now);
 		if (fault) {
 			plc->faults |= fault;
 			change(plc, PLC_STATE_FAULT, now);
 		}
 	}
-	if (is(plc, PLC_STATE_STOPPING) && board_stopped(plc, now))
+	if (is(plc, PLC_STATE_STOPPING) && board_stopped(plc))
 		change(plc, PLC_STATE_SAFE, now);
 	board_control(plc);
-	if (plc->limited)
-		plc->faults |= FAULT_LIMIT;
-	else
-		plc->faults &= (uint16_t)~FAULT_LIMIT;
+	plc->limited = plc->board.command_limited && command_fresh(plc, now, WATCHDOG_US);
+	show(plc, FAULT_LIMIT, plc->limited);
+	show(plc, FAULT_SUPPLY, supply_wrong(plc));
+	plc->alive = moving(plc) && !plc->alive;
 	board_send_state(plc, now);
+	plc->answered = 0;
 }

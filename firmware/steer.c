@@ -7,16 +7,18 @@
 #define TRACKING_US (1000UL * TRACKING_MS)
 #define LARGEST_ERROR (10L * TRACKING_ERROR) /* 1e-5 rad */
 
+const struct setup_field board_setup_fields[SIZE_SETUP / 2] = {
+	{ 1, MAX_ANGLE, MAX_ANGLE },
+	{ 1, MAX_RATE, MAX_RATE },
+	{ 1, UINT16_MAX, 0 },
+	{ 1, UINT16_MAX, 0 },
+};
+
 uint16_t steer_pulse(int32_t setpoint)
 {
-	const int32_t full = 10L * MAX_ANGLE;
+	const int32_t full = 10L * END_STOP;
 	int32_t more = setpoint * (16L * SERVO_SPAN) + (setpoint < 0 ? -full : full) / 2;
 	return (uint16_t)(16 * SERVO_CENTRE + more / full);
-}
-
-static bool servo_on(const struct plc *plc)
-{
-	return plc->state == PLC_STATE_ARMED || plc->state == PLC_STATE_STOPPING;
 }
 
 void board_reset(struct plc *plc)
@@ -25,9 +27,35 @@ void board_reset(struct plc *plc)
 	plc->board.rate_limit = MAX_RATE;
 }
 
+bool board_accepts(const void *values)
+{
+	struct steer_setup wanted;
+	memcpy(&wanted, values, sizeof wanted);
+	return in_order(wanted.supply_low, wanted.supply_high);
+}
+
+void board_set_up(struct plc *plc)
+{
+	struct board *board = &plc->board;
+	const int16_t most = (int16_t)board->in_force.max_angle;
+	/* a command that came before must not act beyond */
+	board->target = (int16_t)clamp(board->target, -most, most);
+	if (board->rate_limit > board->in_force.max_rate)
+		board->rate_limit = board->in_force.max_rate;
+}
+
+void board_begin_tick(struct plc *plc, uint32_t now)
+{
+	struct board *board = &plc->board;
+	if (board->holding && now - board->holding_since >= HOLDING_US)
+		board->holding = false;
+}
+
 uint16_t board_find_fault(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
+	if (plc->state != PLC_STATE_ARMED)
+		return 0;
 	if (board->adc < ADC_LOW || board->adc > ADC_HIGH)
 		return FAULT_SENSOR;
 	int32_t error = board->setpoint - 10L * board->angle;
@@ -42,9 +70,9 @@ uint16_t board_find_fault(struct plc *plc, uint32_t now)
 	return 0;
 }
 
-bool board_stopped(const struct plc *plc, uint32_t now)
+bool board_stopped(const struct plc *plc)
 {
-	return now - plc->state_since >= HOLDING_US;
+	return !plc->board.holding;
 }
 
 bool board_ready(const struct plc *plc)
@@ -57,6 +85,18 @@ void board_armed(struct plc *plc)
 {
 	plc->board.setpoint = 10L * plc->board.angle;
 	plc->board.off_track = false;
+	plc->board.holding = false;
+}
+
+void board_disarmed(struct plc *plc, uint32_t now)
+{
+	plc->board.holding = true;
+	plc->board.holding_since = now;
+}
+
+bool board_holds(const struct plc *plc)
+{
+	return plc->board.holding;
 }
 
 void board_take_command(struct plc *plc, const void *payload)
@@ -64,18 +104,21 @@ void board_take_command(struct plc *plc, const void *payload)
 	struct board *board = &plc->board;
 	struct steer_command command;
 	memcpy(&command, payload, sizeof command);
-	uint16_t rate = command.max_rate ? command.max_rate : MAX_RATE;
-	board->target = (int16_t)clamp(command.angle, -MAX_ANGLE, MAX_ANGLE);
-	board->rate_limit = rate < MAX_RATE ? rate : MAX_RATE;
+	const int16_t most = (int16_t)board->in_force.max_angle;
+	const uint16_t fastest = board->in_force.max_rate;
+	uint16_t rate = command.max_rate ? command.max_rate : fastest;
+	board->target = (int16_t)clamp(command.angle, -most, most);
+	board->rate_limit = rate < fastest ? rate : fastest;
 	board->command_limited = board->target != command.angle || board->rate_limit != rate;
+	if (command.flags & COMMAND_FLAG_STANDSTILL)
+		board->holding = false;
 }
 
 void board_control(struct plc *plc)
 {
 	struct board *board = &plc->board;
 	bool armed = plc->state == PLC_STATE_ARMED;
-	plc->limited = board->command_limited && armed;
-	board->servo_on = servo_on(plc);
+	board->servo_on = armed || board->holding;
 	if (armed)
 		board->setpoint = slew(board->setpoint, 10L * board->target, board->rate_limit);
 	else if (!board->servo_on)
@@ -105,7 +148,11 @@ void board_send_state(struct plc *plc, uint32_t now)
 void board_send_limits(struct plc *plc)
 {
 	struct steer_limits limits = {
-		-MAX_ANGLE, MAX_ANGLE, MAX_RATE, WATCHDOG_MS, STALE_TICKS, ADC_SCALE, 0, 0,
+		.watchdog = WATCHDOG_MS,
+		.stale = STALE_TICKS,
+		.end_stop = END_STOP,
+		.adc_scale = ADC_SCALE,
 	};
-	plc_send(plc, ID_STEER_LIMITS, &limits, sizeof limits);
+	memcpy(&limits, &plc->board.in_force, sizeof plc->board.in_force); /* its first fields */
+	plc_answer(plc, ID_STEER_LIMITS, &limits, sizeof limits);
 }

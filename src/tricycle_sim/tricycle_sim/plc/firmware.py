@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes
 from pathlib import Path
 
-from tricycle_bridge.protocol.boards import MAX_TORQUE
+from tricycle_bridge.protocol.boards import DRIVE_SUPPLY
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     BRAKE_UNIT,
@@ -22,7 +22,6 @@ from tricycle_bridge.protocol.messages import (
 )
 from tricycle_core.errors import LinkError
 from tricycle_sim.plc.drive import DriveMeasurement, DriveOutput
-from tricycle_sim.plc.plc import clamp
 from tricycle_sim.plc.steer import SteerMeasurement, SteerOutput
 
 _LINE = 4096  # bytes that a board may send per call
@@ -54,6 +53,7 @@ class _FirmwarePlc:
         self._c.host_faults.restype = ctypes.c_uint16
         self._c.host_state.restype = ctypes.c_uint8
         self._c.host_session.restype = ctypes.c_uint8
+        self._c.host_alive.restype = ctypes.c_bool
         self._host = ctypes.c_void_p(self._c.host_new())
         self._boot_count = boot_count
         self.reset(ResetCause.POWER_ON)
@@ -76,6 +76,11 @@ class _FirmwarePlc:
     def session(self) -> int:
         """Session given by the host; 0 = none."""
         return int(self._c.host_session(self._host))
+
+    @property
+    def alive(self) -> bool:
+        """Level of the alive output, which toggles while the board is armed or stopping."""
+        return bool(self._c.host_alive(self._host))
 
     def reset(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
         """Boot: everything but the boot count is forgotten."""
@@ -169,17 +174,69 @@ class FirmwareDrivePlc(_FirmwarePlc):
             What the actuators do until the next tick.
         """
         outputs = (ctypes.c_int32 * 3)()
-        pwm = clamp(round(measurement.torque / MAX_TORQUE * 1000), -1000, 1000)
         self._c.host_tick(
             self._host,
             ctypes.c_uint32(now_us & 0xFFFFFFFF),
             ctypes.c_int16(round(measurement.speed / SPEED_UNIT)),
             ctypes.c_int32(measurement.hall_count),
-            ctypes.c_int16(pwm),
+            ctypes.c_int32(round(measurement.torque * 1e3)),
             ctypes.c_uint16(round(measurement.current * 1e3)),
             ctypes.c_uint16(round(measurement.supply * 1e3)),
             ctypes.c_bool(measurement.estop_pressed),
             outputs,
         )
-        setpoint, brake = outputs[1] / 100_000, outputs[2] * BRAKE_UNIT
-        return self._take(), DriveOutput(bool(outputs[0]), setpoint, brake)
+        return self._take(), _drive_output(*outputs)
+
+    def tick_pulses(
+        self,
+        now_us: int,
+        hall_count: int,
+        edge_us: int,
+        *,
+        supply: float = DRIVE_SUPPLY,
+        current: float = 0.0,
+        estop_pressed: bool = False,
+    ) -> tuple[bytes, float, DriveOutput]:
+        """Run one control tick with the board's own speed measurement and torque controller.
+
+        Parameters
+        ----------
+        now_us : int
+            PLC time in us.
+        hall_count : int
+            Hall pulses; forward counts up. Where they begin at a reset makes no difference.
+        edge_us : int
+            PLC time of the newest pulse in us, not after `now_us`.
+        supply : float
+            Voltage of the battery in V.
+        current : float
+            Current from the supply in A.
+        estop_pressed : bool
+            Whether the hardware e-stop is pressed.
+
+        Returns
+        -------
+        bytes
+            Events and the state frame, for the line.
+        float
+            Torque demanded of the motor until the next tick in N m, forward positive.
+        DriveOutput
+            What the actuators do until the next tick.
+        """
+        outputs = (ctypes.c_int32 * 4)()
+        self._c.host_tick_pulses(
+            self._host,
+            ctypes.c_uint32(now_us & 0xFFFFFFFF),
+            ctypes.c_int32(hall_count),
+            ctypes.c_uint32(edge_us & 0xFFFFFFFF),
+            ctypes.c_uint16(round(current * 1e3)),
+            ctypes.c_uint16(round(supply * 1e3)),
+            ctypes.c_bool(estop_pressed),
+            outputs,
+        )
+        torque, *output = outputs
+        return self._take(), torque * 1e-3, _drive_output(*output)
+
+
+def _drive_output(motor_on: int, setpoint: int, brake: int) -> DriveOutput:
+    return DriveOutput(bool(motor_on), setpoint / 100_000, brake * BRAKE_UNIT)
