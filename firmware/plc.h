@@ -63,7 +63,7 @@ extern const struct setup_field board_setup_fields[SIZE_SETUP / 2]; /* all of th
 void board_reset(struct plc *plc);
 /* Whether values in force, each in its range, agree with each other. */
 bool board_accepts(const void *values);
-/* Does what changed values in force ask for. */
+/* Does what changed values in force ask for; a board is not armed before new commands came. */
 void board_set_up(struct plc *plc);
 void board_begin_tick(struct plc *plc, uint32_t now);
 /* Of an armed or stopping board. */
