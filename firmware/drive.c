@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define STOPPING_US (1000UL * STOPPING_MS)
+#define FULL_MV 5000L /* of an output that is always on */
 #define EXCESS (100L * STOPPING_EXCESS) /* 0.01 mm/s */
 
 const struct setup_field board_setup_fields[SIZE_SETUP / 2] = {
@@ -93,6 +94,17 @@ int16_t drive_pwm(const struct board *board)
 	if (!board->motor_on)
 		return 0;
 	return (int16_t)clamp((board->torque * 1000 + more) / MAX_TORQUE, -1000, 1000);
+}
+
+uint16_t drive_throttle(const struct board *board)
+{
+	const struct drive_setup *in_force = &board->in_force;
+	int32_t low = (int32_t)in_force->throttle_low * PWM_TOP / FULL_MV;
+	int32_t high = in_force->throttle_high ?
+		(int32_t)in_force->throttle_high * PWM_TOP / FULL_MV : PWM_TOP;
+	if (!board->motor_on)
+		return 0;
+	return (uint16_t)(low + (high - low) * magnitude(board->torque) / MAX_TORQUE);
 }
 
 void board_begin_tick(struct plc *plc, uint32_t now)

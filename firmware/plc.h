@@ -88,6 +88,8 @@ void drive_measure(struct plc *plc, int32_t count, uint32_t edge_at, uint32_t no
 /* After a tick: the motor's torque until the next one. */
 void drive_push(struct plc *plc);
 int16_t drive_pwm(const struct board *board); /* per mille of MAX_TORQUE */
+/* Timer counts of the motor's output, 0..PWM_TOP; 0 while the motor is off. */
+uint16_t drive_throttle(const struct board *board);
 #endif
 
 static inline int32_t clamp(int32_t value, int32_t low, int32_t high)
