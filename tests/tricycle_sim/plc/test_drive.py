@@ -1,7 +1,5 @@
 """The drive PLC's set-point, gear, brake, faults and limits, on both backends (conftest.py)."""
 
-import dataclasses
-
 import pytest
 from plc_bench import DRIVE, ENABLE, MASS, Fault, Op, Result, State
 
@@ -149,7 +147,7 @@ def test_a_command_at_the_limits_is_not_limited(drive, speed, accel, gear, brake
     state = drive.tick()
     assert bool(state.flags & m.StateFlag.LIMITED) is limited
     assert state.faults == (Fault.LIMIT if limited else 0)
-    assert state.brake == (min(brake, 200) if 0 < speed and gear else 200)  # held at rest
+    assert state.brake == (min(brake, 200) if speed > 0 and gear else 200)  # held at rest
     assert state.gear == (gear if gear < 3 else 0)
 
 
