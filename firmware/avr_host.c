@@ -18,6 +18,7 @@
 #define BYTE_CYCLES 1389 /* of 115200 8N1 */
 #define LINE 16384
 /* data memory addresses of the ATmega328P */
+#define PIND 0x29
 #define MCUSR 0x54
 #define TIMSK2 0x70
 
@@ -88,14 +89,13 @@ static avr_cycle_count_t hall_edge(avr_t *avr, avr_cycle_count_t when, void *par
 	return when + machine->hall_half;
 }
 
-/* After the first instruction: the pins are as they were, whatever the simulation's reset did. */
+/* After the first instruction: pins are at their levels, which the simulation's reset has cleared
+ * in the register but not behind it. */
 static avr_cycle_count_t after_reset(avr_t *avr, avr_cycle_count_t when, void *param)
 {
 	(void)when;
 	struct machine *machine = param;
-	for (uint8_t pin = 0; pin < 8; pin++)
-		if (machine->driven >> pin & 1)
-			machine_pin(machine, pin, machine->levels >> pin & 1);
+	avr->data[PIND] = machine->levels & machine->driven;
 	if (machine->bootloader)
 		avr->data[MCUSR] = 0;
 	return 0;
