@@ -248,7 +248,7 @@ def test_a_reversal_passes_the_same_edge_twice(drive_library):
     """A vehicle rolls back over an edge, just so, and is driven on over it: no jump by a pulse."""
     speeds, travels = _hall(drive_library, lambda t: 0.8 * (t - 1.0) ** 2 - 0.01575, 200)
     since = 0.01 * np.arange(1, 201) - 1.0
-    assert speeds[60:] == pytest.approx(1.6 * since[60:], abs=0.05)
+    assert speeds[60:] == pytest.approx(1.6 * since[60:], abs=0.1)
     way = 0.008 + np.cumsum(travels)  # from the middle between two edges
     assert way[100:] == pytest.approx(0.8 * since[100:] ** 2 - 0.8, abs=0.016)
 
