@@ -51,7 +51,7 @@ class Host:
         for board, frames in self.bridge.take_frames().items():
             link = self.bridge.links[board]
             link.counters.write_drops += self.ports.write(board, frames)
-            if link.wants_reopen(now):
+            if link.wants_reopen:
                 self.ports.reopen(board, link.problem)
 
     def until(self, condition, what):
