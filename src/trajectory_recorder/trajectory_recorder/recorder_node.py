@@ -34,8 +34,8 @@ DIAGNOSTICS_PERIOD = 1.0  # s
 DRAIN = 1000  # messages taken in one callback, so that services are answered in a flood
 CLOCK_DEPTH = 10_000  # ticks that wait for the next message
 TOPICS = [
-    *("maneuver/*", "odom", "imu", "joint_states", "joint_commands", "battery_state"),
-    "/diagnostics",
+    *("maneuver/*", "vehicle/state", "odom", "imu", "joint_states", "joint_commands"),
+    *("battery_state", "/diagnostics"),
 ]
 
 

@@ -227,6 +227,11 @@ class Operator(Closing):
         while self._state["state"] not in ended:
             before = dict(self._state)
             self._wait(lambda: self._state != before, "news of the running maneuver")  # noqa: B023
+            if self._state["plan_id"] != plan.id:
+                raise NodeError(
+                    f"maneuver_driver took another plan, {self._state['plan_id']}, before it said "
+                    "how this one ended"
+                )
             elapsed, duration = (float(self._state[key]) for key in ("elapsed", "duration"))
             progress(round(1e3 * elapsed), round(1e3 * duration))
         if self._state["state"] == PlaybackState.ABORTED.value:
