@@ -149,9 +149,12 @@ class Chain:
         self._odom = publisher(Odometry, "odom", 10)
         self.pose = Odometry()
         self.posing = False
-        self.node.create_timer(0.02, self._send_pose)
+        self.said = None  # on vehicle/state, again and again
+        self.node.create_timer(0.02, self._send)
 
-    def _send_pose(self):
+    def _send(self):
+        if self.said is not None:
+            self._readiness.publish(self.said)
         if self.posing:
             self.pose.header.stamp = self.node.get_clock().now().to_msg()
             self._odom.publish(self.pose)
@@ -177,11 +180,13 @@ class Chain:
         self._commands.publish(message)
 
     def tell(self, armed, reason=""):
-        """Publish `vehicle/state`."""
+        """Publish `vehicle/state` from now on."""
         values = Readiness(armed, reason).values().items()
-        self._readiness.publish(
-            DiagnosticStatus(values=[KeyValue(key=key, value=value) for key, value in values])
-        )
+        self.said = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values])
+
+    def start(self):
+        call = self.observer.call
+        self.observer.wait(lambda: call("maneuver_driver/start").success, "the start")
 
     def refused(self):
         answer = self.observer.call("maneuver_driver/start")
@@ -211,22 +216,13 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     assert chain.refused().startswith("nothing heard on vehicle/state")
     chain.tell(armed=False, reason="hardware e-stop pressed")
     chain.observer.wait(lambda: "is not armed: hardware e-stop" in chain.refused(), "the refusal")
-    answers = []
-
-    def started():
-        chain.tell(armed=True)
-        answer = chain.observer.call("maneuver_driver/start")
-        answers.append(answer.message)
-        return answer.success
-
-    assert not started()
-    chain.observer.wait(lambda: not started() and "no pose on odom" in answers[-1], "another one")
+    chain.tell(armed=True)
+    chain.observer.wait(lambda: chain.refused().startswith("no pose on odom;"), "the refusal")
     assert not chain.joints  # nothing is commanded unless it drives
     chain.posing = True
-    chain.observer.wait(started, "the start")
-    chain.observer.wait(
-        lambda: chain.joints and chain.joints[0].velocity[1] == 1.0, "the first row"
-    )
+    chain.start()
+    moved = lambda: chain.joints and chain.joints[0].velocity[1] == 1.0  # noqa: E731
+    chain.observer.wait(moved, "the first row")
     assert chain.joints[0].header.frame_id == "/maneuver_driver"
     chain.plan("next")
     chain.tell(armed=False, reason="steer PLC is FAULT (SENSOR)")
@@ -235,8 +231,8 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     chain.observer.wait(lambda: chain.joints[0].velocity[1] == 0.0, "standstill")
     assert chain.joints[0].position[0] == pytest.approx(0.1)
     chain.wait_for(state="waiting", plan_id="next")
-    chain.joints.clear()
-    chain.observer.wait(started, "the next start")
+    chain.tell(armed=True)
+    chain.start()
     chain.posing = False
     chain.wait_for(state="aborted", plan_id="next")
     assert chain.values()["reason"].startswith("no pose on odom for")
