@@ -1,5 +1,6 @@
 """Limits and times inside the PLCs, which no host can widen (docs/protocol.md, sections 5, 9)."""
 
+STEERING_END_STOP = 0.7854  # rad, steering motor, either side: the mechanical stop
 MAX_STEERING_ANGLE = 0.7854  # rad, steering motor, either side
 MAX_STEERING_RATE = 3.0  # rad/s
 MAX_SPEED = 4.8  # m/s
