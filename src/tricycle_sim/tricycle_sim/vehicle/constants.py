@@ -115,7 +115,8 @@ class Vehicle:
     rolling_smoothing_speed: float = _positive("m/s")
     # steering
     caster_angle: float = _between("rad", -0.7, 0.7)
-    steering_limit: float = _between("rad", 0.01, 1.2)  # of the motor
+    steering_limit: float = _between("rad", 0.01, 1.2)  # of the motor: its end stop
+    steering_margin: float = _between("1", 0.0, 0.5, 0.05)  # of the limit, kept free by plans
     steering_ratio_straight: float = _between("1", 0.3, 1.0)  # outer to inner wheel
     steering_ratio_full: float = _between("1", 0.3, 1.0)  # at the limit
     steering_ratio_smoothing: float = _positive("rad")
@@ -169,6 +170,11 @@ class Vehicle:
     def nominal(self) -> dict[str, float]:
         """Nominal value by name of each unknown parameter, in the order of `unknown`."""
         return {name: getattr(self, name) for name in self.unknown}
+
+    @property
+    def steering_reach(self) -> float:
+        """Largest angle of the steering motor in a plan [rad]: the margin before its end stop."""
+        return self.steering_limit * (1.0 - self.steering_margin)
 
     @property
     def fingerprint(self) -> str:
