@@ -6,7 +6,7 @@ import pytest
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.command_stream import Source, VehicleCommand
-from tricycle_bridge.protocol.messages import Board
+from tricycle_bridge.protocol.messages import Board, PlcState
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
@@ -32,7 +32,7 @@ class Vehicle:
         for board, plc in self.plcs.items():
             plc.tick(0, self.measured[board])
             self.bridge.opened(board, self.now)
-        self.step(5)
+        self.step(20)
 
     def step(self, ticks=1):
         for _ in range(ticks):
@@ -67,6 +67,13 @@ class Vehicle:
         else:
             speed = output.setpoint if output.motor_on else 0.0
             self.measured[DRIVE] = DriveMeasurement(speed)
+
+    def until_stopped(self):
+        for _ in range(2000):
+            if {PlcState.ARMED, PlcState.STOPPING}.isdisjoint(p.state for p in self.plcs.values()):
+                return
+            self.step()
+        raise AssertionError("the boards do not stop")
 
     def arm(self):
         self.bridge.arm(self.now, self.outcomes.append)

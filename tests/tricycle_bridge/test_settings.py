@@ -28,5 +28,13 @@ def test_every_setting_has_a_description_and_a_range_that_holds_its_default(fiel
     low, high = field.metadata["range"]
     assert low <= field.default <= high
     assert field.metadata["description"]
+    unchecked = {f"{board}_supply_high": 0.0 for board in ("steer", "drive")}
     for value in (low, high):
-        BridgeSettings(**{field.name: value})
+        BridgeSettings(**unchecked | {field.name: value})
+
+
+def test_thresholds_that_are_upside_down_are_named():
+    with pytest.raises(
+        LinkError, match="drive_supply_low = 50 is not below drive_supply_high = 45"
+    ):
+        BridgeSettings(drive_supply_low=50.0, drive_supply_high=45.0)
