@@ -53,7 +53,7 @@ def test_the_boards_are_set_up_for_the_vehicle_in_the_units_of_the_line():
     settings = BridgeSettings(max_speed=2.0, mass=60.0, payload=30.0, drive_supply_high=54.6)
     assert board_setup(Board.DRIVE, settings) == DriveSetup(
         max_speed=2000,
-        max_acceleration=1000,
+        max_acceleration=2000,
         pulse=15253,
         tyre_radius=3350,
         torque=3500,

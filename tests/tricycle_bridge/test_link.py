@@ -15,7 +15,7 @@ Kind = LinkEventKind
 SETUPS = {
     m.Board.STEER: m.SteerSetup(7000, 2000, 10_000, 14_000),
     m.Board.DRIVE: m.DriveSetup(
-        3000, 1000, 15253, 3350, 3500, 1500, 250, 500, 700, 40_000, 0, 0, 0
+        3000, 1000, 15253, 3350, 3500, 1500, 250, 500, 700, 40_000, 60_000, 0, 0
     ),
 }
 
@@ -78,7 +78,7 @@ def test_the_link_is_up_within_a_tick_of_the_first_hello():
     line = Line()
     line.step(2)
     assert line.kinds() == [Kind.UP]
-    assert line.texts(Kind.UP) == ["steer PLC: firmware 1.0.0, boot 1, last reset: power-on"]
+    assert line.texts(Kind.UP) == ["steer PLC: firmware 2.0.0, boot 1, last reset: power-on"]
     line.step(40)
     assert line.link.set_up
     assert line.link.limits.max_angle == 7000  # in force
