@@ -34,7 +34,7 @@ def test_every_setting_has_a_description_and_a_range_that_holds_its_default(fiel
 
 
 def test_an_acceleration_above_the_deceleration_of_a_stop_is_named():
-    with pytest.raises(LinkError, match="max_acceleration = 1.5 is above stopping_deceleration"):
+    with pytest.raises(LinkError, match=r"max_acceleration = 1\.5 is above stopping_deceleration"):
         BridgeSettings(max_acceleration=1.5, stopping_deceleration=1.0)
 
 
