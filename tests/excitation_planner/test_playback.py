@@ -71,18 +71,20 @@ def test_a_late_tick_plays_the_row_that_is_due():
 def test_after_a_run_standstill_is_commanded_until_the_vehicle_rests():
     playback = running()
     stop = playback.tick(10.05)
-    for t in (10.1, 11.0, 12.0):
+    for t in (10.1, 11.0, 12.0, 14.0):
         playback.observe(MOVING, t, t)
         assert playback.tick(t) == stop
-    playback.observe(AT_REST, 12.1, 12.1)
-    assert playback.tick(12.1) is None
+    playback.observe(AT_REST, 14.1, 14.1)
+    assert playback.tick(14.1) is None
     assert playback.state is PlaybackState.DONE
 
 
 def test_a_vehicle_at_rest_hears_of_the_standstill_too():
     playback = running()
     playback.abort("asked for")
-    assert playback.tick(10.1) == JointCommand(0.1, 0.0)
+    for t in (10.1, 11.9):
+        playback.observe(AT_REST, t, t)
+        assert playback.tick(t) == JointCommand(0.1, 0.0)
 
 
 def test_where_rest_is_not_known_standstill_is_commanded_for_five_seconds():
@@ -102,11 +104,12 @@ def test_the_newest_commands_of_a_run_are_taken_after_it():
     assert (playback.state, playback.plan_id) == (PlaybackState.DONE, "")
     with pytest.raises(PlanError, match="being stopped after a run"):
         playback.start(10.06)
-    for t in (10.2, 10.6):
+    for t in (10.2, 12.1):
         playback.observe(AT_REST, t, t)
+        playback.hear(ARMED, t)
         playback.tick(t)
     assert (playback.state, playback.plan_id) == (PlaybackState.WAITING, "newest")
-    playback.start(10.6)
+    playback.start(12.1)
 
 
 def test_commands_that_come_while_the_vehicle_is_stopped_are_taken_when_it_rests():
@@ -114,7 +117,7 @@ def test_commands_that_come_while_the_vehicle_is_stopped_are_taken_when_it_rests
     playback.abort("asked for")
     playback.load(schedule(), plan_id="next")
     assert playback.state is PlaybackState.ABORTED
-    for t in (10.1, 10.6):
+    for t in (10.1, 12.1):
         playback.observe(AT_REST, t, t)
         playback.tick(t)
     assert (playback.state, playback.plan_id) == (PlaybackState.WAITING, "next")

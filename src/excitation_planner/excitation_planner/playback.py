@@ -25,8 +25,11 @@ READINESS_TIMEOUT = 1.0
 CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
 
-SHORTEST_STOP, LONGEST_STOP = 0.5, 5.0
-"""Times after the end of a run for which standstill is commanded [s]: in between, until rest."""
+SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
+"""Times after the end of a run for which standstill is commanded [s]: in between, until rest.
+
+The shortest leaves an operator the time to record the standstill and to disarm.
+"""
 
 PATHS_KEPT = 8
 """Paths that are kept until the commands with the same stamp arrive."""
