@@ -9,7 +9,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from excitation_planner.playback import (
-    MAX_POINTS,
     MAX_ROWS,
     JointCommand,
     PlanarState,
@@ -295,6 +294,22 @@ def test_leaving_the_path_aborts_wherever_the_start_was():
     assert playback.reason == "1.50 m off the path (limit 1 m)"
 
 
+def test_any_point_of_a_long_path_is_near_enough():
+    playback = ready()
+    length = 0.02 * np.arange(100_000.0)  # out and back
+    playback.load_path(np.column_stack([1000.0 - abs(1000.0 - length), np.zeros(100_000)]))
+    playback.load(LONG)
+    playback.start(10.0)
+    for tick, along in enumerate((0.0, 500.0, 5.0, 1000.0)):
+        t = 10.0 + 0.01 * tick
+        playback.observe(PlanarState(1.0, 2.0 + along, np.pi / 2, 1.0), t, t)
+        playback.tick(t)
+        assert playback.state is PlaybackState.RUNNING
+    playback.observe(PlanarState(1.0, 1003.5, np.pi / 2, 1.0), 10.05, 10.05)
+    playback.tick(10.05)
+    assert playback.reason == "1.50 m off the path (limit 1 m)"
+
+
 def test_the_path_is_that_of_the_commands_whatever_other_plans_are_published():
     own, other = PATH, np.array([[9.0, 9.0], [9.0, 8.0]])
     playback = ready()
@@ -337,7 +352,7 @@ def test_a_schedule_is_checked(time, angle, rate, message):
     [
         (np.empty((0, 2)), "0 points; needs 2"),
         (np.zeros((1, 2)), "1 points; needs 2"),
-        (np.zeros((MAX_POINTS + 1, 2)), "points; needs 2 to"),
+        (np.zeros((MAX_ROWS + 1, 2)), "points; needs 2 to"),
         (np.array([[0.0, 0.0], [math.nan, 0.0]]), "point 1 holds a number that is not finite"),
         (np.array([[math.inf, 0.0], [0.0, 0.0]]), "point 0 holds a number that is not finite"),
     ],
