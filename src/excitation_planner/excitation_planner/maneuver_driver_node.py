@@ -15,7 +15,6 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.playback import (
-    MAX_POINTS,
     MAX_ROWS,
     PlanarState,
     Playback,
@@ -56,8 +55,8 @@ def _schedule(message: JointTrajectory) -> Schedule:
 
 def _points(message: Path) -> FloatArray:
     """Positions of a path, shape (m, 2); raises PlanError where there are too many."""
-    if len(message.poses) > MAX_POINTS:
-        raise PlanError(f"{len(message.poses)} points; at most {MAX_POINTS}")
+    if len(message.poses) > MAX_ROWS:
+        raise PlanError(f"{len(message.poses)} points; at most {MAX_ROWS}")
     positions = [pose.pose.position for pose in message.poses]
     return np.array([(p.x, p.y) for p in positions]).reshape(-1, 2)
 

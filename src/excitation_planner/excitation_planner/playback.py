@@ -25,17 +25,20 @@ READINESS_TIMEOUT = 1.0
 CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
 
-SHORTEST_STOP, LONGEST_STOP = 0.5, 5.0
-"""Times after the end of a run for which standstill is commanded [s]: in between, until rest."""
+SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
+"""Times after the end of a run for which standstill is commanded [s]: in between, until rest.
+
+The shortest leaves an operator the time to record the standstill and to disarm.
+"""
 
 PATHS_KEPT = 8
 """Paths that are kept until the commands with the same stamp arrive."""
 
 MAX_ROWS = 360_000
-"""Largest number of commands: an hour at 100 Hz."""
+"""Largest number of commands, and of points of a path: an hour at 100 Hz."""
 
-MAX_POINTS = 100_000
-"""Largest number of points of a path."""
+NEAR = 1000
+"""Points of the path, either way of the nearest one, among which it is looked for first."""
 
 MAX_WHEEL_RATE = 100.0
 """Largest rate of the rear wheel [rad/s]; the PLC's limit is a speed, and far below."""
@@ -191,6 +194,7 @@ class Playback:
     _next: _Plan | None = None  # came during the run
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
     _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
+    _nearest: int = 0  # point of it
     _observed: PlanarState | None = None
     _observed_stamp: float = -math.inf
     _observed_at: float = -math.inf
@@ -232,8 +236,8 @@ class Playback:
         PlanError
             If it has too few or too many points, or one is not finite.
         """
-        if not 2 <= len(points) <= MAX_POINTS:
-            raise PlanError(f"{len(points)} points; needs 2 to {MAX_POINTS}")
+        if not 2 <= len(points) <= MAX_ROWS:
+            raise PlanError(f"{len(points)} points; needs 2 to {MAX_ROWS}")
         finite = np.isfinite(points).all(axis=1)
         if not finite.all():
             raise PlanError(f"point {int(np.argmin(finite))} holds a number that is not finite")
@@ -294,7 +298,7 @@ class Playback:
         if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
             speed = self._observed.speed if self._observed else math.nan
             raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
-        self._path = paths[-1]
+        self._path, self._nearest = paths[-1], 0
         self._anchor = self._observed
         self.start_time, self.elapsed = None, 0.0
         self.state, self.reason = PlaybackState.RUNNING, ""
@@ -418,7 +422,11 @@ class Playback:
         dx, dy = self._observed.x - self._anchor.x, self._observed.y - self._anchor.y
         c, s = math.cos(self._anchor.yaw), math.sin(self._anchor.yaw)
         here = np.array([c * dx + s * dy, -s * dx + c * dy])
-        deviation = float(np.hypot(*(self._path - here).T).min())
-        if not deviation <= self.max_deviation:
-            return f"{deviation:.2f} m off the path (limit {self.max_deviation:g} m)"
-        return ""
+        deviation = math.inf
+        for first, last in ((max(self._nearest - NEAR, 0), self._nearest + NEAR), (0, None)):
+            distances = np.hypot(*(self._path[first:last] - here).T)
+            self._nearest = first + int(np.argmin(distances))
+            deviation = float(distances.min())
+            if deviation <= self.max_deviation:
+                return ""
+        return f"{deviation:.2f} m off the path (limit {self.max_deviation:g} m)"
