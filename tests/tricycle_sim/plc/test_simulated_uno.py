@@ -1,6 +1,8 @@
 """The real firmware on two simulated UNOs, driven by the real bridge, in lockstep."""
 
 import random
+import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -22,6 +24,40 @@ from tricycle_core.errors import LinkError
 from tricycle_sim.plc.simulated_uno import DrivePins, SimulatedUno
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
+FIRMWARE = Path(__file__).parents[3] / "firmware"
+# of the Arduino core for the UNO: its platform.txt
+CORE_FLAGS = [
+    "-c",
+    "-g",
+    "-Os",
+    "-w",
+    "-ffunction-sections",
+    "-fdata-sections",
+    "-flto",
+    "-mmcu=atmega328p",
+    "-DF_CPU=16000000L",
+    "-DARDUINO=10819",
+    "-DARDUINO_AVR_UNO",
+    "-DARDUINO_ARCH_AVR",
+]
+C_FLAGS = ["-std=gnu11", "-fno-fat-lto-objects"]
+CPP_FLAGS = ["-std=gnu++11", "-fpermissive", "-fno-exceptions", "-fno-threadsafe-statics"]
+LINK_FLAGS = [
+    "-w",
+    "-Os",
+    "-g",
+    "-flto",
+    "-fuse-linker-plugin",
+    "-Wl,--gc-sections",
+    "-mmcu=atmega328p",
+]
+# what the core's archive has that could get in the way
+CORE = """
+#include <avr/interrupt.h>
+extern "C" { void setup(); void loop(); }
+int main() { setup(); for (;;) loop(); }
+ISR(USART_RX_vect) {}
+"""
 MASS_AT_TREAD = 48.3 * 0.335  # N s^2: torque over this is acceleration
 
 
@@ -236,3 +272,45 @@ def test_a_reset_button_in_mid_drive_needs_the_operator(driving):
 def test_a_build_that_is_missing_is_named(tmp_path):
     with pytest.raises(LinkError, match=r"steer.elf does not exist: `make firmware`"):
         SimulatedUno(tmp_path, "drive")
+
+
+def _as_the_ide_does(sketch, core, elf):
+    """Compile a sketch's folder with the core's flags and link it with an archive like the core."""
+    objects = []
+    for source in sorted(sketch.glob("*.c")):
+        compiler, obj = ["avr-gcc", *C_FLAGS], core / f"{sketch.name}.{source.name}.o"
+        subprocess.run([*compiler, *CORE_FLAGS, "-o", obj, source], check=True)
+        objects.append(obj)
+    ino = core / f"{sketch.name}.ino.o"
+    source = ["-I", core, "-include", "Arduino.h", "-x", "c++", sketch / f"{sketch.name}.ino"]
+    subprocess.run(["avr-g++", *CPP_FLAGS, *CORE_FLAGS, "-o", ino, *source], check=True)
+    archive = core / "core.a"
+    subprocess.run(["avr-gcc", *LINK_FLAGS, "-o", elf, ino, *objects, archive, "-lm"], check=True)
+
+
+@pytest.mark.slow
+def test_the_sketch_of_the_arduino_ide_is_the_firmware(firmware_images, tmp_path):
+    command = ["make", "-s", "-C", FIRMWARE, "sketch", f"BUILD={tmp_path / 'sketches'}"]
+    subprocess.run(command, check=True)
+    core, build = tmp_path / "core", tmp_path / "build"
+    core.mkdir()
+    build.mkdir()
+    (core / "Arduino.h").write_text("#include <avr/io.h>\n")
+    (core / "main.cpp").write_text(CORE)
+    compiler = ["avr-g++", *CPP_FLAGS, *CORE_FLAGS]
+    subprocess.run([*compiler, "-o", core / "main.o", core / "main.cpp"], check=True)
+    subprocess.run(["avr-gcc-ar", "rcs", core / "core.a", core / "main.o"], check=True)
+    (build / "libmachine.so").symlink_to(firmware_images / "libmachine.so")
+    for name in ("steer", "drive"):
+        assert (tmp_path / "sketches" / name / f"{name}.ino").exists()
+        _as_the_ide_does(tmp_path / "sketches" / name, core, build / f"{name}.elf")
+    for board, name in ((STEER, "steer"), (DRIVE, "drive")):
+        uno = SimulatedUno(build, name)
+        line = Line(uno)
+        line.decoder = FrameDecoder(board, host=True)
+        line.run(0.05)
+        line.decoder.session = 7
+        uno.write(encode(Hello(0, board, 5), board=board, seq=0, session=7))
+        answers = line.run(0.05)
+        uno.close()
+        assert any(isinstance(x, HelloAck) and x.board == board for x in answers)
