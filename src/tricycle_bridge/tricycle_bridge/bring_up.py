@@ -27,6 +27,7 @@ from tricycle_bridge.protocol.messages import (
     StateFlag,
     SteerState,
 )
+from tricycle_bridge.protocol.readable import fault_names, state_name
 from tricycle_core.errors import LinkError
 
 TURNS = 10
@@ -335,10 +336,8 @@ STEPS = (
 def _require_no_fault(stand: Stand) -> None:
     for name, state in (("steer", stand.steer), ("drive", stand.drive)):
         if state.state in (PlcState.FAULT, PlcState.ESTOP):
-            faults = Fault(state.faults) & ~Fault.LIMIT
-            raise CheckFailedError(
-                f"the {name} PLC is in {PlcState(state.state).name} ({faults!r})"
-            )
+            condition = f"{state_name(state.state)} ({fault_names(state.faults & ~Fault.LIMIT)})"
+            raise CheckFailedError(f"the {name} PLC is {condition}")
 
 
 def _arm(stand: Stand) -> None:
