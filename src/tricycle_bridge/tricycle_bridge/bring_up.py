@@ -368,7 +368,8 @@ def _require_no_fault(stand: Stand) -> None:
 
 
 def _arm(stand: Stand) -> None:
-    stand.command(_angle(stand), 0.0)
+    # where the steering stands, or within its limit where it stands at the end stop
+    stand.command(min(max(_angle(stand), -MAX_STEERING_ANGLE), MAX_STEERING_ANGLE), 0.0)
     reason = stand.arm()
     _require(reason is None, reason or "")
 
