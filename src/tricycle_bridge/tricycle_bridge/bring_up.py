@@ -35,7 +35,9 @@ from tricycle_core.errors import LinkError
 TURNS = 10
 """Turns of the wheel by hand that the hall count is checked with."""
 
-_BY_HAND = 60.0  # s for what the engineer does
+BY_HAND = 60.0
+"""Time for what the engineer is asked to do [s]."""
+
 _SPEED = 0.5  # m/s at which the lifted wheel turns
 _TRACKING = 0.05  # rad that the servo may be off
 _REACTION = 0.06  # s in which a board must react, telemetry included
@@ -60,11 +62,23 @@ class Stand(Protocol):
         ...
 
     def firmware(self, board: Board) -> str:
-        """Return version and build of a board's firmware."""
+        """Return version and build of a board's firmware.
+
+        Parameters
+        ----------
+        board : Board
+            The board.
+        """
         ...
 
     def connected(self, board: Board) -> bool:
-        """Whether a board's link is up."""
+        """Whether a board's link is up.
+
+        Parameters
+        ----------
+        board : Board
+            The board.
+        """
         ...
 
     def now(self) -> float:
@@ -72,7 +86,15 @@ class Stand(Protocol):
         ...
 
     def wait(self, seconds: float, until: Callable[[], bool]) -> bool:
-        """Run until something holds, at most so long; return whether it does."""
+        """Run until something holds, at most so long; return whether it does.
+
+        Parameters
+        ----------
+        seconds : float
+            Longest time [s].
+        until : callable
+            What is waited for.
+        """
         ...
 
     def arm(self) -> str | None:
@@ -80,7 +102,15 @@ class Stand(Protocol):
         ...
 
     def command(self, angle: float, speed: float) -> None:
-        """Command an angle of the steering motor [rad] and a speed [m/s] from now on."""
+        """Command from now on.
+
+        Parameters
+        ----------
+        angle : float
+            Of the steering motor [rad].
+        speed : float
+            Of the wheel [m/s].
+        """
         ...
 
     def silence(self) -> None:
@@ -100,7 +130,13 @@ class Stand(Protocol):
         ...
 
     def say(self, text: str) -> None:
-        """Tell the engineer something."""
+        """Tell the engineer something.
+
+        Parameters
+        ----------
+        text : str
+            A sentence.
+        """
         ...
 
 
@@ -131,7 +167,7 @@ def _require(holds: bool, text: str) -> None:
 
 def _by_hand(stand: Stand, request: str, until: Callable[[], bool], failure: str) -> None:
     stand.say(request)
-    _require(stand.wait(_BY_HAND, until), f"{failure} within {_BY_HAND:g} s")
+    _require(stand.wait(BY_HAND, until), f"{failure} within {BY_HAND:g} s")
 
 
 def _both(stand: Stand, state: PlcState) -> Callable[[], bool]:
@@ -311,7 +347,7 @@ def _check_cable(stand: Stand) -> dict[str, float | str]:
     )
     stand.say("Does the wheel stand still? Put the cable back.")
     _require(
-        stand.wait(_BY_HAND, lambda: stand.connected(Board.DRIVE)),
+        stand.wait(BY_HAND, lambda: stand.connected(Board.DRIVE)),
         "the drive PLC did not come back",
     )
     _require(stand.wait(1.0, _both(stand, PlcState.SAFE)), "a board is not SAFE after the cable")
