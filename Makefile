@@ -43,7 +43,8 @@ demo: setup $(if $(filter firmware,$(PLC)),firmware)  ## plan, drive, record and
 	$(BIN)/tricycle demo --output out/demo --overwrite $(if $(filter firmware,$(PLC)),--firmware build/firmware)
 
 test: check  ## everything: lint, types, import contract, all tests
-	$(BIN)/python -m pytest -m "slow or ros" -q
+	$(BIN)/python -m pytest -m "slow and not ros" -q -n 2
+	$(BIN)/python -m pytest -m ros -q
 
 check: setup lint  ## lint, types, import contract and the fast tests
 	$(BIN)/python -m pytest -m "not slow and not ros" -q -n 2
@@ -87,8 +88,9 @@ bench: setup  ## every figure that the documents quote; kept in benchmarks/histo
 	$(BIN)/python benchmarks/history.py run
 	$(BIN)/python benchmarks/history.py plot
 
-soak: setup  ## an hour of driving on a bad line, fifty recorders killed
+soak: setup  ## an hour of driving on a bad line, a hundred cables pulled, fifty recorders killed
 	$(BIN)/python benchmarks/link_soak.py
+	REPLUGS=100 $(BIN)/python -m pytest -q tests/tricycle_bridge/test_serial_port.py -k replugs
 	$(BIN)/python benchmarks/recorder_kills.py
 
 # Coverage sees into kernels only when they are not compiled; then whole drives take too long.
@@ -119,7 +121,7 @@ test-lower-bounds: ## all tests without live nodes, with the oldest versions tha
 	$(LOWER_BOUNDS)/bin/python -m pip install --quiet --editable '.[dev,ros]' --constraint requirements/lower-bounds.txt
 	export NUMBA_CACHE_DIR=$(CURDIR)/$(LOWER_BOUNDS)/numba; \
 	$(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "not slow and not ros"; \
-	$(LOWER_BOUNDS)/bin/python -m pytest -q -m "slow and not ros"
+	$(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "slow and not ros"
 
 clean:  ## remove the environment and all output
 	rm -rf .venv out build ros_ws/build ros_ws/install ros_ws/log

@@ -102,7 +102,7 @@ class Rig:
         self.bridge.take_readings()
         self.bridge.take_log()
         for board, link in self.bridge.links.items():
-            if link.wants_reopen(now):
+            if link.wants_reopen:
                 self.bridge.closed(board, "reopened")
                 self.bridge.opened(board, now)
 

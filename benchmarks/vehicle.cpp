@@ -21,13 +21,13 @@ enum Row {
 
 // constants, in the order of the blocks of vehicle/parts.py: body, tyre, its law, motor, brake
 enum Constant {
-    GRAVITY, INVERSE_MASS, DRAG_PER_MASS, IXX, IYY, IZZ, INVERSE_IXX, INVERSE_IYY, INVERSE_IZZ,
+    GRAVITY_Z, INVERSE_MASS, DRAG_PER_MASS, IXX, IYY, IZZ, INVERSE_IXX, INVERSE_IYY, INVERSE_IZZ,
     FRONT_X, REAR_X, LEFT_Y, RIGHT_Y, REAR_Y, WHEEL_Z, IW_FRONT, IW_REAR, INVERSE_IW_FRONT,
-    INVERSE_IW_REAR, KING_PIN_X, KING_PIN_Z, ROLLOVER_COSINE,
+    INVERSE_IW_REAR, KING_PIN_X, KING_PIN_Z, ROLLOVER_COSINE, GRAVITY_X, GRAVITY_Y,
     KZ, CZ, RADIUS, INVERSE_SIGMA_X, INVERSE_SIGMA_Y, V0_SQUARED, F1, F2, V_EPS_SQUARED,
     C_KAPPA, C_ALPHA, C_GAMMA, SAP, MU, LS0, LS1, VL_SQUARED, DX, DY,
     MOTOR_TORQUE, MOTOR_POWER, MOTOR_SLOPE, NO_LOAD_SPEED, REGENERATIVE, INVERSE_LAG, KP, KI,
-    ANTI_WINDUP, MOTOR_RADIUS, BRAKE_TORQUE, BRAKE_SMOOTHING_SQUARED
+    ANTI_WINDUP, MOTOR_RADIUS, BRAKE_TORQUE, BRAKE_STIFFNESS
 };
 
 static inline V arctan(V t) {
@@ -45,7 +45,8 @@ static inline V arctan(V t) {
 struct Wrench { V fx, fy, fz, mx, my, mz; };
 
 static inline Wrench wheel(V* g, const V* c, int wheel, V ex, V ey, V ez, V nx, V ny, V nz, V rate,
-                           V px, V py, V pz, V inertia, V inverse_inertia, V drive_torque) {
+                           V px, V py, V pz, V inertia, V inverse_inertia, V drive_torque,
+                           double brake) {
     V u = g[U], v = g[V_], w = g[W], p = g[P], q = g[Q], r = g[R];
     V spin = g[SPIN + wheel], kappa = g[KAPPA + wheel], alpha = g[ALPHA + wheel];
     V kx = c[KING_PIN_X], kz = c[KING_PIN_Z];
@@ -75,6 +76,10 @@ static inline Wrench wheel(V* g, const V* c, int wheel, V ex, V ey, V ez, V nx, 
     V resistance = rho * load * (c[F1] + c[F2] * rolling2) * rolling
                    / root(rolling2 + c[V_EPS_SQUARED]);
     V axle = drive_torque - rho * force_x;
+    if (wheel == 2) {
+        V most = brake * c[BRAKE_TORQUE];
+        axle -= larger(-most, smaller(most, axle - resistance + c[BRAKE_STIFFNESS] * spin));
+    }
     g[SLOPE + SPIN + wheel] = (axle - resistance) * inverse_inertia;
     g[SLOPE + KAPPA + wheel] = -(slip_speed + speed * kappa) * c[INVERSE_SIGMA_X];
     g[SLOPE + ALPHA + wheel] = -(vy + speed * alpha) * c[INVERSE_SIGMA_Y];
@@ -103,25 +108,25 @@ static inline void evaluate(V* g, const V* c, const double* t, double mode, doub
     V granted = direction * larger(-c[REGENERATIVE], smaller(direction * wanted, available));
     g[SLOPE + TORQUE] = (granted - torque) * c[INVERSE_LAG];
     g[SLOPE + INTEGRATOR] = mode * (error - c[ANTI_WINDUP] * (wanted - granted));
-    V drive_torque = torque - brake * c[BRAKE_TORQUE] * spin
-                     / root(spin * spin + c[BRAKE_SMOOTHING_SQUARED]);
     Wrench a = wheel(g, c, 0, ex, ey, ez, all(t[0]), all(t[1]), all(t[2]), all(t[3]), c[FRONT_X],
-                     c[LEFT_Y], c[WHEEL_Z], c[IW_FRONT], c[INVERSE_IW_FRONT], V{});
+                     c[LEFT_Y], c[WHEEL_Z], c[IW_FRONT], c[INVERSE_IW_FRONT], V{}, 0.0);
     Wrench b = wheel(g, c, 1, ex, ey, ez, all(t[4]), all(t[5]), all(t[6]), all(t[7]), c[FRONT_X],
-                     c[RIGHT_Y], c[WHEEL_Z], c[IW_FRONT], c[INVERSE_IW_FRONT], V{});
+                     c[RIGHT_Y], c[WHEEL_Z], c[IW_FRONT], c[INVERSE_IW_FRONT], V{}, 0.0);
     Wrench d = wheel(g, c, 2, ex, ey, ez, V{}, all(1.0), V{}, V{}, c[REAR_X], c[REAR_Y], c[WHEEL_Z],
-                     c[IW_REAR], c[INVERSE_IW_REAR], drive_torque);
+                     c[IW_REAR], c[INVERSE_IW_REAR], torque, brake);
     V drag = c[DRAG_PER_MASS] * u * larger(u, -u);
-    g[SLOPE + U] = (a.fx + b.fx + d.fx) * c[INVERSE_MASS] - c[GRAVITY] * ex - drag - q * w + r * v;
-    g[SLOPE + V_] = (a.fy + b.fy + d.fy) * c[INVERSE_MASS] - c[GRAVITY] * ey - r * u + p * w;
-    g[SLOPE + W] = (a.fz + b.fz + d.fz) * c[INVERSE_MASS] - c[GRAVITY] * ez - p * v + q * u;
+    V xx = 1.0 - 2.0 * (q2 * q2 + q3 * q3), xy = 2.0 * (q1 * q2 - q0 * q3),
+      xz = 2.0 * (q1 * q3 + q0 * q2), yx = 2.0 * (q1 * q2 + q0 * q3),
+      yy = 1.0 - 2.0 * (q1 * q1 + q3 * q3), yz = 2.0 * (q2 * q3 - q0 * q1);
+    V gx = c[GRAVITY_X], gy = c[GRAVITY_Y], gz = c[GRAVITY_Z], im = c[INVERSE_MASS];
+    g[SLOPE + U] = (a.fx + b.fx + d.fx) * im - gz * ex - drag - q * w + r * v - gx * xx - gy * yx;
+    g[SLOPE + V_] = (a.fy + b.fy + d.fy) * im - gz * ey - r * u + p * w - gx * xy - gy * yy;
+    g[SLOPE + W] = (a.fz + b.fz + d.fz) * im - gz * ez - p * v + q * u - gx * xz - gy * yz;
     g[SLOPE + P] = (a.mx + b.mx + d.mx - (c[IZZ] - c[IYY]) * q * r) * c[INVERSE_IXX];
     g[SLOPE + Q] = (a.my + b.my + d.my - (c[IXX] - c[IZZ]) * r * p) * c[INVERSE_IYY];
     g[SLOPE + R] = (a.mz + b.mz + d.mz - (c[IYY] - c[IXX]) * p * q) * c[INVERSE_IZZ];
-    g[SLOPE + X] = (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * u + 2.0 * (q1 * q2 - q0 * q3) * v
-                   + 2.0 * (q1 * q3 + q0 * q2) * w;
-    g[SLOPE + Y] = 2.0 * (q1 * q2 + q0 * q3) * u + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * v
-                   + 2.0 * (q2 * q3 - q0 * q1) * w;
+    g[SLOPE + X] = xx * u + xy * v + xz * w;
+    g[SLOPE + Y] = yx * u + yy * v + yz * w;
     g[SLOPE + Z] = ex * u + ey * v + ez * w;
     V excess = 1.0 - (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3);
     g[SLOPE + Q0] = 0.5 * (-q1 * p - q2 * q - q3 * r) + excess * q0;
@@ -137,7 +142,7 @@ extern "C" void advance(double* groups, long count, long group_size, long consta
     const int recorded[] = {X, Y, SLOPE + X, SLOPE + Y};
     for (long b = 0; b < count; ++b) {
         alignas(64) V g[4 * STATES];
-        alignas(64) V c[BRAKE_SMOOTHING_SQUARED + 1];
+        alignas(64) V c[BRAKE_STIFFNESS + 1];
         double* group = groups + b * group_size;
         __builtin_memcpy(g, group, sizeof g);
         __builtin_memcpy(c, group + 8 * constants, sizeof c);

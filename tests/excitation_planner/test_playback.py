@@ -1,28 +1,54 @@
 """The driver's state machine: rows at their times, standstill whenever anything is wrong."""
 
+import math
+from contextlib import suppress
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from excitation_planner.playback import JointCommand, PlanarState, Playback, PlaybackState, Schedule
+from excitation_planner.playback import (
+    MAX_ROWS,
+    JointCommand,
+    PlanarState,
+    Playback,
+    PlaybackState,
+    Schedule,
+)
+from tricycle_core.errors import PlanError
+from tricycle_core.readiness import Readiness
 
 AT_REST = PlanarState(1.0, 2.0, np.pi / 2, 0.0)
-STANDSTILL = JointCommand(0.0, 0.0)
+MOVING = PlanarState(1.0, 2.0, np.pi / 2, 0.8)
+ARMED = Readiness(armed=True)
+PRESSED = Readiness(armed=False, reason="hardware e-stop pressed")
+PATH = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
 
 
 def schedule():
     return Schedule(np.array([0.0, 0.02, 0.04]), np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3]))
 
 
-def ready(now=10.0):
-    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+def ready(now=10.0, **options):
+    playback = Playback(**{"max_deviation": 1.0, "odom_timeout": 0.5, **options})
     playback.load(schedule())
-    playback.observe(AT_REST, now)
+    playback.load_path(PATH)
+    playback.observe(AT_REST, now, now)
+    playback.hear(ARMED, now)
+    return playback
+
+
+def running(now=10.0, **options):
+    playback = ready(now, **options)
+    playback.start(now)
+    playback.tick(now)
     return playback
 
 
 def test_rows_are_played_from_the_first_tick_after_the_start():
     playback = ready()
-    assert playback.tick(10.0) == STANDSTILL
+    assert playback.tick(10.0) is None
     playback.start(10.0)
     played = [playback.tick(t) for t in (10.01, 10.02, 10.03, 10.04)]
     assert played == [
@@ -32,99 +58,264 @@ def test_rows_are_played_from_the_first_tick_after_the_start():
         JointCommand(0.2, 2),
     ]
     assert playback.start_time == 10.01
-    assert playback.tick(10.05) == JointCommand(
-        0.3, 0.0
-    )  # the end: standstill, wheels left as they are
+    end = JointCommand(0.3, 0.0)  # standstill, wheels left as they are
+    assert playback.tick(10.05) == end
     assert playback.state is PlaybackState.DONE
 
 
 def test_a_late_tick_plays_the_row_that_is_due():
-    playback = ready()
-    playback.start(10.0)
-    playback.tick(10.0)
-    assert playback.tick(10.03) == JointCommand(0.2, 2.0)
+    assert running().tick(10.03) == JointCommand(0.2, 2.0)
 
 
-def test_loading_new_commands_returns_the_wheels_to_straight():
-    playback = ready()
-    playback.start(10.0)
-    playback.tick(10.0)
-    playback.tick(10.2)
+def test_after_a_run_standstill_is_commanded_until_the_vehicle_rests():
+    playback = running()
+    stop = playback.tick(10.05)
+    for t in (10.1, 11.0, 12.0, 14.0):
+        playback.observe(MOVING, t, t)
+        assert playback.tick(t) == stop
+    playback.observe(AT_REST, 14.1, 14.1)
+    assert playback.tick(14.1) is None
+    assert playback.state is PlaybackState.DONE
+
+
+def test_a_vehicle_at_rest_hears_of_the_standstill_too():
+    playback = running()
+    playback.abort("asked for")
+    for t in (10.1, 11.9):
+        playback.observe(AT_REST, t, t)
+        assert playback.tick(t) == JointCommand(0.1, 0.0)
+
+
+def test_where_rest_is_not_known_standstill_is_commanded_for_five_seconds():
+    playback = running()
+    stop = playback.tick(10.05)
+    assert playback.tick(15.0) == stop
+    assert playback.tick(15.06) is None
+
+
+def test_the_newest_commands_of_a_run_are_taken_after_it():
+    playback = running()
+    playback.load(schedule(), stamp=1, plan_id="older")
+    playback.load(schedule(), stamp=2, plan_id="newest")
+    playback.load_path(PATH, stamp=2)
+    assert (playback.state, playback.plan_id) == (PlaybackState.RUNNING, "")
+    playback.tick(10.05)
+    assert (playback.state, playback.plan_id) == (PlaybackState.DONE, "")
+    with pytest.raises(PlanError, match="being stopped after a run"):
+        playback.start(10.06)
+    for t in (10.2, 12.1):
+        playback.observe(AT_REST, t, t)
+        playback.hear(ARMED, t)
+        playback.tick(t)
+    assert (playback.state, playback.plan_id) == (PlaybackState.WAITING, "newest")
+    playback.start(12.1)
+
+
+def test_commands_that_come_while_the_vehicle_is_stopped_are_taken_when_it_rests():
+    playback = running()
+    playback.abort("asked for")
+    playback.load(schedule(), plan_id="next")
+    assert playback.state is PlaybackState.ABORTED
+    for t in (10.1, 12.1):
+        playback.observe(AT_REST, t, t)
+        playback.tick(t)
+    assert (playback.state, playback.plan_id) == (PlaybackState.WAITING, "next")
+
+
+def without_commands():
+    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    playback.observe(AT_REST, 10.0, 10.0)
+    playback.hear(ARMED, 10.0)
+    return playback
+
+
+def without_path():
+    playback = without_commands()
     playback.load(schedule())
-    assert playback.state is PlaybackState.WAITING
-    assert playback.tick(10.3) == STANDSTILL
+    return playback
+
+
+def with_another_path():
+    playback = without_path()
+    playback.load_path(PATH, stamp=1)
+    return playback
+
+
+def without_readiness():
+    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    playback.load(schedule())
+    playback.load_path(PATH)
+    playback.observe(AT_REST, 10.0, 10.0)
+    return playback
+
+
+def hearing(readiness, at=10.0, **options):
+    playback = ready(**options)
+    playback.hear(readiness, at)
+    return playback
+
+
+def seeing(state, stamp=10.0, at=10.0):
+    playback = ready()
+    playback.observe(state, stamp, at)
+    return playback
+
+
+NOT_A_NUMBER = PlanarState(math.nan, 0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
     ("prepare", "reason"),
     [
-        (lambda: Playback(max_deviation=1.0, odom_timeout=0.5), "no commands yet"),
-        (lambda: ready(now=9.0), "no pose on odom"),
+        (without_commands, "no commands yet"),
+        (without_path, "no path on maneuver/path with the stamp of the commands"),
+        (with_another_path, "no path on maneuver/path with the stamp of the commands"),
+        (without_readiness, r"nothing heard on vehicle/state; is tricycle_bridge running\?"),
+        (lambda: hearing(PRESSED), "the vehicle is not armed: hardware e-stop pressed"),
+        (lambda: hearing(ARMED, at=8.9), r"nothing heard on vehicle/state for 1\.10 s"),
+        (
+            lambda: hearing(Readiness(armed=True, commander="/teleop"), commander="/driver"),
+            "the vehicle obeys another commander, /teleop",
+        ),
+        (lambda: seeing(AT_REST, stamp=9.0, at=9.0), r"no pose on odom for 1\.00 s"),
+        (lambda: seeing(AT_REST, stamp=9.0), r"no pose on odom for 1\.00 s, by its stamp"),
+        (lambda: seeing(AT_REST, stamp=15.0), r"stamped 5\.00 s ahead of the clock: synchronise"),
+        (lambda: seeing(NOT_A_NUMBER), "the pose on odom is not finite"),
+        (lambda: seeing(MOVING), r"moves at 0\.80 m/s"),
     ],
 )
 def test_start_is_refused_with_its_reason(prepare, reason):
-    with pytest.raises(ValueError, match=reason):
-        prepare().start(10.0)
-
-
-def test_a_moving_vehicle_does_not_start():
-    playback = ready()
-    playback.observe(PlanarState(0, 0, 0, 0.3), 10.0)
-    with pytest.raises(ValueError, match=r"moves at 0\.30 m/s"):
+    playback = prepare()
+    with pytest.raises(PlanError, match=reason):
         playback.start(10.0)
+    assert playback.state is PlaybackState.WAITING
+    assert playback.tick(10.01) is None
 
 
-def test_a_running_maneuver_refuses_start_and_new_commands():
-    playback = ready()
-    playback.start(10.0)
-    with pytest.raises(ValueError, match="already running"):
-        playback.start(10.0)
-    with pytest.raises(ValueError, match="abort it before"):
-        playback.load(schedule())
+def test_a_running_maneuver_refuses_a_start():
+    with pytest.raises(PlanError, match="already running"):
+        running().start(10.0)
 
 
 def test_abort_stops_the_wheel_and_says_why():
-    playback = ready()
-    playback.start(10.0)
-    playback.tick(10.0)
+    playback = running()
     playback.abort("asked for")
     assert playback.tick(10.02) == JointCommand(0.1, 0.0)
     assert (playback.state, playback.reason) == (PlaybackState.ABORTED, "asked for")
-    with pytest.raises(ValueError, match="no maneuver is running"):
+    with pytest.raises(PlanError, match="no maneuver is running"):
         playback.abort("again")
 
 
-def test_losing_the_pose_aborts():
-    playback = Playback(max_deviation=1.0, odom_timeout=0.01)
-    playback.load(schedule())
-    playback.observe(AT_REST, 10.0)
-    playback.start(10.0)
-    playback.tick(10.0)
+def test_a_vehicle_that_disarms_aborts_at_once_even_if_it_is_armed_again_before_the_next_tick():
+    playback = running()
+    playback.hear(PRESSED, 10.011)
+    playback.hear(ARMED, 10.012)
     assert playback.tick(10.02) == JointCommand(0.1, 0.0)
-    assert playback.reason == "no pose on odom for 0.02 s"
+    assert playback.state is PlaybackState.ABORTED
+    assert playback.reason == "the vehicle is not armed: hardware e-stop pressed"
+
+
+LONG = Schedule(np.array([0.0, 60.0]), np.zeros(2), np.ones(2))
+
+
+@pytest.mark.parametrize(
+    ("silent", "reason", "after"),
+    [
+        ("vehicle", "nothing heard on vehicle/state for 1.01 s", 1.01),
+        ("pose", "no pose on odom for 0.51 s", 0.51),
+        ("clock of the pose", "no pose on odom for 0.51 s, by its stamp", 0.51),
+    ],
+)
+def test_silence_aborts(silent, reason, after):
+    playback = ready()
+    playback.load(LONG)
+    playback.start(10.0)
+    t = 10.0
+    while playback.state is not PlaybackState.ABORTED and t < 20.0:
+        t += 0.01
+        if silent != "vehicle":
+            playback.hear(ARMED, t)
+        if silent != "pose":
+            playback.observe(AT_REST, 10.0 if silent == "clock of the pose" else t, t)
+        playback.tick(t)
+    assert (playback.reason, t) == (reason, pytest.approx(10.0 + after))
+
+
+@pytest.mark.parametrize(
+    ("state", "stamp", "reason"),
+    [
+        (NOT_A_NUMBER, 10.01, "is not finite"),
+        (PlanarState(1.0, 2.0, math.inf, 0.0), 10.01, "is not finite"),
+        (AT_REST, 15.0, "4.98 s ahead of the clock"),
+        (PlanarState(1e300, -1e300, 0.0, 1e300), 10.01, "m off the path"),
+    ],
+)
+def test_a_pose_that_is_none_aborts(state, stamp, reason):
+    playback = running()
+    playback.observe(state, stamp, 10.01)
+    playback.tick(10.02)
+    assert playback.state is PlaybackState.ABORTED
+    assert reason in playback.reason
+
+
+def test_another_commander_aborts():
+    playback = running(commander="/driver")
+    playback.hear(Readiness(armed=True, commander="/driver"), 10.01)
+    playback.tick(10.01)
+    assert playback.state is PlaybackState.RUNNING
+    playback.hear(Readiness(armed=True, commander="/teleop"), 10.02)
+    playback.tick(10.02)
+    assert playback.reason == "the vehicle obeys another commander, /teleop"
+
+
+def test_a_clock_that_jumps_back_aborts_and_makes_what_was_heard_unknown():
+    playback = running()
+    assert playback.tick(7.0) == JointCommand(0.1, 0.0)
+    assert playback.reason == "the clock jumped back by 3.00 s"
+    assert playback.tick(11.9) == JointCommand(0.1, 0.0)
+    assert playback.tick(12.1) is None
+    with pytest.raises(PlanError, match="nothing heard on vehicle/state"):
+        playback.start(12.1)
+
+
+def test_a_small_step_back_of_the_clock_plays_the_first_row_again():
+    assert running().tick(9.95) == JointCommand(0.1, 1.0)
 
 
 def test_leaving_the_path_aborts_wherever_the_start_was():
-    playback = ready()
-    playback.load_path(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]))
-    playback.start(10.0)
-    playback.tick(10.0)
-    playback.observe(
-        PlanarState(1.0, 4.0, 0, 1), 10.01
-    )  # 2 m along the path, which points along +y
+    playback = running()
+    along = PlanarState(1.0, 4.0, 0, 1)  # 2 m along the path, which points along +y
+    playback.observe(along, 10.01, 10.01)
     playback.tick(10.01)
     assert playback.state is PlaybackState.RUNNING
-    playback.observe(PlanarState(-0.5, 4.0, 0, 1), 10.02)  # 1.5 m to the left of it
+    left = PlanarState(-0.5, 4.0, 0, 1)  # 1.5 m to the left of it
+    playback.observe(left, 10.02, 10.02)
     playback.tick(10.02)
     assert playback.reason == "1.50 m off the path (limit 1 m)"
 
 
+def test_any_point_of_a_long_path_is_near_enough():
+    playback = ready()
+    length = 0.02 * np.arange(100_000.0)  # out and back
+    playback.load_path(np.column_stack([1000.0 - abs(1000.0 - length), np.zeros(100_000)]))
+    playback.load(LONG)
+    playback.start(10.0)
+    for tick, along in enumerate((0.0, 500.0, 5.0, 1000.0)):
+        t = 10.0 + 0.01 * tick
+        playback.observe(PlanarState(1.0, 2.0 + along, np.pi / 2, 1.0), t, t)
+        playback.tick(t)
+        assert playback.state is PlaybackState.RUNNING
+    playback.observe(PlanarState(1.0, 1003.5, np.pi / 2, 1.0), 10.05, 10.05)
+    playback.tick(10.05)
+    assert playback.reason == "1.50 m off the path (limit 1 m)"
+
+
 def test_the_path_is_that_of_the_commands_whatever_other_plans_are_published():
-    own, other = np.array([[0.0, 0.0], [2.0, 0.0]]), np.array([[9.0, 9.0], [9.0, 8.0]])
+    own, other = PATH, np.array([[9.0, 9.0], [9.0, 8.0]])
     playback = ready()
     playback.load_path(other, stamp=1)
     playback.load(schedule(), stamp=2)
-    with pytest.raises(ValueError, match="the path on maneuver/path is that of other commands"):
+    with pytest.raises(PlanError, match="no path on maneuver/path with the stamp"):
         playback.start(10.0)
     playback.load_path(own, stamp=2)
     playback.load_path(other, stamp=3)
@@ -135,14 +326,74 @@ def test_the_path_is_that_of_the_commands_whatever_other_plans_are_published():
 
 
 @pytest.mark.parametrize(
-    ("time", "angle", "message"),
+    ("time", "angle", "rate", "message"),
     [
-        ([0.0, 0.0], [0.0, 0.0], "increase"),
-        ([0.1, 0.2], [0.0, 0.0], "start at 0"),
-        ([0.0], [0.0], "two rows"),
-        ([0.0, 0.1], [0.0, float("nan")], "row 1 holds a number that is not finite"),
+        ([0.0, 0.0], [0.0, 0.0], [0, 0], "row 1: time 0 s does not come after 0 s"),
+        ([0.0, 0.2, 0.1], [0.0] * 3, [0] * 3, r"row 2: time 0\.1 s does not come after 0\.2 s"),
+        ([0.1, 0.2], [0.0, 0.0], [0, 0], "the first row is due at 0 s"),
+        ([0.0], [0.0], [0], "1 rows; needs 2 to"),
+        ([], [], [], "0 rows; needs 2 to"),
+        (range(MAX_ROWS + 1), [], [], f"{MAX_ROWS + 1} rows; needs 2 to {MAX_ROWS}"),
+        ([0.0, 0.1], [0.0, math.nan], [0, 0], "row 1: steering motor angle nan: needs a number"),
+        ([0.0, 0.1], [0.0, 0.8], [0, 0], r"row 1: steering motor angle 0\.8: needs .* rad of 0"),
+        ([0.0, 0.1], [0.0, 0.0], [1e300, 0], r"row 0: wheel rate 1e\+300: needs .* rad/s of 0"),
+        ([0.0, math.inf], [0.0, 0.0], [0, 0], "row 1: time inf: needs"),
+        ([0.0, 1e300], [0.0, 0.0], [0, 0], r"row 1: time 1e\+300: needs"),
+        ([0.0, 1.0], [0.0], [0, 0], "steering motor angle: needs one number for each"),
     ],
 )
-def test_a_schedule_is_checked(time, angle, message):
-    with pytest.raises(ValueError, match=message):
-        Schedule(np.array(time), np.array(angle), np.zeros(len(time)))
+def test_a_schedule_is_checked(time, angle, rate, message):
+    with pytest.raises(PlanError, match=message):
+        Schedule(*(np.array(column, dtype=float) for column in (time, angle, rate)))
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        (np.empty((0, 2)), "0 points; needs 2"),
+        (np.zeros((1, 2)), "1 points; needs 2"),
+        (np.zeros((MAX_ROWS + 1, 2)), "points; needs 2 to"),
+        (np.array([[0.0, 0.0], [math.nan, 0.0]]), "point 1 holds a number that is not finite"),
+        (np.array([[math.inf, 0.0], [0.0, 0.0]]), "point 0 holds a number that is not finite"),
+    ],
+)
+def test_a_path_is_checked_and_none_means_no_start(points, message):
+    playback = without_path()
+    with pytest.raises(PlanError, match=message):
+        playback.load_path(points)
+    with pytest.raises(PlanError, match="no path"):
+        playback.start(10.0)
+
+
+numbers = st.floats() | st.sampled_from([0.0, 10.0, 1e300, -1e300])
+
+
+@given(
+    st.lists(
+        st.one_of(
+            st.tuples(st.just("observe"), st.builds(PlanarState, *[numbers] * 4), numbers),
+            st.tuples(st.just("hear"), st.builds(Readiness, st.booleans()), st.just(0.0)),
+            st.tuples(st.just("start"), st.none(), st.just(0.0)),
+        ),
+        max_size=30,
+    )
+)
+def test_it_moves_only_an_armed_vehicle_whose_pose_is_a_number(events):
+    playback = ready()
+    playback.load(LONG)
+    armed, seen = True, True
+    for tick, (event, content, stamp) in enumerate(events):
+        now = 10.0 + 0.01 * tick
+        if event == "observe":
+            playback.observe(content, stamp, now)
+            seen = content.finite and abs(stamp - now) <= 0.5
+        elif event == "hear":
+            playback.hear(content, now)
+            armed = content.armed
+        else:
+            with suppress(PlanError):
+                playback.start(now)
+        command = playback.tick(now)
+        if command is not None and command.wheel_rate != 0.0:
+            assert armed
+            assert seen

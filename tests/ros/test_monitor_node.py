@@ -40,7 +40,7 @@ def test_it_hears_links_maneuver_and_speeds(simulation, ros_environment):
     told = {}
     while not (
         wanted <= set(told.get("diagnostics", ()))
-        and all(told[part] for part in ("measured", "commanded", "maneuver", "odom"))
+        and all(told[part] for part in ("measured", "maneuver", "odom"))
     ):
         assert time.monotonic() < deadline, told
         line = [TRICYCLE, "monitor", "--json"]
@@ -50,7 +50,7 @@ def test_it_hears_links_maneuver_and_speeds(simulation, ros_environment):
         else:  # nobody was up yet
             assert "nothing heard in 5 s" in done.stderr
     assert told["maneuver"]["state"] == "waiting"
-    assert told["commanded"] == {"steering_motor_angle": 0.0, "wheel_rate": 0.0}
+    assert told["commanded"] is None  # nobody commands
     assert abs(told["odom"]["speed"]) < 0.1
 
 

@@ -8,7 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.executors import SingleThreadedExecutor
@@ -19,6 +20,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_core.nodes import LATCHED
+from tricycle_core.readiness import Readiness
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -133,40 +135,107 @@ def test_a_planning_under_way_is_cancelled(observer, start, tmp_path):
     assert not (tmp_path / "b.json").exists()
 
 
-def test_driver_refuses_without_commands_and_aborts_when_the_pose_is_lost(observer, start):
+class Chain:
+    """What a driver hears of planner, bridge and localisation, and what it says."""
+
+    def __init__(self, observer):
+        self.observer, self.node = observer, observer.node
+        self.state = observer.newest(DiagnosticStatus, "maneuver/state", LATCHED)
+        self.joints = observer.newest(JointState, "joint_commands")
+        publisher = self.node.create_publisher
+        self._commands = publisher(JointTrajectory, "maneuver/commands", LATCHED)
+        self._path = publisher(PathMessage, "maneuver/path", LATCHED)
+        self._readiness = publisher(DiagnosticStatus, "vehicle/state", LATCHED)
+        self._odom = publisher(Odometry, "odom", 10)
+        self.pose = Odometry()
+        self.posing = False
+        self.said = None  # on vehicle/state, again and again
+        self.node.create_timer(0.02, self._send)
+
+    def _send(self):
+        if self.said is not None:
+            self._readiness.publish(self.said)
+        if self.posing:
+            self.pose.header.stamp = self.node.get_clock().now().to_msg()
+            self._odom.publish(self.pose)
+
+    def values(self):
+        return {v.key: v.value for v in self.state[0].values} if self.state else {}
+
+    def plan(self, plan_id, *, path=((0.0, 0.0), (60.0, 0.0))):
+        """Publish a straight plan of a minute, and its path unless that is None."""
+        stamp = self.node.get_clock().now().to_msg()
+        if path is not None:
+            message = PathMessage(poses=[PoseStamped() for _ in path])
+            message.header.stamp = stamp
+            for pose, (x, y) in zip(message.poses, path, strict=True):
+                pose.pose.position.x, pose.pose.position.y = x, y
+            self._path.publish(message)
+        message = JointTrajectory(joint_names=["steering_motor_joint", "rear_wheel_joint"])
+        message.header.frame_id, message.header.stamp = plan_id, stamp
+        for second in range(60):
+            point = JointTrajectoryPoint(positions=[0.1, 0.0], velocities=[0.0, 1.0])
+            point.time_from_start.sec = second
+            message.points.append(point)
+        self._commands.publish(message)
+
+    def tell(self, armed, reason=""):
+        """Publish `vehicle/state` from now on."""
+        values = Readiness(armed, reason).values().items()
+        self.said = DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values])
+
+    def start(self):
+        call = self.observer.call
+        self.observer.wait(lambda: call("maneuver_driver/start").success, "the start")
+
+    def refused(self):
+        answer = self.observer.call("maneuver_driver/start")
+        assert not answer.success
+        return answer.message
+
+    def wait_for(self, **values):
+        self.observer.wait(lambda: values.items() <= self.values().items(), str(values))
+
+
+@pytest.fixture
+def chain(observer):
+    return Chain(observer)
+
+
+def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_disarmed(
+    chain, start
+):
     start("maneuver_driver", odom_timeout=0.3)
-    state = observer.newest(DiagnosticStatus, "maneuver/state", LATCHED)
-    joints = observer.newest(JointState, "joint_commands")
-    answer = observer.call("maneuver_driver/start")
-    assert (answer.success, answer.message.split(";")[0]) == (False, "no commands yet")
-    observer.wait(lambda: joints, "the standstill stream")
-    assert (joints[0].position[0], joints[0].velocity[1]) == (0.0, 0.0)
-    publisher = observer.node.create_publisher(JointTrajectory, "maneuver/commands", LATCHED)
-    message = JointTrajectory(joint_names=["steering_motor_joint", "rear_wheel_joint"])
-    for second in range(60):
-        point = JointTrajectoryPoint(positions=[0.1, 0.0], velocities=[0.0, 1.0])
-        point.time_from_start.sec = second
-        message.points.append(point)
-    message.header.frame_id = "test-plan"
-    publisher.publish(message)
-    values = lambda: {v.key: v.value for v in state[0].values} if state else {}  # noqa: E731
-    observer.wait(lambda: values().get("plan_id") == "test-plan", "the plan to be taken")
-    assert "no pose on odom" in observer.call("maneuver_driver/start").message
-    odom = observer.node.create_publisher(Odometry, "odom", 10)
-    pose = Odometry()
-    pose.header.stamp = observer.node.get_clock().now().to_msg()
-    observer.wait(lambda: odom.get_subscription_count() > 0, "the driver to listen")
-
-    def started():
-        pose.header.stamp = observer.node.get_clock().now().to_msg()
-        odom.publish(pose)
-        return observer.call("maneuver_driver/start").success
-
-    observer.wait(started, "the start")
-    observer.wait(lambda: joints[0].velocity[1] == 1.0, "the first row")
-    observer.wait(lambda: values()["state"] == "aborted", "the abort")
-    assert values()["reason"].startswith("no pose on odom for")
-    observer.wait(lambda: joints[0].velocity[1] == 0.0, "standstill")
+    assert chain.refused().startswith("no commands yet")
+    for plan_id, path in (("pathless", None), ("empty", ()), ("a point", ((0.0, 0.0),))):
+        chain.plan(plan_id, path=path)
+        chain.wait_for(plan_id=plan_id)
+        assert chain.refused().startswith("no path on maneuver/path with the stamp of the commands")
+    chain.plan("whole")
+    chain.wait_for(plan_id="whole", state="waiting")
+    assert chain.refused().startswith("nothing heard on vehicle/state")
+    chain.tell(armed=False, reason="hardware e-stop pressed")
+    chain.observer.wait(lambda: "is not armed: hardware e-stop" in chain.refused(), "the refusal")
+    chain.tell(armed=True)
+    chain.observer.wait(lambda: chain.refused().startswith("no pose on odom;"), "the refusal")
+    assert not chain.joints  # nothing is commanded unless it drives
+    chain.posing = True
+    chain.start()
+    moved = lambda: chain.joints and chain.joints[0].velocity[1] == 1.0  # noqa: E731
+    chain.observer.wait(moved, "the first row")
+    assert chain.joints[0].header.frame_id == "/maneuver_driver"
+    chain.plan("next")
+    chain.tell(armed=False, reason="steer PLC is FAULT (SENSOR)")
+    aborted = "the vehicle is not armed: steer PLC is FAULT (SENSOR)"
+    chain.wait_for(state="aborted", plan_id="whole", reason=aborted)
+    chain.observer.wait(lambda: chain.joints[0].velocity[1] == 0.0, "standstill")
+    assert chain.joints[0].position[0] == pytest.approx(0.1)
+    chain.wait_for(state="waiting", plan_id="next")
+    chain.tell(armed=True)
+    chain.start()
+    chain.posing = False
+    chain.wait_for(state="aborted", plan_id="next")
+    assert chain.values()["reason"].startswith("no pose on odom for")
 
 
 def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):

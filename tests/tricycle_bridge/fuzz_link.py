@@ -69,7 +69,7 @@ def test_one_input(raw: bytes) -> None:
                 now, now_us = now + 0.01, now_us + 10_000
         assert link.decoder.pending <= 50
         assert arm_sent or plc.state is not PlcState.ARMED
-        if link.wants_reopen(now):
+        if link.wants_reopen:
             link.closed("reopened")
             link.opened(now)
 

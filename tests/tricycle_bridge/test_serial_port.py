@@ -1,5 +1,6 @@
 """Real serial I/O on ptys: faults of cables and devices."""
 
+import os
 import random
 import threading
 import time
@@ -16,6 +17,7 @@ from tricycle_sim.plc.pty_port import PtyPort
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
 PATIENCE = 20.0  # s; only a failing test waits that long
+REPLUGS = int(os.environ.get("REPLUGS", "10"))  # `make soak`: 100
 # why ARM is refused after a pause; the last by a PLC whose newest command is older than 200 ms
 PAUSES = ("no command stream", "no telemetry for", "CMD_TIMEOUT", "refused ARM: preconditions")
 
@@ -51,7 +53,7 @@ class Host:
         for board, frames in self.bridge.take_frames().items():
             link = self.bridge.links[board]
             link.counters.write_drops += self.ports.write(board, frames)
-            if link.wants_reopen(now):
+            if link.wants_reopen:
                 self.ports.reopen(board, link.problem)
 
     def until(self, condition, what):
@@ -132,10 +134,10 @@ def test_unplugged_and_replugged_at_random_moments_it_comes_back_unarmed(host, p
 
 
 @pytest.mark.slow
-def test_a_hundred_replugs_in_mid_drive_each_back_within_half_a_second(host, plc_pair):
+def test_after_replugs_in_mid_drive_each_board_is_back_within_half_a_second(host, plc_pair):
     rng = random.Random(1)
     times = []
-    for _ in range(100):
+    for _ in range(REPLUGS):
         host.arm()
         host.target = (0.1, 0.3)
         until = time.monotonic() + 0.2 * rng.random()
@@ -147,7 +149,8 @@ def test_a_hundred_replugs_in_mid_drive_each_back_within_half_a_second(host, plc
         host.target = (0.0, 0.0)
         other = plc_pair.drive if board is STEER else plc_pair.steer
         host.until(lambda plc=other: plc.state is PlcState.SAFE, "the other board")
-    assert sorted(times)[-3] < 0.5, sorted(times)[-9:]  # the machine may stall now and then
+    stalls = 1 + REPLUGS // 100  # the machine's, now and then
+    assert sorted(times)[-1 - stalls] < 0.5, sorted(times)[-9:]
 
 
 def test_a_stalled_board_gets_no_stale_command(host, plc_pair):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from tricycle_core.rotations import attitude_quaternion, euler_angles, yaw_of
+from tricycle_core.rotations import attitude_quaternion, euler_angles, is_unit, yaw_of
 
 angles = st.tuples(st.floats(-3.1, 3.1), st.floats(-1.5, 1.5), st.floats(-3.1, 3.1))
 
@@ -28,3 +28,17 @@ def test_many_quaternions_at_once():
     q = np.array([attitude_quaternion(0.1, 0.2, yaw) for yaw in (0.3, 0.4)]).T
     assert [a.shape for a in euler_angles(q)] == [(2,)] * 3
     assert euler_angles(q)[2] == pytest.approx([0.3, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("q", "unit"),
+    [
+        ((1.0, 0.0, 0.0, 0.0), True),
+        ((0.6, 0.0, 0.0, 0.803), True),
+        ((0.0, 0.0, 0.0, 0.0), False),
+        ((float("nan"), 0.0, 0.0, 1.0), False),
+        ((1e300, 0.0, 0.0, 1e300), False),
+    ],
+)
+def test_an_orientation_is_a_unit_quaternion(q, unit):
+    assert is_unit(SimpleNamespace(**dict(zip("wxyz", q, strict=True)))) is unit

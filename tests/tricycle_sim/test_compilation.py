@@ -11,13 +11,13 @@ import pytest
 from tricycle_sim import compilation
 
 FIRST_RUN = """
-import logging, time
+import logging, sys, time
 logging.basicConfig(level=logging.INFO, format="%(message)s")
 import numpy as np
 from tricycle_sim.setpoints import slew_all
 start = time.process_time()
 slew_all(np.zeros(3), 1.0)
-print(time.process_time() - start)
+print(time.process_time() - start, *({"scipy.linalg"} & sys.modules.keys()))
 """
 
 
@@ -41,7 +41,8 @@ def test_compiled_code_is_kept_in_the_folder_that_was_named(tmp_path):
     assert list(tmp_path.rglob("*.nbc"))
     output, _ = start(tmp_path).communicate(timeout=120)
     assert "compiling" not in output
-    assert float(output) < 1.0
+    # nor is what numba needs for compiling, SciPy among it, imported for loading
+    assert float(output) < 0.5
 
 
 def test_without_a_writable_folder_every_process_compiles_for_itself(monkeypatch, caplog):
@@ -82,6 +83,7 @@ def test_numba_keeps_a_source_stamp_that_can_be_extended(tmp_path, monkeypatch):
     numba.config.reload_config()
     try:
         plain, ours = numba.njit(halved, cache=True), compilation.compiled(halved)
+        again = compilation.compiled(halved)
     finally:
         monkeypatch.undo()
         numba.config.reload_config()
@@ -92,6 +94,10 @@ def test_numba_keeps_a_source_stamp_that_can_be_extended(tmp_path, monkeypatch):
     assert stamp[0] == cache_file._source_stamp, why
     assert "'FACTOR': 0.5" in stamp[2]
     assert ours(3.0) == 1.5
+    assert again(3.0) == 1.5
+    assert (sum(ours.stats.cache_hits.values()), sum(again.stats.cache_hits.values())) == (0, 1), (
+        why
+    )
     ours._cache._cache_file.save("key", "data")
     assert ours._cache._cache_file.load("key") == "data", why
     ours._cache._cache_file._source_stamp = (*stamp[:1], "other sources", *stamp[2:])

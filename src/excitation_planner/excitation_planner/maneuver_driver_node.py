@@ -14,11 +14,21 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from excitation_planner.playback import PlanarState, Playback, PlaybackState, Schedule
+from excitation_planner.playback import (
+    MAX_ROWS,
+    PlanarState,
+    Playback,
+    PlaybackState,
+    Schedule,
+)
 from tricycle_core.diagnostics import Level
+from tricycle_core.errors import PlanError
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node
-from tricycle_core.rotations import yaw_of
+from tricycle_core.quantities import FloatArray
+from tricycle_core.readiness import TOPIC as READINESS_TOPIC
+from tricycle_core.readiness import Readiness
+from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.stamps import nanoseconds_of, seconds_of
 from tricycle_core.timing import TICK
 
@@ -26,14 +36,16 @@ STATE_EVERY = 0.5  # s between repeated state messages while running
 
 
 def _schedule(message: JointTrajectory) -> Schedule:
-    """Rows of a JointTrajectory; raises ValueError naming what is missing."""
-    if set(message.joint_names) != set(JOINTS):
-        raise ValueError(f"joint_names must be {', '.join(JOINTS)}")
-    steer, wheel = (message.joint_names.index(name) for name in JOINTS)
-    for row, point in enumerate(message.points):
-        if len(point.positions) != 2 or len(point.velocities) != 2:
-            raise ValueError(f"row {row} needs two positions and two velocities")
+    """Rows of a JointTrajectory; raises PlanError naming what is missing."""
+    if sorted(message.joint_names) != sorted(JOINTS):
+        raise PlanError(f"joint_names must be {', '.join(JOINTS)}")
     points = message.points
+    if len(points) > MAX_ROWS:  # before each is looked at
+        raise PlanError(f"{len(points)} rows; at most {MAX_ROWS}")
+    steer, wheel = (message.joint_names.index(name) for name in JOINTS)
+    for row, point in enumerate(points):
+        if len(point.positions) != 2 or len(point.velocities) != 2:
+            raise PlanError(f"row {row} needs two positions and two velocities")
     return Schedule(
         np.array([seconds_of(p.time_from_start) for p in points]),
         np.array([p.positions[steer] for p in points]),
@@ -41,9 +53,18 @@ def _schedule(message: JointTrajectory) -> Schedule:
     )
 
 
+def _points(message: Path) -> FloatArray:
+    """Positions of a path, shape (m, 2); raises PlanError where there are too many."""
+    if len(message.poses) > MAX_ROWS:
+        raise PlanError(f"{len(message.poses)} points; at most {MAX_ROWS}")
+    positions = [pose.pose.position for pose in message.poses]
+    return np.array([(p.x, p.y) for p in positions]).reshape(-1, 2)
+
+
 def _planar_state(message: Odometry) -> PlanarState:
     position, velocity = message.pose.pose.position, message.twist.twist.linear
-    yaw = yaw_of(message.pose.pose.orientation)
+    orientation = message.pose.pose.orientation
+    yaw = yaw_of(orientation) if is_unit(orientation) else math.nan
     return PlanarState(position.x, position.y, yaw, math.hypot(velocity.x, velocity.y))
 
 
@@ -54,8 +75,10 @@ class ManeuverDriver(Node):
         super().__init__("maneuver_driver")
         deviation = declare(self, "max_deviation", 3.0, "m off the path that end a run", (0.1, 100))
         timeout = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
-        self._playback = Playback(max_deviation=deviation, odom_timeout=timeout)
-        self._plan_id = ""
+        self._name = self.get_fully_qualified_name()
+        self._playback = Playback(
+            max_deviation=deviation, odom_timeout=timeout, commander=self._name
+        )
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
         self._state = self.create_publisher(
@@ -65,6 +88,7 @@ class ManeuverDriver(Node):
             (JointTrajectory, "maneuver/commands", self._on_commands, LATCHED),
             (Path, "maneuver/path", self._on_path, LATCHED),
             (Odometry, "odom", self._on_odom, qos_profile_sensor_data),
+            (DiagnosticStatus, READINESS_TOPIC, self._on_readiness, LATCHED),
         ):
             self.create_subscription(kind, topic, callback, **overridable(qos))
         self.create_service(Trigger, "~/start", self._on_start)
@@ -86,21 +110,29 @@ class ManeuverDriver(Node):
         return float(self.get_clock().now().nanoseconds) * 1e-9
 
     def _on_commands(self, message: JointTrajectory) -> None:
+        playback = self._playback
+        plan_id = message.header.frame_id  # a joint trajectory has no frame: see the planner
         try:
-            self._playback.load(_schedule(message), nanoseconds_of(message.header.stamp))
-        except ValueError as error:
+            playback.load(_schedule(message), nanoseconds_of(message.header.stamp), plan_id)
+        except PlanError as error:
             self.get_logger().error(f"maneuver/commands refused: {error}")
             return
-        self._plan_id = message.header.frame_id  # a joint trajectory has no frame: see the planner
+        if playback.plan_id != plan_id:
+            self.get_logger().info(f"plan {plan_id} is taken when the vehicle rests after the run")
 
     def _on_path(self, message: Path) -> None:
-        points = [(p.pose.position.x, p.pose.position.y) for p in message.poses]
-        self._playback.load_path(
-            np.array(points).reshape(-1, 2), nanoseconds_of(message.header.stamp)
-        )
+        try:
+            self._playback.load_path(_points(message), nanoseconds_of(message.header.stamp))
+        except PlanError as error:
+            self.get_logger().error(f"maneuver/path refused: {error}")
 
     def _on_odom(self, message: Odometry) -> None:
-        self._playback.observe(_planar_state(message), seconds_of(message.header.stamp))
+        stamp = seconds_of(message.header.stamp)
+        self._playback.observe(_planar_state(message), stamp, self._now())
+
+    def _on_readiness(self, message: DiagnosticStatus) -> None:
+        values = {pair.key: pair.value for pair in message.values}
+        self._playback.hear(Readiness.from_values(values), self._now())
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._attempt(response, lambda: self._playback.start(self._now()), "started")
@@ -113,7 +145,7 @@ class ManeuverDriver(Node):
     ) -> Trigger.Response:
         try:
             action()
-        except ValueError as error:
+        except PlanError as error:
             response.success, response.message = False, str(error)
             self.get_logger().warning(f"refused: {error}")
         else:
@@ -123,25 +155,27 @@ class ManeuverDriver(Node):
     def _on_tick(self) -> None:
         now = self.get_clock().now()
         command = self._playback.tick(float(now.nanoseconds) * 1e-9)
-        message = JointState(name=list(JOINTS))
-        message.header.stamp = now.to_msg()
-        message.position = [command.steering_motor_angle, 0.0]
-        message.velocity = [0.0, command.wheel_rate]
-        self._joints.publish(message)
+        if command is not None:
+            message = JointState(name=list(JOINTS))
+            message.header.stamp = now.to_msg()
+            message.header.frame_id = self._name  # who commands: joints have no frame
+            message.position = [command.steering_motor_angle, 0.0]
+            message.velocity = [0.0, command.wheel_rate]
+            self._joints.publish(message)
         self._publish_state()
 
     def _publish_state(self) -> None:
         """Publish the state when it changes, and every `STATE_EVERY` while running."""
         playback = self._playback
         beat = int(playback.elapsed / STATE_EVERY)
-        content = (playback.state, self._plan_id, playback.start_time, beat)
+        content = (playback.state, playback.plan_id, playback.start_time, beat)
         if content == self._published:
             return
         self._published = content
         start = f"{playback.start_time:.9f}" if playback.start_time is not None else ""
         values = {
             "state": playback.state.value,
-            "plan_id": self._plan_id,
+            "plan_id": playback.plan_id,
             "start_time": start,
             "elapsed": f"{playback.elapsed:.3f}",
             "duration": f"{playback.duration:.3f}",

@@ -10,13 +10,38 @@ from enum import Enum
 
 import numpy as np
 
+from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
+from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
+from tricycle_core.readiness import TOPIC, Readiness
+from tricycle_sim.commands import LONGEST
 
 STANDSTILL_SPEED = 0.05
-"""Speed above which a maneuver does not start [m/s]."""
+"""Speed above which a maneuver does not start, and below which the vehicle rests [m/s]."""
+
+READINESS_TIMEOUT = 1.0
+"""Age of the newest message of `vehicle/state` beyond which no maneuver runs [s]."""
+
+CLOCK_TOLERANCE = 0.1
+"""Time by which a pose may be stamped ahead, or the clock may step back [s]."""
+
+SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
+"""Times after the end of a run for which standstill is commanded [s]: in between, until rest.
+
+The shortest leaves an operator the time to record the standstill and to disarm.
+"""
 
 PATHS_KEPT = 8
 """Paths that are kept until the commands with the same stamp arrive."""
+
+MAX_ROWS = 360_000
+"""Largest number of commands, and of points of a path: an hour at 100 Hz."""
+
+NEAR = 1000
+"""Points of the path, either way of the nearest one, among which it is looked for first."""
+
+MAX_WHEEL_RATE = 100.0
+"""Largest rate of the rear wheel [rad/s]; the PLC's limit is a speed, and far below."""
 
 
 class PlaybackState(Enum):
@@ -43,8 +68,9 @@ class Schedule:
 
     Raises
     ------
-    ValueError
-        If the rows are not finite, do not start at 0, or their times do not increase.
+    PlanError
+        If there are too few or too many rows, one holds a number that is not finite or is beyond
+        its limit, or the times do not start at 0 and increase; the message names the row.
     """
 
     time: FloatArray
@@ -52,11 +78,31 @@ class Schedule:
     wheel_rate: FloatArray
 
     def __post_init__(self) -> None:
-        if self.time.size < 2 or self.time[0] != 0.0 or not np.all(np.diff(self.time) > 0.0):
-            raise ValueError("times must start at 0 s and increase; at least two rows")
-        rows = np.isfinite(self.steering_motor_angle) & np.isfinite(self.wheel_rate)
-        if not rows.all():
-            raise ValueError(f"row {int(np.argmin(rows))} holds a number that is not finite")
+        rows = self.time.size
+        if not 2 <= rows <= MAX_ROWS:
+            raise PlanError(f"{rows} rows; needs 2 to {MAX_ROWS}, the last one is the end")
+        for name, column, limit, unit in (
+            ("time", self.time, LONGEST, "s"),
+            ("steering motor angle", self.steering_motor_angle, MAX_STEERING_ANGLE + 1e-9, "rad"),
+            ("wheel rate", self.wheel_rate, MAX_WHEEL_RATE, "rad/s"),
+        ):
+            if column.shape != (rows,):
+                raise PlanError(f"{name}: needs one number for each of the {rows} rows")
+            wrong = ~(np.abs(column) <= limit)  # so that NaN is wrong too
+            if wrong.any():
+                row = int(np.argmax(wrong))
+                raise PlanError(
+                    f"row {row}: {name} {column[row]:g}: needs a number within "
+                    f"{limit:g} {unit} of 0"
+                )
+        if self.time[0] != 0.0:
+            raise PlanError(f"row 0: time {self.time[0]:g} s: the first row is due at 0 s")
+        steps = np.diff(self.time)
+        if not (steps > 0.0).all():
+            row = int(np.argmin(steps > 0.0)) + 1
+            raise PlanError(
+                f"row {row}: time {self.time[row]:g} s does not come after {self.time[row - 1]:g} s"
+            )
 
     @property
     def duration(self) -> float:
@@ -66,7 +112,7 @@ class Schedule:
 
 @dataclass(frozen=True)
 class PlanarState:
-    """Planar pose and speed of `base_link` in `odom`.
+    """Planar pose and speed of `base_link` in `odom`; not finite where the message is not.
 
     Attributes
     ----------
@@ -82,6 +128,11 @@ class PlanarState:
     y: float
     yaw: float
     speed: float
+
+    @property
+    def finite(self) -> bool:
+        """Whether all of it are numbers."""
+        return all(map(math.isfinite, (self.x, self.y, self.yaw, self.speed)))
 
 
 @dataclass(frozen=True)
@@ -100,9 +151,19 @@ class JointCommand:
     wheel_rate: float
 
 
+@dataclass(frozen=True)
+class _Plan:
+    schedule: Schedule
+    stamp: int  # ns, of its message
+    plan_id: str
+
+
 @dataclass
 class Playback:
     """Plays one schedule after the other.
+
+    A maneuver runs only while the vehicle says that it is armed, and its pose is known and near the
+    path.
 
     Attributes
     ----------
@@ -110,6 +171,8 @@ class Playback:
         Distance from the path beyond which the run is aborted [m].
     odom_timeout : float
         Age of the newest pose beyond which the run is aborted [s].
+    commander : str
+        Name of this driver, as the vehicle knows it; empty: whom the vehicle obeys is not watched.
     state : PlaybackState
         What it is doing.
     reason : str
@@ -122,21 +185,28 @@ class Playback:
 
     max_deviation: float
     odom_timeout: float
+    commander: str = ""
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
     start_time: float | None = None
     elapsed: float = 0.0
-    _schedule: Schedule | None = None
-    _stamp: int = 0  # of the schedule
+    _plan: _Plan | None = None
+    _next: _Plan | None = None  # came during the run
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
-    _path: FloatArray | None = None  # (m, 2) from the pose at the start, of the maneuver running
+    _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
+    _nearest: int = 0  # point of it
     _observed: PlanarState | None = None
+    _observed_stamp: float = -math.inf
     _observed_at: float = -math.inf
+    _readiness: Readiness | None = None
+    _heard_at: float = -math.inf
     _anchor: PlanarState | None = None
     _held: JointCommand = field(default_factory=lambda: JointCommand(0.0, 0.0))
+    _ticked_at: float = -math.inf
+    _stopping_since: float | None = None  # None: not since a run has ended
 
-    def load(self, schedule: Schedule, stamp: int = 0) -> None:
-        """Take a new schedule; while one is being played it is refused.
+    def load(self, schedule: Schedule, stamp: int = 0, plan_id: str = "") -> None:
+        """Take a new schedule; during a run it is kept for the time after.
 
         Parameters
         ----------
@@ -144,18 +214,12 @@ class Playback:
             To be played next.
         stamp : int
             Of its message [ns].
-
-        Raises
-        ------
-        ValueError
-            If a maneuver is running.
+        plan_id : str
+            Of its plan.
         """
-        if self.state is PlaybackState.RUNNING:
-            raise ValueError("a maneuver is running; abort it before sending new commands")
-        self._schedule, self._stamp = schedule, stamp
-        self._held = JointCommand(0.0, 0.0)
-        self._set(PlaybackState.WAITING, "")
-        self.start_time, self.elapsed = None, 0.0
+        self._next = _Plan(schedule, stamp, plan_id)
+        if self.state is not PlaybackState.RUNNING and self._stopping_since is None:
+            self._take_next()
 
     def load_path(self, points: FloatArray, stamp: int = 0) -> None:
         """Take the path of the schedule with the same stamp, for the deviation limit.
@@ -166,101 +230,203 @@ class Playback:
             Relative to the start pose [m].
         stamp : int
             Of its message [ns]; path and schedule may come in either order.
+
+        Raises
+        ------
+        PlanError
+            If it has too few or too many points, or one is not finite.
         """
+        if not 2 <= len(points) <= MAX_ROWS:
+            raise PlanError(f"{len(points)} points; needs 2 to {MAX_ROWS}")
+        finite = np.isfinite(points).all(axis=1)
+        if not finite.all():
+            raise PlanError(f"point {int(np.argmin(finite))} holds a number that is not finite")
         self._paths.append((stamp, points))
 
-    def observe(self, state: PlanarState, now: float) -> None:
+    def observe(self, state: PlanarState, stamp: float, now: float) -> None:
         """Take the newest pose and speed.
 
         Parameters
         ----------
         state : PlanarState
             Of the vehicle.
+        stamp : float
+            Time of the measurement, by the clock of its sender [s].
         now : float
-            Time of the measurement [s].
+            Time of receipt [s].
         """
-        self._observed, self._observed_at = state, now
+        self._observed, self._observed_stamp, self._observed_at = state, stamp, now
+
+    def hear(self, readiness: Readiness, now: float) -> None:
+        """Take what the vehicle says about itself; a run is aborted at once if it is not armed.
+
+        Parameters
+        ----------
+        readiness : Readiness
+            Content of the newest message of `vehicle/state`.
+        now : float
+            Time of receipt [s].
+        """
+        self._readiness, self._heard_at = readiness, now
+        if self.state is PlaybackState.RUNNING and not readiness.armed:
+            self.abort(self._not_ready(now))
 
     def start(self, now: float) -> None:
         """Start the maneuver; row 0 is played at the next tick.
 
         Raises
         ------
-        ValueError
+        PlanError
             The reason why the maneuver cannot start.
         """
-        if self._schedule is None:
-            raise ValueError("no commands yet; publish a plan on maneuver/commands")
         if self.state is PlaybackState.RUNNING:
-            raise ValueError("already running")
-        if self._observed is None or now - self._observed_at > self.odom_timeout:
-            raise ValueError("no pose on odom; the maneuver starts only where it can be watched")
-        if abs(self._observed.speed) > STANDSTILL_SPEED:
-            raise ValueError(
-                f"the vehicle moves at {self._observed.speed:.2f} m/s; it must stand still"
+            raise PlanError("already running")
+        if self._stopping_since is not None:
+            raise PlanError("the vehicle is being stopped after a run; try again when it rests")
+        if self._plan is None:
+            raise PlanError("no commands yet; publish a plan on maneuver/commands")
+        paths = [points for stamp, points in self._paths if stamp == self._plan.stamp]
+        if not paths:
+            raise PlanError(
+                "no path on maneuver/path with the stamp of the commands, to limit the deviation "
+                "by; publish both with one stamp"
             )
-        paths = [points for stamp, points in self._paths if stamp == self._stamp]
-        if self._paths and not paths:
-            raise ValueError(
-                "the path on maneuver/path is that of other commands; publish both with one stamp"
-            )
-        self._path = paths[-1] if paths else None
+        if reason := self._not_ready(now):
+            raise PlanError(reason)
+        if reason := self._pose_lost(now):
+            raise PlanError(f"{reason}; the maneuver starts only where it can be watched")
+        if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
+            speed = self._observed.speed if self._observed else math.nan
+            raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
+        self._path, self._nearest = paths[-1], 0
         self._anchor = self._observed
         self.start_time, self.elapsed = None, 0.0
-        self._set(PlaybackState.RUNNING, "")
+        self.state, self.reason = PlaybackState.RUNNING, ""
 
     def abort(self, reason: str) -> None:
         """Stop a running maneuver; standstill is commanded.
 
         Raises
         ------
-        ValueError
+        PlanError
             If none is running.
         """
         if self.state is not PlaybackState.RUNNING:
-            raise ValueError("no maneuver is running")
-        self._held = JointCommand(self._held.steering_motor_angle, 0.0)
-        self._set(PlaybackState.ABORTED, reason)
+            raise PlanError("no maneuver is running")
+        self._end(PlaybackState.ABORTED, self._held.steering_motor_angle, reason)
 
-    def tick(self, now: float) -> JointCommand:
-        """Return the command for now; standstill unless a maneuver is running."""
-        if self.state is not PlaybackState.RUNNING or self._schedule is None:
+    def tick(self, now: float) -> JointCommand | None:
+        """Return the command for now.
+
+        After a run it is standstill until the vehicle rests; then, and before a run, None: nothing
+        is commanded.
+        """
+        back = self._ticked_at - now
+        self._ticked_at = now
+        if back > CLOCK_TOLERANCE:
+            self._observed = self._readiness = None  # of an unknown age
+            if self._stopping_since is not None:
+                self._stopping_since = now
+            if self.state is PlaybackState.RUNNING:
+                self.abort(f"the clock jumped back by {back:.2f} s")
+        if self.state is PlaybackState.RUNNING and self._plan is not None:
+            return self._play(self._plan.schedule, now)
+        if self._stopping_since is None:
+            return None
+        stopping = now - self._stopping_since
+        if stopping < SHORTEST_STOP or (stopping < LONGEST_STOP and not self._rests(now)):
             return self._held
-        if self.start_time is None:
-            self.start_time = now
-        reason = self._unsafe(now)
-        if reason:
-            self.abort(reason)
-            return self._held
-        self.elapsed = now - self.start_time
-        if self.elapsed >= self._schedule.duration - 1e-6:
-            self._held = JointCommand(float(self._schedule.steering_motor_angle[-1]), 0.0)
-            self._set(PlaybackState.DONE, "")
-            return self._held
-        # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
-        row = int(np.searchsorted(self._schedule.time, self.elapsed + 1e-6, side="right")) - 1
-        self._held = JointCommand(
-            float(self._schedule.steering_motor_angle[row]), float(self._schedule.wheel_rate[row])
-        )
-        return self._held
+        self._stopping_since = None
+        self._take_next()
+        return None
 
     @property
     def duration(self) -> float:
         """Length of the loaded maneuver in s; 0 without one."""
-        return self._schedule.duration if self._schedule else 0.0
+        return self._plan.schedule.duration if self._plan else 0.0
 
-    def _set(self, state: PlaybackState, reason: str) -> None:
+    @property
+    def plan_id(self) -> str:
+        """Id of the plan that is loaded; empty without one."""
+        return self._plan.plan_id if self._plan else ""
+
+    def _play(self, schedule: Schedule, now: float) -> JointCommand:
+        if self.start_time is None:
+            self.start_time = now
+        if reason := self._not_ready(now) or self._pose_lost(now) or self._astray():
+            self.abort(reason)
+            return self._held
+        self.elapsed = now - self.start_time
+        if self.elapsed >= schedule.duration - 1e-6:
+            self._end(PlaybackState.DONE, float(schedule.steering_motor_angle[-1]))
+            return self._held
+        # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
+        row = int(np.searchsorted(schedule.time, self.elapsed + 1e-6, side="right")) - 1
+        row = max(row, 0)  # a clock may step back a little
+        self._held = JointCommand(
+            float(schedule.steering_motor_angle[row]), float(schedule.wheel_rate[row])
+        )
+        return self._held
+
+    def _end(self, state: PlaybackState, angle: float, reason: str = "") -> None:
+        self._held = JointCommand(angle, 0.0)
         self.state, self.reason = state, reason
+        self._stopping_since = self._ticked_at
 
-    def _unsafe(self, now: float) -> str:
-        if now - self._observed_at > self.odom_timeout:
-            return f"no pose on odom for {now - self._observed_at:.2f} s"
-        if self._path is None or self._observed is None or self._anchor is None:
-            return ""
+    def _take_next(self) -> None:
+        if self._next is None:
+            return
+        self._plan, self._next = self._next, None
+        self._held = JointCommand(0.0, 0.0)
+        self.state, self.reason = PlaybackState.WAITING, ""
+        self.start_time, self.elapsed = None, 0.0
+
+    def _not_ready(self, now: float) -> str:
+        """Why the vehicle does not obey; empty if it does."""
+        if self._readiness is None:
+            return f"nothing heard on {TOPIC}; is tricycle_bridge running?"
+        if not self._readiness.armed:
+            return f"the vehicle is not armed: {self._readiness.reason or 'no reason is given'}"
+        if now - self._heard_at > READINESS_TIMEOUT:
+            return f"nothing heard on {TOPIC} for {now - self._heard_at:.2f} s"
+        if self.commander and self._readiness.commander not in ("", self.commander):
+            return f"the vehicle obeys another commander, {self._readiness.commander}"
+        return ""
+
+    def _pose_lost(self, now: float) -> str:
+        """Why the pose is not known; empty if it is."""
+        if self._observed is None:
+            return "no pose on odom"
+        silence, age = now - self._observed_at, now - self._observed_stamp
+        if silence > self.odom_timeout:
+            return f"no pose on odom for {silence:.2f} s"
+        if not self._observed.finite:
+            return "the pose on odom is not finite, or its orientation is no unit quaternion"
+        if age < -CLOCK_TOLERANCE:
+            return f"odom is stamped {-age:.2f} s ahead of the clock: synchronise the clocks"
+        if age > self.odom_timeout:
+            return f"no pose on odom for {age:.2f} s, by its stamp"
+        return ""
+
+    def _rests(self, now: float) -> bool:
+        return (
+            self._observed is not None
+            and not self._pose_lost(now)
+            and self._observed.speed < STANDSTILL_SPEED
+        )
+
+    def _astray(self) -> str:
+        """How far the vehicle is off the path; empty within the limit."""
+        if self._observed is None or self._anchor is None:
+            return "no pose on odom"
         dx, dy = self._observed.x - self._anchor.x, self._observed.y - self._anchor.y
         c, s = math.cos(self._anchor.yaw), math.sin(self._anchor.yaw)
         here = np.array([c * dx + s * dy, -s * dx + c * dy])
-        deviation = float(np.sqrt(((self._path - here) ** 2).sum(axis=1).min()))
-        if deviation > self.max_deviation:
-            return f"{deviation:.2f} m off the path (limit {self.max_deviation:g} m)"
-        return ""
+        deviation = math.inf
+        for first, last in ((max(self._nearest - NEAR, 0), self._nearest + NEAR), (0, None)):
+            distances = np.hypot(*(self._path[first:last] - here).T)
+            self._nearest = first + int(np.argmin(distances))
+            deviation = float(distances.min())
+            if deviation <= self.max_deviation:
+                return ""
+        return f"{deviation:.2f} m off the path (limit {self.max_deviation:g} m)"

@@ -174,7 +174,9 @@ class Tricycle:
         seed: int = 0,
     ) -> None:
         self._executor, self._budget, self._maneuvers = executor, budget, maneuvers
-        self._vehicle, self._seed = vehicle or load_vehicle(), seed
+        # the paper's maneuvers, which are simulated only: it keeps no margin to the end stop
+        self._vehicle = (vehicle or load_vehicle()).replace(steering_margin=0.0)
+        self._seed = seed
         self._costs: dict[str, Costs] = {}
 
     def simulator(self, family: str, k: int) -> tuple[ReplayedTrajectoryError, Box]:

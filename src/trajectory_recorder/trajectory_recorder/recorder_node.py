@@ -15,7 +15,6 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rclpy.time import Time
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
@@ -27,6 +26,7 @@ from trajectory_recorder.recording import BagSettings, Recording, TopicSource, m
 from tricycle_core import __version__
 from tricycle_core.errors import BagError
 from tricycle_core.nodes import NotTheExecutors, declare, overridable, run_node
+from tricycle_core.stamps import nanoseconds_of
 
 DISCOVERY_PERIOD = 0.1  # s
 FLUSH_PERIOD = 0.5  # s; a killed recorder loses what came since the last flush
@@ -34,8 +34,8 @@ DIAGNOSTICS_PERIOD = 1.0  # s
 DRAIN = 1000  # messages taken in one callback, so that services are answered in a flood
 CLOCK_DEPTH = 10_000  # ticks that wait for the next message
 TOPICS = [
-    *("maneuver/*", "odom", "imu", "joint_states", "joint_commands", "battery_state"),
-    "/diagnostics",
+    *("maneuver/*", "vehicle/state", "odom", "imu", "joint_states", "joint_commands"),
+    *("battery_state", "/diagnostics"),
 ]
 
 
@@ -221,8 +221,9 @@ class TrajectoryRecorder(Node):
                 if taken is None:
                     break
                 message, info = taken
-                time = Time.from_msg(message.clock).nanoseconds
-                self._receipts.tick(info["received_timestamp"], time)
+                if message.clock.sec >= 0:
+                    time = nanoseconds_of(message.clock)
+                    self._receipts.tick(info["received_timestamp"], time)
         return self._receipts.at(received)
 
     def _on_failure(self, failure: str) -> None:

@@ -1,6 +1,6 @@
 """Arming both boards: what must hold before, and the sequence of operations.
 
-Times are seconds on the host's (ROS) clock.
+Times are seconds on the bridge's clock.
 """
 
 from __future__ import annotations
@@ -11,9 +11,20 @@ from typing import NamedTuple
 from tricycle_bridge.command_stream import VehicleCommand
 from tricycle_bridge.link import DEGRADED_AGE, PlcLink
 from tricycle_bridge.operations import OperationOutcome
-from tricycle_bridge.protocol.limits import ARMING_COMMANDS
-from tricycle_bridge.protocol.messages import Board, Fault, Op, PlcState, Result, StateFlag
-from tricycle_bridge.protocol.readable import fault_names, state_name
+from tricycle_bridge.protocol.limits import ARMING_COMMANDS, ARMING_SPEED
+from tricycle_bridge.protocol.messages import (
+    SPEED_UNIT,
+    VOLTAGE_UNIT,
+    Board,
+    DriveState,
+    Fault,
+    Op,
+    PlcState,
+    Result,
+    StateFlag,
+)
+from tricycle_bridge.protocol.readable import state_and_faults
+from tricycle_bridge.settings import UNCHECKED_SUPPLY
 
 ARMING_PATIENCE = 2.0
 """Time for the whole sequence [s]."""
@@ -55,9 +66,13 @@ def arming_refusal(
     for board, link in links.items():
         if reason := _link_refusal(link, now, enabled=enabled):
             return f"{board.plc_name}: {reason}"
-    if command is None:
-        return "no command stream"
-    if command.speed != 0.0:
+    for link in links.values():
+        if reason := supply_problem(link) or _setup_refusal(link):
+            return reason
+    speed = measured_speed(links[Board.DRIVE], now)
+    if speed is not None and abs(speed) >= ARMING_SPEED:
+        return f"the vehicle moves at {speed:.2f} m/s"
+    if command is not None and command.speed != 0.0:
         return f"commanded speed is {command.speed:.2f} m/s, must be 0"
     return None
 
@@ -72,7 +87,52 @@ def _link_refusal(link: PlcLink, now: float, *, enabled: bool) -> str | None:
     state = link.telemetry.state
     if state == PlcState.STOPPING or (state == PlcState.ARMED and not enabled):
         return "still stopping"
+    if link.telemetry.flags & StateFlag.HOLDING and state != PlcState.ARMED:
+        return "still holds its angle until the vehicle is measured at rest"
     return None
+
+
+def _setup_refusal(link: PlcLink) -> str | None:
+    """A board in ESTOP or FAULT takes its set-up only after CLEAR, which arming sends."""
+    if link.set_up or (link.plc_state != PlcState.SAFE and link.problem is None):
+        return None
+    return link.problem or f"{link.board.plc_name} is not set up yet"
+
+
+def supply_problem(link: PlcLink) -> str | None:
+    """Return how the supply of a board is outside its thresholds; None if it is inside.
+
+    Parameters
+    ----------
+    link : PlcLink
+        Link to the board.
+    """
+    if link.telemetry is None or link.limits is None:
+        return None
+    supply = link.telemetry.supply * VOLTAGE_UNIT
+    low, high = (v * VOLTAGE_UNIT for v in (link.limits.supply_low, link.limits.supply_high))
+    if low <= supply and (supply <= high or not high) and not link.telemetry.faults & Fault.SUPPLY:
+        return None
+    thresholds = [f"at least {low:.1f} V"] if low else []
+    thresholds += [f"at most {high:.1f} V"] if 0.0 < high < UNCHECKED_SUPPLY else []
+    must = f", must be {' and '.join(thresholds)}" if thresholds else ""
+    return f"{link.board.plc_name}: supply is {supply:.1f} V{must}"
+
+
+def measured_speed(drive: PlcLink, now: float) -> float | None:
+    """Return the speed that the drive PLC measures [m/s]; None without fresh telemetry.
+
+    Parameters
+    ----------
+    drive : PlcLink
+        Link to the drive PLC.
+    now : float
+        Present time [s].
+    """
+    state = drive.telemetry
+    if not isinstance(state, DriveState) or drive.telemetry_age(now) > DEGRADED_AGE:
+        return None
+    return state.speed * SPEED_UNIT
 
 
 def board_condition(link: PlcLink) -> str:
@@ -85,13 +145,14 @@ def board_condition(link: PlcLink) -> str:
     """
     if link.telemetry is None:
         return f"{link.board.plc_name} is lost"
-    faults = fault_names(link.telemetry.faults & ~Fault.LIMIT)
-    state = state_name(link.telemetry.state)
-    return f"{link.board.plc_name} is {state}" + (f" ({faults})" if faults else "")
+    faults = link.telemetry.faults & ~Fault.LIMIT
+    return f"{link.board.plc_name} is {state_and_faults(link.telemetry.state, faults)}"
 
 
 class ArmingSequence:
     """One request of the operator: CLEAR to both boards, a row of enabled commands, ARM to both.
+
+    A board that was in ESTOP or FAULT is set up between CLEAR and ARM.
 
     The owner passes on what happens, and after each call looks at `failure` and `complete`.
 
@@ -123,7 +184,9 @@ class ArmingSequence:
 
     def count_command(self) -> None:
         """Note that an enabled command was sent to both boards."""
-        self._commands += 1
+        # a board that takes its set-up begins to count anew
+        set_up = all(link.set_up for link in self._links.values())
+        self._commands = self._commands + 1 if set_up else 0
 
     def take_outcome(self, board: Board, outcome: OperationOutcome) -> None:
         """Take a board's answer to CLEAR or ARM.
@@ -146,23 +209,20 @@ class ArmingSequence:
         else:
             self._armed.add(board)
 
-    def advance(self, now: float, *, commanded: bool) -> None:
-        """Do the next step if it is due.
-
-        Parameters
-        ----------
-        now : float
-            Present time [s].
-        commanded : bool
-            Whether the commander's newest command is fresh.
-        """
-        if not commanded:
-            self.failure = "no command stream"
-        elif now > self._deadline:
+    def advance(self, now: float) -> None:
+        """Do the next step if it is due at a time [s]."""
+        if now > self._deadline:
+            waiting = [link for link in self._links.values() if not link.set_up]
             self.failure = "the PLCs did not arm in time"
+            if waiting and not self._arm_sent:
+                self.failure = _setup_refusal(waiting[0]) or board_condition(waiting[0])
         elif not self._arm_sent:
             # one command more than needed, in case the last one before ARM is damaged
-            if len(self._cleared) == len(self._links) and self._commands > ARMING_COMMANDS:
+            if (
+                len(self._cleared) == len(self._links)
+                and self._commands > ARMING_COMMANDS
+                and all(link.set_up for link in self._links.values())
+            ):
                 self._arm_sent = True
                 self._operate(Op.ARM, now)
         elif len(self._armed) == len(self._links):

@@ -1,7 +1,7 @@
 """The bridge between vehicle commands in SI units and two by-wire links; no port, no ROS inside.
 
 `Bridge` forwards commands, arms and stops both boards, and stops one board when the other is lost.
-Times are seconds on the host's (ROS) clock.
+Times are seconds on one clock of the owner, which is never set while the bridge is used.
 """
 
 from __future__ import annotations
@@ -16,15 +16,42 @@ from tricycle_bridge.arming import (
     ArmingSequence,
     arming_refusal,
     board_condition,
+    measured_speed,
 )
-from tricycle_bridge.board_commands import drive_command, steer_command, stop_command
-from tricycle_bridge.command_stream import JITTER, CommandStream, Source, VehicleCommand
+from tricycle_bridge.board_commands import (
+    board_setup,
+    drive_command,
+    steer_command,
+    stop_command,
+)
+from tricycle_bridge.command_messages import limit_refusal
+from tricycle_bridge.command_stream import (
+    JITTER,
+    Commander,
+    CommandStream,
+    Source,
+    VehicleCommand,
+)
 from tricycle_bridge.joint_pairing import JointPairing, JointReadings, joint_reading
 from tricycle_bridge.link import LinkEvent, LinkEventKind, LinkState, PlcLink
+from tricycle_bridge.odometry_watch import OdometryWatch
 from tricycle_bridge.operations import OperationOutcome
-from tricycle_bridge.protocol.messages import Board, CommandFlag, Gear, Op, PlcState, Result
+from tricycle_bridge.protocol.boards import AT_REST
+from tricycle_bridge.protocol.limits import ARMING_SPEED
+from tricycle_bridge.protocol.messages import (
+    ANGLE_UNIT,
+    Board,
+    CommandFlag,
+    Gear,
+    Op,
+    PlcState,
+    Result,
+    StateFlag,
+    SteerState,
+)
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
+from tricycle_core.readiness import Readiness
 
 BOARDS = (Board.STEER, Board.DRIVE)
 
@@ -47,13 +74,14 @@ class LogEntry(NamedTuple):
 class Bridge:
     """Two links driven as one vehicle.
 
-    Feed it with `set_command`, `receive` and `poll`; write what `take_frames` returns, publish what
-    `take_readings` returns, log what `take_log` returns.
+    Feed it with `set_command`, `set_odometry`, `receive` and `poll`; write what `take_frames`
+    returns, publish what `take_readings` returns, log what `take_log` returns.
 
     Parameters
     ----------
     settings : BridgeSettings
-        Rates, limits and the tyre; may be replaced at any time.
+        Rates, and the vehicle that the boards are set up for. The attribute may be replaced at any
+        time, for commands; what the boards are set up for stays.
     rng : random.Random
         Source of sessions and nonces.
     boot_wait : float
@@ -65,21 +93,31 @@ class Bridge:
         The two links.
     commands : CommandStream
         The commanders' messages.
+    odometry : OdometryWatch
+        Compares the wheel's speed with odometry.
     active : bool
         Whether commands are forwarded (lifecycle).
+    stopped_by : str
+        Why the vehicle was last stopped; empty since the last request to arm.
     """
 
     def __init__(
         self, settings: BridgeSettings, *, rng: random.Random, boot_wait: float = 0.0
     ) -> None:
+        self.links = {
+            board: PlcLink(board, rng=rng, boot_wait=boot_wait, setup=board_setup(board, settings))
+            for board in BOARDS
+        }
         self.settings = settings
-        self.links = {board: PlcLink(board, rng=rng, boot_wait=boot_wait) for board in BOARDS}
         self.commands = CommandStream()
+        self.odometry = OdometryWatch()
         self.active = False
+        self.stopped_by = ""
         self._enabled = False  # commands are sent with the enable flag
         self._estopped = False  # the operator's e-stop, until the next request to arm
         self._stop_sent_at = -math.inf
         self._gear = Gear.DRIVE
+        self._angle = 0.0  # rad, of the last command that was sent
         self._arming: ArmingSequence | None = None
         self._arming_done: Callable[[ArmingOutcome], None] = lambda _: None
         self._log: list[LogEntry] = []
@@ -110,6 +148,25 @@ class Bridge:
         if not self.active:
             return "the bridge is not active"
         return arming_refusal(self.links, self.commands.newest(now), now, enabled=self._enabled)
+
+    def readiness(self, now: float) -> Readiness:
+        """Return whether the vehicle accepts commands, and whose, at a time [s]."""
+        commander = self.commands.commander
+        name = "" if commander is None else commander.name or commander.source.value
+        if self.armed and self._enabled and self._arming is None:
+            return Readiness(True, commander=name)
+        reason = self.refusal(now) or "waiting for the operator"
+        if self.stopped_by:
+            reason += f"; stopped: {self.stopped_by}"
+        return Readiness(False, reason, name)
+
+    def resting_angle(self) -> float:
+        """Return the steering angle for standstill [rad]: the measured one until it is armed."""
+        telemetry = self.links[Board.STEER].telemetry
+        if self._enabled or not isinstance(telemetry, SteerState):
+            return self._angle
+        largest = self.settings.max_steering_angle
+        return min(max(telemetry.angle * ANGLE_UNIT, -largest), largest)
 
     # ---- what the owner does ----
 
@@ -142,30 +199,85 @@ class Bridge:
             self._warn(f"{board.plc_name}: {reason}")
 
     def set_command(
-        self, command: VehicleCommand, *, stamp: float, now: float, source: Source
+        self,
+        command: VehicleCommand,
+        *,
+        stamp: float,
+        now: float,
+        source: Source,
+        name: str = "",
     ) -> str | None:
         """Take a commander's message and send it on when it is due.
 
         Parameters
         ----------
         command : VehicleCommand
-            What is wanted; values outside the vehicle's limits are limited.
+            What is wanted; beyond the vehicle's limits it counts as standstill.
         stamp : float
             Time at which it was wanted [s].
         now : float
             Time of arrival [s].
         source : Source
             Topic on which it came.
+        name : str
+            Name that the commander gives itself.
 
         Returns
         -------
         refusal : str or None
             Why it is refused; None if it was taken.
         """
-        refusal = self.commands.add(command, stamp=stamp, now=now, source=source)
+        if (reason := limit_refusal(command, self.settings)) is not None:
+            return self.refuse_command(reason, stamp=stamp, now=now, source=source, name=name)
+        commander = Commander(source, name)
+        refusal = self.commands.add(command, stamp=stamp, now=now, commander=commander)
         if refusal is None:
             self._send_commands(now)
         return refusal
+
+    def refuse_command(
+        self, reason: str, *, stamp: float, now: float, source: Source, name: str = ""
+    ) -> str:
+        """Take a message that cannot be obeyed as the commander's wish to stand still.
+
+        Parameters
+        ----------
+        reason : str
+            What is wrong with it.
+        stamp, now : float
+            Time at which it was sent, time of arrival [s].
+        source : Source
+            Topic on which it came.
+        name : str
+            Name that the commander gives itself.
+
+        Returns
+        -------
+        refusal : str
+            Why it is refused, by whom it came.
+        """
+        commander = Commander(source, name)
+        standstill = VehicleCommand(self.resting_angle(), 0.0)
+        refusal = self.commands.add(standstill, stamp=stamp, now=now, commander=commander)
+        if refusal is not None:
+            return refusal
+        counters = self.commands.counters
+        counters.accepted -= 1
+        counters.refused += 1
+        self._send_commands(now)
+        return f"{commander} is refused: {reason}; the vehicle is to stand still"
+
+    def set_odometry(self, speed: float, now: float) -> None:
+        """Take a speed of odometry, to compare the wheel's with it.
+
+        Parameters
+        ----------
+        speed : float
+            Speed [m/s], forward positive.
+        now : float
+            Time of arrival [s].
+        """
+        self.odometry.add_odometry(speed, now)
 
     def receive(self, board: Board, data: bytes, now: float) -> None:
         """Take bytes from a port.
@@ -186,10 +298,13 @@ class Bridge:
         for board, link in self.links.items():
             self._take_events(board, link.poll(now))
         self._check_boards_agree()
+        self.odometry.compare(measured_speed(self.links[Board.DRIVE], now), now)
+        if self._enabled and self.odometry.problem is not None:
+            self._withdraw(self.odometry.problem)
         self._send_commands(now)
         self._send_stop(now)
         if self._arming is not None:
-            self._arming.advance(now, commanded=self.commands.newest(now) is not None)
+            self._arming.advance(now)
             self._finish_arming()
 
     def arm(self, now: float, done: Callable[[ArmingOutcome], None]) -> None:
@@ -209,9 +324,36 @@ class Bridge:
         elif (reason := self.refusal(now)) is not None:
             done(ArmingOutcome(False, f"not armed: {reason}"))
         else:
+            self._angle = self.resting_angle()
             self._enabled = True
             self._estopped = False
+            self.stopped_by = ""
             self._arming, self._arming_done = ArmingSequence(self.links, now), done
+
+    def release(self, now: float) -> tuple[bool, str]:
+        """Let another commander take over a vehicle that stands still.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+
+        Returns
+        -------
+        done : bool
+            Whether it was released.
+        text : str
+            Text for the operator.
+        """
+        commander = self.commands.commander
+        if commander is None:
+            return True, "nobody commands the vehicle"
+        speed = measured_speed(self.links[Board.DRIVE], now)
+        if speed is None or abs(speed) >= ARMING_SPEED:
+            motion = "at an unknown speed" if speed is None else f"at {speed:.2f} m/s"
+            return False, f"not released: the vehicle moves {motion} for {commander}"
+        self.commands.release(now)
+        return True, f"released by {commander}"
 
     def disarm(self, now: float) -> str:
         """Disarm both boards at once (outputs off, brake on); return a text for the operator."""
@@ -254,36 +396,65 @@ class Bridge:
         if not self.active:
             return
         command = self.commands.due(
-            now, repeat_rate=self.settings.command_rate, enabled=self._enabled
+            now,
+            repeat_rate=self.settings.command_rate,
+            enabled=self._enabled,
+            standstill=self._standstill(now),
         )
         if command is None:
             return
         flags = (CommandFlag.ENABLE if self._enabled else 0) | (
             CommandFlag.ESTOP if self._estopped else 0
         )
+        steer = steer_command(command, self.settings, flags | self._standstill_flag(now))
         drive = drive_command(command, self.settings, flags, self._gear)
-        self._gear = Gear(drive.gear)
+        self._angle, self._gear = command.steering_motor_angle, Gear(drive.gear)
         sent = [
-            self.links[Board.STEER].send_command(steer_command(command, self.settings, flags)),
+            self.links[Board.STEER].send_command(steer),
             self.links[Board.DRIVE].send_command(drive),
         ]
         if self._arming is not None and all(sent):
             self._arming.count_command()
 
+    def _standstill(self, now: float) -> VehicleCommand | None:
+        """What is sent while no commander's command is fresh.
+
+        Nothing where somebody has commanded the armed vehicle, so that the boards stop it; unless
+        it has come to rest by the commander's last command already.
+        """
+        last = self.commands.last
+        if self._enabled and self.commands.commander is not None:
+            stopped = last is not None and last.speed == 0.0 and self._standstill_flag(now)
+            if not stopped:
+                return None
+        return VehicleCommand(self.resting_angle(), 0.0)
+
+    def _standstill_flag(self, now: float) -> int:
+        """STANDSTILL where the vehicle is measured at rest: the steering may let go then."""
+        speed = measured_speed(self.links[Board.DRIVE], now)
+        return CommandFlag.STANDSTILL if speed is not None and abs(speed) < AT_REST else 0
+
     def _send_stop(self, now: float) -> None:
-        """Send a command that is not enabled to a board that is armed against the operator."""
-        if self._enabled or now - self._stop_sent_at < 1.0 / self.settings.command_rate - JITTER:
+        """While commands are not forwarded, tell boards that are not at rest yet to stop."""
+        period = 1.0 / self.settings.command_rate - JITTER
+        if self.active or self._enabled or now - self._stop_sent_at < period:
             return
         for link in self.links.values():
-            if link.plc_state == PlcState.ARMED and link.telemetry is not None:
-                link.send_command(stop_command(link.telemetry))
+            telemetry = link.telemetry
+            if telemetry is not None and (
+                telemetry.state in (PlcState.ARMED, PlcState.STOPPING)
+                or telemetry.flags & StateFlag.HOLDING
+            ):
+                link.send_command(stop_command(telemetry, self._standstill_flag(now)))
                 self._stop_sent_at = now
 
     def _withdraw(self, reason: str) -> None:
         """Send no enabled command any more until the operator's next ARM."""
         if self._enabled:
             self._warn(f"stopped: {reason}")
+            self.stopped_by = reason
         self._enabled = False
+        self.commands.unlock()
         self._stop_sent_at = -math.inf
         self._end_arming(ArmingOutcome(False, f"not armed: {reason}"))
 
@@ -302,6 +473,7 @@ class Bridge:
         if self._arming.failure is not None:
             self._withdraw(self._arming.failure)
         elif self._arming.complete:
+            self.commands.lock()
             self._end_arming(ArmingOutcome(True, "armed"))
 
     def _end_arming(self, outcome: ArmingOutcome) -> None:
@@ -332,6 +504,8 @@ class Bridge:
                     self._log.append(LogEntry(Level.OK, event.text))
                 case LinkEventKind.SILENT | LinkEventKind.REFUSED:
                     self._warn(f"{board.plc_name}: {event.text}")
+                case LinkEventKind.SETUP_FAILED:
+                    self._warn(event.text)
                 case LinkEventKind.LOST | LinkEventKind.REBOOTED:
                     self._warn(event.text)
                     self._withdraw(event.text)

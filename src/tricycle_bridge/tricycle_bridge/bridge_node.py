@@ -15,27 +15,32 @@ import dataclasses
 import math
 import random
 import threading
+import time
+from collections.abc import Callable
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import TwistStamped
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import INPUT_AGE, Source, VehicleCommand
+from tricycle_bridge.command_messages import joint_command, twist_command
+from tricycle_bridge.command_stream import INPUT_LEAD, Source, VehicleCommand
 from tricycle_bridge.command_thread import CommandThread
-from tricycle_bridge.diagnosis import diagnose
+from tricycle_bridge.diagnosis import diagnose, vehicle_problem
+from tricycle_bridge.host_clock import HostClock
 from tricycle_bridge.joint_pairing import JointReadings
-from tricycle_bridge.kinematics import steering_motor_angle
 from tricycle_bridge.link import LinkState
 from tricycle_bridge.protocol.messages import (
     BAUD,
@@ -48,14 +53,23 @@ from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
-from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
-from tricycle_core.nodes import declare, overridable, run_node, time_message
+from tricycle_core.nodes import LATCHED, declare, overridable, run_node, time_message
+from tricycle_core.readiness import PERIOD, TOPIC, Readiness
 from tricycle_core.stamps import seconds_of
 
 POLL_PERIOD = 0.05  # s, wall time, between actions while neither a PLC nor a commander sends
 REPORT_PERIOD = 1.0  # s between diagnostics and battery states
+# act at once, up to the value with which the bridge was configured
+LOWERED_PARAMETERS = ("max_steering_angle", "max_steering_rate", "max_speed", "max_acceleration")
 # may be set only while the bridge is not configured; the others act at once
-CONFIGURED_PARAMETERS = ("steer_port", "drive_port", "baud", "boot_wait", "tyre_radius")
+CONFIGURED_PARAMETERS = (
+    *("steer_port", "drive_port", "baud", "boot_wait"),
+    *(
+        field.name
+        for field in dataclasses.fields(BridgeSettings)
+        if field.name not in ("command_rate", *LOWERED_PARAMETERS)
+    ),
+)
 
 
 class BridgeNode(LifecycleNode):
@@ -68,31 +82,44 @@ class BridgeNode(LifecycleNode):
         self._bridge: Bridge | None = None
         self._ports: SerialPorts | None = None
         self._arm_when_ready = False
+        self._configured = BridgeSettings()  # when it was configured last
         self._last_now = 0.0
         self._reported_at = -math.inf
-        self._twist_angle = 0.0  # rad, of the last cmd_vel with a speed
+        self._stated: DiagnosticStatus | None = None  # newest on vehicle/state
+        self._stated_at = -math.inf
 
         # Default event handlers would double what the executor waits for, and so its CPU time.
-        def publisher(kind: type, topic: str) -> Any:
+        def publisher(kind: type, topic: str, qos: QoSProfile | int = 10) -> Any:
             silent = PublisherEventCallbacks(use_default_callbacks=False)
-            return self.create_publisher(kind, topic, **overridable(10), event_callbacks=silent)
+            return self.create_publisher(kind, topic, **overridable(qos), event_callbacks=silent)
 
         self._joint_states = publisher(JointState, "joint_states")
         self._battery_state = publisher(BatteryState, "battery_state")
         self._diagnostics = publisher(DiagnosticArray, "/diagnostics")
+        self._vehicle_state = publisher(DiagnosticStatus, TOPIC, LATCHED)
         simulated = self.get_parameter("use_sim_time").value
+        # of the computer's clock, which may be set while the vehicle moves, only stamps depend
+        self._host_clock = None if simulated else HostClock(self._ros_now(), time.monotonic())
         self._commands = None if simulated else CommandThread(self)
         group = self._commands.group if self._commands else None
-        for kind, topic, callback in (
-            (JointState, "joint_commands", self._on_joint_commands),
-            (TwistStamped, "cmd_vel", self._on_cmd_vel),
+        stamped = self.get_parameter("cmd_vel_stamped").value
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # of any publisher
+        for kind, topic, callback, qos in (
+            # only the newest: an older one is of no use
+            (JointState, "joint_commands", self._on_joint_commands, 1),
+            (TwistStamped, "cmd_vel", self._on_twist_stamped, 1)
+            if stamped
+            else (Twist, "cmd_vel", self._on_twist, 1),
+            (Odometry, "odom", self._on_odometry, newest),
         ):
-            # only the newest: an older command is of no use
-            self.create_subscription(kind, topic, callback, **overridable(1), callback_group=group)
+            self.create_subscription(
+                kind, topic, callback, **overridable(qos), callback_group=group
+            )
         # It awaits the boards, so it must not block the node's other callbacks.
         waiting = ReentrantCallbackGroup()
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
+        self.create_service(Trigger, "~/release", self._on_release)
         self._on_serial = (
             self.create_guard_condition(self._step).trigger if simulated else self._step
         )
@@ -100,7 +127,7 @@ class BridgeNode(LifecycleNode):
         self.create_timer(POLL_PERIOD, self._on_timer, clock=steady)
 
         if self.get_parameter("autostart").value:
-            if problem := self._port_problem():
+            if problem := self._mistake():
                 raise LinkError(problem)
             self.trigger_configure()
             self.trigger_activate()
@@ -111,7 +138,8 @@ class BridgeNode(LifecycleNode):
         def add(
             name: str, default: Any, description: str, span: tuple[float, float] | None = None
         ) -> None:
-            declare(self, name, default, description, span, read_only=name == "autostart")
+            at_start = name in ("autostart", "cmd_vel_stamped")
+            declare(self, name, default, description, span, read_only=at_start)
 
         add("steer_port", "/dev/tricycle_steer", "serial device of the steer PLC")
         add("drive_port", "/dev/tricycle_drive", "serial device of the drive PLC")
@@ -122,6 +150,7 @@ class BridgeNode(LifecycleNode):
             add(field.name, field.default, about["description"], about["range"])
         add("wheelbase", 1.443, "m, for cmd_vel", (0.1, 10.0))
         add("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", (0.0, 1.0))
+        add("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist")
         add("autostart", True, "configure and activate at start, without a lifecycle manager")
         add("arm_on_activate", False, "arm once, when every precondition holds")
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -129,12 +158,21 @@ class BridgeNode(LifecycleNode):
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Refuse a change that would only act at the next configure."""
+        if self._bridge is None:
+            return SetParametersResult(successful=True)
         for parameter in parameters:
-            name = parameter.name
-            if name not in CONFIGURED_PARAMETERS or self._bridge is None:
-                continue
-            if parameter.value != self.get_parameter(name).value:
-                reason = f"{name} is read when the bridge is configured: clean it up first"
+            name, reason = parameter.name, ""
+            if name in CONFIGURED_PARAMETERS:
+                if parameter.value != self.get_parameter(name).value:
+                    reason = f"{name} is read when the bridge is configured: clean it up first"
+            elif name in LOWERED_PARAMETERS:
+                largest = getattr(self._configured, name)
+                if parameter.value > largest:
+                    reason = (
+                        f"{name} = {parameter.value:g} is above {largest:g}, for which the boards "
+                        "are set up: clean the bridge up first"
+                    )
+            if reason:
                 return SetParametersResult(successful=False, reason=reason)
         return SetParametersResult(successful=True)
 
@@ -150,23 +188,30 @@ class BridgeNode(LifecycleNode):
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Open both ports and begin the handshakes; both are retried until they succeed."""
-        if problem := self._port_problem():
+        if problem := self._mistake():
             self.get_logger().error(problem)
             return TransitionCallbackReturn.FAILURE
         steer, drive, baud, boot_wait = (
             self.get_parameter(name).value
             for name in ("steer_port", "drive_port", "baud", "boot_wait")
         )
-        self._bridge = Bridge(self._settings(), rng=random.SystemRandom(), boot_wait=boot_wait)
+        self._configured = self._settings()
+        self._bridge = Bridge(self._configured, rng=random.SystemRandom(), boot_wait=boot_wait)
         self._ports = SerialPorts(
             {Board.STEER: steer, Board.DRIVE: drive}, self._on_serial, baud=baud
         )
         return TransitionCallbackReturn.SUCCESS
 
-    def _port_problem(self) -> str | None:
-        """Return what is wrong with the ports' parameters, if anything."""
+    def _mistake(self) -> str | None:
+        """Return what is wrong with the parameters, if anything."""
         steer, drive = (self.get_parameter(f"{b}_port").value for b in ("steer", "drive"))
-        return f"steer_port and drive_port are both {steer}" if steer == drive else None
+        if steer == drive:
+            return f"steer_port and drive_port are both {steer}"
+        try:
+            self._settings()
+        except LinkError as error:
+            return str(error)
+        return None
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Forward commands; arm only if the parameter `arm_on_activate` is set."""
@@ -207,6 +252,7 @@ class BridgeNode(LifecycleNode):
             if self._bridge is not None:
                 self._bridge.stop("the bridge ends")
                 self._step()
+                self._state(Readiness(False, "the bridge has ended"), Level.WARN, self._now())
             ports = self._ports
             self._ports = self._bridge = None
         if ports is not None:
@@ -214,13 +260,34 @@ class BridgeNode(LifecycleNode):
 
     # ---- the loop: after serial data, after a command, and every 50 ms ----
 
-    def _now(self) -> float:
+    def _ros_now(self) -> float:
         return float(self.get_clock().now().nanoseconds * 1e-9)
+
+    def _now(self) -> float:
+        """Time on the bridge's clock: the simulation's, otherwise one that nobody sets."""
+        return self._ros_now() if self._host_clock is None else time.monotonic()
+
+    def _stamp(self, time_of_bridge: float) -> Time:
+        clock = self._host_clock
+        return time_message(time_of_bridge if clock is None else clock.to_ros(time_of_bridge))
+
+    def _time_of(self, stamp: Time, now: float) -> float:
+        """Time of a stamp on the bridge's clock; 0 without a stamp."""
+        wanted = seconds_of(stamp)
+        if self._host_clock is None or wanted == 0.0:
+            return wanted
+        return now - (self._ros_now() - wanted)
 
     def _on_timer(self) -> None:
         for name, thread in (("serial ports", self._ports), ("commands", self._commands)):
             if thread is not None and not thread.alive:
                 raise RuntimeError(f"the thread of the {name} died")
+        if self._host_clock is not None:
+            step = self._host_clock.find_step(self._ros_now(), time.monotonic())
+            if step is not None:
+                self.get_logger().warning(
+                    f"this computer's clock was set by {step:+.3f} s; the bridge goes on"
+                )
         self._step()
 
     def _step(self) -> None:
@@ -252,10 +319,10 @@ class BridgeNode(LifecycleNode):
             if frames:
                 bridge.links[board].counters.write_drops += ports.write(board, frames)
         for board, link in bridge.links.items():
-            if link.state is not LinkState.CLOSED and link.wants_reopen(now):
+            if link.state is not LinkState.CLOSED and link.wants_reopen:
                 ports.reopen(board, link.down_reason)
         for readings in bridge.take_readings():
-            self._joint_states.publish(_joint_state(readings))
+            self._joint_states.publish(_joint_state(readings, self._stamp(readings.stamp)))
         log = bridge.take_log()
         for level, text in log:
             # rclpy allows one severity per line of code
@@ -263,15 +330,31 @@ class BridgeNode(LifecycleNode):
                 self.get_logger().warning(text)
             else:
                 self.get_logger().info(text)
+        problem = vehicle_problem(bridge, now)
+        readiness = bridge.readiness(now)
+        level = Level.OK if readiness.armed else Level.WARN
+        self._state(readiness, level if problem is None else Level.ERROR, now, problem or "")
         if log or now - self._reported_at >= REPORT_PERIOD:
             self._reported_at = now
             self._report(bridge, now)
 
+    def _state(self, readiness: Readiness, level: Level, now: float, problem: str = "") -> None:
+        """Publish vehicle/state when it has changed, and before `PERIOD` is over."""
+        text = problem or ("armed" if readiness.armed else f"not armed: {readiness.reason}")
+        status = DiagnosticStatus(
+            level=bytes([level]), name="tricycle_bridge: vehicle", message=text
+        )
+        status.values = [KeyValue(key=k, value=v) for k, v in readiness.values().items()]
+        if status != self._stated or not 0.0 <= now - self._stated_at < PERIOD - POLL_PERIOD:
+            self._stated, self._stated_at = status, now
+            self._vehicle_state.publish(status)
+
     def _report(self, bridge: Bridge, now: float) -> None:
-        stamp = time_message(now)
+        stamp = self._stamp(now)
+        publishers = {source: self.count_publishers(source.value) for source in Source}
         array = DiagnosticArray()
         array.header.stamp = stamp
-        for diagnosis in diagnose(bridge, now):
+        for diagnosis in diagnose(bridge, now, publishers):
             status = DiagnosticStatus(
                 level=bytes([diagnosis.level]), name=diagnosis.name, message=diagnosis.message
             )
@@ -297,56 +380,65 @@ class BridgeNode(LifecycleNode):
     # ---- commanders ----
 
     def _on_joint_commands(self, message: JointState) -> None:
-        try:
-            angle = message.position[message.name.index(STEERING_JOINT)]
-            wheel_rate = message.velocity[message.name.index(REAR_WHEEL_JOINT)]
-        except (ValueError, IndexError):
-            self._refuse(
-                f"joint_commands must give position and velocity of {STEERING_JOINT} and "
-                f"{REAR_WHEEL_JOINT}"
-            )
-            return
-        bridge = self._bridge  # another thread may clean it up
-        if bridge is not None:
-            speed = wheel_rate * bridge.settings.tyre_radius
-            self._command(angle, speed, message.header.stamp, Source.JOINT_COMMANDS)
+        def command(bridge: Bridge) -> VehicleCommand:
+            radius = bridge.settings.tyre_radius
+            return joint_command(message.name, message.position, message.velocity, radius)
 
-    def _on_cmd_vel(self, message: TwistStamped) -> None:
-        speed, turn_rate = message.twist.linear.x, message.twist.angular.z
-        if speed != 0.0 and math.isfinite(speed) and math.isfinite(turn_rate):
-            self._twist_angle = steering_motor_angle(
-                speed,
-                turn_rate,
+        stamp, name = message.header.stamp, message.header.frame_id
+        self._command(command, stamp, Source.JOINT_COMMANDS, name)
+
+    def _on_twist_stamped(self, message: TwistStamped) -> None:
+        self._on_twist(message.twist, message.header.stamp)
+
+    def _on_twist(self, twist: Twist, stamp: Time | None = None) -> None:
+        def command(bridge: Bridge) -> VehicleCommand:
+            return twist_command(
+                twist.linear.x,
+                twist.angular.z,
+                bridge.settings,
+                resting_angle=bridge.resting_angle(),
                 wheelbase=self.get_parameter("wheelbase").value,
                 caster_angle=self.get_parameter("caster_angle").value,
             )
-        self._command(self._twist_angle, speed, message.header.stamp, Source.CMD_VEL)
 
-    def _command(self, angle: float, speed: float, stamp: Time, source: Source) -> None:
-        try:
-            command = VehicleCommand(angle, speed)
-        except LinkError as error:
-            self._refuse(f"{source.value}: {error}")
-            return
+        self._command(command, stamp, Source.CMD_VEL)
+
+    def _command(
+        self,
+        make: Callable[[Bridge], VehicleCommand],
+        stamp: Time | None,
+        source: Source,
+        name: str = "",
+    ) -> None:
+        """Hand a message to the bridge; without a stamp it is of now."""
         with self._lock:
             bridge, ports = self._bridge, self._ports
             if bridge is None or ports is None or not bridge.active:
                 return
             self._step()  # the echo must be of the newest telemetry
-            wanted = seconds_of(stamp)
             now = self._now()
-            if now < wanted < now + INPUT_AGE:
+            wanted = now if stamp is None else self._time_of(stamp, now)
+            if self._host_clock is None and now < wanted <= now + INPUT_LEAD:
                 now = wanted  # the tick of /clock at which the message was made has not come yet
-            refusal = bridge.set_command(command, stamp=wanted, now=now, source=source)
+            refusal: str | None
+            try:
+                command = make(bridge)
+            except LinkError as error:
+                refusal = bridge.refuse_command(
+                    str(error), stamp=wanted, now=now, source=source, name=name
+                )
+            else:
+                refusal = bridge.set_command(
+                    command, stamp=wanted, now=now, source=source, name=name
+                )
             self._flush(bridge, ports, now)
         if refusal is not None:
             self._log_throttled(refusal)
 
-    def _refuse(self, reason: str) -> None:
+    def _on_odometry(self, message: Odometry) -> None:
         with self._lock:
             if self._bridge is not None:
-                self._bridge.commands.counters.refused += 1
-        self._log_throttled(reason)
+                self._bridge.set_odometry(message.twist.twist.linear.x, self._now())
 
     def _log_throttled(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=1.0)
@@ -372,6 +464,17 @@ class BridgeNode(LifecycleNode):
                 self._step()
         return response
 
+    def _on_release(
+        self, _request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        if self._bridge is None:
+            response.success, response.message = False, "the bridge is not configured"
+        else:
+            with self._lock:
+                response.success, response.message = self._bridge.release(self._now())
+                self._step()
+        return response
+
     def _on_emergency_stop(
         self, _request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
@@ -386,13 +489,13 @@ class BridgeNode(LifecycleNode):
         return response
 
 
-def _joint_state(readings: JointReadings) -> JointState:
+def _joint_state(readings: JointReadings, stamp: Time) -> JointState:
     message = JointState(
         name=[joint.name for joint in readings.joints],
         position=[joint.position for joint in readings.joints],
         velocity=[joint.velocity for joint in readings.joints],
     )
-    message.header.stamp = time_message(readings.stamp)
+    message.header.stamp = stamp
     return message
 
 

@@ -1,6 +1,6 @@
-"""The commanders' messages: which of them counts, and when a command is due on the links.
+"""The commanders' messages: whose command counts, and when a command is due on the links.
 
-Times are seconds on the host's (ROS) clock.
+Times are seconds on the bridge's clock.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ from tricycle_core.errors import LinkError
 INPUT_AGE = 0.1
 """Largest age of a commander's message [s]; an older one is not forwarded."""
 
+INPUT_LEAD = 0.02
+"""Largest time by which a message may be stamped ahead of its arrival [s]."""
+
 FASTEST_PERIOD = 0.0095
 """Shortest mean time between two commands [s].
 
@@ -23,6 +26,9 @@ add up to a lag that never goes away.
 
 JITTER = 1e-3
 """Time by which an action may be early [s], because the owner acts at discrete times."""
+
+CONFLICT_TIME = 1.0
+"""Time for which a second commander is reported after its last message [s]."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +58,30 @@ class VehicleCommand:
 
 
 class Source(enum.Enum):
-    """Topic of a commander; `joint_commands` take precedence over `cmd_vel`."""
+    """Topic of a commander."""
 
     JOINT_COMMANDS = "joint_commands"
     CMD_VEL = "cmd_vel"
+
+
+@dataclass(frozen=True)
+class Commander:
+    """Who sends commands.
+
+    Attributes
+    ----------
+    source : Source
+        Topic.
+    name : str
+        Name that the commander gives itself; empty if it gives none.
+    """
+
+    source: Source
+    name: str = ""
+
+    def __str__(self) -> str:
+        unnamed = "cmd_vel" if self.source is Source.CMD_VEL else f"unnamed {self.source.value}"
+        return f"{self.source.value} of {self.name}" if self.name else unnamed
 
 
 @dataclass
@@ -67,9 +93,9 @@ class CommandCounters:
     accepted : int
         Messages that were taken.
     stale : int
-        Messages without a stamp, or with one more than `INPUT_AGE` from the time of arrival.
+        Messages without a stamp, older than `INPUT_AGE` or more than `INPUT_LEAD` ahead.
     refused : int
-        Messages that are not finite, lack a joint, or come from a commander without precedence.
+        Messages that ask for what cannot be, or come from a second commander.
     """
 
     accepted: int = 0
@@ -81,21 +107,84 @@ class CommandCounters:
 class _Input:
     command: VehicleCommand
     stamp: float
-    source: Source
+    commander: Commander
+
+
+_Sent = tuple[_Input | None, bool]  # None: standstill of the bridge; with the enable flag or not
 
 
 class CommandStream:
-    """The newest valid message of the commanders, and when it is due to be sent."""
+    """The newest valid message of the commanders, and when it is due to be sent.
+
+    Attributes
+    ----------
+    counters : CommandCounters
+        What happened to the messages.
+    commander : Commander or None
+        Who commands the armed vehicle; only `release` and `unlock` change it.
+    """
 
     def __init__(self) -> None:
         self.counters = CommandCounters()
+        self.commander: Commander | None = None
+        self._locking = False
+        self._released: Commander | None = None
+        self._released_heard_at = -math.inf
+        self._conflict = ""
+        self._conflict_at = -math.inf
         self._newest: _Input | None = None
-        self._sent: tuple[_Input, bool] | None = None
+        self._sent: _Sent | None = None
         self._sent_at = -math.inf
         self._new_allowed_at = -math.inf
 
+    # ---- whose command counts ----
+
+    def lock(self) -> None:
+        """Let whoever commands next be the only commander, because the vehicle is armed."""
+        self._locking = True
+
+    def unlock(self) -> None:
+        """Let everybody command again, because the vehicle is not armed."""
+        self._locking = False
+        self.commander = self._released = None
+
+    def release(self, now: float) -> None:
+        """Let another commander take over; the present one may only after a pause.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        """
+        self._released, self._released_heard_at = self.commander, now
+        self.commander = self._newest = None
+
+    def conflict(self, now: float) -> str | None:
+        """Return which two commanders contradict each other, if any do."""
+        return self._conflict if now - self._conflict_at <= CONFLICT_TIME else None
+
+    def _contradiction(self, commander: Commander, now: float) -> str | None:
+        """Return why a commander may not command; make it the vehicle's if it may."""
+        if not self._locking or commander == self.commander:
+            return None
+        if self.commander is not None:
+            self._conflict = f"{commander} is refused: {self.commander} commands the vehicle"
+            self._conflict_at = now
+            return self._conflict
+        if commander == self._released:
+            pause, self._released_heard_at = now - self._released_heard_at, now
+            if pause <= INPUT_AGE:
+                return (
+                    f"{commander} is refused: it released the vehicle, and may command again "
+                    f"after a pause of {INPUT_AGE} s"
+                )
+        self.commander = commander
+        return None
+
+    # ---- which command counts ----
+
     def add(
-        self, command: VehicleCommand, *, stamp: float, now: float, source: Source
+        self, command: VehicleCommand, *, stamp: float, now: float, commander: Commander
     ) -> str | None:
         """Take a commander's message, or say why it is refused.
 
@@ -107,37 +196,46 @@ class CommandStream:
             Time at which it was wanted [s]; 0 if the message has no stamp.
         now : float
             Time of arrival [s].
-        source : Source
-            Topic on which it came.
+        commander : Commander
+            Who wants it.
 
         Returns
         -------
         refusal : str or None
             Why it is refused; None if it was taken.
         """
-        age = now - stamp
-        if abs(age) > INPUT_AGE:
+        if (refusal := _stamp_refusal(now - stamp)) is not None:
             self.counters.stale += 1
-            if not stamp:
-                return f"{source.value} has no time stamp"
-            return f"{source.value} stamped {age:.2f} s ago, must be within {INPUT_AGE} s"
-        if (
-            source is Source.CMD_VEL
-            and self._is_fresh(now)
-            and self._newest is not None
-            and self._newest.source is Source.JOINT_COMMANDS
-        ):
+            return f"{commander} {'has no time stamp' if not stamp else refusal}"
+        if (refusal := self._contradiction(commander, now)) is not None:
             self.counters.refused += 1
-            return f"{source.value} ignored while {Source.JOINT_COMMANDS.value} are coming"
+            return refusal
         self.counters.accepted += 1
-        self._newest = _Input(command, min(stamp, now), source)
+        self._newest = _Input(command, min(stamp, now), commander)
         return None
 
     def newest(self, now: float) -> VehicleCommand | None:
         """Return the newest command, or None when it is older than `INPUT_AGE`."""
         return self._newest.command if self._newest is not None and self._is_fresh(now) else None
 
-    def due(self, now: float, *, repeat_rate: float, enabled: bool) -> VehicleCommand | None:
+    @property
+    def last(self) -> VehicleCommand | None:
+        """The newest command however old it is."""
+        return None if self._newest is None else self._newest.command
+
+    @property
+    def last_commander(self) -> Commander | None:
+        """Who sent the newest command, however old it is."""
+        return None if self._newest is None else self._newest.commander
+
+    def due(
+        self,
+        now: float,
+        *,
+        repeat_rate: float,
+        enabled: bool,
+        standstill: VehicleCommand | None = None,
+    ) -> VehicleCommand | None:
         """Return the command that is to be sent now, and count it as sent.
 
         A new command, or a change of `enabled`, is due at once, at most 100 times per second.
@@ -150,11 +248,14 @@ class CommandStream:
             Rate at which the same command is sent again [Hz].
         enabled : bool
             Whether it is sent with the enable flag.
+        standstill : VehicleCommand, optional
+            What is sent while no commander's command is fresh.
         """
-        command = self.newest(now)
-        if command is None or self._newest is None:
+        newest = self._newest if self._is_fresh(now) else None
+        command = standstill if newest is None else newest.command
+        if command is None:
             return None
-        if self._sent != (self._newest, enabled):
+        if self._sent != (newest, enabled):
             if now < self._new_allowed_at - JITTER:
                 return None
             # a message that came late does not delay the next one
@@ -162,13 +263,28 @@ class CommandStream:
             self._new_allowed_at = earliest + FASTEST_PERIOD
         elif now < self._sent_at + 1.0 / repeat_rate - JITTER:
             return None
-        self._sent, self._sent_at = (self._newest, enabled), now
+        self._sent, self._sent_at = (newest, enabled), now
         return command
 
     def clear(self) -> None:
         """Forget the commands, after the clock jumped back."""
         self._newest = None
         self._sent_at = self._new_allowed_at = -math.inf
+        self._conflict_at = self._released_heard_at = -math.inf
 
     def _is_fresh(self, now: float) -> bool:
         return self._newest is not None and now - self._newest.stamp <= INPUT_AGE + JITTER
+
+
+def _stamp_refusal(age: float) -> str | None:
+    if age > INPUT_AGE:
+        return (
+            f"is stamped {age:.2f} s ago, must be within {INPUT_AGE} s: "
+            "late, or its computer's clock is behind"
+        )
+    if age < -INPUT_LEAD:
+        return (
+            f"is stamped {-age:.2f} s ahead, must be within {INPUT_LEAD} s: "
+            "its computer's clock is ahead"
+        )
+    return None

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
+from tricycle_bridge.arming import supply_problem
 from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source
 from tricycle_bridge.link import DEGRADED_AGE, LinkState, PlcLink
 from tricycle_bridge.protocol.messages import Fault, PlcState
 from tricycle_bridge.protocol.readable import (
-    fault_names,
     firmware_version,
     readable_fields,
-    state_name,
+    state_and_faults,
 )
 from tricycle_core.diagnostics import Level
 
@@ -53,7 +55,9 @@ class Diagnosis:
     values: dict[str, str]
 
 
-def diagnose(bridge: Bridge, now: float) -> list[Diagnosis]:
+def diagnose(
+    bridge: Bridge, now: float, publishers: Mapping[Source, int] | None = None
+) -> list[Diagnosis]:
     """Return the state of the vehicle and of each link.
 
     Parameters
@@ -61,24 +65,54 @@ def diagnose(bridge: Bridge, now: float) -> list[Diagnosis]:
     bridge : Bridge
         The bridge.
     now : float
-        Present time on the host's clock [s].
+        Present time on the bridge's clock [s].
+    publishers : mapping of Source to int, optional
+        How many publishers the commanders' topics have.
     """
-    return [_diagnose_vehicle(bridge, now)] + [
+    return [_diagnose_vehicle(bridge, now, publishers or {})] + [
         _diagnose_link(link, now) for link in bridge.links.values()
     ]
 
 
-def _diagnose_vehicle(bridge: Bridge, now: float) -> Diagnosis:
+def _diagnose_vehicle(bridge: Bridge, now: float, publishers: Mapping[Source, int]) -> Diagnosis:
+    readiness = bridge.readiness(now)
+    message = "armed" if readiness.armed else f"not armed: {readiness.reason}"
+    level = Level.OK if readiness.armed else Level.WARN
+    if problem := vehicle_problem(bridge, now):
+        level, message = Level.ERROR, f"{message}; {problem}"
+    elif alike := _indistinguishable(bridge, publishers):
+        level, message = Level.WARN, f"{message}; {alike}"
     counters = bridge.commands.counters
+    watched = bridge.odometry.watching(now)
     values = {
+        "commander": readiness.commander,
         "commands accepted": str(counters.accepted),
         "commands too old": str(counters.stale),
         "commands refused": str(counters.refused),
+        "wheel speed against odom": "watched" if watched else "not watched: no odom",
     }
-    if bridge.armed:
-        return Diagnosis("tricycle_bridge: vehicle", Level.OK, "armed", values)
-    reason = bridge.refusal(now) or "waiting for the operator"
-    return Diagnosis("tricycle_bridge: vehicle", Level.WARN, f"not armed: {reason}", values)
+    return Diagnosis("tricycle_bridge: vehicle", level, message, values)
+
+
+def _indistinguishable(bridge: Bridge, publishers: Mapping[Source, int]) -> str | None:
+    """Say where several publish commands without a name: the bridge takes them for one."""
+    last = bridge.commands.last_commander
+    if last is None or last.name or publishers.get(last.source, 0) < 2:
+        return None
+    return f"{publishers[last.source]} publishers of {last.source.value} that do not say who sends"
+
+
+def vehicle_problem(bridge: Bridge, now: float) -> str | None:
+    """Return what is wrong with the vehicle beyond its links: commanders or speeds that disagree.
+
+    Parameters
+    ----------
+    bridge : Bridge
+        The bridge.
+    now : float
+        Present time on the bridge's clock [s].
+    """
+    return bridge.commands.conflict(now) or bridge.odometry.problem
 
 
 def _diagnose_link(link: PlcLink, now: float) -> Diagnosis:
@@ -94,12 +128,15 @@ def _diagnose_link(link: PlcLink, now: float) -> Diagnosis:
     age = link.telemetry_age(now)
     values["telemetry age (ms)"] = f"{age * 1e3:.0f}"
     values |= readable_fields(telemetry)
-    faults = fault_names(telemetry.faults)
-    message = state_name(telemetry.state) + (f" ({faults})" if faults else "")
+    message = state_and_faults(telemetry.state, telemetry.faults)
     if telemetry.state in (PlcState.ESTOP, PlcState.FAULT):
         return Diagnosis(name, Level.ERROR, message, values)
+    if link.problem is not None:
+        return Diagnosis(name, Level.ERROR, link.problem, values)
     if age > DEGRADED_AGE:
         return Diagnosis(name, Level.WARN, f"degraded: telemetry {age:.2f} s old", values)
+    if (supply := supply_problem(link)) is not None:
+        return Diagnosis(name, Level.WARN, f"{message}; {supply}", values)
     level = Level.WARN if telemetry.faults & ~Fault.LIMIT else Level.OK
     return Diagnosis(name, level, message, values)
 

@@ -86,7 +86,7 @@ class Handshake:
         if frame.major != MAJOR:
             return (
                 f"the PLC speaks protocol version {frame.major}, this bridge {MAJOR}: "
-                f"update its firmware"
+                f"flash it with this version's firmware/ (docs/how-to-arduinos.md)"
             )
         if frame.board != self.board or ack.board != self.board:
             return (

@@ -1,10 +1,8 @@
-"""Steering geometry for `cmd_vel`: from a turn rate to the angle of the steering motor."""
+"""Steering geometry for `cmd_vel`: turn rate and angle of the steering motor."""
 
 from __future__ import annotations
 
 import math
-
-from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 
 # The inner wheel turns by the motor's angle theta, the outer by theta (0.8 - 0.2 |theta| / 45 deg):
 # their mean is theta (0.9 - 0.1 |theta| / 45 deg).
@@ -31,7 +29,7 @@ def steering_motor_angle(
     Returns
     -------
     angle : float
-        Angle [rad], left positive, limited to what the PLC allows.
+        Angle [rad], left positive; infinite where no angle gives the turn rate.
 
     Examples
     --------
@@ -40,7 +38,32 @@ def steering_motor_angle(
     """
     road = math.atan(wheelbase * turn_rate / speed)  # angle of the wheels' track on the road
     wheel = abs(math.atan(math.tan(road) / math.cos(caster_angle)))  # about the king-pin
-    # wheel = theta (0.9 - 0.127 theta): the smaller root, or the vertex if there is no root
-    discriminant = max(_MEAN_RATIO**2 - 4.0 * _MEAN_RATIO_DROP * wheel, 0.0)
+    # wheel = theta (0.9 - 0.127 theta): the smaller root
+    discriminant = _MEAN_RATIO**2 - 4.0 * _MEAN_RATIO_DROP * wheel
+    if discriminant < 0.0:
+        return math.copysign(math.inf, road)
     theta = (_MEAN_RATIO - math.sqrt(discriminant)) / (2.0 * _MEAN_RATIO_DROP)
-    return math.copysign(min(theta, MAX_STEERING_ANGLE), road)
+    return math.copysign(theta, road)
+
+
+def turn_rate(speed: float, angle: float, *, wheelbase: float, caster_angle: float) -> float:
+    """Return the turn rate [rad/s] that an angle of the steering motor gives without tyre slip.
+
+    Parameters
+    ----------
+    speed : float
+        Speed [m/s], forward positive.
+    angle : float
+        Angle of the steering motor [rad], left positive.
+    wheelbase : float
+        Wheelbase [m].
+    caster_angle : float
+        Angle between king-pin and vertical [rad].
+
+    Examples
+    --------
+    >>> round(turn_rate(1.0, 0.677, wheelbase=1.443, caster_angle=math.radians(20)), 3)
+    0.4
+    """
+    wheel = angle * (_MEAN_RATIO - _MEAN_RATIO_DROP * abs(angle))
+    return speed * math.tan(wheel) * math.cos(caster_angle) / wheelbase

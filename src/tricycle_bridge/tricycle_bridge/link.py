@@ -23,6 +23,7 @@ from tricycle_bridge.protocol.messages import (
     Control,
     DriveCommand,
     DriveLimits,
+    DriveSetup,
     DriveState,
     Event,
     EventCode,
@@ -31,17 +32,21 @@ from tricycle_bridge.protocol.messages import (
     Message,
     Op,
     Ping,
+    PlcState,
     Pong,
+    Result,
     Stats,
     StatsRequest,
     SteerCommand,
     SteerLimits,
+    SteerSetup,
     SteerState,
     echo_of,
 )
 from tricycle_bridge.protocol.readable import (
     fault_names,
     firmware_version,
+    readable_value,
     reset_cause_name,
     state_name,
 )
@@ -63,10 +68,32 @@ REBOOT_DISAGREEMENT = 1.0
 """Difference of the times that passed for the PLC and for the host, from which it rebooted [s]."""
 
 REFUSED_PAUSE = 1.0
-"""Time until a port whose PLC was refused is opened again [s]."""
+"""Time until a PLC that was refused is asked again [s]."""
+
+REOPEN_AFTER = 3
+"""Handshakes without an answer until the port is opened again, which resets a UNO."""
+
+REQUEST_GAP = 0.1
+"""Time between a request for LIMITS and one for STATS [s]: a PLC may answer little in a tick."""
+
+SETUP_PAUSE = 1.0
+"""Time until a PLC that gave no answer to SETUP, or was not ready for it, is asked again [s]."""
 
 Telemetry = SteerState | DriveState
 BoardCommand = SteerCommand | DriveCommand
+BoardSetup = SteerSetup | DriveSetup
+BoardLimits = SteerLimits | DriveLimits
+
+# Fields of SETUP that a PLC refuses where they are larger than its own.
+_BOUNDED = (
+    "max_angle",
+    "max_rate",
+    "max_speed",
+    "max_acceleration",
+    "torque",
+    "regenerative_torque",
+    "power",
+)
 
 
 class LinkState(enum.Enum):
@@ -86,6 +113,7 @@ class LinkEventKind(enum.Enum):
     UP = "up"
     SILENT = "silent"  # no answer to HELLO for HELLO_PATIENCE
     REFUSED = "refused"
+    SETUP_FAILED = "set-up failed"
     LOST = "lost"
     REBOOTED = "rebooted"
     STATE_CHANGED = "state changed"
@@ -157,6 +185,8 @@ class PlcLink:
         Source of sessions, nonces and tokens.
     boot_wait : float
         Silence after opening [s]: a UNO resets on DTR and stays in its bootloader for about 2 s.
+    setup : SteerSetup or DriveSetup, optional
+        What the PLC is told about the vehicle in each session; without it the PLC cannot be armed.
 
     Attributes
     ----------
@@ -164,6 +194,8 @@ class PlcLink:
         State of the link.
     problem : str or None
         What is wrong, for a person; None if nothing is known to be.
+    set_up : bool
+        Whether the PLC acknowledged its set-up in this session.
     telemetry : SteerState or DriveState or None
         Newest state frame of this session.
     identity : HelloAck or None
@@ -171,7 +203,7 @@ class PlcLink:
     answered_by : Board or None
         PLC that answered the last handshake, also one that was refused.
     limits : SteerLimits or DriveLimits or None
-        What the PLC answered to LIMITS_REQ in this session.
+        Limits in force, as the PLC answered to LIMITS_REQ in this session.
     stats : Stats or None
         Newest counters of the PLC.
     clock : PlcClock
@@ -182,8 +214,17 @@ class PlcLink:
         What happened on the link.
     """
 
-    def __init__(self, board: Board, *, rng: random.Random, boot_wait: float = 0.0) -> None:
+    def __init__(
+        self,
+        board: Board,
+        *,
+        rng: random.Random,
+        boot_wait: float = 0.0,
+        setup: BoardSetup | None = None,
+    ) -> None:
         self.board = board
+        self.setup = setup
+        self.set_up = False
         self.boot_wait = boot_wait
         self.counters = LinkCounters()
         self.decoder = FrameDecoder(board, host=True)
@@ -193,17 +234,21 @@ class PlcLink:
         self.identity: HelloAck | None = None
         self.answered_by: Board | None = None
         self.telemetry: Telemetry | None = None
-        self.limits: SteerLimits | DriveLimits | None = None
+        self.limits: BoardLimits | None = None
         self.stats: Stats | None = None
         self._rng = rng
         self._handshake = Handshake(board, rng=rng)
-        self._operations = OperationQueue(lambda op: self._send(Control.of(op)))
+        self._operations = OperationQueue(self._send_operation)
         self._frames: list[bytes] = []
         self._events: list[LinkEvent] = []
         self._seq = 0
         self._last_rx_seq: int | None = None
         self._next_ping = 0.0
         self._next_stats = 0.0
+        self._next_limits = 0.0
+        self._next_setup = 0.0
+        self._setup_out_of_range = False
+        self._unanswered = 0  # handshakes since the port was opened
         self._telemetry_at = 0.0
         self._refused_at = 0.0
         self._refusal: str | None = None  # of the last handshake
@@ -230,10 +275,9 @@ class PlcLink:
         """Return the age of the newest state frame [s]; infinite while the link is not up."""
         return now - self._telemetry_at if self.up else float("inf")
 
-    def wants_reopen(self, now: float) -> bool:
-        """Whether the port should be closed and opened again."""
-        if self.state is LinkState.REFUSED:
-            return now - self._refused_at >= REFUSED_PAUSE
+    @property
+    def wants_reopen(self) -> bool:
+        """Whether the port should be closed and opened again, because nothing else helped."""
         return self.state is LinkState.LOST
 
     # ---- what the owner does ----
@@ -243,6 +287,7 @@ class PlcLink:
         self.decoder.reset()
         self.problem = self._refusal  # valid until this handshake has an outcome
         self.state = LinkState.BOOTING
+        self._unanswered = 0
         self._start_handshake(now + self.boot_wait)
 
     def closed(self, reason: str) -> list[LinkEvent]:
@@ -311,6 +356,8 @@ class PlcLink:
         if self.state is LinkState.BOOTING and now >= self._handshake.begins_at:
             self._frames.append(DELIMITER)  # resynchronises the PLC's decoder
             self.state = LinkState.GREETING
+        elif self.state is LinkState.REFUSED and now - self._refused_at >= REFUSED_PAUSE:
+            self._greet_again(now)
         if self.state is LinkState.GREETING:
             self._poll_handshake(now)
         elif self.up:
@@ -328,6 +375,12 @@ class PlcLink:
         self._seq = (seq + 1) & 0xFF
         return seq
 
+    def _send_operation(self, op: Op, number: int) -> int:
+        if op is Op.SETUP and self.setup is not None:
+            return self._send(self.setup)
+        echo = 0 if self.telemetry is None else echo_of(self.telemetry.t)
+        return self._send(Control.of(op, number, echo))
+
     def _take_events(self) -> list[LinkEvent]:
         events, self._events = self._events, []
         return events
@@ -335,14 +388,19 @@ class PlcLink:
     def _add_event(self, kind: LinkEventKind, text: str) -> None:
         self._events.append(LinkEvent(kind, text))
 
-    def _add_outcome(self, outcome: OperationOutcome | None) -> None:
-        if outcome is not None:
+    def _take_outcome(self, outcome: OperationOutcome | None, now: float) -> None:
+        if outcome is None:
+            return
+        if outcome.op is Op.SETUP:
+            self._take_setup_result(outcome.result, now)
+        else:
             self._events.append(LinkEvent(LinkEventKind.OPERATION, operation=outcome))
 
     # ---- handshake ----
 
     def _forget_session(self) -> None:
         self.identity = self.telemetry = self.limits = None
+        self.set_up = self._setup_out_of_range = False
         self._operations.clear()
         self._pings.clear()
         self.clock = PlcClock()
@@ -353,13 +411,25 @@ class PlcLink:
         self.decoder.session = self._handshake.new_session(self.decoder.session)
         self._handshake.start(at)
 
+    def _greet_again(self, now: float) -> None:
+        """Repeat the handshake on the open port: opening it anew would reset a UNO."""
+        self._frames.clear()
+        self.state = LinkState.GREETING
+        self._start_handshake(now)
+
     def _poll_handshake(self, now: float) -> None:
         if (hello := self._handshake.due(now)) is not None:
             self._send(hello, board=Board(hello.board))
         if self._handshake.falls_silent(now):
             self._refusal = None
             self.problem = f"no {self.board.plc_name} answers ({self._line_report()})"
-            self._add_event(LinkEventKind.SILENT, self.problem)
+            if self._unanswered == 0:
+                self._add_event(LinkEventKind.SILENT, self.problem)
+            self._unanswered += 1
+            if self._unanswered == REOPEN_AFTER:
+                self.state = LinkState.LOST
+            else:
+                self._handshake.start(now)
 
     def _line_report(self) -> str:
         counters = self.decoder.counters
@@ -371,17 +441,22 @@ class PlcLink:
 
     def _answered(self, frame: Frame, ack: HelloAck, now: float) -> None:
         self.answered_by = frame.board
+        known = self._refusal
         self.problem = self._refusal = self._handshake.refusal(frame, ack)
         if self._refusal is not None:
             self.state = LinkState.REFUSED
             self._refused_at = now
             self._frames.clear()
-            self._add_event(LinkEventKind.REFUSED, self._refusal)
+            if self._refusal != known:
+                self._add_event(LinkEventKind.REFUSED, self._refusal)
             return
         self.state = LinkState.UP
         self.identity = ack
         self._last_rx_seq = frame.seq
-        self._telemetry_at = self._next_ping = self._next_stats = now
+        self._unanswered = 0
+        self._telemetry_at = self._next_ping = self._next_setup = now
+        self._next_limits = now + REQUEST_GAP
+        self._next_stats = now + 2.5 * REQUEST_GAP  # between two PING, whose answer is long too
         minor = "" if ack.minor == MINOR else f", minor {min(ack.minor, MINOR)} is used"
         self._add_event(
             LinkEventKind.UP,
@@ -393,9 +468,7 @@ class PlcLink:
         self.counters.reboots += 1
         self._add_event(LinkEventKind.REBOOTED, f"{self.board.plc_name} rebooted: {how}")
         self.problem = "the PLC rebooted"
-        self._frames.clear()
-        self.state = LinkState.GREETING
-        self._start_handshake(now)
+        self._greet_again(now)
 
     # ---- up ----
 
@@ -404,8 +477,7 @@ class PlcLink:
             self.counters.losses += 1
             self.problem = f"no telemetry for {now - self._telemetry_at:.2f} s"
             self._add_event(LinkEventKind.LOST, f"{self.board.plc_name}: {self.problem}")
-            self._forget_session()
-            self.state = LinkState.LOST
+            self._greet_again(now)
             return
         if now >= self._next_ping:
             self._next_ping = now + PING_PERIOD
@@ -413,12 +485,69 @@ class PlcLink:
             self._pings = {t: at for t, at in self._pings.items() if now - at < 4 * PING_PERIOD}
             self._pings[token] = now
             self._send(Ping(token))
-        if now >= self._next_stats:
+        self._poll_requests(now)
+        self._poll_setup(now)
+        self._take_outcome(self._operations.poll(now), now)
+
+    def _poll_requests(self, now: float) -> None:
+        """Ask for LIMITS and STATS, never for both at once: a PLC answers little in a tick."""
+        unknown = self.limits is None and not self._operations.includes(Op.SETUP)
+        if unknown and now >= self._next_limits:
+            self._next_limits = now + STATS_PERIOD
+            self._next_stats = max(self._next_stats, now + REQUEST_GAP)
+            self._send(LimitsRequest())
+        elif now >= self._next_stats:
             self._next_stats = now + STATS_PERIOD
+            self._next_limits = max(self._next_limits, now + REQUEST_GAP)
             self._send(StatsRequest())
-            if self.limits is None:
-                self._send(LimitsRequest())
-        self._add_outcome(self._operations.poll(now))
+
+    # ---- set-up ----
+
+    def _poll_setup(self, now: float) -> None:
+        """Send SETUP once per session, when the PLC can take it: in SAFE."""
+        wanted = self.setup is not None and not self.set_up and not self._setup_out_of_range
+        if (
+            wanted
+            and self.plc_state == PlcState.SAFE
+            and now >= self._next_setup
+            and not self._operations.includes(Op.SETUP)
+        ):
+            self._next_setup = now + SETUP_PAUSE
+            self._operations.add(Op.SETUP, now)
+
+    def _take_setup_result(self, result: Result | None, now: float) -> None:
+        self.set_up = result is Result.OK
+        self.limits = None  # others are in force, or are to be compared
+        self._next_limits = now
+        if self.set_up:
+            self.problem = None
+            return
+        if result is None:
+            self.problem = f"{self.board.plc_name} did not acknowledge its set-up"
+        else:
+            why = result.name.lower().replace("_", " ")
+            self.problem = f"{self.board.plc_name} refused its set-up: {why}"
+        self._setup_out_of_range = result is Result.OUT_OF_RANGE
+        if not self._setup_out_of_range:
+            self._add_event(LinkEventKind.SETUP_FAILED, self.problem)
+
+    def _take_limits(self, limits: BoardLimits) -> None:
+        first, self.limits = self.limits is None, limits
+        if not (first and self._setup_out_of_range and self.setup is not None):
+            return
+        self.problem = f"{self.board.plc_name} refused its set-up: out of range"
+        known = {f.name for f in dataclasses.fields(limits)}
+        exceeded = ", ".join(
+            f"{name} {readable_value(self.setup, name)}, "
+            f"the board allows {readable_value(limits, name)}"
+            for name in _BOUNDED
+            if name in known and getattr(self.setup, name) > getattr(limits, name)
+        )
+        if exceeded:
+            self.problem += f": {exceeded}"
+        self._add_event(LinkEventKind.SETUP_FAILED, self.problem)
+
+    # ---- what the PLC sends ----
 
     def _handle(self, frame: Frame, now: float) -> None:
         message = frame.message
@@ -441,9 +570,9 @@ class PlcLink:
                 if sent_at is not None:
                     self.clock.add_ping(sent_at, message.t_rx, message.t_tx, now)
             case Ack():
-                self._add_outcome(self._operations.acknowledge(message, now))
+                self._take_outcome(self._operations.acknowledge(message, now), now)
             case SteerLimits() | DriveLimits():
-                self.limits = message
+                self._take_limits(message)
             case Stats():
                 self.stats = message
             case Event():

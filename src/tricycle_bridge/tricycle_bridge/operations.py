@@ -1,4 +1,4 @@
-"""Operations of the PLC's state machine: CTRL, resent until it is acknowledged (section 4).
+"""Operations of the PLC: CTRL and SETUP, resent until they are acknowledged (section 4).
 
 Section numbers are those of docs/protocol.md. Times are seconds on one monotonic host clock.
 """
@@ -37,8 +37,10 @@ class OperationOutcome:
 @dataclass
 class _Pending:
     op: Op
+    number: int  # of the operation, the same in its resends
     sent_at: float
     seqs: list[int]  # of the first sending and the resends
+    result: Result | None = None  # so far
 
 
 class OperationQueue:
@@ -47,11 +49,13 @@ class OperationQueue:
     Parameters
     ----------
     send : callable
-        Sends CTRL with an operation and returns the sequence number of its frame.
+        Sends an operation with its number (modulo 256) and returns the sequence number of the
+        frame.
     """
 
-    def __init__(self, send: Callable[[Op], int]) -> None:
+    def __init__(self, send: Callable[[Op, int], int]) -> None:
         self._send = send
+        self._number = 0  # of the next operation; goes on in the next session
         self._pending: _Pending | None = None
         self._waiting: deque[Op] = deque()
 
@@ -76,13 +80,15 @@ class OperationQueue:
             self._send_next(now)
         elif now - self._pending.sent_at >= RESEND_PERIOD:
             if len(self._pending.seqs) > RESENDS:
-                return self._finish(None)
+                return self._finish(self._pending.result)
             self._pending.sent_at = now
-            self._pending.seqs.append(self._send(self._pending.op))
+            self._pending.seqs.append(self._send(self._pending.op, self._pending.number))
         return None
 
     def acknowledge(self, ack: Ack, now: float) -> OperationOutcome | None:
-        """Take an ACK; return the operation that it answers, None if it answers an older one.
+        """Take an ACK; return the operation that it ends, None if it answers an older one.
+
+        An operation whose echo was too old is sent again like one without an answer.
 
         Parameters
         ----------
@@ -94,9 +100,16 @@ class OperationQueue:
         pending = self._pending
         if pending is None or ack.op != pending.op or ack.ctrl_seq not in pending.seqs:
             return None
-        outcome = self._finish(_result(ack))
+        if (result := _result(ack)) is Result.STALE:
+            pending.result = result
+            return None
+        outcome = self._finish(result)
         self._send_next(now)
         return outcome
+
+    def includes(self, op: Op) -> bool:
+        """Whether an operation waits, or is sent and not answered."""
+        return op in self._waiting or (self._pending is not None and self._pending.op == op)
 
     def clear(self) -> None:
         """Forget all operations."""
@@ -105,8 +118,9 @@ class OperationQueue:
 
     def _send_next(self, now: float) -> None:
         if self._pending is None and self._waiting:
-            op = self._waiting.popleft()
-            self._pending = _Pending(op, now, [self._send(op)])
+            op, number = self._waiting.popleft(), self._number
+            self._number = (number + 1) & 0xFF
+            self._pending = _Pending(op, number, now, [self._send(op, number)])
 
     def _finish(self, result: Result | None) -> OperationOutcome | None:
         pending, self._pending = self._pending, None

@@ -6,9 +6,33 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from tricycle_bridge.protocol.limits import MAX_ACCELERATION, MAX_STEERING_RATE
-from tricycle_bridge.protocol.messages import SPEED_UNIT, STEER_RATE_UNIT
+from tricycle_bridge.protocol.boards import HALL_PULSE
+from tricycle_bridge.protocol.limits import (
+    MAX_ACCELERATION,
+    MAX_POWER,
+    MAX_REGENERATIVE_TORQUE,
+    MAX_SPEED,
+    MAX_STEERING_ANGLE,
+    MAX_STEERING_RATE,
+    MAX_TORQUE,
+)
+from tricycle_bridge.protocol.messages import (
+    ANGLE_UNIT,
+    SPEED_UNIT,
+    STEER_RATE_UNIT,
+    TORQUE_UNIT,
+)
 from tricycle_core.errors import LinkError
+
+MASS_LIMIT = 1000.0
+"""Largest mass and payload [kg]."""
+
+SUPPLY_LIMIT = 60.0
+"""Largest threshold of a supply [V]."""
+
+
+UNCHECKED_SUPPLY = 65.535
+"""Upper threshold that no supply reaches [V]."""
 
 
 def _setting(default: float, low: float, high: float, description: str) -> Any:
@@ -19,7 +43,7 @@ def _setting(default: float, low: float, high: float, description: str) -> Any:
 
 @dataclass(frozen=True)
 class BridgeSettings:
-    """Rates, limits and the tyre of the vehicle; the node has a parameter of each name.
+    """Rates, and the vehicle that the boards are set up for; the node has a parameter of each name.
 
     The metadata of each field hold its ``range`` and its ``description``.
 
@@ -27,27 +51,72 @@ class BridgeSettings:
     ----------
     command_rate : float
         Rate at which a command is repeated between two messages of the commander [Hz].
-    tyre_radius : float
-        Radius of the rear wheel [m].
+    max_steering_angle : float
+        Largest angle of the steering motor, either side [rad].
     max_steering_rate : float
         Largest rate of the steering motor's set-point [rad/s].
+    max_speed : float
+        Largest speed [m/s].
     max_acceleration : float
-        Largest acceleration of the speed's set-point [m/s^2].
+        Largest acceleration of the commanded speed [m/s^2].
+    stopping_deceleration : float
+        With which the drive PLC stops the vehicle by itself [m/s^2].
+    tyre_radius : float
+        Radius of the rear wheel [m].
+    hall_pulse : float
+        Travel per hall pulse [m].
+    motor_torque, regenerative_torque : float
+        Largest driving and braking torque of the motor [N m].
+    motor_power : float
+        Largest power of the motor [W].
+    mass : float
+        Mass at the tread, inertia of the wheels included [kg].
+    payload : float
+        Largest load besides [kg].
+    mass_tolerance : float
+        By which share the mass may be wrong.
+    drive_supply_low, drive_supply_high, steer_supply_low, steer_supply_high : float
+        Thresholds of the supplies [V]; 0: not checked.
+    throttle_low, throttle_high : float
+        Voltage at the motor's controller without and with full torque [V]; 0: the board's own.
 
     Raises
     ------
     LinkError
-        A value is outside its range.
+        A value is outside its range, a lower threshold is above the upper one, or the acceleration
+        above the deceleration.
     """
 
     command_rate: float = _setting(50.0, 20.0, 100.0, "Hz of repeats between messages")
-    tyre_radius: float = _setting(0.335, 0.05, 2.0, "m, of the rear wheel")
+    max_steering_angle: float = _setting(
+        MAX_STEERING_ANGLE, ANGLE_UNIT, MAX_STEERING_ANGLE, "rad, of the steering motor"
+    )
     max_steering_rate: float = _setting(
         2.0, STEER_RATE_UNIT, MAX_STEERING_RATE, "rad/s, slew of the steering motor"
     )
+    max_speed: float = _setting(MAX_SPEED, SPEED_UNIT, MAX_SPEED, "m/s")
     max_acceleration: float = _setting(
         1.0, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, slew of the speed"
     )
+    stopping_deceleration: float = _setting(
+        MAX_ACCELERATION, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, of a stop by the drive PLC"
+    )
+    tyre_radius: float = _setting(0.335, 0.05, 2.0, "m, of the rear wheel")
+    hall_pulse: float = _setting(HALL_PULSE, 1e-4, 0.06, "m of travel per hall pulse")
+    motor_torque: float = _setting(MAX_TORQUE, TORQUE_UNIT, MAX_TORQUE, "N m, largest")
+    regenerative_torque: float = _setting(
+        MAX_REGENERATIVE_TORQUE, TORQUE_UNIT, MAX_REGENERATIVE_TORQUE, "N m, of the braking motor"
+    )
+    motor_power: float = _setting(MAX_POWER, 1.0, MAX_POWER, "W, largest")
+    mass: float = _setting(58.1, 1.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
+    payload: float = _setting(0.0, 0.0, MASS_LIMIT, "kg, largest load besides")
+    mass_tolerance: float = _setting(0.1, 0.0, 0.5, "share by which the mass may be wrong")
+    drive_supply_low: float = _setting(40.0, 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked")
+    drive_supply_high: float = _setting(0.0, 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked")
+    steer_supply_low: float = _setting(10.0, 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked")
+    steer_supply_high: float = _setting(14.0, 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked")
+    throttle_low: float = _setting(0.0, 0.0, 5.0, "V without torque; 0: the board's own")
+    throttle_high: float = _setting(0.0, 0.0, 5.0, "V with full torque; 0: the board's own")
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):
@@ -55,3 +124,12 @@ class BridgeSettings:
             low, high = field.metadata["range"]
             if not low <= value <= high:
                 raise LinkError(f"{field.name} = {value:g} is outside {low:g}..{high:g}")
+        for pair in ("drive_supply", "steer_supply", "throttle"):
+            low, high = getattr(self, f"{pair}_low"), getattr(self, f"{pair}_high")
+            if high and low >= high:
+                raise LinkError(f"{pair}_low = {low:g} is not below {pair}_high = {high:g}")
+        if self.max_acceleration > self.stopping_deceleration:
+            raise LinkError(
+                f"max_acceleration = {self.max_acceleration:g} is above stopping_deceleration = "
+                f"{self.stopping_deceleration:g}"
+            )

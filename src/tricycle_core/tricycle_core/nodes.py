@@ -11,6 +11,7 @@ import logging
 import signal
 import sys
 from collections.abc import Callable
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -29,6 +30,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
 
 from tricycle_core.stamps import split_seconds
 
@@ -130,6 +132,24 @@ def declare(
     return node.declare_parameter(name, default, descriptor).value
 
 
+def ignore_impossible_times(node: Node) -> None:
+    """Let messages of /clock that tell a negative time pass by; rclpy's own callback raises.
+
+    Parameters
+    ----------
+    node : Node
+        Node on simulated time; on another nothing is done.
+    """
+    for subscription in node.subscriptions:
+        if subscription.msg_type is Clock and subscription.callback:
+            subscription.callback = partial(_set_possible_time, subscription.callback)
+
+
+def _set_possible_time(set_time: Callable[[Clock], None], message: Clock) -> None:
+    if message.clock.sec >= 0:
+        set_time(message)
+
+
 def run_node(factory: Callable[[], Node]) -> None:
     """Construct a node, spin it until SIGINT or SIGTERM, and leave no trace of the ending.
 
@@ -160,6 +180,7 @@ def run_node(factory: Callable[[], Node]) -> None:
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
             executor = SingleThreadedExecutor()
             node = factory()
+            ignore_impossible_times(node)
         except _MISTAKES as mistake:
             name = getattr(factory, "__name__", "node")
             what = f"unknown ROS arguments: {mistake}" if _is_unknown(mistake) else str(mistake)

@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike
 
 from tricycle_core.quantities import FloatArray
 
+UNIT_TOLERANCE = 0.01
+"""Difference from 1 of the squared length of a quaternion that still counts as a unit's."""
+
 
 class Quaternion(Protocol):
     """A geometry_msgs/Quaternion, or anything with its fields."""
@@ -19,6 +22,17 @@ class Quaternion(Protocol):
     w: float
 
 
+def is_unit(q: Quaternion) -> bool:
+    """Return whether a quaternion is an orientation: of length 1, within `UNIT_TOLERANCE`.
+
+    Parameters
+    ----------
+    q : Quaternion
+        Any numbers, NaN among them.
+    """
+    return abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1.0) < UNIT_TOLERANCE
+
+
 def yaw_of(q: Quaternion) -> float:
     """Return the yaw angle [rad] of a quaternion, from -pi to pi.
 
@@ -27,7 +41,7 @@ def yaw_of(q: Quaternion) -> float:
     q : Quaternion
         Unit quaternion, body to world.
     """
-    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y**2 + q.z**2))
+    return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
 
 
 def euler_angles(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:

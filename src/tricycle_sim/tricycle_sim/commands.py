@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tricycle_bridge.protocol.limits import MAX_SPEED, MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_SPEED, STEERING_END_STOP
 from tricycle_core.documents import read_bounded, write_whole
 from tricycle_core.errors import CommandsError
 from tricycle_core.quantities import FloatArray
@@ -133,7 +133,7 @@ def _check(commands: Commands) -> None:
             raise CommandsError(f"{name}: needs as many numbers as there are times")
     if len(commands.time) < 2:
         raise CommandsError("there must be at least two rows: the last one is the end")
-    bounds = {"steering_motor_angle": (MAX_STEERING_ANGLE, "rad"), "speed": (MAX_SPEED, "m/s")}
+    bounds = {"steering_motor_angle": (STEERING_END_STOP, "rad"), "speed": (MAX_SPEED, "m/s")}
     for index in range(len(commands.time)):
         where = f"row {index + 1}"
         for name, column in columns.items():

@@ -8,6 +8,7 @@ process compiles for itself. Processes that start at the same time may compile t
 import hashlib
 import logging
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numba
 from llvmlite import binding as llvm
 from numba.core import event
+from numba.core.runtime import rtsys
 
 from tricycle_core import timing
 
@@ -89,7 +91,18 @@ def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> A
     }
     file = dispatcher._cache._cache_file  # noqa: SLF001 (numba has no public way)
     file._source_stamp = (file._source_stamp, _FINGERPRINT, repr(numbers))  # noqa: SLF001
+    dispatcher._cache.load_overload = partial(_load, dispatcher._cache)  # noqa: SLF001
     return dispatcher
+
+
+def _load(cache: Any, signature: Any, target: Any) -> Any:
+    """Load compiled code as numba does, but without all that numba needs for compiling only.
+
+    That is all it knows of Python and NumPy, and SciPy: most of the time that a node takes to
+    start. Where there is nothing to load, the compiler gets it ready itself.
+    """
+    rtsys.initialize(target)
+    return cache._load_overload(signature, target)  # noqa: SLF001
 
 
 class _Announcement(event.Listener):

@@ -63,6 +63,18 @@ def test_a_sweep_faster_than_the_slew_is_infeasible():
         nominal_run(VEHICLE, SineSweep(), np.array([0.4, 2.0]))
 
 
+def test_steering_into_the_margin_before_the_end_stop_is_infeasible():
+    family, x = StepSteer(), np.array([0.77, 0.6])
+    with pytest.raises(InfeasibleManeuver) as error:
+        nominal_run(VEHICLE, family, x)
+    assert str(error.value) == (
+        "the steering turns to 0.7700 rad at 2.00 s: it may turn to 0.7461 rad, "
+        "5 % before its end stop"
+    )
+    nominal_run(VEHICLE, family, np.array([VEHICLE.steering_reach, 0.6]))
+    nominal_run(VEHICLE.replace(steering_margin=0.0), family, x)
+
+
 def test_a_slower_vehicle_steps_more_slowly():
     slow = dataclasses.replace(VEHICLE, steering_slew=0.5)
     run = nominal_run(slow, StepSteer(), np.array([0.3, 1.0]))

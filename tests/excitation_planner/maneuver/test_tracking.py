@@ -62,9 +62,17 @@ def test_commands_are_what_the_protocol_can_say(family, x):
         assert np.allclose(values / unit, np.round(values / unit), atol=1e-6)
 
 
-def test_a_circle_that_full_lock_cannot_hold_is_infeasible():
+def test_a_circle_that_the_steering_cannot_hold_is_infeasible():
     _, tracking = tracked(Circle(operation=Circle().operation), (1.5, 1.0))
     assert tracking.infeasible.startswith("the steering saturates at ")
+    assert " s: it may turn to 0.7461 rad, 5 % before its end stop" in tracking.infeasible
+
+
+@pytest.mark.parametrize(("margin", "most"), [(0.0, 0.7854), (0.05, 0.7461), (0.1, 0.7068)])
+def test_the_steering_keeps_its_margin_before_the_end_stop(margin, most):
+    vehicle = VEHICLE.replace(steering_margin=margin)
+    commands = track(vehicle, Circle().drive(np.array([1.5, 1.0]), vehicle)).commands
+    assert np.abs(commands.steering_motor_angle).max() == pytest.approx(most)
 
 
 def test_the_vehicle_starts_at_rest_and_reaches_its_speed():

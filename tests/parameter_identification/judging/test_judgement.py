@@ -18,6 +18,7 @@ from parameter_identification.judging.judgement import Anchor, TopicNames, judge
 from trajectory_recorder.bag.topics import jazzy
 from tricycle_cli.commands.judge import add_arguments
 from tricycle_core.errors import BagError, JudgeError
+from tricycle_core.readiness import Readiness
 
 
 def test_te_of_a_known_deviation(tmp_path: Path) -> None:
@@ -178,6 +179,33 @@ def aborted(messages: dict[str, list[Any]]) -> None:
     messages["/maneuver/state"][-1] = (s, status("aborted", start, reason="3.2 m off the path"))
 
 
+def vehicle_state(*said: tuple[float, bool]) -> dict[str, tuple[str, list[tuple[int, Any]]]]:
+    """`vehicle/state` that says at these times after the start whether the vehicle is armed."""
+    kind = "diagnostic_msgs/msg/DiagnosticStatus"
+    rows = []
+    for time, armed in said:
+        message = status("", "")
+        values = Readiness(armed, "" if armed else "hardware e-stop pressed").values()
+        message.values = [
+            TYPES["diagnostic_msgs/msg/KeyValue"](key=k, value=v) for k, v in values.items()
+        ]
+        rows.append((START + round(time * 1e9), message))
+    return {"/vehicle/state": (kind, rows)}
+
+
+def diagnostics(*said: tuple[float, str]) -> dict[str, tuple[str, list[tuple[int, Any]]]]:
+    """`/diagnostics` of the bridge, with these messages about the vehicle."""
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    rows = []
+    for time, text in said:
+        entries = [status("", ""), status("", "")]
+        entries[0].name, entries[0].message = "tricycle_bridge: steer PLC", "not armed"
+        entries[1].name, entries[1].message = "tricycle_bridge: vehicle", text
+        at = START + round(time * 1e9)
+        rows.append((at, TYPES[kind](header=header(at), status=entries)))
+    return {"/diagnostics": (kind, rows)}
+
+
 def no_time(messages: dict[str, list[Any]]) -> None:
     s, _ = messages["/maneuver/state"][-1]
     messages["/maneuver/state"] = [(s, status("running", "9" * 30, duration="8"))]
@@ -226,6 +254,19 @@ BAD: dict[str, tuple[Scene, str]] = {
     "two starts": (Scene(edit=two_starts), "2 maneuvers were started"),
     "no time": (Scene(edit=no_time), "want start_time and duration in seconds"),
     "aborted": (Scene(edit=aborted), "was aborted: 3.2 m off the path"),
+    "never armed": (
+        Scene(more=vehicle_state((-1.4, False), *((t, False) for t in range(8)))),
+        r"was not driven: the vehicle was not armed at the start \(hardware e-stop pressed\)",
+    ),
+    "disarmed before": (Scene(more=vehicle_state((-1.4, True), (-1, False))), "armed at the start"),
+    "disarmed": (
+        Scene(more=vehicle_state((-1.4, True), (3.5, False), (3.6, True))),
+        r"was not driven: the vehicle was not armed 3\.50 s after the start \(hardware e-stop",
+    ),
+    "never armed, of old": (
+        Scene(more=diagnostics((0.4, "not armed: waiting for the operator"))),
+        r"was not armed 0\.40 s after the start \(waiting for the operator\)",
+    ),
     "no poses": (Scene(edit=lambda m: m.pop("/odom")), "no topic odom"),
     "clock jumps back": (Scene(edit=jump), "clock jumps back by 1.990 s at 3.491 s"),
     "NaN": (Scene(edit=nan), r"pose at 4.501 s is not a number, .* \(1 of 1100 poses\)"),
@@ -251,6 +292,22 @@ BAD: dict[str, tuple[Scene, str]] = {
 def _shift(message: tuple[int, Any]) -> None:
     s, m = message
     m.pose.pose.position.x += 0.2 * (s - START) * 1e-9
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        vehicle_state((-1.4, False), (-1.0, True), (2.0, True), (8.5, False)),
+        diagnostics((-1, "not armed: no command stream"), (0.1, "armed"), (8.5, "not armed: over")),
+        # what vehicle/state says counts, not the diagnostics
+        vehicle_state((-1.0, True)) | diagnostics((1.0, "not armed: of another vehicle")),
+        vehicle_state() | diagnostics((1.0, "armed")),
+    ],
+)
+def test_a_vehicle_that_is_armed_during_the_drive_is_judged(
+    tmp_path: Path, told: dict[str, tuple[str, list[tuple[int, Any]]]]
+) -> None:
+    assert judge(Scene(more=told).write(tmp_path / "bag")).te < 1e-9
 
 
 def test_of_several_plans_the_one_driven_is_judged(tmp_path: Path) -> None:

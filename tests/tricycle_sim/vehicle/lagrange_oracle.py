@@ -192,7 +192,8 @@ def derivative(vehicle, state, steering, drive):
     constants = (v.mass, v.roll_inertia, v.pitch_inertia, v.yaw_inertia, *inertias, v.caster_angle)
     mass_matrix, bias = motion(state.q, state.dq, angles, rates, constants)
     force = np.zeros(9)
-    force[2] -= v.mass * v.gravity
+    east, north = math.sin(v.road_grade), math.sin(v.road_bank)
+    force[:3] -= v.mass * v.gravity * np.array([east, north, math.sqrt(1 - east**2 - north**2)])
     height = v.tyre_radius - v.com_height
     positions = (
         (v.com_to_front_axle, v.left_wheel_y, height),
@@ -229,8 +230,10 @@ def derivative(vehicle, state, steering, drive):
     force[:3] -= rotation[:, 0] * v.air_drag * u * abs(u)
     # drive torque acts between body and wheel: on the relative spin alone
     rear_spin = body_spins[2] + state.dq[8]
-    friction_brake = brake * v.brake_torque * rear_spin
-    force[8] += state.torque - friction_brake / math.hypot(rear_spin, v.brake_smoothing_speed)
+    force[8] += state.torque
+    stiffness = min(v.brake_torque / v.brake_smoothing_speed, 100.0 * v.rear_wheel_inertia)
+    wanted = force[8] + stiffness * rear_spin
+    force[8] -= np.clip(wanted, -brake * v.brake_torque, brake * v.brake_torque)
     result.torque, result.integrator = _motor(v, state, rear_spin, set_speed, demand)
 
     result.ddq = np.linalg.solve(np.array(mass_matrix), force - np.ravel(bias))

@@ -95,6 +95,11 @@ def test_the_integrator_unwinds_while_the_motor_saturates():
 
 def test_the_brake_acts_against_the_spin():
     constants = constants_of(FRICTION_BRAKE)
-    assert friction_brake(constants, 0, 100.0, 1.0) == pytest.approx(25.0, rel=1e-4)
-    assert friction_brake(constants, 0, -100.0, 0.5) == pytest.approx(-12.5, rel=1e-4)
-    assert friction_brake(constants, 0, 0.0, 1.0) == 0.0
+    assert friction_brake(constants, 0, 100.0, 1.0, 0.0) == 25.0
+    assert friction_brake(constants, 0, -100.0, 0.5, 0.0) == -12.5
+    assert friction_brake(constants, 0, 0.0, 1.0, 0.0) == 0.0
+
+
+@pytest.mark.parametrize(("others", "taken"), [(10.0, 10.0), (-24.0, -24.0), (30.0, 25.0)])
+def test_the_brake_holds_a_wheel_at_rest_up_to_its_torque(others, taken):
+    assert friction_brake(constants_of(FRICTION_BRAKE), 0, 0.0, 1.0, others) == taken

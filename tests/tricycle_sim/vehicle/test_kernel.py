@@ -105,9 +105,22 @@ def kernel_slopes(vehicle, s):
 
 @pytest.mark.slow
 @settings(max_examples=100)
-@given(situations(), parameters(), st.sampled_from([0.0, 0.7]), st.sampled_from([0.0, 0.4]))
-def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, air_drag):
-    vehicle = VEHICLE.replace(**values, load_sensitivity=load_sensitivity, air_drag=air_drag)
+@given(
+    situations(),
+    parameters(),
+    st.sampled_from([0.0, 0.7]),
+    st.sampled_from([0.0, 0.4]),
+    st.sampled_from([(0.0, 0.0), (0.1, -0.3)]),
+)
+def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, air_drag, road):
+    grade, bank = road
+    vehicle = VEHICLE.replace(
+        **values,
+        load_sensitivity=load_sensitivity,
+        air_drag=air_drag,
+        road_grade=grade,
+        road_bank=bank,
+    )
     s = situation
     angles = ORACLE.linkage(vehicle, s.motor_angle)
     rates = ORACLE.linkage_slopes(vehicle, s.motor_angle) * s.motor_rate

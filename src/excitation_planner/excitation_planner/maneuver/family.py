@@ -8,6 +8,7 @@ maneuver proper begins.
 Families are found by their entry points, see docs/how-to-maneuver-family.md.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import entry_points
@@ -17,6 +18,7 @@ import numpy as np
 
 from excitation_planner.box import Box
 from tricycle_bridge.protocol.limits import MAX_SPEED
+from tricycle_bridge.protocol.messages import ANGLE_UNIT
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
@@ -36,6 +38,31 @@ SETTLING_TIME = 1.0
 
 PATH_SPACING = 0.02
 """Distance between path points [m]."""
+
+
+def steering_lock(vehicle: Vehicle) -> float:
+    """Return the largest steering motor angle of a plan [rad], as the protocol can say it.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Has the end stop, and the margin that is kept before it.
+    """
+    return math.floor(vehicle.steering_reach / ANGLE_UNIT + 1e-6) * ANGLE_UNIT
+
+
+def kept_margin(vehicle: Vehicle) -> str:
+    """Return how far the steering may turn, for the reason why a maneuver is infeasible.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Has the end stop, and the margin that is kept before it.
+    """
+    return (
+        f"it may turn to {steering_lock(vehicle):.4f} rad, {100.0 * vehicle.steering_margin:g} % "
+        "before its end stop"
+    )
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 Pure pursuit of the rear axle's ground point, every 20 ms, on the compiled vehicle model.
 Commands change no faster than the PLCs slew their set-points, so that no limiter acts when they are
-replayed; a path that the vehicle cannot hold at full lock makes the drive infeasible.
+replayed. The steering keeps its margin before the end stop; a path that the vehicle cannot hold so
+makes the drive infeasible.
 """
 
 import math
@@ -16,6 +17,8 @@ from excitation_planner.maneuver.family import (
     COMMAND_TICKS,
     PATH_SPACING,
     DrivenPath,
+    kept_margin,
+    steering_lock,
 )
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.quantities import FloatArray
@@ -29,7 +32,7 @@ from tricycle_sim.vehicle.parts import steering_constants
 
 LOOK_AHEAD = 0.6  # m, of pure pursuit ...
 LOOK_AHEAD_TIME = 0.3  # s, ... plus this times the speed
-AT_LOCK = 0.1  # m from the path, at full lock, at which the steering does not suffice
+AT_LOCK = 0.1  # m from the path, steering as far as it may, at which the steering does not suffice
 OFF_PATH = 1.0  # m from the path at which tracking has failed
 
 
@@ -79,7 +82,7 @@ def _track(
     vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
     servo : shape (2,), see `advance_tick`
     steering : `steering_constants` of the batch's step
-    lock : largest steering motor angle [rad]
+    lock : `steering_lock` [rad]
     commands : shape (c, 2), receives steering motor angle [rad] and speed [m/s]
     """
     near = 0
@@ -107,10 +110,11 @@ def _track(
         dx, dy = path_x[goal] - rear_x, path_y[goal] - rear_y
         lateral = -s * dx + c * dy
         wanted = math.atan(wheelbase * 2.0 * lateral / (dx * dx + dy * dy))
-        if distance > AT_LOCK and abs(angle) >= lock and saturated < 0:
+        if distance > AT_LOCK and abs(angle) > lock - 0.5 * ANGLE_UNIT and saturated < 0:
             saturated = row
         reach = slew_rate * COMMAND_TICKS * TICK
-        angle += min(max(motor_angle_for(wanted, steering) - angle, -reach), reach)
+        turned = min(max(motor_angle_for(wanted, steering), -lock), lock)
+        angle += min(max(turned - angle, -reach), reach)
         target = min(speed, target + acceleration * COMMAND_TICKS * TICK)
         # rounded to the protocol's units, as it is driven: 0.5 mm/s are 1 cm after 20 s
         angle = round(angle / ANGLE_UNIT) * ANGLE_UNIT
@@ -150,16 +154,15 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
         path.speed,
         vehicle.steering_slew,
         acceleration,
-        vehicle.steering_limit - 1e-9,
+        steering_lock(vehicle),
         rows,
     )
-    reasons = [
-        f"{what} at {row * period:.2f} s"
-        for what, row in (
-            ("the steering saturates", saturated),
-            ("the path was lost", lost),
+    reasons = []
+    if saturated >= 0:
+        reasons.append(
+            f"the steering saturates at {saturated * period:.2f} s: {kept_margin(vehicle)}"
         )
-        if row >= 0
-    ]
+    if lost >= 0:
+        reasons.append(f"the path was lost at {lost * period:.2f} s")
     held = np.vstack([rows[:n], rows[n - 1 : n]])  # the last row is the end
     return Tracking(Commands(period * np.arange(n + 1), *held.T), "; ".join(reasons))

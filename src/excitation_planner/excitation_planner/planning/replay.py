@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.maneuver.family import kept_margin, steering_lock
 from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
 from excitation_planner.trajectory_error import NominalTrajectory
@@ -87,6 +88,7 @@ def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> Nomi
     """
     drive = family.drive(x, vehicle)
     if isinstance(drive, Commands):
+        _check_angles(vehicle, drive)
         commands = _as_sent(drive)
     else:
         tracking = track(vehicle, drive)
@@ -105,6 +107,16 @@ def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> Nomi
         reference=reference,
         nominal=_nominal_trajectory(vehicle, commands),
     )
+
+
+def _check_angles(vehicle: Vehicle, commands: Commands) -> None:
+    angles = np.abs(commands.steering_motor_angle)
+    row = int(np.argmax(angles))
+    if angles[row] > steering_lock(vehicle) + 0.5 * ANGLE_UNIT:
+        raise InfeasibleManeuver(
+            f"the steering turns to {angles[row]:.4f} rad at {commands.time[row]:.2f} s: "
+            f"{kept_margin(vehicle)}"
+        )
 
 
 def _as_sent(commands: Commands) -> Commands:

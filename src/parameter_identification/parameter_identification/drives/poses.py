@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from tricycle_core.errors import JudgeError
 from tricycle_core.quantities import FloatArray
-from tricycle_core.rotations import yaw_of
+from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.stamps import nanoseconds_of
-
-QUATERNION_TOLERANCE = 0.01  # of the squared length of an orientation from 1
 
 
 @dataclass(frozen=True)
@@ -196,7 +194,7 @@ def planar(pose: Any) -> tuple[float, float, float]:
         if hasattr(pose, "position")
         else (pose.translation, pose.rotation)
     )
-    if not abs(q.w * q.w + q.x * q.x + q.y * q.y + q.z * q.z - 1) < QUATERNION_TOLERANCE:
+    if not is_unit(q):
         return position.x, position.y, math.nan
     return position.x, position.y, yaw_of(q)
 

@@ -24,11 +24,15 @@ from trajectory_recorder.bag.topics import decode
 from tricycle_core.errors import JudgeError
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.quantities import FloatArray
+from tricycle_core.readiness import TOPIC as READINESS
+from tricycle_core.readiness import Readiness
 from tricycle_core.stamps import SECOND, seconds_of
 
 DURATION_TOLERANCE = 0.05  # s between the reference's end and the driver's
 COMMANDS_TOLERANCE = 1e-6  # rad and rad/s between a set-point planned and played
 IMU, JOINT_STATE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState"
+STATUS, DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray"
+NOT_ARMED = "tricycle_bridge: vehicle", "not armed"  # a diagnosis: its name, how its message begins
 COMMANDS_FRACTION = 0.9  # of the set-points that must be those planned: some may be lost
 
 
@@ -42,6 +46,8 @@ class TopicNames:
         Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix.
     reference, state, commands, played : str
         What planner and maneuver driver publish.
+    readiness, diagnostics : str
+        What the bridge publishes: whether the vehicle was armed.
     imu, joint_states : str
         Sensors that only an identification needs.
     child_frame : str
@@ -55,6 +61,8 @@ class TopicNames:
     state: str = "maneuver/state"
     commands: str = "maneuver/commands"
     played: str = "joint_commands"
+    readiness: str = READINESS
+    diagnostics: str = "diagnostics"
     imu: str = "imu"
     joint_states: str = "joint_states"
     child_frame: str = "base_link"
@@ -161,12 +169,21 @@ def read_drive(
     BagError
         If the bag cannot be read.
     JudgeError
-        If it holds no reference or several, no start event or several, an aborted maneuver, the
-        drive of another maneuver than its reference, no poses, poses that are not numbers, or
-        stamps that jump back.
+        If it holds no reference or several, no start event or several, an aborted maneuver, a
+        vehicle that was not armed, the drive of another maneuver than its reference, no poses,
+        poses that are not numbers, or stamps that jump back.
     """
     with BagReader(bag) as reader:
         return _Collector(reader, topics or TopicNames(), sensors=sensors).drive()
+
+
+@dataclass(frozen=True)
+class _StartEvent:
+    time: int  # ns, by the clock that stamps the poses
+    plan_id: str
+    duration: float  # s
+    recorded: int  # ns, when the message of the start was recorded
+    ended: int  # ns, when that of the end was
 
 
 class _Collector:
@@ -181,6 +198,8 @@ class _Collector:
         self.pose = self._name(topics.pose, "name the topic of the poses")
         self.commands = self._name(topics.commands)
         self.played = self._name(topics.played)
+        self.readiness = self._beside(topics.readiness, STATUS)
+        self.diagnostics = self._beside(topics.diagnostics, DIAGNOSTICS)
         self.imu = self._sensor(topics.imu, IMU) if sensors else ""
         self.joint_states = self._sensor(topics.joint_states, JOINT_STATE) if sensors else ""
 
@@ -192,22 +211,29 @@ class _Collector:
         )
         latched: dict[str, dict[bytes, Any]] = {self.reference: {}, self.commands: {}}
         every: dict[str, list[Any]] = {
-            name: [] for name in (self.state, self.played, self.imu, self.joint_states)
+            name: [] for name in (self.played, self.imu, self.joint_states)
         }
-        wanted = ({self.pose} | latched.keys() | every.keys()) - {""}
-        for name, _, data in self.reader.messages(wanted):
+        timed: dict[str, list[tuple[int, Any]]] = {
+            name: [] for name in (self.state, self.readiness, self.diagnostics)
+        }
+        wanted = ({self.pose} | latched.keys() | every.keys() | timed.keys()) - {""}
+        for name, recorded, data in self.reader.messages(wanted):
             if name == self.pose:
                 poses.add(decode(kinds[name], data))
+            elif name in timed:
+                timed[name].append((recorded, decode(kinds[name], data)))
             elif name not in latched:
                 every[name].append(decode(kinds[name], data))
             elif data not in latched[name]:  # repeated at the beginning of each file
                 latched[name][data] = decode(kinds[name], data)
-        start, plan_id, duration = self._start_event(every[self.state])
+        event = self._start_event(timed[self.state])
+        self._check_armed(event, timed[self.readiness], timed[self.diagnostics])
+        start, plan_id = event.time, event.plan_id
         commands = self._commands(latched[self.commands].values(), plan_id)
         reference = self._reference(latched[self.reference].values(), commands)
-        if not abs(duration - reference.time[-1]) <= DURATION_TOLERANCE:
+        if not abs(event.duration - reference.time[-1]) <= DURATION_TOLERANCE:
             raise JudgeError(
-                f"{self.bag}: the driven maneuver lasts {duration:.2f} s, its reference "
+                f"{self.bag}: the driven maneuver lasts {event.duration:.2f} s, its reference "
                 f"{reference.time[-1]:.2f} s: the reference of another maneuver"
             )
         if commands is not None:
@@ -241,9 +267,13 @@ class _Collector:
 
     def _sensor(self, name: str, type_name: str) -> str:
         """As `_name`, but of several the one in the namespace of the driver's state."""
-        own = self.state.removesuffix(self.topics.state) + name
+        return self._beside(name, type_name) or self._name(name, type_name=type_name)
+
+    def _beside(self, name: str, type_name: str) -> str:
+        """Topic of this name and type in the namespace of the driver's state; "" if none."""
+        own = (self.state.removesuffix(self.topics.state) or "/") + name
         topic = self.reader.topics.get(own)
-        return own if topic and topic.type == type_name else self._name(name, type_name=type_name)
+        return own if topic and topic.type == type_name else ""
 
     def _commands(self, messages: Iterable[Any], plan_id: str) -> Any:
         """Newest commands of the plan driven; of any plan where they carry no id."""
@@ -279,18 +309,20 @@ class _Collector:
             )
         return PlanarTrajectory(path[:, 0], path[:, 1], path[:, 2], np.unwrap(path[:, 3]))
 
-    def _start_event(self, messages: Iterable[Any]) -> tuple[int, str, float]:
-        """Time of the start event, ns; id and duration, s, of the plan driven."""
-        states = [{v.key: v.value for v in message.values} for message in messages]
-        running = {s.get("start_time", ""): s for s in states if s.get("state") == "running"}
-        if not running:
+    def _start_event(self, messages: Iterable[tuple[int, Any]]) -> _StartEvent:
+        """The only start event that the driver's state tells of."""
+        states = [(at, {v.key: v.value for v in message.values}) for at, message in messages]
+        running = [(at, s) for at, s in states if s.get("state") == "running"]
+        starts = {s.get("start_time", "") for _, s in running}
+        if not starts:
             raise JudgeError(f"{self.bag}: {self.state} holds no start event: nothing was driven")
-        if len(running) > 1:
+        if len(starts) > 1:
             raise JudgeError(
-                f"{self.bag}: {len(running)} maneuvers were started: record every maneuver in a "
+                f"{self.bag}: {len(starts)} maneuvers were started: record every maneuver in a "
                 "bag of its own"
             )
-        ((start_time, event),) = running.items()
+        (start_time,) = starts
+        recorded, event = running[0]
         try:
             start = _nanoseconds(start_time)
             duration = float(event["duration"])
@@ -298,10 +330,36 @@ class _Collector:
             raise JudgeError(
                 f"{self.bag}: {self.state}: want start_time and duration in seconds"
             ) from error
-        for state in states[states.index(event) :]:
+        ended = None
+        for at, state in states[states.index(running[-1]) :]:
             if state.get("state") == "aborted":
                 raise JudgeError(f"{self.bag}: the maneuver was aborted: {state.get('reason', '')}")
-        return start, event.get("plan_id", ""), duration
+            if state.get("state") == "done" and ended is None:
+                ended = at
+        if ended is None:
+            ended = recorded + round(duration * 1e9)
+        return _StartEvent(start, event.get("plan_id", ""), duration, recorded, ended)
+
+    def _check_armed(
+        self,
+        event: _StartEvent,
+        readiness: Iterable[tuple[int, Any]],
+        diagnostics: Iterable[tuple[int, Any]],
+    ) -> None:
+        """Raise if the vehicle said during the drive that it was not armed."""
+        said = sorted(_readiness(readiness), key=lambda entry: entry[0])
+        at_start = [entry for entry in said if entry[0] <= event.recorded][-1:]
+        later = [entry for entry in said if event.recorded < entry[0] <= event.ended]
+        # bags of before vehicle/state have only the diagnostics, of once a second
+        diagnosed = (e for e in _diagnosed(diagnostics) if event.recorded <= e[0] <= event.ended)
+        for at, state in at_start + later or diagnosed:
+            if not state.armed:
+                after = (at - event.recorded) * 1e-9
+                when = f"{after:.2f} s after the start" if after > 0.0 else "at the start"
+                raise JudgeError(
+                    f"{self.bag}: the maneuver was not driven: the vehicle was not armed {when} "
+                    f"({state.reason or 'no reason is given'})"
+                )
 
     def _check_commands(self, planned: Any, played: Iterable[Any], start: int) -> None:
         """Raise if what was played is not what the bag holds as the plan."""
@@ -336,6 +394,22 @@ def _planned_and_played(
             row = bisect_right(times, elapsed + 1e-6) - 1
             steer, wheel = (setpoint.name.index(name) for name in JOINTS)
             yield *rows[row], setpoint.position[steer], setpoint.velocity[wheel]
+
+
+def _readiness(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:
+    """What `vehicle/state` says, and when."""
+    for at, message in messages:
+        yield at, Readiness.from_values({pair.key: pair.value for pair in message.values})
+
+
+def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:
+    """What the bridge's diagnostics say, and when."""
+    name, begin = NOT_ARMED
+    for at, message in messages:
+        for status in message.status:
+            if status.name == name:
+                reason = status.message.removeprefix(begin).removeprefix(": ")
+                yield at, Readiness(not status.message.startswith(begin), reason)
 
 
 def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:

@@ -261,7 +261,7 @@ def _matched(drive: RecordedDrive, time: FloatArray) -> float:
     """Fraction of the points between poses at most MAX_GAP apart; raises unless it is 1."""
     known = drive.poses.time
     after = np.searchsorted(known, time, side="left")
-    inside = (after > 0) & (after < len(known)) | np.isin(time, known)
+    inside = (after < len(known)) & ((after > 0) | (time == known[0]))
     gap = np.full(len(time), np.inf)
     gap[inside] = known[after[inside]] - known[np.maximum(after[inside] - 1, 0)]
     matched = gap <= MAX_GAP

@@ -41,8 +41,7 @@ def readable_fields(message: Message) -> dict[str, str]:
         if name.startswith("reserved"):
             continue
         if isinstance(meaning, Unit):
-            decimals = max(0, math.ceil(-math.log10(meaning.scale)))
-            texts[f"{label} ({meaning.symbol})"] = f"{value * meaning.scale:.{decimals}f}"
+            texts[f"{label} ({meaning.symbol})"] = _in_units(value, meaning)
         elif meaning is None:
             texts[label] = str(value)
         elif issubclass(meaning, enum.IntFlag):
@@ -50,6 +49,22 @@ def readable_fields(message: Message) -> dict[str, str]:
         else:
             texts[label] = _name_of(meaning, value)
     return texts
+
+
+def readable_value(message: Message, name: str) -> str:
+    """Return the value of a field that has a unit, e.g. ``4.800 m/s``.
+
+    Parameters
+    ----------
+    message : Message
+        Any message.
+    name : str
+        Of the field.
+    """
+    meaning = meanings(type(message))[name]
+    if not isinstance(meaning, Unit):
+        return str(getattr(message, name))
+    return f"{_in_units(getattr(message, name), meaning)} {meaning.symbol}"
 
 
 def fault_names(faults: int) -> str:
@@ -64,10 +79,37 @@ def fault_names(faults: int) -> str:
     --------
     >>> fault_names(0x101)
     'CMD_TIMEOUT|LIMIT'
-    >>> fault_names(0x200)
-    'BIT_9'
+    >>> fault_names(0x1000)
+    'BIT_12'
     """
     return _flag_names(Fault, faults)
+
+
+_FAULT_CAUSES = {
+    Fault.PULSES: ("motor torque without pulses: wheel blocked, or hall or direction wire broken"),
+    Fault.SUPPLY: "supply outside its thresholds",
+    Fault.STOP_TIMEOUT: "the vehicle did not come to rest in time: brake or hall sensor broken",
+}
+
+
+def state_and_faults(state: int, faults: int) -> str:
+    """Return a PLC's state and its faults, with what those mean whose names do not say it.
+
+    Parameters
+    ----------
+    state : int
+        Value of `PlcState`.
+    faults : int
+        Bits of `Fault`.
+
+    Examples
+    --------
+    >>> state_and_faults(5, 0x204)
+    'FAULT (SENSOR|SUPPLY): supply outside its thresholds'
+    """
+    names = fault_names(faults)
+    causes = "; ".join(text for fault, text in _FAULT_CAUSES.items() if faults & fault)
+    return state_name(state) + (f" ({names})" if names else "") + (f": {causes}" if causes else "")
 
 
 def state_name(state: int) -> str:
@@ -111,6 +153,11 @@ def firmware_version(identity: HelloAck) -> str:
         What the PLC answered to HELLO.
     """
     return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
+
+
+def _in_units(value: int, unit: Unit) -> str:
+    decimals = max(0, math.ceil(-math.log10(unit.scale)))
+    return f"{value * unit.scale:.{decimals}f}"
 
 
 def _name_of(kind: type[enum.IntEnum], value: int) -> str:

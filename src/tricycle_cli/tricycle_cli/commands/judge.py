@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,11 +84,8 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
-
     from parameter_identification.judging.export import export, plot
     from parameter_identification.judging.judgement import judge
-    from tricycle_cli.reports.tables import judgement_table
 
     topics = TopicNames(
         pose=args.pose,
@@ -97,7 +95,9 @@ def run(args: argparse.Namespace) -> int:
         datum=args.datum,
     )
     judgements, mistakes = [], []
-    with progress_bar("judging") as progress:
+    # one bag has no parts to tell of, and the bar takes longer to import than to judge it
+    bar = progress_bar("judging") if len(args.bags) > 1 else nullcontext(lambda *_: None)
+    with bar as progress:
         for done, bag in enumerate(args.bags, start=1):
             try:
                 judgements.append(judge(bag, topics=topics, anchor=Anchor(args.anchor)))
@@ -114,6 +114,10 @@ def run(args: argparse.Namespace) -> int:
         found = [_as_json(judgement) for judgement in judgements]
         print(json.dumps(found[0] if len(args.bags) == 1 else {"bags": found}))
     else:
+        from rich.console import Console
+
+        from tricycle_cli.reports.tables import judgement_table
+
         Console().print(judgement_table(judgements))
     if args.export:
         for path in export(judgements, args.output, ExportFormat(args.export)):

@@ -24,7 +24,7 @@ from excitation_planner.playback import PlaybackState
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
-from tricycle_core.nodes import LATCHED
+from tricycle_core.nodes import LATCHED, ignore_impossible_times
 from tricycle_core.quantities import Progress
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
@@ -134,6 +134,7 @@ class Operator(Closing):
             cli_args=["--ros-args", "-r", "/clock:=clock"] if namespace else None,
             parameter_overrides=[Parameter("use_sim_time", value=simulated)],
         )
+        ignore_impossible_times(self._node)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._plans = PlanPublisher(self._node)
@@ -227,6 +228,11 @@ class Operator(Closing):
         while self._state["state"] not in ended:
             before = dict(self._state)
             self._wait(lambda: self._state != before, "news of the running maneuver")  # noqa: B023
+            if self._state["plan_id"] != plan.id:
+                raise NodeError(
+                    f"maneuver_driver took another plan, {self._state['plan_id']}, before it said "
+                    "how this one ended"
+                )
             elapsed, duration = (float(self._state[key]) for key in ("elapsed", "duration"))
             progress(round(1e3 * elapsed), round(1e3 * duration))
         if self._state["state"] == PlaybackState.ABORTED.value:

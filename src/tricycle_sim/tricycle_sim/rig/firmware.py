@@ -6,6 +6,12 @@ vehicle is the plant.
 
 from pathlib import Path
 
+from tricycle_bridge.protocol.boards import (
+    ADC_CENTRE,
+    ADC_SCALE,
+    DRIVE_SUPPLY,
+    STEER_SUPPLY,
+)
 from tricycle_bridge.protocol.framing import FrameDecoder
 from tricycle_bridge.protocol.messages import (
     Board,
@@ -13,12 +19,15 @@ from tricycle_bridge.protocol.messages import (
     DriveState,
     Hello,
     PlcState,
+    ResetCause,
     SteerCommand,
     SteerState,
 )
 from tricycle_core.timing import TICK
 from tricycle_sim.plc.simulated_uno import SimulatedUno
+from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.rig import Rig
+from tricycle_sim.rig.sensors import broken_potentiometer, measured_speed
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 
@@ -80,6 +89,8 @@ class FirmwareRig(Rig):
         With its true values.
     build : Path
         Directory of the firmware's images and the simulator: `make -C firmware avr simulator`.
+    faults : FaultPlan
+        Faults of wires, boards and host. A board that is reset is one fresh from the flashing.
 
     Raises
     ------
@@ -87,10 +98,10 @@ class FirmwareRig(Rig):
         If they are not there.
     """
 
-    def __init__(self, vehicle: Vehicle, build: Path) -> None:
+    def __init__(self, vehicle: Vehicle, build: Path, faults: FaultPlan = NO_FAULTS) -> None:
         self._boards = {b: _FirmwareBoard(b, build) for b in (Board.STEER, Board.DRIVE)}
         self._hall_travel = 0.0  # m that the hall sensor's wheel has turned
-        super().__init__(vehicle)
+        super().__init__(vehicle, faults)
 
     @property
     def armed(self) -> bool:
@@ -101,37 +112,36 @@ class FirmwareRig(Rig):
         """Whether a board was sent a command since the last step."""
         return self._boards[board].heard
 
-    def _reboot(self) -> None:
+    def _rest(self) -> None:
         self._hall_travel = 0.0
-        for board in self._boards.values():
-            board.replace()
 
-    def receive(self, board: Board, data: bytes) -> bytes:
-        """Hand bytes of the host to a board; its answers come with the telemetry of `step`.
+    def _reboot(self, board: Board, _: ResetCause) -> None:
+        self._boards[board].replace()
 
-        Parameters
-        ----------
-        board : Board
-            Steer or drive.
-        data : bytes
-            As they come from the line.
-        """
+    def _receive(self, board: Board, data: bytes) -> bytes:
         self._boards[board].write(data)
-        return b""
+        return b""  # the answers come with the telemetry of `step`
 
-    def step(self) -> dict[Board, bytes]:
-        """Run one tick: sensors, boards, vehicle. Return what the boards sent."""
-        state, steer, drive = self._live.state, *self._boards.values()
-        steer.uno.steering_angle(state.steering_motor_angle)
-        drive.uno.wheel_speed(self._hall_speed(state))
-        sent = {board: one.step() for board, one in self._boards.items()}
-        servo, motor = steer.uno.steer_pins(), drive.uno.drive_pins()
-        self._live.step(
-            steering=servo.angle if servo.servo_on else None,
-            torque=motor.torque,
-            brake=motor.brake,
+    def _step(self, hung: set[Board]) -> dict[Board, bytes]:
+        state, faults = self._live.state, self._faults
+        steer, drive = self._boards.values()
+        counts = broken_potentiometer(faults)
+        steer.uno.steering_angle(
+            state.steering_motor_angle if counts is None else (counts - ADC_CENTRE) / ADC_SCALE
         )
-        self._ticks += 1
+        drive.uno.wheel_speed(measured_speed(self._hall_speed(state), faults))
+        steer.uno.supply(faults.get(FaultKind.STEER_SUPPLY, STEER_SUPPLY))
+        drive.uno.supply(faults.get(FaultKind.DRIVE_SUPPLY, DRIVE_SUPPLY))
+        for board in (steer, drive):
+            board.uno.estop(pressed=FaultKind.ESTOP in faults)
+        sent = {board: b"" if board in hung else one.step() for board, one in self._boards.items()}
+        servo, motor = steer.uno.steer_pins(), drive.uno.drive_pins()
+        servo_on = servo.servo_on and FaultKind.SERVO_DEAD not in faults
+        self._live.step(
+            steering=servo.angle if servo_on else None,
+            torque=0.0 if FaultKind.MOTOR_DEAD in faults else motor.torque,
+            brake=0.0 if FaultKind.BRAKE_DEAD in faults else motor.brake,
+        )
         return sent
 
     def _hall_speed(self, state: LiveState) -> float:

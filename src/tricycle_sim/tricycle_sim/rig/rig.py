@@ -2,11 +2,16 @@
 
 from abc import abstractmethod
 
-from tricycle_bridge.protocol.messages import Board
+from tricycle_bridge.protocol.messages import Board, ResetCause
 from tricycle_core.closing import Closing
 from tricycle_core.timing import TICK
+from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState, LiveVehicle
+
+_RESET = {Board.STEER: FaultKind.STEER_RESET, Board.DRIVE: FaultKind.DRIVE_RESET}
+_HANG = {Board.STEER: FaultKind.STEER_HANG, Board.DRIVE: FaultKind.DRIVE_HANG}
+_CABLE = {Board.STEER: FaultKind.STEER_CABLE, Board.DRIVE: FaultKind.DRIVE_CABLE}
 
 
 class Rig(Closing):
@@ -18,10 +23,14 @@ class Rig(Closing):
     ----------
     vehicle : Vehicle
         With its true values.
+    faults : FaultPlan
+        Faults of wires, boards and host.
     """
 
-    def __init__(self, vehicle: Vehicle) -> None:
+    def __init__(self, vehicle: Vehicle, faults: FaultPlan = NO_FAULTS) -> None:
         self._vehicle = vehicle
+        self._plan = faults
+        self._faults = faults.at(0.0)
         self._ticks = 0
         self._live = LiveVehicle(vehicle)
 
@@ -29,6 +38,11 @@ class Rig(Closing):
     def time(self) -> float:
         """Simulated time in s; it never goes back."""
         return self._ticks * TICK
+
+    @property
+    def host_time(self) -> float:
+        """What the host's clock reads in s: `time`, and its steps."""
+        return self.time + self._faults.get(FaultKind.HOST_CLOCK, 0.0)
 
     @property
     def state(self) -> LiveState:
@@ -55,16 +69,23 @@ class Rig(Closing):
             Steer or drive.
         """
 
+    def plugged(self, board: Board) -> bool:
+        """Return whether a board's cable is in the host.
+
+        Parameters
+        ----------
+        board : Board
+            Steer or drive.
+        """
+        return _CABLE[board] not in self._faults
+
     def reset(self) -> None:
         """Put the vehicle at rest at the origin and reboot both boards; time goes on."""
         self._live = LiveVehicle(self._vehicle)
-        self._reboot()
+        self._rest()
+        for board in (Board.STEER, Board.DRIVE):
+            self._reboot(board, ResetCause.EXTERNAL)
 
-    @abstractmethod
-    def _reboot(self) -> None:
-        """Bring both boards into the state after power-on."""
-
-    @abstractmethod
     def receive(self, board: Board, data: bytes) -> bytes:
         """Hand bytes of the host to a board; return its immediate answers.
 
@@ -75,10 +96,47 @@ class Rig(Closing):
         data : bytes
             As they come from the line.
         """
+        if self._cut_off(board) or _HANG[board] in self._faults:
+            return b""
+        return self._receive(board, data)
 
-    @abstractmethod
     def step(self) -> dict[Board, bytes]:
         """Run one tick: boards measure and control, the vehicle moves. Return what boards sent."""
+        hung = {board for board in _HANG if _HANG[board] in self._faults}
+        sent = self._step(hung)
+        sent = {board: b"" if self._cut_off(board) else data for board, data in sent.items()}
+        self._ticks += 1
+        if self._plan.faults:
+            self._fail()
+        return sent
 
     def close(self) -> None:
         """Free what the boards hold."""
+
+    def _fail(self) -> None:
+        """Take the faults of the new tick; reset the boards that they reset."""
+        before, self._faults = self._faults, self._plan.at(self.time)
+        begun, ended = self._faults.keys() - before.keys(), before.keys() - self._faults.keys()
+        for board in (Board.STEER, Board.DRIVE):
+            if _HANG[board] in ended:
+                self._reboot(board, ResetCause.WATCHDOG)
+            elif _RESET[board] in begun or _CABLE[board] in ended:
+                self._reboot(board, ResetCause.EXTERNAL)
+
+    def _cut_off(self, board: Board) -> bool:
+        return FaultKind.HOST_SILENT in self._faults or not self.plugged(board)
+
+    def _rest(self) -> None:
+        """Forget what the vehicle's sensors have counted."""
+
+    @abstractmethod
+    def _reboot(self, board: Board, cause: ResetCause) -> None:
+        """Bring a board into the state after its reset."""
+
+    @abstractmethod
+    def _receive(self, board: Board, data: bytes) -> bytes:
+        """Hand bytes to a board that gets them; return its immediate answers."""
+
+    @abstractmethod
+    def _step(self, hung: set[Board]) -> dict[Board, bytes]:
+        """Run one tick, in which the hung boards keep their outputs; return what boards sent."""

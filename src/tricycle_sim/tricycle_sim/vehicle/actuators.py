@@ -8,6 +8,8 @@ import cmath
 import math
 from typing import Any
 
+import numpy as np
+
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import inlined
 from tricycle_sim.vehicle.layout import LANES, Formulas, StepFormulas, numbered
@@ -47,9 +49,14 @@ HUB_MOTOR: Formulas = {
 }
 _M = numbered(HUB_MOTOR, step=LANES)
 
+BRAKE_RATE = 100.0
+"""Fastest rate at which the brake takes the last of a wheel's spin [1/s]."""
 FRICTION_BRAKE: Formulas = {
     "torque": lambda v: v.brake_torque,
-    "smoothing_squared": lambda v: v.brake_smoothing_speed**2,
+    # no stiffer than the integration's steps can follow
+    "stiffness": lambda v: np.minimum(
+        v.brake_torque / v.brake_smoothing_speed, BRAKE_RATE * v.rear_wheel_inertia
+    ),
 }
 _B = numbered(FRICTION_BRAKE, step=LANES)
 
@@ -138,8 +145,11 @@ def hub_motor(
 
 
 @inlined
-def friction_brake(g: FloatArray, c: int, spin: float, share: float) -> float:
+def friction_brake(g: FloatArray, c: int, spin: float, share: float, others: float) -> float:
     """Return the moment of the brake against the spin [N m].
+
+    Coulomb's friction, which holds: up to its torque the brake takes up what else turns the wheel,
+    so that a wheel at rest stays at rest.
 
     Parameters
     ----------
@@ -151,10 +161,11 @@ def friction_brake(g: FloatArray, c: int, spin: float, share: float) -> float:
         Of the braked wheel [rad/s].
     share : float
         Command, 0 to 1.
+    others : float
+        Moment of all else on the wheel [N m].
     """
-    moment: float = (
-        share * g[c + _B.torque] * spin / math.sqrt(spin * spin + g[c + _B.smoothing_squared])
-    )
+    most = share * g[c + _B.torque]
+    moment: float = max(-most, min(most, others + g[c + _B.stiffness] * spin))
     return moment
 
 

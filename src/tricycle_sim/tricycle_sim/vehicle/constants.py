@@ -25,6 +25,8 @@ UNKNOWN_PARAMETERS: tuple[str, ...] = (
     "yaw_inertia",
     "rolling_coefficient_1",
     "rolling_coefficient_2",
+    "road_grade",
+    "road_bank",
 )
 """The constants that a vehicle file may leave unknown, in their order everywhere.
 
@@ -49,8 +51,9 @@ def _not_negative(unit: str) -> float:
     return value
 
 
-def _between(unit: str, low: float, high: float) -> float:
-    value: float = field(metadata=_constant(unit, low=low, high=high, zero=True))
+def _between(unit: str, low: float, high: float, default: Any = dataclasses.MISSING) -> float:
+    metadata = _constant(unit, low=low, high=high, zero=True)
+    value: float = field(default=default, metadata=metadata)
     return value
 
 
@@ -63,8 +66,9 @@ def _any(unit: str) -> float:
 class Vehicle:
     """A tricycle (two steered wheels in front, one driven behind), validated on creation.
 
-    Body frame at the centre of mass (COM): x forward, y left, z up (REP-103). The six
-    `UNKNOWN_PARAMETERS` hold their nominal values; those listed in `unknown` are uncertain.
+    Body frame at the centre of mass (COM): x forward, y left, z up (REP-103). The
+    `UNKNOWN_PARAMETERS` hold their nominal values; those listed in `unknown` are uncertain. The
+    road is a plane, level by default; the world's frame lies in it.
 
     Raises
     ------
@@ -111,7 +115,8 @@ class Vehicle:
     rolling_smoothing_speed: float = _positive("m/s")
     # steering
     caster_angle: float = _between("rad", -0.7, 0.7)
-    steering_limit: float = _between("rad", 0.01, 1.2)  # of the motor
+    steering_limit: float = _between("rad", 0.01, 1.2)  # of the motor: its end stop
+    steering_margin: float = _between("1", 0.0, 0.5, 0.05)  # of the limit, kept free by plans
     steering_ratio_straight: float = _between("1", 0.3, 1.0)  # outer to inner wheel
     steering_ratio_full: float = _between("1", 0.3, 1.0)  # at the limit
     steering_ratio_smoothing: float = _positive("rad")
@@ -133,6 +138,9 @@ class Vehicle:
     speed_anti_windup: float = _not_negative("rad/(N m s)")
     brake_torque: float = _not_negative("N m")
     brake_smoothing_speed: float = _positive("rad/s")
+    # road: a plane, whose frame is the world's of all trajectories
+    road_grade: float = _between("rad", -0.5, 0.5, 0.0)  # of the x axis above the horizontal
+    road_bank: float = _between("rad", -0.5, 0.5, 0.0)  # of the y axis above the horizontal
     # what is not known
     unknown: Mapping[str, tuple[float, float]]
     # laws other than the first of `tricycle_sim.vehicle.parts.PARTS`, by part
@@ -164,6 +172,11 @@ class Vehicle:
         return {name: getattr(self, name) for name in self.unknown}
 
     @property
+    def steering_reach(self) -> float:
+        """Largest angle of the steering motor in a plan [rad]: the margin before its end stop."""
+        return self.steering_limit * (1.0 - self.steering_margin)
+
+    @property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits that change with any value, range or law of the vehicle."""
         values = {
@@ -180,12 +193,18 @@ class Vehicle:
         return np.array(list(self.nominal.values()))
 
     def static_loads(self) -> tuple[float, float, float]:
-        """Wheel loads left, right, rear at rest [N], by moment balance of the rigid vehicle."""
-        weight = self.mass * self.gravity
-        rear = weight * self.com_to_front_axle / (self.com_to_front_axle + self.com_to_rear_axle)
-        front = weight - rear
+        """Wheel loads left, right, rear at rest [N], by moment balance of the rigid vehicle.
+
+        It heads +x, held by its tyres where the road is not level.
+        """
+        x, y, z = (self.mass * self.gravity * part for part in upward(self))
+        wheelbase = self.com_to_front_axle + self.com_to_rear_axle
+        rear = (z * self.com_to_front_axle + x * self.com_height) / wheelbase
+        front = z - rear
         track = self.left_wheel_y - self.right_wheel_y
-        left = -(front * self.right_wheel_y + rear * self.rear_wheel_y) / track
+        left = (
+            -(front * self.right_wheel_y + rear * self.rear_wheel_y + y * self.com_height) / track
+        )
         return left, front - left, rear
 
     def replace(self, **values: float) -> "Vehicle":
@@ -216,6 +235,18 @@ def constant_fields() -> list[dataclasses.Field[Any]]:
     A constant with a default may be missing from a vehicle file.
     """
     return [entry for entry in dataclasses.fields(Vehicle) if "unit" in entry.metadata]
+
+
+def upward(values: Any) -> tuple[Any, Any, Any]:
+    """Return the upward vertical in the road's frame, a unit vector.
+
+    Parameters
+    ----------
+    values : object
+        With `road_grade` and `road_bank` as attributes; numbers or arrays.
+    """
+    x, y = np.sin(values.road_grade), np.sin(values.road_bank)
+    return x, y, np.sqrt(1.0 - x * x - y * y)
 
 
 def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:

@@ -85,6 +85,7 @@ def _wheel(
     inertia: float,
     inverse_inertia: float,
     drive_torque: float,
+    brake: float,
 ) -> tuple[float, float, float, float, float, float]:
     """Evaluate one wheel (0 left, 1 right, 2 rear) of vehicle `i`.
 
@@ -131,6 +132,8 @@ def _wheel(
     resistance = rolling_resistance(g, tyre, rho, load, rolling)
 
     axle_torque = drive_torque - rho * force_x
+    if wheel == 2:
+        axle_torque -= laws.brake(g, BLOCK.brake * LANES + i, spin, brake, axle_torque - resistance)
     g[(SLOPE + STATE.spin_left + wheel) * LANES + i] = (axle_torque - resistance) * inverse_inertia
     g[(SLOPE + STATE.kappa_left + wheel) * LANES + i] = kappa_slope
     g[(SLOPE + STATE.alpha_left + wheel) * LANES + i] = alpha_slope
@@ -184,7 +187,6 @@ def _slopes(
     g[EVALUATED.excess * LANES + i] = excess
     g[(SLOPE + STATE.torque) * LANES + i] = torque_slope
     g[(SLOPE + STATE.integrator) * LANES + i] = integrator_slope
-    drive_torque = torque - laws.brake(g, BLOCK.brake * LANES + i, spin, brake)
 
     # Wheels
     front_x, wheel_z = g[body + _C.front_x], g[body + _C.wheel_z]
@@ -192,28 +194,45 @@ def _slopes(
     iw, inverse_iw = g[body + _C.spin_inertia_front], g[body + _C.inverse_spin_inertia_front]
     position = (front_x, g[body + _C.left_y], wheel_z)
     ax, ay, az, al, am, an = _wheel(
-        laws, g, i, 0, e, (n1x, n1y, n1z), rate1, position, iw, inverse_iw, 0.0
+        laws, g, i, 0, e, (n1x, n1y, n1z), rate1, position, iw, inverse_iw, 0.0, 0.0
     )
     position = (front_x, g[body + _C.right_y], wheel_z)
     bx, by, bz, bl, bm, bn = _wheel(
-        laws, g, i, 1, e, (n2x, n2y, n2z), rate2, position, iw, inverse_iw, 0.0
+        laws, g, i, 1, e, (n2x, n2y, n2z), rate2, position, iw, inverse_iw, 0.0, 0.0
     )
     iw, inverse_iw = g[body + _C.spin_inertia_rear], g[body + _C.inverse_spin_inertia_rear]
     position = (g[body + _C.rear_x], g[body + _C.rear_y], wheel_z)
     cx, cy, cz, cl, cm, cn = _wheel(
-        laws, g, i, 2, e, (0.0, 1.0, 0.0), 0.0, position, iw, inverse_iw, drive_torque
+        laws, g, i, 2, e, (0.0, 1.0, 0.0), 0.0, position, iw, inverse_iw, torque, brake
     )
 
     # Body: Newton and Euler in the body frame
     ixx, iyy, izz = g[body + _C.ixx], g[body + _C.iyy], g[body + _C.izz]
-    inverse_mass, gravity = g[body + _C.inverse_mass], g[body + _C.gravity]
+    inverse_mass = g[body + _C.inverse_mass]
+    gravity_x, gravity_y = g[body + _C.gravity_x], g[body + _C.gravity_y]
+    gravity_z = g[body + _C.gravity_z]
     ex, ey, ez = e
+    # the road's x and y axes in the body frame
+    xx, xy, xz = (
+        1.0 - 2.0 * (q2 * q2 + q3 * q3),
+        2.0 * (q1 * q2 - q0 * q3),
+        2.0 * (q1 * q3 + q0 * q2),
+    )
+    yx, yy, yz = (
+        2.0 * (q1 * q2 + q0 * q3),
+        1.0 - 2.0 * (q1 * q1 + q3 * q3),
+        2.0 * (q2 * q3 - q0 * q1),
+    )
     drag = g[body + _C.drag_per_mass] * u * abs(u)
     g[(SLOPE + STATE.u) * LANES + i] = (
-        (ax + bx + cx) * inverse_mass - gravity * ex - drag - q * w + r * v
-    )
-    g[(SLOPE + STATE.v) * LANES + i] = (ay + by + cy) * inverse_mass - gravity * ey - r * u + p * w
-    g[(SLOPE + STATE.w) * LANES + i] = (az + bz + cz) * inverse_mass - gravity * ez - p * v + q * u
+        (ax + bx + cx) * inverse_mass - gravity_z * ex - drag - q * w + r * v
+    ) - (gravity_x * xx + gravity_y * yx)
+    g[(SLOPE + STATE.v) * LANES + i] = (
+        (ay + by + cy) * inverse_mass - gravity_z * ey - r * u + p * w
+    ) - (gravity_x * xy + gravity_y * yy)
+    g[(SLOPE + STATE.w) * LANES + i] = (
+        (az + bz + cz) * inverse_mass - gravity_z * ez - p * v + q * u
+    ) - (gravity_x * xz + gravity_y * yz)
     g[(SLOPE + STATE.p) * LANES + i] = (al + bl + cl - (izz - iyy) * q * r) * g[
         body + _C.inverse_ixx
     ]
@@ -224,16 +243,8 @@ def _slopes(
         body + _C.inverse_izz
     ]
     # Pose; the last term of the quaternion's rate keeps its length 1
-    g[(SLOPE + STATE.x) * LANES + i] = (
-        (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * u
-        + 2.0 * (q1 * q2 - q0 * q3) * v
-        + 2.0 * (q1 * q3 + q0 * q2) * w
-    )
-    g[(SLOPE + STATE.y) * LANES + i] = (
-        2.0 * (q1 * q2 + q0 * q3) * u
-        + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * v
-        + 2.0 * (q2 * q3 - q0 * q1) * w
-    )
+    g[(SLOPE + STATE.x) * LANES + i] = xx * u + xy * v + xz * w
+    g[(SLOPE + STATE.y) * LANES + i] = yx * u + yy * v + yz * w
     g[(SLOPE + STATE.z) * LANES + i] = ex * u + ey * v + ez * w
     excess = 1.0 - (q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
     g[(SLOPE + STATE.q0) * LANES + i] = 0.5 * (-q1 * p - q2 * q - q3 * r) + excess * q0

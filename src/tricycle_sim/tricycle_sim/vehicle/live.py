@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.constants import Vehicle, upward
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import COMMAND, NO_OUTPUT, NO_ROWS, functions_for
@@ -173,13 +173,29 @@ class LiveVehicle:
         )
         self._rear_wheel_angle += 0.5 * TICK * (self._rear_wheel_speed + wheel_speeds[2])
         self._rear_wheel_speed = wheel_speeds[2]
-        gravity = self.vehicle.gravity
-        specific_force = (
-            du + q * w - r * v + gravity * 2.0 * (q1 * q3 - q0 * q2),
-            dv + r * u - p * w + gravity * 2.0 * (q2 * q3 + q0 * q1),
-            dw + p * v - q * u + gravity * (1.0 - 2.0 * (q1 * q1 + q2 * q2)),
-        )
         attitude = (q0, q1, q2, q3)
+        gravity = self.vehicle.gravity
+        up_x, up_y, up_z = (gravity * float(part) for part in upward(self.vehicle))
+        specific_force = (
+            du
+            + q * w
+            - r * v
+            + up_z * 2.0 * (q1 * q3 - q0 * q2)
+            + up_x * (1.0 - 2.0 * (q2 * q2 + q3 * q3))
+            + up_y * 2.0 * (q1 * q2 + q0 * q3),
+            dv
+            + r * u
+            - p * w
+            + up_z * 2.0 * (q2 * q3 + q0 * q1)
+            + up_x * 2.0 * (q1 * q2 - q0 * q3)
+            + up_y * (1.0 - 2.0 * (q1 * q1 + q3 * q3)),
+            dw
+            + p * v
+            - q * u
+            + up_z * (1.0 - 2.0 * (q1 * q1 + q2 * q2))
+            + up_x * 2.0 * (q1 * q3 + q0 * q2)
+            + up_y * 2.0 * (q2 * q3 - q0 * q1),
+        )
         torque = float(values[STATE.torque])
         power = torque * wheel_speeds[2] + self.vehicle.motor_copper_loss * torque**2
         load_left, load_right, load_rear = values[

@@ -12,7 +12,7 @@ import numpy as np
 from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import actuators, steering, tyre
-from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.constants import Vehicle, upward
 from tricycle_sim.vehicle.layout import CONSTANTS, Formulas, blocks
 
 PARTS: Mapping[str, Mapping[str, tuple[Any, Any]]] = {
@@ -42,7 +42,7 @@ class Laws(NamedTuple):
 
 
 BODY: Formulas = {
-    "gravity": lambda v: v.gravity,
+    "gravity_z": lambda v: v.gravity * upward(v)[2],  # towards the road
     "inverse_mass": lambda v: 1.0 / v.mass,
     "drag_per_mass": lambda v: v.air_drag / v.mass,
     "ixx": lambda v: v.roll_inertia,
@@ -64,6 +64,8 @@ BODY: Formulas = {
     "king_pin_x": lambda v: -np.sin(v.caster_angle),
     "king_pin_z": lambda v: np.cos(v.caster_angle),
     "rollover_cosine": lambda v: np.cos(v.rollover_angle),
+    "gravity_x": lambda v: v.gravity * upward(v)[0],  # along the road, against its axes
+    "gravity_y": lambda v: v.gravity * upward(v)[1],
 }
 """Constants of body, wheels and king-pins, which every vehicle has."""
 

@@ -6,7 +6,6 @@ nonsense.
 """
 
 import numpy as np
-from scipy.linalg import eig
 
 from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.errors import VehicleError
@@ -90,6 +89,10 @@ def _fastest_at(vehicle: Vehicle, speed: float) -> tuple[float, int]:
     advance(groups, STRAIGHT, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
     slopes = rows[:, SLOPE : SLOPE + STATES].transpose(1, 0, 2).reshape(STATES, 2 * STATES)
     jacobian = (slopes[:, ::2] - slopes[:, 1::2]) / (2.0 * variation)
-    rates, left, right = eig(jacobian, left=True)
+    # not `scipy.linalg.eig`, which has both vectors: importing SciPy takes longer than all the rest
+    rates, right = np.linalg.eig(jacobian)
     fastest = int(np.argmax(np.abs(rates)))
-    return float(np.abs(rates[fastest])), int(np.argmax(np.abs(left * right)[:, fastest]))
+    left_rates, left = np.linalg.eig(jacobian.T)
+    same = int(np.argmin(np.abs(left_rates - rates[fastest])))
+    part = np.abs(left[:, same] * right[:, fastest])
+    return float(np.abs(rates[fastest])), int(np.argmax(part))

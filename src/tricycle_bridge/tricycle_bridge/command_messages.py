@@ -1,0 +1,116 @@
+"""From a commander's message to a command of the vehicle, or what is wrong with the message."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.kinematics import steering_motor_angle, turn_rate
+from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.errors import LinkError
+from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, STEERING_JOINT
+
+
+def joint_command(
+    names: Sequence[str],
+    positions: Sequence[float],
+    velocities: Sequence[float],
+    tyre_radius: float,
+) -> VehicleCommand:
+    """Return the command in a JointState.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Joints; others than the two are ignored.
+    positions, velocities : sequence of float
+        By joint [rad, rad/s].
+    tyre_radius : float
+        Radius of the rear wheel [m].
+
+    Raises
+    ------
+    LinkError
+        A joint or its value is missing, stands there twice, or is not finite.
+    """
+    for joint in JOINTS:
+        if list(names).count(joint) > 1:
+            raise LinkError(f"{joint} is there {list(names).count(joint)} times, must be once")
+    try:
+        angle = positions[list(names).index(STEERING_JOINT)]
+        wheel_rate = velocities[list(names).index(REAR_WHEEL_JOINT)]
+    except (ValueError, IndexError):
+        raise LinkError(
+            f"must give position and velocity of {STEERING_JOINT} and {REAR_WHEEL_JOINT}"
+        ) from None
+    return VehicleCommand(angle, wheel_rate * tyre_radius)
+
+
+def twist_command(
+    speed: float,
+    wanted: float,
+    settings: BridgeSettings,
+    *,
+    resting_angle: float,
+    wheelbase: float,
+    caster_angle: float,
+) -> VehicleCommand:
+    """Return the command in a Twist.
+
+    Parameters
+    ----------
+    speed : float
+        Speed [m/s], forward positive.
+    wanted : float
+        Turn rate [rad/s], left positive.
+    settings : BridgeSettings
+        Largest steering angle.
+    resting_angle : float
+        Angle of the steering motor at speed 0 [rad].
+    wheelbase : float
+        Wheelbase [m].
+    caster_angle : float
+        Angle between king-pin and vertical [rad].
+
+    Raises
+    ------
+    LinkError
+        A value is not finite, or the steering cannot give the turn rate.
+    """
+    for name, value in (("speed", speed), ("turn rate", wanted)):
+        if not math.isfinite(value):
+            raise LinkError(f"{name} is {value}: must be a finite number")
+    largest = abs(
+        turn_rate(
+            speed, settings.max_steering_angle, wheelbase=wheelbase, caster_angle=caster_angle
+        )
+    )
+    if abs(wanted) > largest * (1.0 + 1e-6):
+        raise LinkError(
+            f"turn rate {wanted:.4g} rad/s at {speed:.4g} m/s: "
+            f"the steering gives {largest:.4g} rad/s at most"
+        )
+    if speed == 0.0:
+        return VehicleCommand(resting_angle, 0.0)
+    angle = steering_motor_angle(speed, wanted, wheelbase=wheelbase, caster_angle=caster_angle)
+    return VehicleCommand(angle, speed)
+
+
+def limit_refusal(command: VehicleCommand, settings: BridgeSettings) -> str | None:
+    """Return which limit a command exceeds by more than rounding; None if it exceeds none.
+
+    Parameters
+    ----------
+    command : VehicleCommand
+        What is wanted.
+    settings : BridgeSettings
+        The limits.
+    """
+    angle, speed = command.steering_motor_angle, command.speed
+    if abs(angle) > settings.max_steering_angle + ANGLE_UNIT:
+        return f"steering angle {angle:.4g} rad: at most {settings.max_steering_angle:.4g} rad"
+    if abs(speed) > settings.max_speed + SPEED_UNIT:
+        return f"speed {speed:.4g} m/s: at most {settings.max_speed:.4g} m/s"
+    return None

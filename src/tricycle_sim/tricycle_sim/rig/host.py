@@ -1,0 +1,107 @@
+"""A rig driven through the bridge's own logic, tick by tick, without ports and nodes."""
+
+import random
+
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.protocol.messages import Board
+from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.errors import LinkError
+from tricycle_sim.rig.rig import Rig
+
+_OFFSET = 100.0  # s that the host's clock is ahead of the rig's
+
+
+class Host:
+    """The bridge, and a commander that sends a command every tick.
+
+    Parameters
+    ----------
+    rig : Rig
+        Vehicle and boards.
+    settings : BridgeSettings
+        Of the bridge.
+
+    Attributes
+    ----------
+    bridge : Bridge
+        The two links.
+    target : VehicleCommand or None
+        What the commander sends at every tick; None: nothing.
+    log : list of str
+        What the bridge has said.
+    """
+
+    def __init__(self, rig: Rig, settings: BridgeSettings | None = None) -> None:
+        self.rig = rig
+        rng = random.Random(0)  # noqa: S311 - sessions and nonces, the same in every run
+        self.bridge = Bridge(settings or BridgeSettings(), rng=rng)
+        self.bridge.active = True
+        self.target: VehicleCommand | None = VehicleCommand(0.0, 0.0)
+        self.log: list[str] = []
+        self._open: set[Board] = set()
+        self._watch_cables()
+
+    @property
+    def now(self) -> float:
+        """Time on the host's clock [s]."""
+        return _OFFSET + self.rig.host_time
+
+    def tick(self) -> None:
+        """Command, exchange bytes, and let the rig run for 10 ms."""
+        bridge, now = self.bridge, self.now
+        self._watch_cables()
+        if self.target is not None:
+            bridge.set_command(self.target, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+        bridge.poll(now)
+        for board, frames in bridge.take_frames().items():
+            if frames:
+                self._hear(board, self.rig.receive(board, b"".join(frames)))
+        for board, data in self.rig.step().items():
+            self._hear(board, data)
+        bridge.take_readings()
+        self.log += [entry.text for entry in bridge.take_log()]
+
+    def run(self, seconds: float) -> None:
+        """Tick for a while.
+
+        Parameters
+        ----------
+        seconds : float
+            For so long.
+        """
+        for _ in range(round(100 * seconds)):
+            self.tick()
+
+    def arm(self) -> None:
+        """Stream standstill and arm both boards.
+
+        Raises
+        ------
+        LinkError
+            With the bridge's reason, if they do not arm.
+        """
+        outcomes: list[str] = []
+        self.target = VehicleCommand(0.0, 0.0)
+        self.run(0.3)
+        self.bridge.arm(self.now, lambda outcome: outcomes.append(outcome.text))
+        for _ in range(300):
+            self.tick()
+            if outcomes:
+                break
+        self.run(0.05)
+        if not self.rig.armed:
+            raise LinkError(f"not armed: {outcomes[0] if outcomes else 'no answer'}")
+
+    def _watch_cables(self) -> None:
+        for board in self.bridge.links:
+            if self.rig.plugged(board) and board not in self._open:
+                self._open.add(board)
+                self.bridge.opened(board, self.now)
+            elif not self.rig.plugged(board) and board in self._open:
+                self._open.discard(board)
+                self.bridge.closed(board, "the cable is pulled")
+
+    def _hear(self, board: Board, data: bytes) -> None:
+        if data:
+            self.bridge.receive(board, data, self.now)

@@ -1,0 +1,90 @@
+"""What of the vehicle's sensors reaches the boards, over whole wires and broken ones."""
+
+import math
+
+from tricycle_bridge.protocol.boards import HALL_PULSE
+from tricycle_sim.rig.faults import FaultKind
+
+
+class HallSensor:
+    """Pulses as the drive board counts them.
+
+    Attributes
+    ----------
+    count : int
+        Pulses so far; forward counts up.
+    edge_at : float
+        Time of the newest one [s].
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.edge_at = 0.0
+        self._travel = 0.0  # m
+        self._time = 0.0  # s
+        self._edge = 0  # true number of the newest edge
+
+    def turn(self, travel: float, time: float, faults: dict[FaultKind, float]) -> None:
+        """Turn the wheel on.
+
+        Parameters
+        ----------
+        travel : float
+            Of the tread since the start [m].
+        time : float
+            At which it has come so far [s].
+        faults : dict of FaultKind to float
+            That are there now.
+        """
+        # half a pulse before its first edge at the start
+        edge = math.floor(travel / HALL_PULSE + 0.5)
+        for number in range(self._edge + 1, edge + 1):
+            self._pass(number, 1, travel, time, faults)
+        for number in range(self._edge, edge, -1):
+            self._pass(number, -1, travel, time, faults)
+        self._edge, self._travel, self._time = edge, travel, time
+
+    def _pass(
+        self,
+        number: int,
+        direction: int,
+        travel: float,
+        time: float,
+        faults: dict[FaultKind, float],
+    ) -> None:
+        if FaultKind.HALL_DEAD in faults or (FaultKind.HALL_HALF in faults and number % 2):
+            return
+        place = (number - 0.5) * HALL_PULSE
+        share = (place - self._travel) / (travel - self._travel)
+        self.edge_at = self._time + min(max(share, 0.0), 1.0) * (time - self._time)
+        self.count += 1 if FaultKind.HALL_FORWARD in faults else direction
+
+
+def measured_speed(speed: float, faults: dict[FaultKind, float]) -> float:
+    """Return the speed that follows from the pulses that reach the board [m/s].
+
+    Parameters
+    ----------
+    speed : float
+        At the tread [m/s].
+    faults : dict of FaultKind to float
+        That are there now.
+    """
+    if FaultKind.HALL_DEAD in faults:
+        return 0.0
+    if FaultKind.HALL_HALF in faults:
+        speed /= 2.0
+    return abs(speed) if FaultKind.HALL_FORWARD in faults else speed
+
+
+def broken_potentiometer(faults: dict[FaultKind, float]) -> int | None:
+    """Return the counts that a broken wire shows; None where it is whole.
+
+    Parameters
+    ----------
+    faults : dict of FaultKind to float
+        That are there now.
+    """
+    if FaultKind.POTENTIOMETER_LOW in faults:
+        return 0
+    return 1023 if FaultKind.POTENTIOMETER_HIGH in faults else None

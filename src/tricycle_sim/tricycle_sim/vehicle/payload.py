@@ -1,0 +1,70 @@
+"""A load on the vehicle: mass, centre of mass and inertia of both together."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from tricycle_sim.vehicle.constants import Vehicle
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A point mass fixed to the body.
+
+    Attributes
+    ----------
+    mass : float
+        Mass [kg].
+    x, y : float
+        Place in front of the empty vehicle's centre of mass and to its left [m].
+    z : float
+        Height above the road with unloaded tyres [m].
+    """
+
+    mass: float
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.6
+
+
+def with_payload(vehicle: Vehicle, payload: Payload) -> Vehicle:
+    """Return a vehicle that carries a load.
+
+    The body frame moves to the common centre of mass. Products of inertia, which the model does not
+    have, are left out. Where `load_sensitivity` is not 0, the tyres' stiffness refers to the loaded
+    vehicle's mean load as before to the empty one's.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Empty; a range of the yaw inertia moves with the nominal value.
+    payload : Payload
+        The load.
+
+    Raises
+    ------
+    VehicleError
+        If a constant leaves its range, as with a load outside the wheels.
+    """
+    total = vehicle.mass + payload.mass
+    share = payload.mass / total
+    x, y, z = payload.x, payload.y, payload.z - vehicle.com_height
+    reduced = vehicle.mass * share  # of two bodies about their common centre of mass
+    yaw = reduced * (x * x + y * y)
+    unknown = {
+        name: (low + yaw, high + yaw) if name == "yaw_inertia" else (low, high)
+        for name, (low, high) in vehicle.unknown.items()
+    }
+    return dataclasses.replace(
+        vehicle,
+        mass=total,
+        roll_inertia=vehicle.roll_inertia + reduced * (y * y + z * z),
+        pitch_inertia=vehicle.pitch_inertia + reduced * (x * x + z * z),
+        yaw_inertia=vehicle.yaw_inertia + yaw,
+        com_height=vehicle.com_height + share * z,
+        com_to_front_axle=vehicle.com_to_front_axle - share * x,
+        com_to_rear_axle=vehicle.com_to_rear_axle + share * x,
+        left_wheel_y=vehicle.left_wheel_y - share * y,
+        right_wheel_y=vehicle.right_wheel_y - share * y,
+        rear_wheel_y=vehicle.rear_wheel_y - share * y,
+        unknown=unknown,
+    )
