@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 from tricycle_bridge.bring_up_record import BringUpRecord, StepResult, read_record, write_record
+from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import LinkError
 
 TIME = datetime(2026, 5, 1, 12, tzinfo=UTC)
@@ -19,7 +20,7 @@ MONTH = timedelta(days=30)
 
 
 def problem(record=RECORD, steer="2.0.0 (1)", drive="2.0.0 (2)", now=TIME):
-    return record.problem(steer, drive, now, MONTH)
+    return record.problem({Board.STEER: steer, Board.DRIVE: drive}, now, MONTH)
 
 
 @pytest.fixture
@@ -62,8 +63,8 @@ def test_a_time_without_its_zone_is_refused(path):
 
 
 def test_it_holds_for_these_boards_and_for_a_while():
-    assert "drive firmware 2.0.0 (2), now it is 2.0.1 (3)" in problem(drive="2.0.1 (3)")
-    assert "steer firmware" in problem(steer="other")
+    assert "drive PLC 2.0.0 (2), not 2.0.1 (3)" in problem(drive="2.0.1 (3)")
+    assert "steer PLC" in problem(steer="other")
     assert problem(now=TIME + MONTH) is None
     assert problem(now=TIME + timedelta(days=31)) == (
         "the bring-up is 31 days old, at most 30 are allowed"

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
+from tricycle_bridge.protocol.messages import Board
 from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
 from tricycle_core.errors import LinkError
 
@@ -69,14 +71,14 @@ class BringUpRecord:
     digest: str = ""
 
     def problem(
-        self, steer_firmware: str, drive_firmware: str, now: datetime, max_age: timedelta
+        self, firmware: Mapping[Board, str], now: datetime, max_age: timedelta
     ) -> str | None:
         """Return why this record does not allow to arm; None if it does.
 
         Parameters
         ----------
-        steer_firmware, drive_firmware : str
-            Of the boards that are connected.
+        firmware : mapping of Board to str
+            `firmware_build` of the boards that are connected.
         now : datetime
             Present time, with its time zone.
         max_age : timedelta
@@ -85,12 +87,10 @@ class BringUpRecord:
         if not self.complete:
             failed = next((step.name for step in self.steps if not step.passed), "its steps")
             return f"the bring-up did not pass: {failed}"
-        for board, then, here in (
-            ("steer", self.steer_firmware, steer_firmware),
-            ("drive", self.drive_firmware, drive_firmware),
-        ):
-            if then != here:
-                return f"the bring-up was made with {board} firmware {then}, now it is {here}"
+        then = {Board.STEER: self.steer_firmware, Board.DRIVE: self.drive_firmware}
+        for board, here in firmware.items():
+            if then[board] != here:
+                return f"the bring-up was made with {board.plc_name} {then[board]}, not {here}"
         age = now - datetime.fromisoformat(self.time)
         if age > max_age:
             return f"the bring-up is {age.days} days old, at most {max_age.days} are allowed"

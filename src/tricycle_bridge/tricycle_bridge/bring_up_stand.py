@@ -20,7 +20,7 @@ from tricycle_bridge.protocol.messages import (
     StateFlag,
     SteerState,
 )
-from tricycle_bridge.protocol.readable import firmware_version
+from tricycle_bridge.protocol.readable import firmware_build
 from tricycle_bridge.serial_port import SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.closing import Closing
@@ -123,7 +123,7 @@ class PortStand(Closing):
         identity = self._bridge.links[board].identity
         if identity is None:
             raise LinkError(f"the {board.plc_name} is lost")
-        return f"{firmware_version(identity)} ({identity.build_hash:08x})"
+        return firmware_build(identity)
 
     def connected(self, board: Board) -> bool:
         """Whether a board's link is up."""
