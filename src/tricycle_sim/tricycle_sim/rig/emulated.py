@@ -1,7 +1,7 @@
 """The rig with emulated boards: the live vehicle with its two emulated PLCs, tick by tick."""
 
 from tricycle_bridge.protocol.boards import ADC_CENTRE, ADC_SCALE, STEER_SUPPLY
-from tricycle_bridge.protocol.messages import Board, PlcState, ResetCause
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.timing import TICK
 from tricycle_sim.plc import (
     DriveMeasurement,
@@ -41,10 +41,13 @@ class EmulatedRig(Rig):
         self._motor = DriveOutput(False, 0.0, 1.0)
         self._rest()
 
-    @property
-    def armed(self) -> bool:
-        """Whether both PLCs are armed."""
-        return self._steer.state is PlcState.ARMED and self._drive.state is PlcState.ARMED
+    def plc_state(self, board: Board) -> PlcState:
+        """Return a PLC's state."""
+        return self._plcs[board].state
+
+    def plc_faults(self, board: Board) -> Fault:
+        """Return a PLC's faults."""
+        return self._plcs[board].faults
 
     def heard(self, board: Board) -> bool:
         """Whether a PLC has accepted a command since the last step."""

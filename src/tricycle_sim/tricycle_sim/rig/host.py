@@ -39,6 +39,8 @@ class Host:
         self.bridge.active = True
         self.target: VehicleCommand | None = VehicleCommand(0.0, 0.0)
         self.log: list[str] = []
+        self._killed = False
+        self._last = self.now
         self._open: set[Board] = set()
         self._watch_cables()
 
@@ -50,7 +52,13 @@ class Host:
     def tick(self) -> None:
         """Command, exchange bytes, and let the rig run for 10 ms."""
         bridge, now = self.bridge, self.now
+        if self._killed:
+            self.rig.step()
+            return
         self._watch_cables()
+        if now < self._last:
+            bridge.restart_links(now, "the clock jumped back")
+        self._last = now
         if self.target is not None:
             bridge.set_command(self.target, stamp=now, now=now, source=Source.JOINT_COMMANDS)
         bridge.poll(now)
@@ -92,6 +100,10 @@ class Host:
         self.run(0.05)
         if not self.rig.armed:
             raise LinkError(f"not armed: {outcomes[0] if outcomes else 'no answer'}")
+
+    def kill(self) -> None:
+        """End the host as kill -9 does: from now on the rig is alone."""
+        self._killed = True
 
     def _watch_cables(self) -> None:
         for board in self.bridge.links:
