@@ -17,8 +17,13 @@
 #define FREQUENCY 16000000UL
 #define BYTE_CYCLES 1389 /* of 115200 8N1 */
 #define LINE 16384
+/* data memory addresses of the ATmega328P */
+#define PIND 0x29
+#define MCUSR 0x54
+#define TIMSK2 0x70
 
 struct machine {
+	avr_io_t io; /* first: it is told of resets */
 	avr_t *avr;
 	avr_cycle_count_t end; /* of the last run */
 	avr_irq_t *uart_in;
@@ -28,6 +33,7 @@ struct machine {
 	avr_cycle_count_t hall_edge; /* of the newest edge */
 	uint8_t hall_level;
 	uint8_t driven, levels; /* pins of port D */
+	uint8_t bootloader;     /* it clears MCUSR at every reset */
 };
 
 static void sleep_no_longer(avr_t *avr, avr_cycle_count_t cycles)
@@ -83,6 +89,33 @@ static avr_cycle_count_t hall_edge(avr_t *avr, avr_cycle_count_t when, void *par
 	return when + machine->hall_half;
 }
 
+/* After the first instruction: pins are at their levels, which the simulation's reset has cleared
+ * in the register but not behind it. */
+static avr_cycle_count_t after_reset(avr_t *avr, avr_cycle_count_t when, void *param)
+{
+	(void)when;
+	struct machine *machine = param;
+	avr->data[PIND] = machine->levels & machine->driven;
+	if (machine->bootloader)
+		avr->data[MCUSR] = 0;
+	return 0;
+}
+
+/* A reset, the watchdog's too, stops all timers of the simulation. */
+static void on_reset(struct avr_io_t *io)
+{
+	struct machine *machine = (struct machine *)io;
+	avr_t *avr = machine->avr;
+	avr_cycle_timer_register(avr, BYTE_CYCLES, feed_uart, machine);
+	if (machine->hall_half) {
+		avr_cycle_count_t passed = avr->cycle - machine->hall_edge;
+		avr_cycle_timer_register(
+			avr, passed < machine->hall_half ? machine->hall_half - passed : 1,
+			hall_edge, machine);
+	}
+	avr_cycle_timer_register(avr, 1, after_reset, machine);
+}
+
 static void no_log(avr_t *avr, const int level, const char *format, va_list values)
 {
 	(void)avr;
@@ -117,6 +150,9 @@ struct machine *machine_new(const char *elf)
 	avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT),
 				on_uart_out, machine);
 	avr_cycle_timer_register(avr, BYTE_CYCLES, feed_uart, machine);
+	machine->io.kind = "machine";
+	machine->io.reset = on_reset;
+	avr_register_io(avr, &machine->io);
 	return machine;
 }
 
@@ -177,7 +213,18 @@ void machine_hall(struct machine *machine, double rate)
 void machine_reset(struct machine *machine)
 {
 	avr_reset(machine->avr);
-	avr_cycle_timer_register(machine->avr, BYTE_CYCLES, feed_uart, machine);
+}
+
+/* From now on, every reset goes through a bootloader that clears MCUSR. */
+void machine_bootloader(struct machine *machine)
+{
+	machine->bootloader = 1;
+}
+
+/* The program ticks no more, as if it hung; its watchdog resets it. */
+void machine_hang(struct machine *machine)
+{
+	machine->avr->data[TIMSK2] = 0;
 }
 
 /* A data memory address; two bytes, little endian. */

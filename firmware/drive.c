@@ -4,6 +4,7 @@
 #include <string.h>
 
 #define STOPPING_US (1000UL * STOPPING_MS)
+#define FULL_MV 5000L /* of an output that is always on */
 #define EXCESS (100L * STOPPING_EXCESS) /* 0.01 mm/s */
 
 const struct setup_field board_setup_fields[SIZE_SETUP / 2] = {
@@ -35,7 +36,6 @@ static bool at_rest(const struct plc *plc)
 void board_reset(struct plc *plc)
 {
 	plc->board.hall.beyond = HALL_PULSE / 2; /* anywhere between two pulses */
-	plc->board.acceleration_limit = MAX_ACCELERATION;
 	plc->board.brake = MAX_BRAKE;
 }
 
@@ -52,10 +52,6 @@ void board_set_up(struct plc *plc)
 {
 	struct board *board = &plc->board;
 	const struct drive_setup *in_force = &board->in_force;
-	/* a command that came before must not act beyond */
-	board->target = (int16_t)clamp(board->target, 0, in_force->max_speed);
-	if (board->acceleration_limit > in_force->max_acceleration)
-		board->acceleration_limit = in_force->max_acceleration;
 	wheel_set_up(&board->wheel, 1e-6f * in_force->pulse, 1e-4f * in_force->tyre_radius,
 		     0.1f * in_force->mass_low, 0.1f * in_force->mass_high);
 }
@@ -100,6 +96,17 @@ int16_t drive_pwm(const struct board *board)
 	return (int16_t)clamp((board->torque * 1000 + more) / MAX_TORQUE, -1000, 1000);
 }
 
+uint16_t drive_throttle(const struct board *board)
+{
+	const struct drive_setup *in_force = &board->in_force;
+	int32_t low = (int32_t)in_force->throttle_low * PWM_TOP / FULL_MV;
+	int32_t high = in_force->throttle_high ?
+		(int32_t)in_force->throttle_high * PWM_TOP / FULL_MV : PWM_TOP;
+	if (!board->motor_on)
+		return 0;
+	return (uint16_t)(low + (high - low) * magnitude(board->torque) / MAX_TORQUE);
+}
+
 void board_begin_tick(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
@@ -124,12 +131,14 @@ static bool wheel_wrong(struct board *board)
 uint16_t board_find_fault(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
-	uint16_t fault = wheel_wrong(board) ? FAULT_PULSES : 0;
 	if (100L * magnitude(board->speed) > (int32_t)OVERSPEED_PERCENT * board->in_force.max_speed)
-		fault |= FAULT_OVERSPEED;
-	if (plc->state == PLC_STATE_STOPPING && now - plc->state_since >= STOPPING_US)
-		fault |= FAULT_STOP_TIMEOUT;
-	return fault;
+		return FAULT_OVERSPEED;
+	if (wheel_wrong(board))
+		return FAULT_PULSES;
+	if (plc->state == PLC_STATE_STOPPING && now - plc->state_since >= STOPPING_US &&
+	    !board_stopped(plc))
+		return FAULT_STOP_TIMEOUT;
+	return 0;
 }
 
 bool board_stopped(const struct plc *plc)
@@ -187,12 +196,15 @@ static int32_t target_of(const struct board *board)
 static void follow(struct plc *plc)
 {
 	struct board *board = &plc->board;
-	if (board->commanded_gear != board->gear && at_rest(plc) && board->setpoint == 0)
+	bool stands = at_rest(plc) && board->setpoint == 0;
+	if (board->commanded_gear != board->gear && stands) {
 		board->gear = board->commanded_gear;
-	board->setpoint = slew(board->setpoint, target_of(board), board->acceleration_limit);
-	bool stand = board->target == 0 || board->commanded_gear == GEAR_NEUTRAL;
+		wheel_restart(&board->wheel); /* it looks in the direction of the gear */
+	}
+	int32_t target = target_of(board);
+	board->setpoint = slew(board->setpoint, target, board->acceleration_limit);
 	/* the brake may slip: what holds goes on until there is a target */
-	board->holding = stand && (board->holding || (board->setpoint == 0 && at_rest(plc)));
+	board->holding = target == 0 && (stands || board->holding);
 	board->brake = board->holding ? MAX_BRAKE : board->commanded_brake;
 }
 

@@ -204,4 +204,9 @@ void host_tick_pulses(struct host *host, uint32_t now, int32_t hall_count, uint3
 	outputs[2] = board->setpoint;
 	outputs[3] = board->brake;
 }
+
+uint16_t host_throttle(const struct host *host)
+{
+	return drive_throttle(&host->plc.board);
+}
 #endif

@@ -6,6 +6,7 @@
 #define VERSION_NODE (TBP_MAJOR << 5 | 0x10 | THIS_BOARD)
 #define FIRMWARE_VERSION 2, 0, 0
 #define SETUP_FIELDS (SIZE_SETUP / 2)
+#define PASSING_FAULTS (FAULT_LIMIT | FAULT_SUPPLY) /* they do not latch */
 
 static uint16_t echo_of(uint32_t t)
 {
@@ -78,6 +79,7 @@ static void estop(struct plc *plc, uint16_t fault, uint32_t now)
 static void put_in_force(struct plc *plc, const uint16_t values[SETUP_FIELDS])
 {
 	memcpy(&plc->board.in_force, values, SIZE_SETUP);
+	plc->commands_in_row = 0; /* they were judged by other values */
 	board_set_up(plc);
 }
 
@@ -92,10 +94,10 @@ static void forget_setup(struct plc *plc)
 
 static uint8_t take_setup(struct plc *plc, const uint8_t *payload)
 {
-	if (plc->set_up && memcmp(plc->setup, payload, SIZE_SETUP) == 0)
-		return RESULT_OK;
-	if (plc->set_up || !is(plc, PLC_STATE_SAFE))
+	if (!is(plc, PLC_STATE_SAFE))
 		return RESULT_WRONG_STATE;
+	if (plc->set_up)
+		return memcmp(plc->setup, payload, SIZE_SETUP) == 0 ? RESULT_OK : RESULT_WRONG_STATE;
 	uint16_t values[SETUP_FIELDS];
 	memcpy(values, payload, SIZE_SETUP);
 	for (uint8_t i = 0; i < SETUP_FIELDS; i++) {
@@ -163,7 +165,7 @@ static uint8_t clear(struct plc *plc, uint32_t now)
 		return RESULT_WRONG_STATE;
 	if (plc->estop_pressed)
 		return RESULT_PRECONDITIONS;
-	plc->faults = 0;
+	plc->faults &= PASSING_FAULTS;
 	if (!is(plc, PLC_STATE_SAFE))
 		change(plc, PLC_STATE_SAFE, now);
 	return RESULT_OK;
@@ -173,7 +175,7 @@ static uint8_t arm(struct plc *plc, uint32_t now)
 {
 	if (is(plc, PLC_STATE_ARMED))
 		return RESULT_OK;
-	if (!is(plc, PLC_STATE_SAFE) || (plc->faults & ~(FAULT_LIMIT | FAULT_SUPPLY)))
+	if (!is(plc, PLC_STATE_SAFE) || (plc->faults & ~PASSING_FAULTS))
 		return RESULT_WRONG_STATE;
 	if (!plc->set_up || plc->commands_in_row < ARMING_COMMANDS ||
 	    !command_fresh(plc, now, WATCHDOG_US + 1) || !board_ready(plc) || supply_wrong(plc))
@@ -279,7 +281,6 @@ static void greet(struct plc *plc, const uint8_t *header, const struct hello *he
 	plc->rx_seq_known = true;
 	plc->session = header[3];
 	plc->commanded = false;
-	plc->commands_in_row = 0;
 	plc->operated = false;
 	forget_setup(plc);
 	struct hello_ack ack = {

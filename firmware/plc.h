@@ -63,7 +63,7 @@ extern const struct setup_field board_setup_fields[SIZE_SETUP / 2]; /* all of th
 void board_reset(struct plc *plc);
 /* Whether values in force, each in its range, agree with each other. */
 bool board_accepts(const void *values);
-/* Does what changed values in force ask for. */
+/* Does what changed values in force ask for; a board is not armed before new commands came. */
 void board_set_up(struct plc *plc);
 void board_begin_tick(struct plc *plc, uint32_t now);
 /* Of an armed or stopping board. */
@@ -88,6 +88,8 @@ void drive_measure(struct plc *plc, int32_t count, uint32_t edge_at, uint32_t no
 /* After a tick: the motor's torque until the next one. */
 void drive_push(struct plc *plc);
 int16_t drive_pwm(const struct board *board); /* per mille of MAX_TORQUE */
+/* Timer counts of the motor's output, 0..PWM_TOP; 0 while the motor is off. */
+uint16_t drive_throttle(const struct board *board);
 #endif
 
 static inline int32_t clamp(int32_t value, int32_t low, int32_t high)

@@ -24,7 +24,6 @@ uint16_t steer_pulse(int32_t setpoint)
 void board_reset(struct plc *plc)
 {
 	plc->board.adc = ADC_CENTRE;
-	plc->board.rate_limit = MAX_RATE;
 }
 
 bool board_accepts(const void *values)
@@ -36,12 +35,7 @@ bool board_accepts(const void *values)
 
 void board_set_up(struct plc *plc)
 {
-	struct board *board = &plc->board;
-	const int16_t most = (int16_t)board->in_force.max_angle;
-	/* a command that came before must not act beyond */
-	board->target = (int16_t)clamp(board->target, -most, most);
-	if (board->rate_limit > board->in_force.max_rate)
-		board->rate_limit = board->in_force.max_rate;
+	(void)plc;
 }
 
 void board_begin_tick(struct plc *plc, uint32_t now)

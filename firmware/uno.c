@@ -1,9 +1,12 @@
 /* The Arduino UNO around the boards' logic: UART rings, clock, pins, EEPROM, watchdog.
  *
  * Pins of both boards: 0, 1 UART; 3 e-stop (normally closed to ground: open or broken = pressed);
- * A1 supply through a divider by 11. Steer: 9 servo pulse (100 Hz), A0 potentiometer.
+ * 8 alive; A1 supply through a divider by 11. Steer: 9 servo pulse (100 Hz), A0 potentiometer.
  * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 hall pulses, 4 hall direction,
- * A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs. */
+ * A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs.
+ *
+ * In reset and in the bootloader all of them float: 7, 8, 9 and 10 need a resistor to ground each
+ * (docs/how-to-arduinos.md). Inputs have pull-ups from the start of this program. */
 #include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -22,7 +25,14 @@ static struct plc plc;
 
 /* ---- reset cause: read before anything else, then the watchdog off until the loop runs ---- */
 
+#define KEY 0x7E57B0A4UL
+
 static uint8_t reset_flags __attribute__((section(".noinit")));
+/* lasts through a reset, and through a bootloader that clears MCUSR; random after power-on */
+static struct {
+	uint32_t key;
+	bool hung;
+} kept __attribute__((section(".noinit")));
 
 void save_reset_flags(void) __attribute__((naked, used, section(".init3")));
 void save_reset_flags(void)
@@ -32,8 +42,26 @@ void save_reset_flags(void)
 	wdt_disable();
 }
 
+/* The first time-out; the second one resets, also where interrupts are off and this never runs. */
+ISR(WDT_vect)
+{
+	kept.hung = true;
+	TCCR1A = 0; /* the outputs as in reset: low */
+	PORTB = 0;
+	for (;;)
+		;
+}
+
 static uint8_t reset_cause(void)
 {
+	bool intact = kept.key == KEY;
+	bool hung = intact && kept.hung;
+	kept.key = KEY;
+	kept.hung = false;
+	if (reset_flags == 0) /* a bootloader has cleared them */
+		return hung ? RESET_CAUSE_WATCHDOG :
+		       intact ? RESET_CAUSE_EXTERNAL :
+				RESET_CAUSE_POWER_ON;
 	/* the flags are the protocol's values; where several are set, the rarest counts */
 	static const uint8_t order[] = { RESET_CAUSE_WATCHDOG, RESET_CAUSE_BROWN_OUT,
 					 RESET_CAUSE_EXTERNAL };
@@ -143,7 +171,7 @@ static uint16_t adc(uint8_t channel)
 
 static void setup_outputs(void)
 {
-	DDRB = _BV(PB1);
+	DDRB = _BV(PB0) | _BV(PB1);
 	TCCR1B = _BV(CS10); /* 16 MHz: a step of the pulse is 62.5 ns, a tenth of a mrad */
 }
 
@@ -177,13 +205,8 @@ static void write_outputs(void)
 
 #else
 
-#include "motor.h"
-
 static volatile int32_t pulses;
 static volatile uint32_t pulse_at; /* us */
-static struct hall hall = { .beyond = HALL_PULSE / 2 }; /* anywhere between two pulses */
-static int32_t travel; /* um in the last tick */
-static struct motor motor;
 
 ISR(INT0_vect)
 {
@@ -194,7 +217,7 @@ ISR(INT0_vect)
 static void setup_outputs(void)
 {
 	ICR1 = PWM_TOP; /* 20 kHz */
-	DDRB = _BV(PB1) | _BV(PB2);
+	DDRB = _BV(PB0) | _BV(PB1) | _BV(PB2);
 	DDRD |= _BV(PD7);
 	OCR1B = ICR1;
 	TCCR1A = _BV(COM1A1) | _BV(COM1B1) | _BV(WGM11);
@@ -205,41 +228,28 @@ static void setup_outputs(void)
 
 static void read_inputs(void)
 {
-	struct board *board = &plc.board;
+	int32_t count;
 	uint32_t edge_at;
 	ATOMIC_BLOCK(ATOMIC_RESTORESTATE)
 	{
-		board->hall_count = pulses;
+		count = pulses;
 		edge_at = pulse_at;
 	}
-	travel = hall_travel(&hall, board->hall_count, edge_at, micros()); /* not before the edge */
-	board->speed = hall.speed;
-	board->current = (uint16_t)(adc(0) * 50000UL / 1023);
+	drive_measure(&plc, count, edge_at, micros()); /* not before the edge */
+	plc.board.current = (uint16_t)(adc(0) * 50000UL / 1023);
 }
 
 static void write_outputs(void)
 {
-	struct board *board = &plc.board;
-	int32_t torque = 0;
-	bool reverse = board->gear == GEAR_REVERSE;
-	if (!board->motor_on)
-		motor.integral = 0;
-	else if (reverse)
-		torque = motor_torque(&motor, -board->setpoint, -board->speed, -travel);
-	else
-		torque = motor_torque(&motor, board->setpoint, board->speed, travel);
-	bool backward = reverse != (torque < 0);
-	if (torque < 0)
-		torque = -torque;
-	board->pwm = (int16_t)(torque * 1000 / MAX_TORQUE);
-	PORTD = backward ? PORTD | _BV(PD7) : PORTD & (uint8_t)~_BV(PD7);
+	const struct board *board = &plc.board;
+	drive_push(&plc);
+	uint16_t level = drive_throttle(board);
+	PORTD = board->torque < 0 ? PORTD | _BV(PD7) : PORTD & (uint8_t)~_BV(PD7);
 	/* in this mode a compare value of 0 still gives a spike: cut the pin off instead */
-	OCR1A = (uint16_t)(torque * PWM_TOP / MAX_TORQUE);
-	TCCR1A = board->pwm ? TCCR1A | _BV(COM1A1) : TCCR1A & (uint8_t)~_BV(COM1A1);
+	OCR1A = level;
+	TCCR1A = level ? TCCR1A | _BV(COM1A1) : TCCR1A & (uint8_t)~_BV(COM1A1);
 	OCR1B = (uint16_t)((uint32_t)board->brake * PWM_TOP / MAX_BRAKE);
 	TCCR1A = board->brake ? TCCR1A | _BV(COM1B1) : TCCR1A & (uint8_t)~_BV(COM1B1);
-	if (backward)
-		board->pwm = -board->pwm;
 }
 
 #endif
@@ -259,6 +269,7 @@ static void tick(void)
 	read_inputs();
 	plc_tick(&plc, start);
 	write_outputs();
+	PORTB = plc.alive ? PORTB | _BV(PB0) : PORTB & (uint8_t)~_BV(PB0);
 	uint32_t took = micros() - start;
 	if (took > plc.stats.max_tick)
 		plc.stats.max_tick = took < 0xFFFF ? (uint16_t)took : 0xFFFF;
@@ -284,8 +295,9 @@ int main(void)
 	plc.transmit = transmit;
 	plc_reset(&plc, reset_cause(), boot_count);
 	plc.build_hash = BUILD_HASH;
-	_Static_assert(HARDWARE_WATCHDOG_MS == 60, "the argument of wdt_enable");
-	wdt_enable(WDTO_60MS);
+	_Static_assert(HARDWARE_WATCHDOG_MS == 60, "twice the argument of wdt_enable");
+	wdt_enable(WDTO_30MS);
+	WDTCSR |= _BV(WDIE); /* an interrupt first */
 	set_sleep_mode(SLEEP_MODE_IDLE);
 	sei();
 	for (;;) {

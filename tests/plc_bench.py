@@ -1,12 +1,19 @@
 """A PLC called directly, and a host that sends exactly what a test says."""
 
 import dataclasses
+import math
 
 from tricycle_bridge.protocol import messages as m
+from tricycle_bridge.protocol.boards import HALL_PULSE, TYRE_RADIUS
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
+from tricycle_bridge.protocol.limits import ANSWER_BUDGET
 from tricycle_sim.plc import DriveMeasurement, SteerMeasurement
 
 ENABLE, ESTOP = m.CommandFlag.ENABLE, m.CommandFlag.ESTOP
+STANDSTILL = m.CommandFlag.STANDSTILL
+SETUP = {m.Board.STEER: m.SteerSetup, m.Board.DRIVE: m.DriveSetup}
+MASS = 60.0  # kg at the tread
+LARGEST_ANSWER = 42  # bytes on the line: STATS
 STEER, DRIVE = m.Board.STEER, m.Board.DRIVE
 State, Fault, Op, Result = m.PlcState, m.Fault, m.Op, m.Result
 
@@ -20,6 +27,9 @@ class Bench:
         self.now = start_us  # us
         self.decoder = FrameDecoder(plc.board, host=True)
         self.seq = 0
+        self.operation = 0  # number of the last one
+        self.answered = 0  # bytes since the last tick
+        self.distance = 0.0  # m, of `drive`
         self.frames = []
         self.received = []
         self.state = None
@@ -33,7 +43,14 @@ class Bench:
         session = self.decoder.session if session is None else session
         wire = encode(message, board=board or self.board, seq=used, session=session)
         self.seq = (used + 1) & 0xFF
-        return self._take(self.plc.receive(wire, self.now))
+        data = self.plc.receive(wire, self.now)
+        self.answered += len(data)
+        return self._take(data)
+
+    def make_room(self):
+        """A tick where the next answer would not fit behind those since the last one."""
+        if self.answered + LARGEST_ANSWER > ANSWER_BUDGET:
+            self.tick()
 
     def _take(self, data):
         frames = self.decoder.feed(data)
@@ -50,11 +67,13 @@ class Bench:
         self.measurement = dataclasses.replace(self.measurement, **measured)
         for _ in range(n):
             data, self.output = self.plc.tick(self.now, self.measurement)
+            self.answered = 0
             self._take(data)
             self.now += 10_000
         return self.state
 
     def hello(self, session=7):
+        self.make_room()
         self.decoder.session = session
         wanted = m.Hello(0, self.board, 99)
         (ack,) = self.send(wanted, session=session)
@@ -72,28 +91,59 @@ class Bench:
         )
 
     def drive(self, n, value=0.0, **kwargs):
-        """n ticks with a command each; the plant is perfect."""
+        """n ticks with a command each; the plant is where its set-point is."""
         for _ in range(n):
             self.command(value, **kwargs)
             self.tick()
             if self.board is STEER:
                 self.measurement = SteerMeasurement(self.output.setpoint)
             else:
-                self.measurement = DriveMeasurement(self.output.setpoint)
+                self._turn_wheel(self.output.setpoint)
 
-    def control(self, op, **kwargs):
-        answers = self.send(m.Control.of(op), **kwargs)
+    def roll(self, n, speed):
+        """n ticks without commands; the wheel is this fast."""
+        for _ in range(n):
+            self._turn_wheel(speed)
+            self.tick()
+        return self.state
+
+    def _turn_wheel(self, speed):
+        """The pulses of this speed, and the torque that the change of it takes."""
+        torque = MASS * TYRE_RADIUS * (speed - self.measurement.speed) / 0.01
+        self.distance += speed * 0.01
+        pulses = math.floor(self.distance / HALL_PULSE)
+        self.measurement = DriveMeasurement(speed, pulses, torque)
+
+    def control(self, op, *, number=None, echo=None, **kwargs):
+        """An operation with the next number, unless the test says another."""
+        self.make_room()
+        if number is None:
+            number = self.operation = (self.operation + 1) & 0xFF
+        echo = m.echo_of(self.now) if echo is None else echo
+        return self.result(m.Control.of(op, number, echo), **kwargs)
+
+    def set_up(self, **values):
+        """SETUP with these values, the others the board's own."""
+        self.make_room()
+        kind = SETUP[self.board]
+        return self.result(kind(**dict.fromkeys(m.layout(kind), 0) | values))
+
+    def result(self, message, **kwargs):
+        """Result in the ACK of a message."""
+        answers = self.send(message, **kwargs)
         (ack,) = [a for a in answers if isinstance(a, m.Ack)]
         return Result(ack.result)
 
     def stats(self):
+        self.make_room()
         (stats,) = self.send(m.StatsRequest())
         return stats
 
-    def booted(self):
-        """After the first tick and a handshake."""
+    def booted(self, **values):
+        """After the first tick, a handshake and a SETUP."""
         self.tick()
         self.hello()
+        assert self.set_up(**values) is Result.OK
         return self
 
     def armed(self):

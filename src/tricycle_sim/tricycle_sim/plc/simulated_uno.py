@@ -14,22 +14,21 @@ from tricycle_bridge.protocol.boards import (
     ADC_SCALE,
     DRIVE_SUPPLY,
     HALL_PULSE,
-    MAX_TORQUE,
     PWM_TOP,
     SERVO_CENTRE,
     SERVO_SPAN,
     STEER_SUPPLY,
     SUPPLY_DIVIDER,
 )
-from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
+from tricycle_bridge.protocol.limits import MAX_TORQUE, STEERING_END_STOP
 from tricycle_core.closing import Closing
 from tricycle_core.errors import LinkError
 
 _LINE = 16384  # bytes
 _MV_PER_COUNT = 5000.0 / 1024
 # data memory addresses of the ATmega328P
-_PORTD, _TCCR1A, _OCR1A, _OCR1B = 0x2B, 0x80, 0x88, 0x8A
-_COM1A1, _COM1B1, _PD7 = 0x80, 0x20, 0x80
+_PORTB, _PORTD, _TCCR1A, _OCR1A, _OCR1B = 0x25, 0x2B, 0x80, 0x88, 0x8A
+_COM1A1, _COM1B1, _PB0, _PD7 = 0x80, 0x20, 0x01, 0x80
 
 
 @dataclass(frozen=True)
@@ -55,7 +54,7 @@ class DrivePins:
     Attributes
     ----------
     torque : float
-        Torque demanded of the motor in N m, forward positive.
+        Torque demanded of the motor in N m, forward positive, without a throttle range in SETUP.
     brake : float
         0 (released) to 1 (full).
     """
@@ -134,6 +133,14 @@ class SimulatedUno(Closing):
         """Reset the board, as its button does."""
         self._c.machine_reset(self._machine)
 
+    def hang(self) -> None:
+        """Let the program tick no more; its watchdog resets it."""
+        self._c.machine_hang(self._machine)
+
+    def have_bootloader(self) -> None:
+        """Let a bootloader clear the cause of every reset from now on, as a UNO's does."""
+        self._c.machine_bootloader(self._machine)
+
     def write(self, data: bytes) -> None:
         """Send bytes to the board; they arrive at the line's rate."""
         self._c.machine_write(self._machine, data, len(data))
@@ -171,12 +178,17 @@ class SimulatedUno(Closing):
     def _word(self, address: int) -> int:
         return int(self._c.machine_word(self._machine, ctypes.c_uint16(address)))
 
+    @property
+    def alive(self) -> bool:
+        """Level of the alive output, which toggles while the board is armed or stopping."""
+        return bool(self._word(_PORTB) & _PB0)
+
     def steer_pins(self) -> SteerPins:
         """Read the servo's pulse."""
         on = bool(self._word(_TCCR1A) & _COM1A1)
         pulse = self._word(_OCR1A) / 16  # us
         return SteerPins(
-            on, (pulse - SERVO_CENTRE) * MAX_STEERING_ANGLE / SERVO_SPAN if on else 0.0
+            on, (pulse - SERVO_CENTRE) * STEERING_END_STOP / SERVO_SPAN if on else 0.0
         )
 
     def drive_pins(self) -> DrivePins:
