@@ -6,12 +6,14 @@ import pytest
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.command_stream import Source, VehicleCommand
-from tricycle_bridge.protocol.messages import Board
+from tricycle_bridge.protocol.boards import HALL_PULSE
+from tricycle_bridge.protocol.messages import Board, PlcState
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
+MASS = BridgeSettings().mass  # kg
 
 
 class Vehicle:
@@ -22,6 +24,7 @@ class Vehicle:
         self.bridge.active = True
         self.plcs = {STEER: SteerPlc(), DRIVE: DrivePlc()}
         self.measured = {STEER: SteerMeasurement(), DRIVE: DriveMeasurement()}
+        self.travel = 0.0  # m
         self.cut = set()  # boards whose cable is cut
         self.now = 1000.0
         self.target = (0.0, 0.0)  # rad, m/s; None: no commander
@@ -32,7 +35,7 @@ class Vehicle:
         for board, plc in self.plcs.items():
             plc.tick(0, self.measured[board])
             self.bridge.opened(board, self.now)
-        self.step(5)
+        self.step(20)
 
     def step(self, ticks=1):
         for _ in range(ticks):
@@ -45,6 +48,7 @@ class Vehicle:
                     stamp=self.now,
                     now=self.now,
                     source=Source.JOINT_COMMANDS,
+                    name="/driver",
                 )
             self.bridge.poll(self.now)
             for board, frames in self.bridge.take_frames().items():
@@ -66,7 +70,18 @@ class Vehicle:
                 self.measured[STEER] = SteerMeasurement(output.setpoint)
         else:
             speed = output.setpoint if output.motor_on else 0.0
-            self.measured[DRIVE] = DriveMeasurement(speed)
+            gain = speed - self.measured[DRIVE].speed
+            self.travel += 0.01 * speed
+            self.measured[DRIVE] = DriveMeasurement(
+                speed, int(self.travel / HALL_PULSE), MASS * 0.335 * gain / 0.01
+            )
+
+    def until_stopped(self):
+        for _ in range(2000):
+            if {PlcState.ARMED, PlcState.STOPPING}.isdisjoint(p.state for p in self.plcs.values()):
+                return
+            self.step()
+        raise AssertionError("the boards do not stop")
 
     def arm(self):
         self.bridge.arm(self.now, self.outcomes.append)

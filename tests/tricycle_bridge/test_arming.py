@@ -1,5 +1,7 @@
 """Preconditions and sequence of arming, against both emulated PLCs."""
 
+import dataclasses
+
 import pytest
 
 from tricycle_bridge.arming import (
@@ -21,13 +23,37 @@ def test_arming_at_once_after_a_stop_says_what_to_wait_for(vehicle):
     vehicle.arm()
     vehicle.bridge.stop("the operator's wish")
     assert vehicle.arm() == (False, "not armed: steer PLC: still stopping")
-    vehicle.step(100)
+    vehicle.until_stopped()
     assert vehicle.arm() == (True, "armed")
 
 
-def _without_commander(v):
-    v.target = None
-    v.step(20)
+def test_arming_needs_no_commander(vehicle):
+    vehicle.target = None
+    vehicle.step(50)
+    assert vehicle.arm() == (True, "armed")
+    vehicle.step(500)
+    assert vehicle.bridge.armed  # at rest, until somebody commands
+
+
+def _moving(v):
+    v.measured[DRIVE] = DriveMeasurement(speed=0.35)
+    v.step()
+
+
+def _supply(v):
+    v.measured[DRIVE] = DriveMeasurement(supply=31.5)
+    v.step()
+
+
+def _not_set_up(v):
+    v.bridge.links[STEER].set_up = False
+
+
+def _badly_set_up(v):
+    link = v.bridge.links[DRIVE]
+    link.setup = dataclasses.replace(link.setup, max_speed=5000)
+    v.plcs[DRIVE].reset()
+    v.step(100)
 
 
 def _moving_command(v):
@@ -54,7 +80,14 @@ def _pressed(v):
 @pytest.mark.parametrize(
     ("cause", "reason"),
     [
-        (_without_commander, "no command stream"),
+        (_moving, "the vehicle moves at 0.35 m/s"),
+        (_supply, "drive PLC: supply is 31.5 V, must be at least 40.0 V"),
+        (_not_set_up, "steer PLC is not set up yet"),
+        (
+            _badly_set_up,
+            "drive PLC refused its set-up: out of range: "
+            "max_speed 5.000 m/s, the board allows 4.800 m/s",
+        ),
         (_moving_command, "commanded speed is 0.50 m/s, must be 0"),
         (_cut_steer, "steer PLC: no telemetry for"),
         (_inactive, "the bridge is not active"),
@@ -81,15 +114,29 @@ def test_when_one_board_does_not_arm_neither_stays_armed(vehicle):
 def test_every_precondition_is_checked(vehicle):
     links, now = vehicle.bridge.links, vehicle.now
     assert arming_refusal(links, STANDSTILL, now, enabled=False) is None
-    assert arming_refusal(links, None, now, enabled=False) == "no command stream"
+    assert arming_refusal(links, None, now, enabled=False) is None
     late = now + 0.2
     assert arming_refusal(links, STANDSTILL, late, enabled=False) == (
         "steer PLC: telemetry 0.20 s old"
     )
 
 
-def test_an_armed_board_that_the_operator_did_not_arm_is_still_stopping(driving):
-    links, now = driving.bridge.links, driving.now
+def test_a_board_in_estop_is_set_up_between_clear_and_arm(vehicle):
+    vehicle.plcs[STEER].reset()
+    vehicle.measured[STEER] = SteerMeasurement(estop_pressed=True)
+    vehicle.step(50)
+    vehicle.measured[STEER] = SteerMeasurement()
+    vehicle.step(2)
+    link = vehicle.bridge.links[STEER]
+    assert link.plc_state == PlcState.ESTOP
+    assert not link.set_up
+    assert vehicle.arm() == (True, "armed")
+    assert link.set_up
+
+
+def test_an_armed_board_that_the_operator_did_not_arm_is_still_stopping(vehicle):
+    vehicle.arm()
+    links, now = vehicle.bridge.links, vehicle.now
     assert arming_refusal(links, STANDSTILL, now, enabled=True) is None
     assert arming_refusal(links, STANDSTILL, now, enabled=False) == "steer PLC: still stopping"
 
@@ -112,6 +159,7 @@ class RecordingLink:
     def __init__(self):
         self.operations = []
         self.plc_state = PlcState.SAFE
+        self.set_up = True
 
     def operate(self, op, _now):
         self.operations.append(op)
@@ -122,7 +170,7 @@ def test_arm_is_sent_after_both_boards_are_cleared_and_a_row_of_commands():
     sequence = ArmingSequence(links, 0.0)
 
     def operations():
-        sequence.advance(0.1, commanded=True)
+        sequence.advance(0.1)
         assert links[STEER].operations == links[DRIVE].operations
         return links[STEER].operations
 
@@ -149,7 +197,7 @@ def test_five_commands_are_not_enough():
         sequence.take_outcome(board, OperationOutcome(Op.CLEAR, Result.OK))
     for _ in range(5):
         sequence.count_command()
-    sequence.advance(0.1, commanded=True)
+    sequence.advance(0.1)
     assert links[STEER].operations == [Op.CLEAR]
 
 
@@ -165,13 +213,11 @@ def test_an_operation_that_fails_ends_the_sequence(sequence, result, failure):
     assert sequence.failure == failure
 
 
-def test_the_sequence_has_a_time_limit_and_needs_commands(vehicle, sequence):
-    sequence.advance(vehicle.now + ARMING_PATIENCE, commanded=True)
+def test_the_sequence_has_a_time_limit(vehicle, sequence):
+    sequence.advance(vehicle.now + ARMING_PATIENCE)
     assert sequence.failure is None
-    sequence.advance(vehicle.now + ARMING_PATIENCE + 0.01, commanded=True)
+    sequence.advance(vehicle.now + ARMING_PATIENCE + 0.01)
     assert sequence.failure == "the PLCs did not arm in time"
-    sequence.advance(vehicle.now, commanded=False)
-    assert sequence.failure == "no command stream"
 
 
 def test_a_second_request_does_not_disturb_the_first(vehicle):

@@ -5,7 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tricycle_bridge.command_stream import Source, VehicleCommand
-from tricycle_bridge.protocol.messages import Board, Fault, PlcState
+from tricycle_bridge.diagnosis import diagnose
+from tricycle_bridge.protocol.messages import Board, CommandFlag, Fault, PlcState
+from tricycle_core.diagnostics import Level
+from tricycle_core.readiness import Readiness
 from tricycle_sim.plc import SteerMeasurement
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
@@ -26,8 +29,9 @@ def test_a_commander_that_stops_is_not_replaced(driving):
     driving.target = None
     driving.step(12)
     sent = dict(driving.commands)
-    driving.step(300)
-    assert driving.commands == sent
+    driving.step(10)
+    assert driving.commands == sent  # no set-point is repeated to keep a board alive
+    driving.until_stopped()
     assert driving.state(DRIVE) is PlcState.SAFE
     assert driving.plcs[DRIVE].faults & Fault.CMD_TIMEOUT
     assert driving.measured[DRIVE].speed == 0.0
@@ -36,13 +40,181 @@ def test_a_commander_that_stops_is_not_replaced(driving):
     assert driving.state(DRIVE) is PlcState.SAFE  # only the operator arms
 
 
+# ---- standstill without a commander ----
+
+
+def test_an_armed_vehicle_stands_still_until_somebody_commands(vehicle):
+    vehicle.target = None
+    vehicle.measured[STEER] = SteerMeasurement(0.3)
+    vehicle.step(20)
+    assert vehicle.arm() == (True, "armed")
+    vehicle.step(300)
+    assert vehicle.bridge.armed
+    assert vehicle.measured[STEER].angle == pytest.approx(0.3, abs=1e-4)  # where it was
+    vehicle.target = (0.1, 0.5)
+    vehicle.step(100)
+    assert vehicle.measured[DRIVE].speed == pytest.approx(0.5)
+
+
+def test_a_commander_that_stops_the_vehicle_and_falls_silent_leaves_it_at_rest(driving):
+    driving.target = (0.2, 0.0)
+    driving.step(120)
+    driving.target = None
+    driving.step(500)
+    assert driving.bridge.armed
+    assert driving.measured[STEER].angle == pytest.approx(0.2)
+    assert driving.measured[DRIVE].speed == 0.0
+    assert driving.bridge.commands.commander.name == "/driver"  # still its vehicle
+
+
+def test_a_commander_that_falls_silent_while_it_stops_the_vehicle_is_not_replaced(driving):
+    driving.target = (0.2, 0.0)
+    driving.step(20)
+    driving.target = None
+    driving.until_stopped()
+    assert driving.plcs[DRIVE].faults & Fault.CMD_TIMEOUT
+
+
+def test_the_steering_is_told_that_the_vehicle_stands_still(driving):
+    flags = []
+    steer = driving.bridge.links[STEER]
+    send = steer.send_command
+    steer.send_command = lambda command: flags.append(command.flags) or send(command)
+    driving.step(10)
+    assert not any(f & CommandFlag.STANDSTILL for f in flags)
+    driving.bridge.stop("the operator's wish")
+    driving.until_stopped()
+    flags.clear()
+    driving.step(10)
+    assert set(flags) == {CommandFlag.STANDSTILL}
+    assert not driving.plcs[STEER].tick(10**9, driving.measured[STEER])[1].servo_on
+
+
+def test_without_the_drives_telemetry_nobody_says_that_the_vehicle_stands_still(driving):
+    driving.cut.add(DRIVE)
+    driving.step(900)
+    assert driving.state(DRIVE) is PlcState.SAFE
+    assert driving.state(STEER) is PlcState.STOPPING  # it holds for ten seconds
+    driving.until_stopped()
+
+
+# ---- one commander ----
+
+
+def other_commands(vehicle, *target):
+    return vehicle.bridge.set_command(
+        VehicleCommand(*target), stamp=vehicle.now, now=vehicle.now, source=Source.CMD_VEL
+    )
+
+
+def test_a_second_commander_is_refused_by_name_and_reported(driving):
+    refusal = "cmd_vel is refused: joint_commands of /driver commands the vehicle"
+    assert other_commands(driving, 0.0, 0.0) == refusal
+    driving.step()
+    assert driving.measured[DRIVE].speed == pytest.approx(1.0)
+    vehicle, *_ = diagnose(driving.bridge, driving.now)
+    assert (vehicle.level, vehicle.message) == (Level.ERROR, f"armed; {refusal}")
+    assert driving.bridge.readiness(driving.now) == Readiness(True, commander="/driver")
+    driving.step(150)
+    assert diagnose(driving.bridge, driving.now)[0].level is Level.OK
+
+
+def test_a_vehicle_is_handed_over_at_rest_only(driving):
+    text = "not released: the vehicle moves at 1.00 m/s for joint_commands of /driver"
+    assert driving.bridge.release(driving.now) == (False, text)
+    driving.target = (0.2, 0.0)
+    driving.step(120)
+    assert driving.bridge.release(driving.now) == (True, "released by joint_commands of /driver")
+    driving.target = None
+    driving.step(100)
+    assert driving.bridge.armed
+    assert other_commands(driving, 0.2, 0.5) is None
+    assert driving.bridge.readiness(driving.now).commander == "cmd_vel"
+
+
+def test_disarming_hands_the_vehicle_over_too(driving):
+    driving.bridge.disarm(driving.now)
+    driving.target = None
+    driving.step(200)
+    assert driving.arm() == (True, "armed")
+    assert other_commands(driving, 0.0, 0.5) is None
+
+
+def test_publishers_that_do_not_say_who_they_are_are_reported(vehicle):
+    vehicle.target = None
+    other_commands(vehicle, 0.0, 0.0)
+    state = diagnose(vehicle.bridge, vehicle.now, {Source.CMD_VEL: 2})[0]
+    assert state.level is Level.WARN
+    assert state.message.endswith("; 2 publishers of cmd_vel that do not say who sends")
+
+
+# ---- what is refused means standstill ----
+
+
+@pytest.mark.parametrize(
+    ("target", "limit"),
+    [
+        ((9.0, 1.0), "steering angle 9 rad: at most 0.7461 rad"),
+        ((0.2, 1e300), "speed 1e+300 m/s: at most 4.8 m/s"),
+    ],
+)
+def test_a_command_beyond_a_limit_stops_the_vehicle(driving, target, limit):
+    driving.target = target
+    for _ in range(100):
+        driving.step()
+    assert driving.measured[DRIVE].speed == 0.0
+    assert driving.measured[STEER].angle == pytest.approx(0.2)
+    assert driving.bridge.armed
+    refusal = driving.bridge.set_command(
+        VehicleCommand(*target),
+        stamp=driving.now,
+        now=driving.now,
+        source=Source.JOINT_COMMANDS,
+        name="/driver",
+    )
+    assert refusal == (
+        f"joint_commands of /driver is refused: {limit}; the vehicle is to stand still"
+    )
+    assert driving.bridge.commands.counters.refused > 90
+
+
+def test_nonsense_of_a_second_commander_does_not_stop_the_vehicle(driving):
+    assert "commands the vehicle" in other_commands(driving, 0.0, 99.0)
+    driving.step()
+    assert driving.measured[DRIVE].speed == pytest.approx(1.0)
+
+
+# ---- odometry ----
+
+
+def test_a_wheel_that_loses_half_of_its_pulses_stops_the_vehicle(driving):
+    for _ in range(40):
+        driving.bridge.set_odometry(2.04, driving.now)
+        driving.step()
+    reason = "the wheel says 1.00 m/s, odom 2.04 m/s: hall sensor miscounts?"
+    assert driving.bridge.stopped_by == reason
+    assert driving.state(DRIVE) is PlcState.STOPPING
+    driving.until_stopped()
+    assert f"stopped: {reason}" in driving.bridge.readiness(driving.now).reason
+
+
+def test_diagnostics_say_whether_odometry_is_watched(driving):
+    key = "wheel speed against odom"
+    assert diagnose(driving.bridge, driving.now)[0].values[key] == "not watched: no odom"
+    driving.bridge.set_odometry(1.0, driving.now)
+    assert diagnose(driving.bridge, driving.now)[0].values[key] == "watched"
+
+
+# ---- losses ----
+
+
 @pytest.mark.parametrize("lost", [STEER, DRIVE])
 def test_losing_one_board_stops_the_other_without_a_fault(driving, lost):
     other = DRIVE if lost is STEER else STEER
     driving.cut.add(lost)
     driving.step(40)
     assert driving.state(other) is PlcState.STOPPING
-    driving.step(200)
+    driving.until_stopped()
     assert [p.state for p in driving.plcs.values()] == [PlcState.SAFE] * 2
     assert driving.plcs[other].faults == 0
     assert driving.plcs[lost].faults == Fault.CMD_TIMEOUT
@@ -103,12 +275,12 @@ def test_every_message_of_a_100_hz_commander_goes_out_at_once(vehicle):
         assert vehicle.commands[board] - before[board] == pytest.approx(100, abs=4)  # + requests
 
 
-def test_a_message_is_repeated_at_the_command_rate_while_it_is_fresh(vehicle):
+def test_without_a_commander_standstill_goes_out_at_the_command_rate(vehicle):
     vehicle.target = None
     before = dict(vehicle.commands)
     vehicle.step(100)
     for board in (STEER, DRIVE):
-        assert vehicle.commands[board] - before[board] == pytest.approx(5, abs=1)
+        assert vehicle.commands[board] - before[board] == pytest.approx(50, abs=3)
 
 
 def test_a_commander_at_1_khz_does_not_overload_the_line(vehicle):
@@ -120,15 +292,6 @@ def test_a_commander_at_1_khz_does_not_overload_the_line(vehicle):
         )
         frames += len(vehicle.bridge.take_frames()[STEER])
     assert 90 <= frames <= 112
-
-
-def test_joint_commands_win_over_cmd_vel(driving):
-    refusal = driving.bridge.set_command(
-        VehicleCommand(0.0, 0.0), stamp=driving.now, now=driving.now, source=Source.CMD_VEL
-    )
-    assert refusal == "cmd_vel ignored while joint_commands are coming"
-    driving.step()
-    assert driving.measured[DRIVE].speed == pytest.approx(1.0)
 
 
 @settings(max_examples=50)

@@ -5,11 +5,14 @@ import random
 
 import pytest
 
-from tricycle_bridge.command_stream import CommandStream, Source, VehicleCommand
+from tricycle_bridge.command_stream import Commander, CommandStream, Source, VehicleCommand
 from tricycle_core.errors import LinkError
 
 START = 1000.0  # s
 STANDSTILL = VehicleCommand(0.0, 0.0)
+DRIVER = Commander(Source.JOINT_COMMANDS, "/maneuver_driver")
+OTHER = Commander(Source.JOINT_COMMANDS, "/other")
+TWIST = Commander(Source.CMD_VEL)
 
 
 def sent_at(stream, times, *, repeat_rate=50.0):
@@ -17,8 +20,8 @@ def sent_at(stream, times, *, repeat_rate=50.0):
     return [t for t in times if stream.due(t, repeat_rate=repeat_rate, enabled=False)]
 
 
-def add(stream, command, now, source=Source.JOINT_COMMANDS):
-    return stream.add(command, stamp=now, now=now, source=source)
+def add(stream, command, now, commander=DRIVER):
+    return stream.add(command, stamp=now, now=now, commander=commander)
 
 
 @pytest.fixture
@@ -34,16 +37,30 @@ def test_a_command_must_be_finite(value):
         VehicleCommand(0.0, value)
 
 
-@pytest.mark.parametrize("age", [0.15, -0.15, 1e9])
-def test_old_and_future_commands_are_refused(stream, age):
-    refusal = stream.add(STANDSTILL, stamp=START - age, now=START, source=Source.JOINT_COMMANDS)
-    assert "must be within 0.1 s" in refusal
+@pytest.mark.parametrize(
+    ("age", "refusal"),
+    [
+        (0.15, "is stamped 0.15 s ago, must be within 0.1 s: late, or its computer's clock is"),
+        (1e9, "ago, must be within 0.1 s"),
+        (-0.03, "is stamped 0.03 s ahead, must be within 0.02 s: its computer's clock is ahead"),
+    ],
+)
+def test_old_and_future_commands_are_refused_as_a_problem_of_clocks(stream, age, refusal):
+    said = stream.add(STANDSTILL, stamp=START - age, now=START, commander=DRIVER)
+    assert said.startswith("joint_commands of /maneuver_driver is stamped")
+    assert refusal in said
     assert stream.counters.stale == 1
     assert stream.newest(START) is None
 
 
+def test_a_command_stamped_ahead_lives_no_longer_than_from_its_arrival(stream):
+    assert stream.add(STANDSTILL, stamp=START + 0.015, now=START, commander=DRIVER) is None
+    assert stream.newest(START + 0.1) == STANDSTILL
+    assert stream.newest(START + 0.102) is None
+
+
 def test_a_command_without_a_stamp_is_refused(stream):
-    refusal = stream.add(STANDSTILL, stamp=0.0, now=START, source=Source.CMD_VEL)
+    refusal = stream.add(STANDSTILL, stamp=0.0, now=START, commander=TWIST)
     assert refusal == "cmd_vel has no time stamp"
 
 
@@ -54,15 +71,53 @@ def test_a_command_is_fresh_for_100_ms(stream):
     assert stream.newest(START + 0.102) is None
 
 
-def test_joint_commands_take_precedence_while_they_come(stream):
-    twist = VehicleCommand(0.1, 0.5)
+def test_nobody_is_locked_out_of_a_vehicle_that_is_not_armed(stream):
+    twist = VehicleCommand(0.1, 0.0)
+    assert add(stream, STANDSTILL, START) is None
+    assert add(stream, twist, START, TWIST) is None
+    assert stream.newest(START) == twist
+    assert (stream.commander, stream.conflict(START)) == (None, None)
+
+
+@pytest.mark.parametrize("other", [OTHER, TWIST, Commander(Source.JOINT_COMMANDS)])
+def test_who_commands_the_armed_vehicle_first_is_its_only_commander(stream, other):
+    stream.lock()
+    assert add(stream, STANDSTILL, START) is None
+    refusal = add(stream, VehicleCommand(0.1, 0.5), START, other)
+    assert refusal == f"{other} is refused: joint_commands of /maneuver_driver commands the vehicle"
+    assert (stream.newest(START), stream.counters.refused) == (STANDSTILL, 1)
+    assert stream.conflict(START + 0.9) == refusal
+    assert stream.conflict(START + 1.1) is None
+    assert add(stream, STANDSTILL, START + 5.0, other)  # however long the first one is silent
+    stream.unlock()
+    assert add(stream, STANDSTILL, START + 5.1, other) is None
+
+
+def test_names_of_commanders():
+    assert str(OTHER) == "joint_commands of /other"
+    assert str(TWIST) == "cmd_vel"
+    assert str(Commander(Source.JOINT_COMMANDS)) == "unnamed joint_commands"
+
+
+def test_a_released_vehicle_is_the_next_commanders(stream):
+    stream.lock()
     add(stream, STANDSTILL, START)
-    refusal = add(stream, twist, START, Source.CMD_VEL)
-    assert refusal == "cmd_vel ignored while joint_commands are coming"
-    assert stream.counters.refused == 1
-    assert add(stream, twist, START + 0.2, Source.CMD_VEL) is None
-    assert add(stream, STANDSTILL, START + 0.21) is None
-    assert stream.newest(START + 0.21) == STANDSTILL
+    stream.release(START)
+    assert (stream.commander, stream.newest(START)) == (None, None)
+    refusal = add(stream, STANDSTILL, START + 0.01)  # it goes on: no way to take over otherwise
+    assert "it released the vehicle, and may command again after a pause of 0.1 s" in refusal
+    assert stream.conflict(START + 0.01) is None
+    assert add(stream, STANDSTILL, START + 0.02, OTHER) is None
+    assert stream.commander == OTHER
+
+
+def test_who_released_the_vehicle_may_command_again_after_a_pause(stream):
+    stream.lock()
+    add(stream, STANDSTILL, START)
+    stream.release(START)
+    assert add(stream, STANDSTILL, START + 0.09)
+    assert add(stream, STANDSTILL, START + 0.18)
+    assert add(stream, STANDSTILL, START + 0.29) is None
 
 
 def test_a_command_is_repeated_at_the_rate_while_it_is_fresh(stream):
@@ -78,6 +133,18 @@ def test_a_new_command_and_a_change_of_enable_are_due_at_once(stream):
     assert stream.due(START + 0.01, repeat_rate=20.0, enabled=True) == STANDSTILL
     add(stream, VehicleCommand(0.1, 0.0), START + 0.02)
     assert stream.due(START + 0.02, repeat_rate=20.0, enabled=True) == VehicleCommand(0.1, 0.0)
+
+
+def test_standstill_is_due_at_the_rate_while_no_command_is_fresh(stream):
+    def due(now):
+        return stream.due(now, repeat_rate=50.0, enabled=False, standstill=STANDSTILL)
+
+    times = [START + k * 0.005 for k in range(21)]
+    assert [t for t in times if due(t)] == pytest.approx([START + k * 0.02 for k in range(6)])
+    wanted = VehicleCommand(0.1, 0.0)
+    add(stream, wanted, START + 0.1)
+    assert due(START + 0.11) == wanted
+    assert due(START + 0.21) == STANDSTILL
 
 
 def test_a_commander_at_1_khz_does_not_overload_the_line(stream):

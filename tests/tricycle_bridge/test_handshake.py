@@ -16,7 +16,7 @@ def handshake():
     return handshake
 
 
-def answer(board=Board.STEER, nonce=0, *, sender=None, major=1):
+def answer(board=Board.STEER, nonce=0, *, sender=None, major=2):
     ack = HelloAck(**dict.fromkeys(layout(HelloAck), 0) | {"board": board, "nonce": nonce})
     return Frame(ack, sender or board, 0, 7, major), ack
 
@@ -56,7 +56,10 @@ def test_a_session_is_never_the_old_one(handshake):
         (answer(), None),
         (answer(Board.DRIVE), "ports swapped: the drive PLC answers where the steer PLC should be"),
         (answer(sender=Board.DRIVE), "ports swapped: the drive PLC answers"),
-        (answer(major=2), "the PLC speaks protocol version 2, this bridge 1"),
+        (
+            answer(major=1),
+            "the PLC speaks protocol version 1, this bridge 2: flash it with this version's firm",
+        ),
     ],
 )
 def test_a_plc_that_cannot_be_used_is_refused(handshake, frame_and_ack, reason):

@@ -11,9 +11,11 @@ class Sent:
 
     def __init__(self):
         self.ops = []
+        self.numbers = []
 
-    def __call__(self, op):
+    def __call__(self, op, number):
         self.ops.append(op)
+        self.numbers.append(number)
         return len(self.ops) - 1
 
 
@@ -68,6 +70,26 @@ def test_a_result_of_a_newer_minor_version_is_a_refusal(queue):
     queue.add(Op.ARM, 0.0)
     outcome = queue.acknowledge(Ack(Op.ARM, 0, 99, 0), 0.01)
     assert outcome == OperationOutcome(Op.ARM, Result.WRONG_STATE)
+
+
+def test_repeats_keep_the_number_of_their_operation(queue, sent):
+    for k, op in enumerate((Op.CLEAR, Op.ARM)):
+        queue.add(op, k)
+        queue.poll(k + 0.05)
+        queue.acknowledge(Ack(op, 2 * k, Result.OK, 0), k + 0.06)
+    assert sent.numbers == [0, 0, 1, 1]
+
+
+def test_an_operation_with_an_old_echo_is_sent_again_and_given_up_as_stale(queue, sent):
+    queue.add(Op.CLEAR, 0.0)
+    assert queue.acknowledge(Ack(Op.CLEAR, 0, Result.STALE, 0), 0.01) is None
+    queue.poll(0.05)
+    assert sent.numbers == [0, 0]
+    assert queue.acknowledge(Ack(Op.CLEAR, 1, Result.OK, 0), 0.06).result is Result.OK
+    queue.add(Op.ARM, 1.0)
+    assert queue.acknowledge(Ack(Op.ARM, 2, Result.STALE, 0), 1.01) is None
+    outcomes = [outcome for k in range(100) if (outcome := queue.poll(1.0 + 0.01 * k))]
+    assert outcomes == [OperationOutcome(Op.ARM, Result.STALE)]
 
 
 def test_nothing_is_resent_after_the_session(queue, sent):

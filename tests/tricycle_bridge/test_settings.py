@@ -28,5 +28,18 @@ def test_every_setting_has_a_description_and_a_range_that_holds_its_default(fiel
     low, high = field.metadata["range"]
     assert low <= field.default <= high
     assert field.metadata["description"]
+    unchecked = {f"{board}_supply_high": 0.0 for board in ("steer", "drive")}
     for value in (low, high):
-        BridgeSettings(**{field.name: value})
+        BridgeSettings(**unchecked | {"max_acceleration": 0.001} | {field.name: value})
+
+
+def test_an_acceleration_above_the_deceleration_of_a_stop_is_named():
+    with pytest.raises(LinkError, match=r"max_acceleration = 1\.5 is above stopping_deceleration"):
+        BridgeSettings(max_acceleration=1.5, stopping_deceleration=1.0)
+
+
+def test_thresholds_that_are_upside_down_are_named():
+    with pytest.raises(
+        LinkError, match="drive_supply_low = 50 is not below drive_supply_high = 45"
+    ):
+        BridgeSettings(drive_supply_low=50.0, drive_supply_high=45.0)

@@ -24,6 +24,7 @@ from tricycle_bridge.protocol.messages import (
     StateFlag,
 )
 from tricycle_bridge.protocol.readable import state_and_faults
+from tricycle_bridge.settings import UNCHECKED_SUPPLY
 
 ARMING_PATIENCE = 2.0
 """Time for the whole sequence [s]."""
@@ -86,6 +87,8 @@ def _link_refusal(link: PlcLink, now: float, *, enabled: bool) -> str | None:
     state = link.telemetry.state
     if state == PlcState.STOPPING or (state == PlcState.ARMED and not enabled):
         return "still stopping"
+    if link.telemetry.flags & StateFlag.HOLDING and state != PlcState.ARMED:
+        return "still holds its angle until the vehicle is measured at rest"
     return None
 
 
@@ -111,7 +114,7 @@ def supply_problem(link: PlcLink) -> str | None:
     if low <= supply and (supply <= high or not high) and not link.telemetry.faults & Fault.SUPPLY:
         return None
     thresholds = [f"at least {low:.1f} V"] if low else []
-    thresholds += [f"at most {high:.1f} V"] if high else []
+    thresholds += [f"at most {high:.1f} V"] if 0.0 < high < UNCHECKED_SUPPLY else []
     must = f", must be {' and '.join(thresholds)}" if thresholds else ""
     return f"{link.board.plc_name}: supply is {supply:.1f} V{must}"
 
@@ -181,7 +184,9 @@ class ArmingSequence:
 
     def count_command(self) -> None:
         """Note that an enabled command was sent to both boards."""
-        self._commands += 1
+        # a board that takes its set-up begins to count anew
+        set_up = all(link.set_up for link in self._links.values())
+        self._commands = self._commands + 1 if set_up else 0
 
     def take_outcome(self, board: Board, outcome: OperationOutcome) -> None:
         """Take a board's answer to CLEAR or ARM.

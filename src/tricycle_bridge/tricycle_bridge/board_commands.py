@@ -22,7 +22,7 @@ from tricycle_bridge.protocol.messages import (
     SteerSetup,
     SteerState,
 )
-from tricycle_bridge.settings import BridgeSettings
+from tricycle_bridge.settings import UNCHECKED_SUPPLY, BridgeSettings
 
 
 def board_setup(board: Board, settings: BridgeSettings) -> BoardSetup:
@@ -39,14 +39,13 @@ def board_setup(board: Board, settings: BridgeSettings) -> BoardSetup:
         return SteerSetup(
             max_angle=round(settings.max_steering_angle / ANGLE_UNIT),
             max_rate=round(settings.max_steering_rate / STEER_RATE_UNIT),
-            supply_low=round(settings.steer_supply_low / VOLTAGE_UNIT),
-            supply_high=round(settings.steer_supply_high / VOLTAGE_UNIT),
+            **_thresholds(settings.steer_supply_low, settings.steer_supply_high),
         )
     lightest = (1.0 - settings.mass_tolerance) * settings.mass
     heaviest = (1.0 + settings.mass_tolerance) * settings.mass + settings.payload
     return DriveSetup(
         max_speed=round(settings.max_speed / SPEED_UNIT),
-        max_acceleration=round(settings.max_acceleration / SPEED_UNIT),
+        max_acceleration=round(settings.stopping_deceleration / SPEED_UNIT),
         pulse=round(settings.hall_pulse / TRAVEL_UNIT),
         tyre_radius=round(settings.tyre_radius / LENGTH_UNIT),
         torque=round(settings.motor_torque / TORQUE_UNIT),
@@ -54,11 +53,20 @@ def board_setup(board: Board, settings: BridgeSettings) -> BoardSetup:
         power=round(settings.motor_power),
         mass_low=round(lightest / MASS_UNIT),
         mass_high=round(heaviest / MASS_UNIT),
-        supply_low=round(settings.drive_supply_low / VOLTAGE_UNIT),
-        supply_high=round(settings.drive_supply_high / VOLTAGE_UNIT),
+        **_thresholds(settings.drive_supply_low, settings.drive_supply_high),
         throttle_low=round(settings.throttle_low / VOLTAGE_UNIT),
         throttle_high=round(settings.throttle_high / VOLTAGE_UNIT),
     )
+
+
+def _thresholds(low: float, high: float) -> dict[str, int]:
+    """Return both in mV; a board that checks one checks the other, so 0 becomes unreachable."""
+    if low and not high:
+        return {
+            "supply_low": round(low / VOLTAGE_UNIT),
+            "supply_high": round(UNCHECKED_SUPPLY / VOLTAGE_UNIT),
+        }
+    return {"supply_low": round(low / VOLTAGE_UNIT), "supply_high": round(high / VOLTAGE_UNIT)}
 
 
 def steer_command(command: VehicleCommand, settings: BridgeSettings, flags: int) -> SteerCommand:

@@ -31,6 +31,10 @@ SUPPLY_LIMIT = 60.0
 """Largest threshold of a supply [V]."""
 
 
+UNCHECKED_SUPPLY = 65.535
+"""Upper threshold that no supply reaches [V]."""
+
+
 def _setting(default: float, low: float, high: float, description: str) -> Any:
     return dataclasses.field(
         default=default, metadata={"range": (low, high), "description": description}
@@ -54,7 +58,9 @@ class BridgeSettings:
     max_speed : float
         Largest speed [m/s].
     max_acceleration : float
-        Largest acceleration of the speed's set-point [m/s^2].
+        Largest acceleration of the commanded speed [m/s^2].
+    stopping_deceleration : float
+        With which the drive PLC stops the vehicle by itself [m/s^2].
     tyre_radius : float
         Radius of the rear wheel [m].
     hall_pulse : float
@@ -77,7 +83,8 @@ class BridgeSettings:
     Raises
     ------
     LinkError
-        A value is outside its range, or a lower threshold above the upper one.
+        A value is outside its range, a lower threshold is above the upper one, or the acceleration
+        above the deceleration.
     """
 
     command_rate: float = _setting(50.0, 20.0, 100.0, "Hz of repeats between messages")
@@ -90,6 +97,9 @@ class BridgeSettings:
     max_speed: float = _setting(MAX_SPEED, SPEED_UNIT, MAX_SPEED, "m/s")
     max_acceleration: float = _setting(
         1.0, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, slew of the speed"
+    )
+    stopping_deceleration: float = _setting(
+        MAX_ACCELERATION, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, of a stop by the drive PLC"
     )
     tyre_radius: float = _setting(0.335, 0.05, 2.0, "m, of the rear wheel")
     hall_pulse: float = _setting(HALL_PULSE, 1e-4, 0.06, "m of travel per hall pulse")
@@ -118,3 +128,8 @@ class BridgeSettings:
             low, high = getattr(self, f"{pair}_low"), getattr(self, f"{pair}_high")
             if high and low >= high:
                 raise LinkError(f"{pair}_low = {low:g} is not below {pair}_high = {high:g}")
+        if self.max_acceleration > self.stopping_deceleration:
+            raise LinkError(
+                f"max_acceleration = {self.max_acceleration:g} is above stopping_deceleration = "
+                f"{self.stopping_deceleration:g}"
+            )
