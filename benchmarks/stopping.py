@@ -5,9 +5,9 @@
     python benchmarks/stopping.py --backends emulation --speeds 1 4.8
 
 An e-stop, a DISARM, the host killed (kill -9) and enable = 0, from 1 to 4.8 m/s, straight on.
-Nominal: nominal vehicle, empty, level road. Worst: over corners of the unknown parameters,
-empty and with 30 kg, slopes of -5, 0 and +5 %. Time and distance count from the host's act to rest (0.02 m/s), at
-the speed that the vehicle has reached. Ends with status 1 where a published distance
+Nominal: nominal vehicle, empty, level road. Worst: over corners of the unknown parameters, empty
+and with 30 kg, on slopes of -5, 0 and +5 %. Time and distance count from the host's act to rest
+(0.02 m/s), at the speed that the vehicle has reached. Ends with status 1 where a published distance
 (tricycle_core/stopping.py) is exceeded or the vehicle moves again.
 """
 
