@@ -403,6 +403,7 @@ class Bridge:
         command = self.commands.due(
             now,
             repeat_rate=self.settings.command_rate,
+            standstill_rate=self.settings.standstill_rate,
             enabled=self._enabled,
             standstill=self._standstill(now),
         )

@@ -28,7 +28,8 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -72,7 +73,7 @@ CONFIGURED_PARAMETERS = (
     *(
         field.name
         for field in dataclasses.fields(BridgeSettings)
-        if field.name not in ("command_rate", *LOWERED_PARAMETERS)
+        if field.name not in ("command_rate", "standstill_rate", *LOWERED_PARAMETERS)
     ),
 )
 
@@ -125,9 +126,16 @@ class BridgeNode(LifecycleNode):
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
         self.create_service(Trigger, "~/release", self._on_release)
-        self._on_serial = (
-            self.create_guard_condition(self._step).trigger if simulated else self._step
-        )
+        self._on_serial = self._step
+        if simulated:
+            self._on_serial = self.create_guard_condition(self._step).trigger
+            # a simulation may wait for a command of every tick, also where telemetry came before it
+            every_tick = JumpThreshold(
+                min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=False
+            )
+            self._clock_handle = self.get_clock().create_jump_callback(
+                every_tick, post_callback=lambda _jump: self._on_serial()
+            )
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may be much faster
         self.create_timer(POLL_PERIOD, self._on_timer, clock=steady)
 
