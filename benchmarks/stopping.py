@@ -25,7 +25,8 @@ from pathlib import Path
 
 from tricycle_bridge.command_stream import VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
-from tricycle_core.stopping import Cause, stopping_distance
+from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.stopping import MAX_PAYLOAD, Cause, stopping_distance
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.faults import NO_FAULTS, FaultPlan
 from tricycle_sim.rig.firmware import FirmwareRig
@@ -34,7 +35,7 @@ from tricycle_sim.rig.rig import Rig
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.payload import Payload, with_payload
 
-LOAD = Payload(30.0, x=-0.3, z=0.6)
+LOAD = Payload(MAX_PAYLOAD, x=-0.3, z=0.6)
 SLOPES = (-0.05, 0.0, 0.05)
 SPEEDS = (1.0, 2.0, 3.0, 4.8)
 SETTLED = 1.0  # s of rest that end a run
@@ -106,7 +107,7 @@ def run(case: Case) -> Stopped:
     if case.loaded:
         vehicle = with_payload(vehicle, LOAD)
     with make_rig(case.backend, vehicle, case.build) as rig:
-        host = Host(rig)
+        host = Host(rig, BridgeSettings(payload=MAX_PAYLOAD))
         host.arm()
         host.target = VehicleCommand(0.0, case.speed)
         host.run(case.speed + 1.0)
@@ -129,13 +130,13 @@ def run(case: Case) -> Stopped:
 
 
 def cases(backend: str, speeds: Iterable[float], build: Path) -> list[Case]:
-    """All stops of a kind of boards; fewer corners on the slow one."""
-    names = list(corners(load_vehicle()))
+    """All stops of a kind of boards; on the slow one the nominal and the worst circumstances."""
+    circumstances = list(itertools.product(corners(load_vehicle()), (False, True), SLOPES))
     if backend == "avr":
-        names = names[:2]
+        circumstances = [("nominal", False, 0.0), ("low", True, -0.05)]
     return [
-        Case(backend, *values, build)
-        for values in itertools.product(STOPS, speeds, names, (False, True), SLOPES)
+        Case(backend, cause, speed, *around, build)
+        for cause, speed, around in itertools.product(STOPS, speeds, circumstances)
     ]
 
 

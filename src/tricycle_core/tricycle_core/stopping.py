@@ -27,10 +27,13 @@ class StoppingLaw:
         Without deceleration [s].
     deceleration : float
         After it [m/s^2].
+    margin : float
+        Way besides [m].
     """
 
     delay: float
     deceleration: float
+    margin: float = 0.05
 
     def distance(self, speed: float) -> float:
         """Return the way to rest [m].
@@ -40,13 +43,17 @@ class StoppingLaw:
         speed : float
             At the start [m/s].
         """
-        return speed * self.delay + speed**2 / (2.0 * self.deceleration)
+        return self.margin + speed * self.delay + speed**2 / (2.0 * self.deceleration)
 
 
 BRAKED = StoppingLaw(delay=0.3, deceleration=0.4)
 """Motor off and full brake: the drive board has left ARMED for any state but STOPPING."""
 RAMPED = StoppingLaw(delay=0.5, deceleration=0.4)
 """The drive board is in STOPPING."""
+
+MAX_PAYLOAD = 30.0  # kg
+DETECTION = 1.0
+"""Longest time between a fault that stops the vehicle and the drive board's leaving ARMED [s]."""
 
 _LAWS = {
     Cause.ESTOP: (0.1, BRAKED),

@@ -89,6 +89,11 @@ class Rig(Closing):
             Steer or drive.
         """
 
+    @property
+    def active_faults(self) -> set[FaultKind]:
+        """What fails at `time`."""
+        return set(self._faults)
+
     def plugged(self, board: Board) -> bool:
         """Return whether a board's cable is in the host.
 
