@@ -35,7 +35,6 @@ static bool at_rest(const struct plc *plc)
 
 void board_reset(struct plc *plc)
 {
-	plc->board.hall.beyond = HALL_PULSE / 2; /* anywhere between two pulses */
 	plc->board.brake = MAX_BRAKE;
 }
 
@@ -60,7 +59,7 @@ void drive_measure(struct plc *plc, int32_t count, uint32_t edge_at, uint32_t no
 {
 	struct board *board = &plc->board;
 	if (plc->state == PLC_STATE_BOOT)
-		board->hall.count = count; /* whatever it was before */
+		hall_begin(&board->hall, board->in_force.pulse, count);
 	board->hall_count = count;
 	board->travel = hall_travel(&board->hall, board->in_force.pulse, count, edge_at, now);
 	board->speed = board->hall.speed;

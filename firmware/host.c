@@ -120,7 +120,8 @@ void host_tick(struct host *host, uint32_t now, int16_t angle, int16_t rate, uin
 void host_hall(int32_t pulse, const int32_t *counts, const uint32_t *edges, int32_t ticks,
 	       uint32_t start, int16_t *speeds, int32_t *travels)
 {
-	struct hall hall = { .beyond = pulse / 2, .edge_at = start - TICK_US, .middle = start - TICK_US };
+	struct hall hall;
+	hall_begin(&hall, pulse, 0);
 	for (int32_t i = 0; i < ticks; i++) {
 		uint32_t now = start + (uint32_t)i * TICK_US;
 		travels[i] = hall_travel(&hall, pulse, counts[i], edges[i], now);

@@ -33,27 +33,45 @@ static void take_pulses(struct hall *hall, int32_t travel, uint32_t edge_at)
 	hall->rests = false;
 }
 
+void hall_begin(struct hall *hall, int32_t pulse, int32_t count)
+{
+	*hall = (struct hall){ .count = count, .beyond = pulse / 2, .rests = true };
+}
+
+/* From the edge of the newest pulse before to that of the newest one, in pulses. */
+static int32_t edges_passed(struct hall *hall, int32_t pulses)
+{
+	bool backward = pulses < 0;
+	if (backward != hall->backward)
+		pulses += backward ? 1 : -1; /* the first one is at the same edge, the other way */
+	hall->backward = backward;
+	return pulses;
+}
+
 int32_t hall_travel(struct hall *hall, int32_t pulse, int32_t count, uint32_t edge_at, uint32_t now)
 {
 	/* 2 m in a tick are no wheel any more, and 32 bits hold a thousand times as much */
 	const int32_t most_pulses = 2000000L / pulse;
-	int32_t travel = pulse * clamp(count - hall->count, -most_pulses, most_pulses);
+	int32_t pulses = clamp(count - hall->count, -most_pulses, most_pulses);
+	int32_t travel = 0;
 	int32_t before = hall->beyond;
 	hall->count = count;
-	if (travel)
+	if (pulses) {
+		travel = pulse * edges_passed(hall, pulses);
 		take_pulses(hall, travel, edge_at);
+	}
 	uint32_t since = now - hall->edge_at;
 	if (since >= HALL_TIMEOUT_US)
 		hall->rests = true;
-	int32_t most = hall->rests               ? 0 :
-		       travel || since == 0 ? FASTEST :
+	int32_t most = hall->rests          ? 0 :
+		       pulses || since == 0 ? FASTEST :
 					      pulse * 1000L / (int32_t)since;
 	int32_t age = (int32_t)((now - hall->middle) / 100); /* 0.1 ms */
 	int32_t speed = hall->mean;
 	if (most)
 		speed += hall->acceleration * age / 10000;
 	hall->speed = (int16_t)clamp(speed, -most, most);
-	if (travel)
+	if (pulses)
 		hall->beyond = hall->speed * (int32_t)since / 1000;
 	else
 		hall->beyond += hall->speed * (TICK_US / 1000L);

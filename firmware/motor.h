@@ -14,13 +14,16 @@ struct hall {
 	int16_t acceleration; /* mm/s^2, smoothed */
 	int16_t speed;        /* mm/s at the last tick */
 	bool rests;           /* no pulse for long; whatever the clock, which wraps, says later */
+	bool backward;        /* the newest pulse */
 };
+
+/* At rest, anywhere between two pulses; `pulse` is the travel per pulse in um. */
+void hall_begin(struct hall *hall, int32_t pulse, int32_t count);
 
 /* Travel since the last tick in um; hall->speed is then the speed at this one: the mean between two
  * pulses, carried on from the middle between them; without a pulse no faster than one pulse since
  * the newest, and 0 after HALL_TIMEOUT_US. Travel is exact at every pulse, so that errors of the
- * speed do not add up. `now` must not be before the newest pulse; `pulse` is the travel per pulse
- * in um. */
+ * speed do not add up. `now` must not be before the newest pulse. */
 int32_t hall_travel(struct hall *hall, int32_t pulse, int32_t count, uint32_t edge_at,
 		    uint32_t now);
 

@@ -17,9 +17,9 @@ TRUTH = LOW + (HIGH - LOW) * np.array([0.3, 0.7, 0.5, 0.4, 0.6, 0.5])
 NAMES = tuple(VEHICLE.unknown)
 
 
-def planned(family, *x):
+def planned(family, *x, vehicle=VEHICLE):
     """Commands of a maneuver."""
-    return nominal_run(VEHICLE, family, np.array(x)).commands
+    return nominal_run(vehicle, family, np.array(x)).commands
 
 
 @cache

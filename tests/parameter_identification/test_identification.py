@@ -147,7 +147,11 @@ def test_a_steering_that_is_two_degrees_off_leaves_residuals_that_are_not_white(
 def test_a_wrong_start_heading_does_not_hide_the_right_basin():
     truth = LOW + (HIGH - LOW) * np.array([0.98, 0.729, 0.927, 0.968, 0.015, 0.864])
     start = StartPose(0.0, 0.0, 0.0, 0.02, np.radians(1.0))
-    maneuvers = (planned(Circle(), 2.0, 0.785), planned(DoubleLaneChange(), 8.0, 0.0))
+    to_the_stop = VEHICLE.replace(steering_margin=0.0)  # with which this drive was found
+    maneuvers = (
+        planned(Circle(), 2.0, 0.785, vehicle=to_the_stop),
+        planned(DoubleLaneChange(), 8.0, 0.0),
+    )
     drives = [
         driven(c, truth=truth, seed=i, standstill=1.0, pose=(-0.009, -0.015, 0.004), start=start)
         for i, c in enumerate(maneuvers)

@@ -10,17 +10,20 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.executors import SingleThreadedExecutor
+from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
+from excitation_planner.playback import LONGEST_STOP
 from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import JudgeError
 from tricycle_core.nodes import LATCHED
+from tricycle_core.stamps import seconds_of
 from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -44,6 +47,10 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
         "maneuver/state",
         lambda message: state.update({pair.key: pair.value for pair in message.values}),
         LATCHED,
+    )
+    clock = {}
+    ros_node.create_subscription(
+        Clock, "/clock", lambda message: clock.update(now=seconds_of(message.clock)), 10
     )
     executor = SingleThreadedExecutor(context=ros_node.context)
     executor.add_node(ros_node)
@@ -95,6 +102,8 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
             assert (refused.returncode, refusal in errors) == (2, True), errors
             assert services.call(service, Trigger, Trigger.Request()).success
 
+        ended = clock["now"]
+        wait(lambda: clock["now"] > ended + LONGEST_STOP + 1.0, "the driver's end of the stop")
         finished = drive("short.json", "third")
         _, errors = finished.communicate(timeout=60)
         assert finished.returncode == 0, errors

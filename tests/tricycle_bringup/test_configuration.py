@@ -1,10 +1,12 @@
 """The packaged parameter files, and what the bridge is told of a vehicle."""
 
+import dataclasses
 from pathlib import Path
 
 import pytest
 import yaml
 
+from tricycle_bridge.settings import BridgeSettings
 from tricycle_bringup.configuration import SIMULATION_CONFIG, VEHICLE_CONFIG, bridge_parameters
 from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle import load_vehicle
@@ -19,11 +21,19 @@ def test_every_section_holds_the_parameters_of_a_node(file):
 
 def test_the_bridge_is_told_what_the_vehicle_file_says(tmp_path):
     vehicle = load_vehicle()
-    assert bridge_parameters("") == {
-        "tyre_radius": vehicle.tyre_radius,
-        "max_steering_rate": vehicle.steering_slew,
-        "max_acceleration": vehicle.acceleration,
-    }
+    parameters = bridge_parameters("")
+    assert parameters["tyre_radius"] == vehicle.tyre_radius
+    assert parameters["mass"] == pytest.approx(48.3 + (2 * 0.3 + 0.5) / 0.335**2)
+
+
+def test_the_bridges_defaults_are_the_packaged_vehicles():
+    defaults = {"wheelbase": 1.443, "caster_angle": 0.349}
+    defaults |= dataclasses.asdict(BridgeSettings())
+    for name, value in bridge_parameters("").items():
+        assert defaults[name] == pytest.approx(value, rel=1e-3), name
+
+
+def test_what_is_no_vehicle_file_is_named(tmp_path):
     file = tmp_path / "other.yaml"
     file.write_text("wheels: 3")
     with pytest.raises(VehicleError, match=str(file)):

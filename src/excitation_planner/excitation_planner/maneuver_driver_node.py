@@ -15,7 +15,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.playback import (
-    MAX_POINTS,
+    CLOCK_TOLERANCE,
     MAX_ROWS,
     PlanarState,
     Playback,
@@ -33,6 +33,7 @@ from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.stamps import nanoseconds_of, seconds_of
 from tricycle_core.timing import TICK
 
+OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 STATE_EVERY = 0.5  # s between repeated state messages while running
 
 
@@ -56,8 +57,8 @@ def _schedule(message: JointTrajectory) -> Schedule:
 
 def _points(message: Path) -> FloatArray:
     """Positions of a path, shape (m, 2); raises PlanError where there are too many."""
-    if len(message.poses) > MAX_POINTS:
-        raise PlanError(f"{len(message.poses)} points; at most {MAX_POINTS}")
+    if len(message.poses) > MAX_ROWS:
+        raise PlanError(f"{len(message.poses)} points; at most {MAX_ROWS}")
     positions = [pose.pose.position for pose in message.poses]
     return np.array([(p.x, p.y) for p in positions]).reshape(-1, 2)
 
@@ -77,8 +78,12 @@ class ManeuverDriver(Node):
         deviation = declare(self, "max_deviation", 3.0, "m off the path that end a run", (0.1, 100))
         timeout = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
         self._name = self.get_fully_qualified_name()
+        simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
-            max_deviation=deviation, odom_timeout=timeout, commander=self._name
+            max_deviation=deviation,
+            odom_timeout=timeout,
+            commander=self._name,
+            clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
         )
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
@@ -94,7 +99,7 @@ class ManeuverDriver(Node):
             self.create_subscription(kind, topic, callback, **overridable(qos))
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/abort", self._on_abort)
-        if self.get_parameter("use_sim_time").value:
+        if simulated:
             # a timer may miss ticks of a clock that runs fast; the clock's own callback does not
             every_tick = JumpThreshold(
                 min_forward=Duration(nanoseconds=1),

@@ -51,6 +51,8 @@ class BridgeSettings:
     ----------
     command_rate : float
         Rate at which a command is repeated between two messages of the commander [Hz].
+    standstill_rate : float
+        Rate at which standstill is commanded while nobody else does [Hz].
     max_steering_angle : float
         Largest angle of the steering motor, either side [rad].
     max_steering_rate : float
@@ -88,6 +90,7 @@ class BridgeSettings:
     """
 
     command_rate: float = _setting(50.0, 20.0, 100.0, "Hz of repeats between messages")
+    standstill_rate: float = _setting(50.0, 20.0, 100.0, "Hz of standstill without a commander")
     max_steering_angle: float = _setting(
         MAX_STEERING_ANGLE, ANGLE_UNIT, MAX_STEERING_ANGLE, "rad, of the steering motor"
     )

@@ -33,6 +33,7 @@ VEHICLE_ARGUMENTS: Mapping[str, tuple[str | None, str]] = {
     "namespace": ("", "of all names"),
     "autostart": ("true", "configure and activate the bridge"),
     "vehicle_file": ("", "vehicle YAML"),
+    "payload": ("0.0", "kg that the vehicle carries at most, besides what the file says"),
     "plan_file": ("plan.json", "of the planner, to read and write"),
     "bag": ("", "empty: ~/start records"),
 }
@@ -146,6 +147,7 @@ class VehicleNodes:
         """
         name = "tricycle_bridge"
         own = bridge_parameters(self.value["vehicle_file"])
+        own["payload"] = float(self.value["payload"])
         bridge = LifecycleNode(
             package=name,
             executable=name,

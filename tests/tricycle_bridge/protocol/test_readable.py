@@ -22,7 +22,7 @@ def test_values_are_in_si_units_and_enumerations_by_name():
     values = dict.fromkeys(layout(DriveState), 0) | {
         "state": PlcState.ARMED,
         "flags": 0b101,
-        "faults": 1 << 9 | 1,
+        "faults": 1 << 12 | 1,
         "speed": -1003,
         "hall_count": -7,
         "current": 1234,
@@ -33,7 +33,7 @@ def test_values_are_in_si_units_and_enumerations_by_name():
     texts = readable_fields(DriveState(**values))
     assert texts["state"] == "ARMED"
     assert texts["flags"] == "ENABLED|LIMITED"
-    assert texts["faults"] == "CMD_TIMEOUT|BIT_9"
+    assert texts["faults"] == "CMD_TIMEOUT|BIT_12"
     assert texts["speed (m/s)"] == "-1.003"
     assert texts["hall count"] == "-7"
     assert texts["current (A)"] == "1.234"
@@ -43,6 +43,6 @@ def test_values_are_in_si_units_and_enumerations_by_name():
 
 
 def test_what_a_newer_minor_version_added_has_a_name_too():
-    assert fault_names(1 << 9) == "BIT_9"
+    assert fault_names(1 << 12) == "BIT_12"
     assert state_name(9) == "UNKNOWN_9"
     assert reset_cause_name(16) == "unknown-16"
