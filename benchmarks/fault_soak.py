@@ -15,7 +15,8 @@ the seed. A drive ends with one of the host's stops. Checked are, in every drive
 - the steering motor stays where it was when its board left ARMED, while the vehicle moves;
 - no more than 0.5 m/s above the set-point or the speed at the fault.
 
-A violation after a time in which neither motor nor brake could brake is a hazard, not a failure.
+A violation after a stop with a dead friction brake, or with neither motor nor brake, is a hazard,
+not a failure: the published distances need the brake.
 --healthy: the same drives without faults raise none and stay armed. Ends with status 1 on failures.
 """
 
@@ -159,7 +160,8 @@ class Watch:
         self._faulted: tuple[RigFault, float, float] | None = None  # fault, way, speed
         self._left: tuple[float, float, float, bool] | None = None  # time, way, speed, ramped
         self._held: float | None = None  # rad
-        self._helpless = False  # there was a time without any brake
+        self._helpless = False  # no brake in a stop, or neither brake nor motor
+        self._motorless = False  # there was a time without motor
         self._fastest = 0.0
         self._wanted = 0.0
         self._rest_since: float | None = None
@@ -181,11 +183,10 @@ class Watch:
         """Look at the vehicle after a tick."""
         rig = self._rig
         state, failing = rig.state, rig.active_faults
-        motor = FaultKind.MOTOR_DEAD not in failing and rig.plc_state(Board.DRIVE) in (
-            PlcState.ARMED,
-            PlcState.STOPPING,
-        )
-        self._helpless |= FaultKind.BRAKE_DEAD in failing and not motor
+        motor = FaultKind.MOTOR_DEAD not in failing
+        stopping = rig.plc_state(Board.DRIVE) is not PlcState.ARMED
+        self._helpless |= FaultKind.BRAKE_DEAD in failing and (stopping or not motor)
+        self._motorless |= FaultKind.MOTOR_DEAD in failing
         speed = math.hypot(state.vx, state.vy)
         self._way += speed * 0.01
         elapsed = rig.time - self._begun
@@ -212,7 +213,9 @@ class Watch:
             self.note(f"steering not held: by {angle - self._held:+.2f} rad")
         if self._left is not None and self._rested_at is None:
             _, way, at, ramped = self._left
-            if self._way - way > (RAMPED if ramped else BRAKED).distance(at):
+            law = RAMPED if ramped and not self._motorless else BRAKED
+            allowed = law.distance(at) + (RAMPED.delay * at if ramped and law is BRAKED else 0.0)
+            if self._way - way > allowed:
                 self.note(f"too far: {self._way - way:.2f} m from {at:.2f} m/s")
         if self._faulted is not None and self._left is None:
             fault, way, at = self._faulted

@@ -1,6 +1,7 @@
 """How far the tricycle rolls until it rests: the distances that the suite publishes.
 
-They hold for the tricycle of the suite with up to 30 kg of load on slopes of up to 5 %.
+They hold for the tricycle of the suite with up to 30 kg of load on slopes of up to 5 %, with a
+friction brake that works.
 `benchmarks/stopping.py` measures them, `benchmarks/fault_soak.py` checks them under faults.
 """
 
@@ -46,9 +47,9 @@ class StoppingLaw:
         return self.margin + speed * self.delay + speed**2 / (2.0 * self.deceleration)
 
 
-BRAKED = StoppingLaw(delay=0.3, deceleration=0.4)
+BRAKED = StoppingLaw(delay=0.05, deceleration=0.47)
 """Motor off and full brake: the drive board has left ARMED for any state but STOPPING."""
-RAMPED = StoppingLaw(delay=0.5, deceleration=0.4)
+RAMPED = StoppingLaw(delay=0.4, deceleration=1.1)
 """The drive board is in STOPPING."""
 
 MAX_PAYLOAD = 30.0  # kg
@@ -56,10 +57,10 @@ DETECTION = 1.0
 """Longest time between a fault that stops the vehicle and the drive board's leaving ARMED [s]."""
 
 _LAWS = {
-    Cause.ESTOP: (0.1, BRAKED),
-    Cause.DISARM: (0.1, BRAKED),
-    Cause.KILLED: (0.3, RAMPED),
-    Cause.DISABLED: (0.1, RAMPED),
+    Cause.ESTOP: (0.05, BRAKED),
+    Cause.DISARM: (0.05, BRAKED),
+    Cause.KILLED: (0.25, RAMPED),
+    Cause.DISABLED: (0.05, RAMPED),
 }
 
 

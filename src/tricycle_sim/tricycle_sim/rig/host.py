@@ -10,7 +10,7 @@ from tricycle_core.errors import LinkError
 from tricycle_core.timing import TICK
 from tricycle_sim.rig.rig import Rig
 
-_OFFSET = 100.0  # s that the host's clock is ahead of the rig's
+_OFFSET = 100.0  # s that the bridge's clock is ahead of the rig's
 
 
 class Host:
@@ -44,14 +44,14 @@ class Host:
         self.odometry = True
         self.log: list[str] = []
         self._killed = False
-        self._last = self.now
+        self._stamped = rig.host_time  # when the commander made its newest command
         self._open: set[Board] = set()
         self._watch_cables()
 
     @property
     def now(self) -> float:
-        """Time on the host's clock [s]."""
-        return _OFFSET + self.rig.host_time
+        """Time on the bridge's clock [s], which nobody sets."""
+        return _OFFSET + self.rig.time
 
     def tick(self) -> None:
         """Command, exchange bytes, and let the rig run for 10 ms."""
@@ -68,11 +68,11 @@ class Host:
         """Command, and hand the boards what the bridge has to say."""
         bridge, now = self.bridge, self.now
         self._watch_cables()
-        if now < self._last:
-            bridge.restart_links(now, "the clock jumped back")
-        self._last = now
         if self.target is not None:
-            bridge.set_command(self.target, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+            # it was made a tick ago; its age is taken on the clock that may have been set since
+            stamp = now - (self.rig.host_time - self._stamped)
+            bridge.set_command(self.target, stamp=stamp, now=now, source=Source.JOINT_COMMANDS)
+        self._stamped = self.rig.host_time
         if self.odometry and round(self.rig.time / TICK) % 5 == 0:
             bridge.set_odometry(self.rig.state.vx, now)
         bridge.poll(now)
