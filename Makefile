@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
+# bytecode is kept: without it the tests take twice as long to collect, and nodes longer to start
+unexport PYTHONDONTWRITEBYTECODE
 
 # A sourced ROS 2 brings its own rclpy and messages; without one the wheels from PyPI are installed.
 ifdef ROS_DISTRO
