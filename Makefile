@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
+# bytecode is kept: without it the tests take twice as long to collect, and nodes longer to start
+unexport PYTHONDONTWRITEBYTECODE
 
 # A sourced ROS 2 brings its own rclpy and messages; without one the wheels from PyPI are installed.
 ifdef ROS_DISTRO
@@ -88,10 +90,13 @@ bench: setup  ## every figure that the documents quote; kept in benchmarks/histo
 	$(BIN)/python benchmarks/history.py run
 	$(BIN)/python benchmarks/history.py plot
 
-soak: setup  ## an hour of driving on a bad line, a hundred cables pulled, fifty recorders killed
+soak: setup  ## an hour of driving on a bad line, a hundred cables pulled, fifty recorders killed, 1000 faults
 	$(BIN)/python benchmarks/link_soak.py
 	REPLUGS=100 $(BIN)/python -m pytest -q tests/tricycle_bridge/test_serial_port.py -k replugs
 	$(BIN)/python benchmarks/recorder_kills.py
+	$(MAKE) -C firmware host
+	$(BIN)/python benchmarks/fault_soak.py --backend native
+	$(BIN)/python benchmarks/fault_soak.py --backend native --healthy --drives 400
 
 # Coverage sees into kernels only when they are not compiled; then whole drives take too long.
 KERNELS := $(addprefix tests/tricycle_sim/,vehicle/test_uncompiled.py vehicle/test_kernel.py test_setpoints.py) \

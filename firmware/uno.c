@@ -284,8 +284,8 @@ int main(void)
 	TCCR2A = _BV(WGM21);
 	TIMSK2 = _BV(OCIE2A);
 	TCCR2B = _BV(CS22); /* 16 MHz / 64 */
+	UCSR0A = _BV(U2X0); /* first: simavr looks at it when UBRR0 is written */
 	UBRR0 = 16;         /* 115200 at double speed, 2.1 % fast */
-	UCSR0A = _BV(U2X0);
 	UCSR0B = _BV(RXEN0) | _BV(TXEN0) | _BV(RXCIE0);
 
 	uint16_t boot_count = (uint16_t)(eeprom_read_word(BOOT_COUNT) + 1);

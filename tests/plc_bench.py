@@ -13,9 +13,69 @@ ENABLE, ESTOP = m.CommandFlag.ENABLE, m.CommandFlag.ESTOP
 STANDSTILL = m.CommandFlag.STANDSTILL
 SETUP = {m.Board.STEER: m.SteerSetup, m.Board.DRIVE: m.DriveSetup}
 MASS = 60.0  # kg at the tread
+BRAKING = 1.25  # m/s^2 at full brake
 LARGEST_ANSWER = 42  # bytes on the line: STATS
 STEER, DRIVE = m.Board.STEER, m.Board.DRIVE
 State, Fault, Op, Result = m.PlcState, m.Fault, m.Op, m.Result
+
+
+class Wheel:
+    """A mass on a slope behind a motor and a brake; a test may break its hall sensor.
+
+    `sensed` makes the travel that the sensor sees from the true one, `slope` is the acceleration
+    without torque in m/s^2, `towed` a speed that somebody else gives it.
+    """
+
+    def __init__(self, *, sensed=lambda travel: travel, slope=0.0, mass=MASS):
+        self.sensed, self.slope, self.mass = sensed, slope, mass
+        self.towed = None  # m/s
+        self.speed = self.travel = self.fastest = 0.0
+        self.sensed_speed = 0.0
+        self.count = 0  # of the hall sensor ...
+        self.edge_at = 0  # us, ... whose newest pulse came then
+        self._seen = 0.0  # m
+
+    def move(self, seconds, torque, brake, now_us=0):
+        self.speed += seconds * (torque / (TYRE_RADIUS * self.mass) + self.slope)
+        braked = seconds * BRAKING * brake
+        self.speed = max(self.speed - braked, min(self.speed + braked, 0.0))
+        if self.towed is not None:
+            self.speed = self.towed
+        self.travel += seconds * self.speed
+        self.fastest = max(self.fastest, abs(self.speed))
+        seen, before = self.sensed(self.travel), self._seen
+        self.sensed_speed, self._seen = (seen - before) / seconds, seen
+        count = math.floor(seen / HALL_PULSE)
+        if count != self.count:
+            edge = max(count, self.count) * HALL_PULSE
+            self.edge_at = round(now_us - 1e6 * (seen - edge) / self.sensed_speed)
+            self.count = count
+
+
+HALL_WIRES = {
+    "no pulses": lambda travel: 0.0 * travel,
+    "direction reads forward": abs,
+    "direction reads backward": lambda travel: -abs(travel),
+}
+
+
+class SpeedController:
+    """The motor's torque for a set-point, as `motor.c` makes it."""
+
+    def __init__(self):
+        self._integral = 0.0  # m
+
+    def torque(self, output, speed, *, reverse):
+        if not output.motor_on:
+            self._integral = 0.0
+            return 0.0
+        sign = -1 if reverse else 1
+        error = sign * (output.setpoint - speed)
+        self._integral += 0.01 * error
+        demand = 60.0 * (error + self._integral)
+        torque = min(max(demand, -15.0), 35.0)
+        self._integral += 0.00067 * (torque - demand)
+        return sign * torque
 
 
 class Bench:

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from excitation_planner.playback import (
+    LEAD_IN,
     MAX_ROWS,
     JointCommand,
     PlanarState,
@@ -40,16 +41,38 @@ def ready(now=10.0, **options):
 
 
 def running(now=10.0, **options):
+    """A playback that has just played row 0."""
     playback = ready(now, **options)
-    playback.start(now)
+    start(playback, now)
     playback.tick(now)
     return playback
 
 
-def test_rows_are_played_from_the_first_tick_after_the_start():
+def start(playback, now):
+    """Start a playback so that row 0 is due now."""
+    for t in (now - LEAD_IN, now):
+        playback.observe(AT_REST, t, t)
+        playback.hear(ARMED, t)
+        if t < now:
+            playback.start(t)
+            playback.tick(t)
+
+
+def test_before_row_0_the_wheels_turn_to_its_angle():
     playback = ready()
     assert playback.tick(10.0) is None
     playback.start(10.0)
+    assert playback.state is PlaybackState.STARTING
+    for t in (10.01, 10.49):
+        assert playback.tick(t) == JointCommand(0.1, 0.0)
+    assert playback.start_time is None
+    assert playback.tick(10.5) == JointCommand(0.1, 1.0)
+    assert (playback.state, playback.start_time) == (PlaybackState.RUNNING, 10.5)
+
+
+def test_rows_are_played_from_the_start_time():
+    playback = ready()
+    start(playback, 10.01)
     played = [playback.tick(t) for t in (10.01, 10.02, 10.03, 10.04)]
     assert played == [
         JointCommand(0.1, 1.0),
@@ -299,7 +322,7 @@ def test_any_point_of_a_long_path_is_near_enough():
     length = 0.02 * np.arange(100_000.0)  # out and back
     playback.load_path(np.column_stack([1000.0 - abs(1000.0 - length), np.zeros(100_000)]))
     playback.load(LONG)
-    playback.start(10.0)
+    start(playback, 10.0)
     for tick, along in enumerate((0.0, 500.0, 5.0, 1000.0)):
         t = 10.0 + 0.01 * tick
         playback.observe(PlanarState(1.0, 2.0 + along, np.pi / 2, 1.0), t, t)
@@ -319,7 +342,7 @@ def test_the_path_is_that_of_the_commands_whatever_other_plans_are_published():
         playback.start(10.0)
     playback.load_path(own, stamp=2)
     playback.load_path(other, stamp=3)
-    playback.start(10.0)
+    start(playback, 10.0)
     playback.load_path(other, stamp=2)
     playback.tick(10.0)
     assert playback.state is PlaybackState.RUNNING
@@ -365,34 +388,34 @@ def test_a_path_is_checked_and_none_means_no_start(points, message):
         playback.start(10.0)
 
 
-numbers = st.floats() | st.sampled_from([0.0, 10.0, 1e300, -1e300])
-
-
-@given(
-    st.lists(
-        st.one_of(
-            st.tuples(st.just("observe"), st.builds(PlanarState, *[numbers] * 4), numbers),
-            st.tuples(st.just("hear"), st.builds(Readiness, st.booleans()), st.just(0.0)),
-            st.tuples(st.just("start"), st.none(), st.just(0.0)),
-        ),
-        max_size=30,
-    )
+numbers = st.sampled_from([0.0, 1.0, 2.0]) | st.floats()
+states = st.just(AT_REST) | st.builds(PlanarState, *[numbers] * 4)
+events = st.one_of(
+    st.just(("nothing",)),
+    st.just(("start",)),
+    st.tuples(st.just("hear"), st.booleans()),
+    st.tuples(st.just("observe"), states, st.sampled_from([0.0, 0.0, 0.2, 9.0, -9.0])),
 )
+
+
+@given(st.lists(events, min_size=12, max_size=40))
 def test_it_moves_only_an_armed_vehicle_whose_pose_is_a_number(events):
-    playback = ready()
+    playback = ready(odom_timeout=5.0)
     playback.load(LONG)
+    playback.start(10.0)
     armed, seen = True, True
-    for tick, (event, content, stamp) in enumerate(events):
-        now = 10.0 + 0.01 * tick
+    for tick, (event, *content) in enumerate(events):
+        now = 10.0 + 0.05 * tick
         if event == "observe":
-            playback.observe(content, stamp, now)
-            seen = content.finite and abs(stamp - now) <= 0.5
-        elif event == "hear":
-            playback.hear(content, now)
-            armed = content.armed
-        else:
+            state, ahead = content
+            playback.observe(state, now + ahead, now)
+            seen = state.finite and abs(ahead) < 5.0
+        elif event == "start":
             with suppress(PlanError):
                 playback.start(now)
+        else:
+            armed = content[0] if content else armed
+            playback.hear(Readiness(armed), now)
         command = playback.tick(now)
         if command is not None and command.wheel_rate != 0.0:
             assert armed

@@ -8,10 +8,11 @@ import time
 from collections.abc import Callable, Iterator
 
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import TwistStamped
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Twist, TwistStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
@@ -22,6 +23,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_cli.operation.operator_node import ServiceCaller
+from tricycle_core.nodes import LATCHED
 
 pytestmark = pytest.mark.ros
 
@@ -43,6 +45,9 @@ class Operator:
         node.create_subscription(JointState, "joint_states", self.readings.append, 100)
         node.create_subscription(BatteryState, "battery_state", self.batteries.append, 10)
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
+        self.states: list[dict[str, str]] = []  # of vehicle/state
+        self.levels: list[bytes] = []
+        node.create_subscription(DiagnosticStatus, "vehicle/state", self._on_state, LATCHED)
         self.services = ServiceCaller(node, self.wait)
         self.target: tuple[float, float] | None = None  # rad, m/s; None: silent
         self.twist: tuple[float, float] | None = None  # m/s, rad/s
@@ -50,6 +55,10 @@ class Operator:
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         self.diagnostics.update({status.name: status for status in array.status})
+
+    def _on_state(self, status: DiagnosticStatus) -> None:
+        self.states.append({pair.key: pair.value for pair in status.values})
+        self.levels.append(status.level)
 
     def _stream(self) -> None:
         now = self.node.get_clock().now().to_msg()
@@ -61,12 +70,17 @@ class Operator:
                 velocity=[0.0, speed / 0.335],
             )
             message.header.stamp = now
+            message.header.frame_id = "/test_observer"
             self.commands.publish(message)
         if self.twist is not None:
-            twist = TwistStamped()
-            twist.header.stamp = now
-            twist.twist.linear.x, twist.twist.angular.z = self.twist
-            self.twists.publish(twist)
+            stamped = self.twists.msg_type is TwistStamped
+            message = TwistStamped() if stamped else Twist()
+            twist = message
+            if stamped:
+                message.header.stamp = now
+                twist = message.twist
+            twist.linear.x, twist.angular.z = self.twist
+            self.twists.publish(message)
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
         deadline = time.monotonic() + PATIENCE
@@ -91,8 +105,6 @@ class Operator:
         self.target = (0.0, 0.0)
         self.wait_for("vehicle", "waiting for the operator")
         answer = self.arm()
-        while answer.message == "not armed: no command stream":
-            answer = self.arm()  # on a busy machine this commander, too, pauses for 100 ms
         assert (answer.success, answer.message) == (True, "armed")
 
     def drive(self, plc_pair, angle: float, speed: float) -> None:
@@ -173,7 +185,7 @@ def test_a_silent_commander_stops_the_vehicle(bridge, operator, plc_pair):
     operator.target = None
     operator.wait(lambda: _at_rest(plc_pair), "standstill")
     assert plc_pair.drive.faults & Fault.CMD_TIMEOUT
-    assert not operator.arm().success  # no command stream
+    operator.wait_for("vehicle", "waiting for the operator; stopped: ")
     operator.target = (0.0, 0.5)
     operator.wait_for("vehicle", "commanded speed is 0.50 m/s")
     assert plc_pair.drive.state is PlcState.SAFE  # never by itself
@@ -181,13 +193,80 @@ def test_a_silent_commander_stops_the_vehicle(bridge, operator, plc_pair):
 
 
 def test_refusals_say_why(bridge, operator, plc_pair):
-    operator.wait_for("vehicle", "no command stream")
-    answer = operator.arm()
-    assert (answer.success, answer.message) == (False, "not armed: no command stream")
+    operator.wait_for("vehicle", "waiting for the operator")
     plc_pair.estop_pressed = True
-    operator.target = (0.0, 0.0)
     operator.wait_for("vehicle", "hardware e-stop pressed")
     assert "hardware e-stop pressed" in operator.arm().message
+
+
+def test_an_armed_vehicle_waits_at_rest_for_its_commander(bridge, operator, plc_pair):
+    operator.wait_for("vehicle", "waiting for the operator")
+    assert operator.arm().message == "armed"
+    operator.wait(lambda: operator.states and operator.states[-1]["armed"] == "true", "armed")
+    until = time.monotonic() + 0.5  # longer than the boards wait for commands
+    while time.monotonic() < until:
+        operator.executor.spin_once(timeout_sec=0.05)
+    assert plc_pair.drive.state is PlcState.ARMED
+    operator.target = (0.1, 0.5)
+    operator.wait(lambda: plc_pair.speed > 0.49, "speed")
+    operator.wait(lambda: operator.states[-1]["commander"] == "/test_observer", "the commander")
+    operator.target = (0.1, 0.0)
+    operator.wait(lambda: _at_rest(plc_pair), "standstill")
+
+
+def test_the_state_of_the_vehicle_is_said_at_once_and_twice_per_second(bridge, operator, plc_pair):
+    operator.wait(lambda: len(operator.states) >= 3, "vehicle/state")
+    operator.arm_at_standstill()
+    operator.wait(lambda: operator.states[-1]["armed"] == "true", "armed")
+    operator.arm(False)
+    operator.wait(lambda: operator.states[-1]["armed"] == "false", "not armed")
+    assert "disarmed by the operator" in operator.states[-1]["reason"]
+    before, start = len(operator.states), time.monotonic()
+    operator.wait(lambda: len(operator.states) >= before + 4, "vehicle/state")
+    assert time.monotonic() - start < 4 * 0.5 + 0.5
+    bridge.terminate()
+    operator.wait(lambda: operator.states[-1]["reason"] == "the bridge has ended", "its end")
+
+
+def test_a_second_commander_is_refused_until_the_vehicle_is_released(bridge, operator, plc_pair):
+    operator.drive(plc_pair, 0.0, 0.5)
+    operator.twist = (0.2, 0.0)
+    refusal = "cmd_vel is refused: joint_commands of /test_observer commands the vehicle"
+    operator.wait_for("vehicle", refusal)
+    assert plc_pair.speed > 0.4
+    operator.wait(lambda: operator.levels[-1] == DiagnosticStatus.ERROR, "the conflict")
+    answer = operator.call("release", Trigger, Trigger.Request())
+    assert (answer.success, answer.message[:31]) == (False, "not released: the vehicle moves")
+    operator.target = (0.0, 0.0)
+    operator.twist = (0.0, 0.0)
+    operator.wait(lambda: plc_pair.speed == 0.0, "standstill")
+    assert operator.call("release", Trigger, Trigger.Request()).success
+    operator.target = None
+    operator.wait(lambda: operator.states[-1]["commander"] == "cmd_vel", "the other one")
+    operator.twist = (0.2, 0.0)
+    operator.wait(lambda: plc_pair.speed > 0.19, "speed")
+
+
+def test_commands_that_cannot_be_driven_stop_the_vehicle_and_are_named(bridge, operator, plc_pair):
+    said: list[str] = []
+    latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    operator.node.create_subscription(Log, "/rosout", lambda log: said.append(log.msg), latched)
+    operator.drive(plc_pair, 0.0, 0.5)
+    operator.target = (0.0, 1e300)
+    operator.wait(lambda: _at_rest(plc_pair), "standstill")
+    assert plc_pair.drive.state is PlcState.ARMED
+    refusal = "joint_commands of /test_observer is refused: speed 1e+300 m/s: at most 4.8 m/s"
+    operator.wait(lambda: any(refusal in line for line in said), "the refusal")
+
+
+def test_odometry_that_contradicts_the_wheel_stops_the_vehicle(bridge, operator, plc_pair):
+    publisher = operator.node.create_publisher(Odometry, "odom", 10)
+    message = Odometry()
+    operator.node.create_timer(0.02, lambda: publisher.publish(message))
+    operator.drive(plc_pair, 0.0, 0.5)
+    message.twist.twist.linear.x = 1.1
+    operator.wait(lambda: "odom 1.10 m/s: hall sensor" in operator.states[-1]["reason"], "the stop")
+    operator.wait(lambda: _at_rest(plc_pair), "standstill")
 
 
 def test_emergency_stop_and_disarm_services(bridge, operator, plc_pair):
@@ -238,7 +317,8 @@ def test_missing_ports_are_a_diagnostic_and_are_retried(start_bridge, operator, 
 def test_commands_that_are_nan_or_too_old_move_nothing(bridge, operator, plc_pair):
     operator.arm_at_standstill()
     operator.target = (math.nan, 0.0)
-    operator.wait(lambda: plc_pair.steer.state is not PlcState.ARMED, "the watchdog")
+    operator.wait_for("vehicle", "armed")
+    assert plc_pair.steer.state is PlcState.ARMED  # it is to stand still, as it does
     operator.target = None
     old = JointState(
         name=["steering_motor_joint", "rear_wheel_joint"], position=[0.5, 0.0], velocity=[0.0, 1.0]
@@ -254,7 +334,7 @@ def test_commands_that_are_nan_or_too_old_move_nothing(bridge, operator, plc_pai
     assert plc_pair.steering_angle == 0.0
 
 
-def test_commands_at_1_khz_beyond_every_limit_overload_nothing(bridge, operator, plc_pair):
+def test_commands_at_1_khz_overload_nothing(bridge, operator, plc_pair):
     operator.arm_at_standstill()
     operator.target = None
     sent, drive = [], "tricycle_bridge: drive PLC"  # (s, frames)
@@ -266,8 +346,11 @@ def test_commands_at_1_khz_beyond_every_limit_overload_nothing(bridge, operator,
 
     operator.node.create_subscription(DiagnosticArray, "/diagnostics", count, 100)
     message = JointState(
-        name=["steering_motor_joint", "rear_wheel_joint"], position=[9.0, 0.0], velocity=[0.0, 99.0]
+        name=["steering_motor_joint", "rear_wheel_joint"],
+        position=[0.7461, 0.0],
+        velocity=[0.0, 14.0],
     )
+    message.header.frame_id = "/test_observer"
     start = time.monotonic()
     for k in range(2500):
         message.header.stamp = operator.node.get_clock().now().to_msg()
@@ -279,11 +362,19 @@ def test_commands_at_1_khz_beyond_every_limit_overload_nothing(bridge, operator,
     # 105 commands per second at most, and some pings and requests
     assert after - before < 110 * (last - first) + 5
     assert 0.5 < plc_pair.speed <= 4.8
-    assert plc_pair.steering_angle == pytest.approx(0.7854, abs=1e-4)
+    assert plc_pair.steering_angle == pytest.approx(0.7461, abs=1e-4)
 
 
-def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair):
-    operator.twist = (0.0, 0.0)
+@pytest.mark.parametrize("stamped", [True, False])
+def test_cmd_vel_drives(start_bridge, operator, plc_pair, stamped):
+    start_bridge(
+        steer_port=plc_pair.steer_path,
+        drive_port=plc_pair.drive_path,
+        cmd_vel_stamped=str(stamped).lower(),
+    )
+    if not stamped:
+        operator.node.destroy_publisher(operator.twists)
+        operator.twists = operator.node.create_publisher(Twist, "cmd_vel", 10)
     operator.wait_for("vehicle", "waiting for the operator")
     assert operator.arm().success
     operator.twist = (0.5, 0.1)
@@ -293,6 +384,9 @@ def test_cmd_vel_drives_while_no_joint_commands_come(bridge, operator, plc_pair)
     wheel = theta * (1.0 + 0.8 - 0.2 * theta / math.radians(45)) / 2
     radius = 1.443 / (math.cos(0.349) * math.tan(wheel))
     assert radius == pytest.approx(0.5 / 0.1, rel=1e-3)
+    operator.twist = (0.5, 3.0)
+    operator.wait(lambda: _at_rest(plc_pair), "standstill")
+    assert plc_pair.steering_angle == pytest.approx(theta, abs=1e-3)
 
 
 @pytest.mark.parametrize("topic", ["joint_commands", "cmd_vel"])
@@ -300,7 +394,7 @@ def test_a_commander_that_cannot_be_heard_is_warned_of(bridge, operator, topic):
     said: list[str] = []
     latched = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     operator.node.create_subscription(Log, "/rosout", lambda log: said.append(log.msg), latched)
-    operator.wait_for("vehicle", "no command stream")  # it runs, and is heard
+    operator.wait_for("vehicle", "waiting for the operator")  # it runs, and is heard
     kind = {"joint_commands": JointState, "cmd_vel": TwistStamped}[topic]
     operator.node.create_publisher(kind, topic, qos_profile_sensor_data)
     warning = f"New publisher discovered on topic '{topic}', offering incompatible QoS"
@@ -331,6 +425,8 @@ def test_what_is_safe_can_be_set_while_it_runs_and_the_rest_says_why_not(
     (start, slow), *_, (end, fast) = wheel()
     assert (fast - slow) / (end - start) == pytest.approx(0.5, rel=0.1)  # not 1.0, the default
     assert not set_parameter("max_acceleration", 3.0).successful  # beyond the PLC's
+    refused = set_parameter("max_acceleration", 1.5)
+    assert "is above 1, for which the boards are set up" in refused.reason
     refused = set_parameter("steer_port", "/dev/other")
     assert (refused.successful, refused.reason) == (
         False,

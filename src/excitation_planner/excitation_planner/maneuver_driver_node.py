@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.playback import (
+    CLOCK_TOLERANCE,
     MAX_ROWS,
     PlanarState,
     Playback,
@@ -32,6 +33,7 @@ from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.stamps import nanoseconds_of, seconds_of
 from tricycle_core.timing import TICK
 
+OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 STATE_EVERY = 0.5  # s between repeated state messages while running
 
 
@@ -76,8 +78,12 @@ class ManeuverDriver(Node):
         deviation = declare(self, "max_deviation", 3.0, "m off the path that end a run", (0.1, 100))
         timeout = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
         self._name = self.get_fully_qualified_name()
+        simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
-            max_deviation=deviation, odom_timeout=timeout, commander=self._name
+            max_deviation=deviation,
+            odom_timeout=timeout,
+            commander=self._name,
+            clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
         )
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
@@ -93,7 +99,7 @@ class ManeuverDriver(Node):
             self.create_subscription(kind, topic, callback, **overridable(qos))
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/abort", self._on_abort)
-        if self.get_parameter("use_sim_time").value:
+        if simulated:
             # a timer may miss ticks of a clock that runs fast; the clock's own callback does not
             every_tick = JumpThreshold(
                 min_forward=Duration(nanoseconds=1),

@@ -25,6 +25,12 @@ READINESS_TIMEOUT = 1.0
 CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
 
+LEAD_IN = 0.5
+"""Time before row 0 for which standstill with its steering angle is commanded [s].
+
+The wheels turn to where the maneuver starts, and the bridge has changed over to these commands.
+"""
+
 SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
 """Times after the end of a run for which standstill is commanded [s]: in between, until rest.
 
@@ -48,6 +54,7 @@ class PlaybackState(Enum):
     """What the driver is doing; the values are those of `maneuver/state`."""
 
     WAITING = "waiting"
+    STARTING = "starting"
     RUNNING = "running"
     DONE = "done"
     ABORTED = "aborted"
@@ -173,6 +180,8 @@ class Playback:
         Age of the newest pose beyond which the run is aborted [s].
     commander : str
         Name of this driver, as the vehicle knows it; empty: whom the vehicle obeys is not watched.
+    clock_tolerance : float
+        Time by which a pose may be stamped ahead [s].
     state : PlaybackState
         What it is doing.
     reason : str
@@ -186,6 +195,7 @@ class Playback:
     max_deviation: float
     odom_timeout: float
     commander: str = ""
+    clock_tolerance: float = CLOCK_TOLERANCE
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
     start_time: float | None = None
@@ -195,6 +205,7 @@ class Playback:
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
     _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
     _nearest: int = 0  # point of it
+    _asked_at: float = -math.inf  # when it was started
     _observed: PlanarState | None = None
     _observed_stamp: float = -math.inf
     _observed_at: float = -math.inf
@@ -218,7 +229,7 @@ class Playback:
             Of its plan.
         """
         self._next = _Plan(schedule, stamp, plan_id)
-        if self.state is not PlaybackState.RUNNING and self._stopping_since is None:
+        if not self._active and self._stopping_since is None:
             self._take_next()
 
     def load_path(self, points: FloatArray, stamp: int = 0) -> None:
@@ -268,18 +279,18 @@ class Playback:
             Time of receipt [s].
         """
         self._readiness, self._heard_at = readiness, now
-        if self.state is PlaybackState.RUNNING and not readiness.armed:
+        if self._active and not readiness.armed:
             self.abort(self._not_ready(now))
 
     def start(self, now: float) -> None:
-        """Start the maneuver; row 0 is played at the next tick.
+        """Start the maneuver; row 0 is played after `LEAD_IN`.
 
         Raises
         ------
         PlanError
             The reason why the maneuver cannot start.
         """
-        if self.state is PlaybackState.RUNNING:
+        if self._active:
             raise PlanError("already running")
         if self._stopping_since is not None:
             raise PlanError("the vehicle is being stopped after a run; try again when it rests")
@@ -300,8 +311,9 @@ class Playback:
             raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
         self._path, self._nearest = paths[-1], 0
         self._anchor = self._observed
+        self._asked_at = now
         self.start_time, self.elapsed = None, 0.0
-        self.state, self.reason = PlaybackState.RUNNING, ""
+        self.state, self.reason = PlaybackState.STARTING, ""
 
     def abort(self, reason: str) -> None:
         """Stop a running maneuver; standstill is commanded.
@@ -311,7 +323,7 @@ class Playback:
         PlanError
             If none is running.
         """
-        if self.state is not PlaybackState.RUNNING:
+        if not self._active:
             raise PlanError("no maneuver is running")
         self._end(PlaybackState.ABORTED, self._held.steering_motor_angle, reason)
 
@@ -327,9 +339,9 @@ class Playback:
             self._observed = self._readiness = None  # of an unknown age
             if self._stopping_since is not None:
                 self._stopping_since = now
-            if self.state is PlaybackState.RUNNING:
+            if self._active:
                 self.abort(f"the clock jumped back by {back:.2f} s")
-        if self.state is PlaybackState.RUNNING and self._plan is not None:
+        if self._active and self._plan is not None:
             return self._play(self._plan.schedule, now)
         if self._stopping_since is None:
             return None
@@ -350,12 +362,19 @@ class Playback:
         """Id of the plan that is loaded; empty without one."""
         return self._plan.plan_id if self._plan else ""
 
+    @property
+    def _active(self) -> bool:
+        return self.state in (PlaybackState.STARTING, PlaybackState.RUNNING)
+
     def _play(self, schedule: Schedule, now: float) -> JointCommand:
-        if self.start_time is None:
-            self.start_time = now
         if reason := self._not_ready(now) or self._pose_lost(now) or self._astray():
             self.abort(reason)
             return self._held
+        if self.start_time is None:
+            if now - self._asked_at < LEAD_IN - 1e-6:
+                self._held = JointCommand(float(schedule.steering_motor_angle[0]), 0.0)
+                return self._held
+            self.start_time, self.state = now, PlaybackState.RUNNING
         self.elapsed = now - self.start_time
         if self.elapsed >= schedule.duration - 1e-6:
             self._end(PlaybackState.DONE, float(schedule.steering_motor_angle[-1]))
@@ -402,7 +421,7 @@ class Playback:
             return f"no pose on odom for {silence:.2f} s"
         if not self._observed.finite:
             return "the pose on odom is not finite, or its orientation is no unit quaternion"
-        if age < -CLOCK_TOLERANCE:
+        if age < -self.clock_tolerance:
             return f"odom is stamped {-age:.2f} s ahead of the clock: synchronise the clocks"
         if age > self.odom_timeout:
             return f"no pose on odom for {age:.2f} s, by its stamp"

@@ -95,6 +95,9 @@ class Bridge:
         The commanders' messages.
     odometry : OdometryWatch
         Compares the wheel's speed with odometry.
+    bring_up_problem : callable
+        Returns why the record of the bring-up does not allow to arm; None if it does, or if none is
+        asked for.
     active : bool
         Whether commands are forwarded (lifecycle).
     stopped_by : str
@@ -112,6 +115,7 @@ class Bridge:
         self.commands = CommandStream()
         self.odometry = OdometryWatch()
         self.active = False
+        self.bring_up_problem: Callable[[], str | None] = lambda: None
         self.stopped_by = ""
         self._enabled = False  # commands are sent with the enable flag
         self._estopped = False  # the operator's e-stop, until the next request to arm
@@ -147,7 +151,8 @@ class Bridge:
         """Return why the vehicle cannot be armed now; None if it can."""
         if not self.active:
             return "the bridge is not active"
-        return arming_refusal(self.links, self.commands.newest(now), now, enabled=self._enabled)
+        refusal = arming_refusal(self.links, self.commands.newest(now), now, enabled=self._enabled)
+        return refusal or self.bring_up_problem()
 
     def readiness(self, now: float) -> Readiness:
         """Return whether the vehicle accepts commands, and whose, at a time [s]."""
@@ -398,6 +403,7 @@ class Bridge:
         command = self.commands.due(
             now,
             repeat_rate=self.settings.command_rate,
+            standstill_rate=self.settings.standstill_rate,
             enabled=self._enabled,
             standstill=self._standstill(now),
         )

@@ -17,6 +17,9 @@ import random
 import threading
 import time
 from collections.abc import Callable
+from datetime import UTC, datetime, timedelta
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -25,7 +28,8 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -35,13 +39,14 @@ from sensor_msgs.msg import BatteryState, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.bring_up_record import BringUpRecord, read_record
 from tricycle_bridge.command_messages import joint_command, twist_command
 from tricycle_bridge.command_stream import INPUT_LEAD, Source, VehicleCommand
 from tricycle_bridge.command_thread import CommandThread
 from tricycle_bridge.diagnosis import diagnose, vehicle_problem
 from tricycle_bridge.host_clock import HostClock
 from tricycle_bridge.joint_pairing import JointReadings
-from tricycle_bridge.link import LinkState
+from tricycle_bridge.port_bridge import receive_all, send_all
 from tricycle_bridge.protocol.messages import (
     BAUD,
     CURRENT_UNIT,
@@ -49,7 +54,8 @@ from tricycle_bridge.protocol.messages import (
     Board,
     DriveState,
 )
-from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+from tricycle_bridge.protocol.readable import firmware_build
+from tricycle_bridge.serial_port import SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
@@ -63,11 +69,11 @@ REPORT_PERIOD = 1.0  # s between diagnostics and battery states
 LOWERED_PARAMETERS = ("max_steering_angle", "max_steering_rate", "max_speed", "max_acceleration")
 # may be set only while the bridge is not configured; the others act at once
 CONFIGURED_PARAMETERS = (
-    *("steer_port", "drive_port", "baud", "boot_wait"),
+    *("steer_port", "drive_port", "baud", "boot_wait", "bring_up_record", "bring_up_age"),
     *(
         field.name
         for field in dataclasses.fields(BridgeSettings)
-        if field.name not in ("command_rate", *LOWERED_PARAMETERS)
+        if field.name not in ("command_rate", "standstill_rate", *LOWERED_PARAMETERS)
     ),
 )
 
@@ -85,7 +91,7 @@ class BridgeNode(LifecycleNode):
         self._configured = BridgeSettings()  # when it was configured last
         self._last_now = 0.0
         self._reported_at = -math.inf
-        self._stated: DiagnosticStatus | None = None  # newest on vehicle/state
+        self._stated: object = None  # newest on vehicle/state
         self._stated_at = -math.inf
 
         # Default event handlers would double what the executor waits for, and so its CPU time.
@@ -120,9 +126,16 @@ class BridgeNode(LifecycleNode):
         self.create_service(SetBool, "~/arm", self._on_arm, callback_group=waiting)
         self.create_service(Trigger, "~/emergency_stop", self._on_emergency_stop)
         self.create_service(Trigger, "~/release", self._on_release)
-        self._on_serial = (
-            self.create_guard_condition(self._step).trigger if simulated else self._step
-        )
+        self._on_serial = self._step
+        if simulated:
+            self._on_serial = self.create_guard_condition(self._step).trigger
+            # a simulation may wait for a command of every tick, also where telemetry came before it
+            every_tick = JumpThreshold(
+                min_forward=Duration(nanoseconds=1), min_backward=None, on_clock_change=False
+            )
+            self._clock_handle = self.get_clock().create_jump_callback(
+                every_tick, post_callback=lambda _jump: self._on_serial()
+            )
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may be much faster
         self.create_timer(POLL_PERIOD, self._on_timer, clock=steady)
 
@@ -151,6 +164,12 @@ class BridgeNode(LifecycleNode):
         add("wheelbase", 1.443, "m, for cmd_vel", (0.1, 10.0))
         add("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", (0.0, 1.0))
         add("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist")
+        add(
+            "bring_up_record",
+            "",
+            "record of `tricycle plc check` that arming asks for; empty: none",
+        )
+        add("bring_up_age", 30.0, "days for which a bring-up holds", (0.1, 1000.0))
         add("autostart", True, "configure and activate at start, without a lifecycle manager")
         add("arm_on_activate", False, "arm once, when every precondition holds")
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -197,10 +216,19 @@ class BridgeNode(LifecycleNode):
         )
         self._configured = self._settings()
         self._bridge = Bridge(self._configured, rng=random.SystemRandom(), boot_wait=boot_wait)
+        if path := self.get_parameter("bring_up_record").value:
+            record = read_record(Path(path))
+            age = timedelta(days=self.get_parameter("bring_up_age").value)
+            self._bridge.bring_up_problem = partial(self._bring_up_problem, record, age)
         self._ports = SerialPorts(
             {Board.STEER: steer, Board.DRIVE: drive}, self._on_serial, baud=baud
         )
         return TransitionCallbackReturn.SUCCESS
+
+    def _bring_up_problem(self, record: BringUpRecord, age: timedelta) -> str | None:
+        links = self._bridge.links if self._bridge is not None else {}
+        firmware = {b: firmware_build(link.identity) for b, link in links.items() if link.identity}
+        return record.problem(firmware, datetime.now(UTC), age)
 
     def _mistake(self) -> str | None:
         """Return what is wrong with the parameters, if anything."""
@@ -209,6 +237,8 @@ class BridgeNode(LifecycleNode):
             return f"steer_port and drive_port are both {steer}"
         try:
             self._settings()
+            if path := self.get_parameter("bring_up_record").value:
+                read_record(Path(path))
         except LinkError as error:
             return str(error)
         return None
@@ -300,27 +330,14 @@ class BridgeNode(LifecycleNode):
                 bridge.restart_links(now, "the clock jumped back")
                 self._reported_at = -math.inf
             self._last_now = now
-            for event in ports.take_events():
-                match event:
-                    case Received():
-                        bridge.receive(event.board, event.data, now)
-                    case Opened():
-                        bridge.opened(event.board, now)
-                    case Closed():
-                        bridge.closed(event.board, event.reason)
-            bridge.poll(now)
+            receive_all(bridge, ports, now)
             if self._arm_when_ready and bridge.refusal(now) is None:
                 self._arm_when_ready = False
                 bridge.arm(now, lambda outcome: self.get_logger().info(outcome.text))
             self._flush(bridge, ports, now)
 
     def _flush(self, bridge: Bridge, ports: SerialPorts, now: float) -> None:
-        for board, frames in bridge.take_frames().items():
-            if frames:
-                bridge.links[board].counters.write_drops += ports.write(board, frames)
-        for board, link in bridge.links.items():
-            if link.state is not LinkState.CLOSED and link.wants_reopen:
-                ports.reopen(board, link.down_reason)
+        send_all(bridge, ports)
         for readings in bridge.take_readings():
             self._joint_states.publish(_joint_state(readings, self._stamp(readings.stamp)))
         log = bridge.take_log()
@@ -340,14 +357,16 @@ class BridgeNode(LifecycleNode):
 
     def _state(self, readiness: Readiness, level: Level, now: float, problem: str = "") -> None:
         """Publish vehicle/state when it has changed, and before `PERIOD` is over."""
+        content = (readiness, level, problem)
+        if content == self._stated and 0.0 <= now - self._stated_at < PERIOD - POLL_PERIOD:
+            return
+        self._stated, self._stated_at = content, now
         text = problem or ("armed" if readiness.armed else f"not armed: {readiness.reason}")
         status = DiagnosticStatus(
             level=bytes([level]), name="tricycle_bridge: vehicle", message=text
         )
         status.values = [KeyValue(key=k, value=v) for k, v in readiness.values().items()]
-        if status != self._stated or not 0.0 <= now - self._stated_at < PERIOD - POLL_PERIOD:
-            self._stated, self._stated_at = status, now
-            self._vehicle_state.publish(status)
+        self._vehicle_state.publish(status)
 
     def _report(self, bridge: Bridge, now: float) -> None:
         stamp = self._stamp(now)

@@ -235,6 +235,7 @@ class CommandStream:
         repeat_rate: float,
         enabled: bool,
         standstill: VehicleCommand | None = None,
+        standstill_rate: float = 50.0,
     ) -> VehicleCommand | None:
         """Return the command that is to be sent now, and count it as sent.
 
@@ -250,9 +251,13 @@ class CommandStream:
             Whether it is sent with the enable flag.
         standstill : VehicleCommand, optional
             What is sent while no commander's command is fresh.
+        standstill_rate : float
+            Rate at which it is sent [Hz].
         """
         newest = self._newest if self._is_fresh(now) else None
-        command = standstill if newest is None else newest.command
+        command, rate = standstill, standstill_rate
+        if newest is not None:
+            command, rate = newest.command, repeat_rate
         if command is None:
             return None
         if self._sent != (newest, enabled):
@@ -261,7 +266,7 @@ class CommandStream:
             # a message that came late does not delay the next one
             earliest = max(self._new_allowed_at, now - FASTEST_PERIOD)
             self._new_allowed_at = earliest + FASTEST_PERIOD
-        elif now < self._sent_at + 1.0 / repeat_rate - JITTER:
+        elif now < self._sent_at + 1.0 / rate - JITTER:
             return None
         self._sent, self._sent_at = (newest, enabled), now
         return command

@@ -15,20 +15,27 @@ from tricycle_bridge.protocol.messages import Board, DriveCommand, Pong, SteerCo
 
 # (wire bytes, message, board, seq, session), section 8 of the specification
 VECTORS = [
-    ("032f01025a0a0f785634128e5d7bc100", m.Hello(0, 15, 0x12345678), Board.ANY, 0, 0x5A),
-    ("052101015a0a0178563412c2d328ac00", m.Hello(0, 1, 0x12345678), Board.STEER, 1, 0x5A),
-    ("0d2102025a04030201f3a11f3000", m.Ping(0x01020304), Board.STEER, 2, 0x5A),
-    ("062203035a0107fea52af9918f00", m.Control.of(m.Op.ARM), Board.DRIVE, 3, 0x5A),
-    ("062103045a0207fda55c32832500", m.Control.of(m.Op.ESTOP), Board.STEER, 4, 0x5A),
-    ("062110055a0106b80be803310534e5d1cd00",
+    ("034f01025a0a0f78563412fe599c1000", m.Hello(0, 15, 0x12345678), Board.ANY, 0, 0x5A),
+    ("054101015a0a0178563412b2d7cf7d00", m.Hello(0, 1, 0x12345678), Board.STEER, 1, 0x5A),
+    ("0d4102025a040302014801f4e000", m.Ping(0x01020304), Board.STEER, 2, 0x5A),
+    ("0a4203035a01fe07a531052daf03f100", m.Control.of(m.Op.ARM, 7, 0x31), Board.DRIVE, 3, 0x5A),
+    ("0a4103045a02fd08a531051f05a68900", m.Control.of(m.Op.ESTOP, 8, 0x31), Board.STEER, 4, 0x5A),
+    ("064110055a0106b80be80331053c8983e500",
      SteerCommand(1, 0, 3000, 1000, 0x31), Board.STEER, 5, 0x5A),
-    ("032110010101010101010101053395b75600", SteerCommand(0, 0, 0, 0, 0), Board.STEER, 0, 0),
-    ("0b2220065a0101e803e80301023105be116dd900",
+    ("034110010101010101010101053bf9e57e00", SteerCommand(0, 0, 0, 0, 0), Board.STEER, 0, 0),
+    ("114111155a581bd007302a90335c97f4d100",
+     m.SteerSetup(7000, 2000, 10800, 13200), Board.STEER, 21, 0x5A),
+    ("0b4220065a0101e803e80301023105979eb05500",
      DriveCommand(1, 1, 1000, 1000, 0, 0, 0x31), Board.DRIVE, 6, 0x5A),
-    ("092205075a6f544be900", m.StatsRequest(), Board.DRIVE, 7, 0x5A),
-    ("0b3182095a0403020150c30103ccc301056de6824600",
+    ("124221165aa00fdc05953b160dac0ddc05fa09f401bc0210a4c0da010101055e203a3800",
+     m.DriveSetup(4000, 1500, 15253, 3350, 3500, 1500, 250, 500, 700, 42000, 56000, 0, 0),
+     Board.DRIVE, 22, 0x5A),
+    ("094205075a6ca36dd200", m.StatsRequest(), Board.DRIVE, 7, 0x5A),
+    ("0b5182095a0403020150c30103ccc30105ea6bc37f00",
      Pong(0x01020304, 50000, 50124), Board.STEER, 9, 0x5A),
-    ("0731830a5a01030602f930771200", m.Ack(1, 3, 0, 2), Board.STEER, 10, 0x5A),
+    ("0751830a5a0103060242909cc200", m.Ack(1, 3, 0, 2), Board.STEER, 10, 0x5A),
+    ("0e51840d5a581bd007302a9033c8029609ae1eb30118cf207800",
+     m.SteerLimits(7000, 2000, 10800, 13200, 200, 150, 7854, 435), Board.STEER, 13, 0x5A),
 ]  # fmt: skip
 
 
@@ -57,14 +64,14 @@ def test_vectors_decode(wire, message, board, seq, session):
     if session == 0:
         assert frames == []  # a PLC without a session obeys nobody
     else:
-        assert frames == [Frame(message, board, seq, session, 1)]
+        assert frames == [Frame(message, board, seq, session, m.MAJOR)]
 
 
 TELEMETRY_VECTORS = [
-    "0731900b5a58c3010302010113ae0bb80bf4ff9b068202e02e0501a3a23bab00",
-    "0732a00c5a58c301030201010aeb03e80390eefefff806b004c05d01070601b9a0291c00",
-    "053181045a020102010301010aefbeadde785634120302c805e8b4ee7900",
-    "0b3282055a040302010c800103708001056488ad1700",
+    "0751900b5a58c3010302090113ae0bb80bf4ff9b068202e02e0501af3a240600",
+    "0752a00c5a58c301030209010aeb03e80390eefefff806b004c05d010706018227c2c000",
+    "055181045a030102010301010aefbeadde785634120302c805e710962300",
+    "0b5282055a040302010c80010370800105e305ec2e00",
 ]
 
 
@@ -72,14 +79,14 @@ def test_telemetry_vectors_have_the_documented_values():
     steer, drive = _all_decoders()[1], _all_decoders()[3]
     (state,) = steer.feed(bytes.fromhex(TELEMETRY_VECTORS[0]))
     assert state.message == m.SteerState(
-        50008, m.PlcState.ARMED, 1, 0, 2990, 3000, -12, 1691, 642, 12000, 5, 1
+        50008, m.PlcState.ARMED, 9, 0, 2990, 3000, -12, 1691, 642, 12000, 5, 1
     )
     (state,) = drive.feed(bytes.fromhex(TELEMETRY_VECTORS[1]))
     assert state.message == m.DriveState(
-        50008, m.PlcState.ARMED, 1, 0, 1003, 1000, -70000, 248, 1200, 24000, 1, 0, 6, 1
+        50008, m.PlcState.ARMED, 9, 0, 1003, 1000, -70000, 248, 1200, 24000, 1, 0, 6, 1
     )
     (ack,) = steer.feed(bytes.fromhex(TELEMETRY_VECTORS[2]))
-    assert ack.message == m.HelloAck(0, 1, 0, 1, 0, 1, 1, 0xDEADBEEF, 0x12345678, 3, 200)
+    assert ack.message == m.HelloAck(0, 1, 2, 0, 0, 1, 1, 0xDEADBEEF, 0x12345678, 3, 200)
     (pong,) = drive.feed(bytes.fromhex(TELEMETRY_VECTORS[3]))
     assert pong.message == m.Pong(0x01020304, 32780, 32880)
 
@@ -111,11 +118,11 @@ def test_no_damaged_vector_yields_a_frame():
 def test_another_major_is_heard_only_in_the_greeting():
     plc = FrameDecoder(m.Board.STEER, host=False)
     plc.session = 7
-    assert plc.feed(encode(m.Ping(1), board=m.Board.STEER, seq=0, session=7, major=2)) == []
+    assert plc.feed(encode(m.Ping(1), board=m.Board.STEER, seq=0, session=7, major=1)) == []
     assert plc.counters == DecoderCounters(version=1)
     hello = m.Hello(0, 1, 5)
-    (frame,) = plc.feed(encode(hello, board=m.Board.STEER, seq=0, session=9, major=2))
-    assert (frame.message, frame.major) == (hello, 2)
+    (frame,) = plc.feed(encode(hello, board=m.Board.STEER, seq=0, session=9, major=1))
+    assert (frame.message, frame.major) == (hello, 1)
 
 
 _WRONG = {
@@ -145,7 +152,7 @@ def test_each_rule_has_its_counter(counter, wire):
 
 def test_a_shorter_payload_is_counted_and_a_longer_one_accepted():
     def wire(payload: bytes) -> bytes:
-        raw = bytes([0x21, m.Ping.ID, 0, 7]) + payload
+        raw = bytes([0x41, m.Ping.ID, 0, 7]) + payload
         return cobs.encode(raw + zlib.crc32(raw).to_bytes(4, "little")) + b"\0"
 
     plc = FrameDecoder(m.Board.STEER, host=False)
@@ -184,7 +191,7 @@ def test_every_message_survives_the_line_however_it_is_cut(message, seq, session
         cut = rng.randint(1, len(wire))
         frames += decoder.feed(wire[:cut])
         wire = wire[cut:]
-    assert frames == [Frame(message, board, seq, session, 1)]
+    assert frames == [Frame(message, board, seq, session, m.MAJOR)]
 
 
 @given(st.binary(max_size=300), st.binary(max_size=300))
@@ -193,7 +200,7 @@ def test_noise_never_raises_is_bounded_and_loses_no_delimited_frame(before, afte
     decoder.session = 7
     good = encode(m.Ping(5), board=m.Board.DRIVE, seq=3, session=7)
     frames = decoder.feed(before + b"\0" + good + after)
-    assert frames == [Frame(m.Ping(5), m.Board.DRIVE, 3, 7, 1)]
+    assert frames == [Frame(m.Ping(5), m.Board.DRIVE, 3, 7, m.MAJOR)]
     assert decoder.pending <= 50
     segments = [s for s in (before + b"\0" + after).split(b"\0")[:-1] if s]
     assert decoder.counters.rejected == len(segments)
@@ -201,10 +208,10 @@ def test_noise_never_raises_is_bounded_and_loses_no_delimited_frame(before, afte
 
 def test_wire_sizes_are_those_of_the_specification():
     sizes = {
-        "Hello": 6, "Ping": 4, "Control": 4, "LimitsRequest": 0, "StatsRequest": 0,
-        "SteerCommand": 8, "DriveCommand": 10, "HelloAck": 20, "Pong": 12, "Ack": 4,
-        "SteerLimits": 16, "DriveLimits": 16, "Stats": 32, "Event": 8, "SteerState": 22,
-        "DriveState": 26,
+        "Hello": 6, "Ping": 4, "Control": 6, "LimitsRequest": 0, "StatsRequest": 0,
+        "SteerCommand": 8, "SteerSetup": 8, "DriveCommand": 10, "DriveSetup": 26,
+        "HelloAck": 20, "Pong": 12, "Ack": 4, "SteerLimits": 16, "DriveLimits": 30,
+        "Stats": 32, "Event": 8, "SteerState": 22, "DriveState": 26,
     }  # fmt: skip
     assert {cls.__name__: m.payload_struct(cls).size for cls in m.MESSAGES} == sizes
 

@@ -83,18 +83,19 @@ def test_the_one_value_that_does_not_fit_is_named(name, end):
 
 
 @pytest.mark.parametrize(
-    ("op", "arg", "inverted_op", "guard", "right"),
+    ("op", "inverted_op", "guard", "right"),
     [
-        (1, 0, 0xFE, 0xA5, True),
-        (4, 0, 0xFB, 0xA5, True),
-        (1, 1, 0xFE, 0xA5, False),
-        (1, 0, 0xFF, 0xA5, False),
-        (1, 0, 0xFE, 0xA4, False),
-        (1, 1, 0xFF, 0xA4, False),
+        (1, 0xFE, 0xA5, True),
+        (4, 0xFB, 0xA5, True),
+        (1, 0xFF, 0xA5, False),
+        (1, 0xFE, 0xA4, False),
+        (1, 0xFF, 0xA4, False),
     ],
 )
-def test_an_operation_is_guarded_by_each_of_its_bytes(op, arg, inverted_op, guard, right):
-    assert Control(op, arg, inverted_op, guard).guarded is right
+@pytest.mark.parametrize("number", [0, 255])
+def test_an_operation_is_guarded_by_each_of_its_bytes(op, inverted_op, guard, right, number):
+    assert Control(op, inverted_op, number, guard, 77).guarded is right
+    assert Control.of(op, number, 77) == Control(op, ~op & 0xFF, number, 0xA5, 77)
     assert Control.of(op).guarded
 
 

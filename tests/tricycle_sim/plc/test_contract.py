@@ -1,8 +1,9 @@
 """One contract for everything that speaks the protocol as a PLC, met over its line alone.
 
-Backends: the emulation in memory, the emulation on a pty in real time, and the flashed firmware on
-a simulated ATmega328P. A host sends frames and reads what comes back; nothing else is looked at but
-the actuators. (test_plc.py looks closer, at the emulation and at the firmware's C logic.)
+Backends: the emulation in memory, the firmware's C logic in memory, the emulation on a pty in real
+time, and the flashed firmware on a simulated ATmega328P. A host sends frames and reads what comes
+back; nothing else is looked at but the actuators and the wheel. (test_plc.py and its neighbours
+look closer, at the emulation and at the firmware's C logic.)
 """
 
 import os
@@ -10,35 +11,54 @@ import select
 import time
 
 import pytest
+from plc_bench import (
+    DRIVE,
+    ENABLE,
+    ESTOP,
+    HALL_WIRES,
+    MASS,
+    SETUP,
+    STANDSTILL,
+    STEER,
+    Fault,
+    Op,
+    Result,
+    SpeedController,
+    State,
+    Wheel,
+)
 
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
+from tricycle_sim.plc.firmware import FirmwareDrivePlc, FirmwareSteerPlc
 from tricycle_sim.plc.pair import PlcPair
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 
-ENABLE, ESTOP = m.CommandFlag.ENABLE, m.CommandFlag.ESTOP
-STEER, DRIVE = m.Board.STEER, m.Board.DRIVE
-State, Fault, Op, Result = m.PlcState, m.Fault, m.Op, m.Result
 SESSION = 7
-MASS_AT_TREAD = 48.3 * 0.335  # N s^2: torque over this is acceleration
+SUPPLY = {STEER: 12.0, DRIVE: 48.0}  # V
 
 
 class InMemory:
-    """The emulation, called directly; its plant is where its set-point is."""
+    """The emulation, called directly; its wheel has a mass, its servo is where it shall be."""
 
     jitter = 0  # us by which a tick may come late
+    simulated = True  # time, supply and the wheel are the test's
 
-    def __init__(self, board):
-        self._plc = SteerPlc() if board is STEER else DrivePlc()
-        self._now = 0
+    def __init__(self, board, plc=None, *, start_us=0):
+        self._plc = plc or (SteerPlc() if board is STEER else DrivePlc())
+        self.wheel = Wheel()
+        self._controller = SpeedController()
+        self._torque = 0.0
+        self._angle = 0.0
+        self.now = start_us
         self._pressed = False
-        self._value = 0.0
+        self._supply = SUPPLY[board]
         self._sent = b""
         self._tick()
 
     def write(self, data):
-        self._sent += self._plc.receive(data, self._now)
+        self._sent += self._plc.receive(data, self.now)
 
     def run(self, seconds):
         for _ in range(round(100 * seconds)):
@@ -47,32 +67,75 @@ class InMemory:
         return sent
 
     def _tick(self):
-        measured = (SteerMeasurement if isinstance(self._plc, SteerPlc) else DriveMeasurement)(
-            self._value, estop_pressed=self._pressed
-        )
-        sent, self._output = self._plc.tick(self._now, measured)
+        if self._plc.board is STEER:
+            steer = SteerMeasurement(self._angle, supply=self._supply, estop_pressed=self._pressed)
+            sent, self._output = self._plc.tick(self.now, steer)
+            self._angle = self._output.setpoint if self._output.servo_on else self._angle
+        else:
+            sent = self._tick_drive()
+            for k in range(1, 11):
+                at = self.now + 1000 * k
+                self.wheel.move(1e-3, self._torque, self._output.brake, at)
         self._sent += sent
-        self._value = self._output.setpoint
-        self._now += 10_000
+        self.now += 10_000
+
+    def _tick_drive(self):
+        wheel = self.wheel
+        drive = DriveMeasurement(
+            wheel.sensed_speed,
+            wheel.count,
+            self._torque,
+            supply=self._supply,
+            estop_pressed=self._pressed,
+        )
+        sent, self._output = self._plc.tick(self.now, drive)
+        reverse = self._output.setpoint < 0.0
+        self._torque = self._controller.torque(self._output, wheel.sensed_speed, reverse=reverse)
+        return sent
 
     def press_estop(self, pressed):
         self._pressed = pressed
+
+    def supply(self, volts):
+        self._supply = volts
 
     def reset(self):
         self._plc.reset()
 
     def acts(self):
         output = self._output
-        return output.servo_on if isinstance(self._plc, SteerPlc) else output.brake < 1.0
+        return output.servo_on if self._plc.board is STEER else output.motor_on
+
+    def brake(self):
+        return self._output.brake
 
     def close(self):
         pass
+
+
+class Native(InMemory):
+    """The firmware's C logic, with its own speed measurement and torque controller."""
+
+    def __init__(self, board, libraries, **kwargs):
+        kind = FirmwareSteerPlc if board is STEER else FirmwareDrivePlc
+        super().__init__(board, kind(libraries / f"lib{board.name.lower()}.so"), **kwargs)
+
+    def _tick_drive(self):
+        sent, self._torque, self._output = self._plc.tick_pulses(
+            self.now,
+            self.wheel.count,
+            self.wheel.edge_at,
+            supply=self._supply,
+            estop_pressed=self._pressed,
+        )
+        return sent
 
 
 class OnPty:
     """The emulation behind a serial device, on the wall clock."""
 
     jitter = 100_000  # a busy machine's
+    simulated = False
 
     def __init__(self, board, folder):
         self._board = board
@@ -99,7 +162,10 @@ class OnPty:
     def acts(self):
         if self._board is STEER:
             return self._pair.steer_output.servo_on
-        return self._pair.drive_output.brake < 1.0
+        return self._pair.drive_output.motor_on
+
+    def brake(self):
+        return self._pair.drive_output.brake
 
     def close(self):
         os.close(self._fd)
@@ -110,11 +176,13 @@ class OnUno:
     """The firmware's image; a servo follows its pulse, a mass is pushed by the motor."""
 
     jitter = 0
+    simulated = True
 
     def __init__(self, board, images):
         self._board = board
         self._uno = SimulatedUno(images, board.name.lower())
-        self._angle = self._speed = 0.0
+        self._angle = 0.0
+        self.wheel = Wheel()
         self._ms = 0
         self.run(0.05)
 
@@ -138,13 +206,14 @@ class OnUno:
             self._uno.steering_angle(self._angle)
             return
         pins = self._uno.drive_pins()
-        self._speed += 1e-3 * pins.torque / MASS_AT_TREAD
-        braked = 1e-3 * 25.0 * pins.brake / MASS_AT_TREAD
-        self._speed = max(self._speed - braked, min(self._speed + braked, 0.0))
-        self._uno.wheel_speed(self._speed)
+        self.wheel.move(1e-3, pins.torque, pins.brake)
+        self._uno.wheel_speed(self.wheel.sensed_speed)
 
     def press_estop(self, pressed):
         self._uno.estop(pressed=pressed)
+
+    def supply(self, volts):
+        self._uno.supply(volts)
 
     def reset(self):
         self._uno.reset()
@@ -152,7 +221,10 @@ class OnUno:
     def acts(self):
         if self._board is STEER:
             return self._uno.steer_pins().servo_on
-        return self._uno.drive_pins().brake < 1.0
+        return self._uno.drive_pins().torque != 0.0
+
+    def brake(self):
+        return self._uno.drive_pins().brake
 
     def close(self):
         self._uno.close()
@@ -166,14 +238,15 @@ class Host:
         self.plc = plc
         self.decoder = FrameDecoder(board, host=True)
         self.seq = 0
+        self.operation = 0
         self.state = None
         self.received = []
 
-    def send(self, message, *, board=None, seq=None, session=None, major=1):
+    def send(self, message, *, board=None, seq=None, session=None, major=m.MAJOR):
         wire = self.encoded(message, board=board, seq=seq, session=session, major=major)
         self.plc.write(wire)
 
-    def encoded(self, message, *, board=None, seq=None, session=None, major=1):
+    def encoded(self, message, *, board=None, seq=None, session=None, major=m.MAJOR):
         self.seq = (self.seq + 1) & 0xFF if seq is None else seq
         session = self.decoder.session if session is None else session
         return encode(
@@ -203,11 +276,20 @@ class Host:
         wanted = wanted or self.board
         return self.ask(m.Hello(0, wanted, 99), m.HelloAck, board=wanted, session=SESSION)
 
-    def command(self, value=0.0, *, flags=ENABLE, age_us=0):
+    def set_up(self, **values):
+        kind = SETUP[self.board]
+        message = kind(**dict.fromkeys(m.layout(kind), 0) | values)
+        return Result(self.ask(message, m.Ack).result)
+
+    def limits(self):
+        kind = m.SteerLimits if self.board is STEER else m.DriveLimits
+        return self.ask(m.LimitsRequest(), kind)
+
+    def command(self, value=0.0, *, flags=ENABLE, age_us=0, gear=m.Gear.DRIVE):
         echo = m.echo_of((self.state.t - age_us) & 0xFFFFFFFF)
         if self.board is STEER:
             return m.SteerCommand(flags, 0, round(value * 1e4), 0, echo)
-        return m.DriveCommand(flags, m.Gear.DRIVE, round(value * 1e3), 0, 0, 0, echo)
+        return m.DriveCommand(flags, gear, round(value * 1e3), 0, 0, 0, echo)
 
     def stream(self, seconds, value=0.0, **kwargs):
         """A command every 20 ms."""
@@ -215,8 +297,13 @@ class Host:
             self.send(self.command(value, **kwargs))
             self.run(0.02)
 
+    def operation_of(self, op):
+        """A new operation, as it would be sent now."""
+        self.operation = (self.operation + 1) & 0xFF
+        return m.Control.of(op, self.operation, m.echo_of(self.state.t))
+
     def control(self, op):
-        return Result(self.ask(m.Control.of(op), m.Ack).result)
+        return Result(self.ask(self.operation_of(op), m.Ack).result)
 
     def stats(self):
         return self.ask(m.StatsRequest(), m.Stats)
@@ -243,6 +330,7 @@ class Host:
 @pytest.fixture(
     params=[
         "memory",
+        "native",
         pytest.param("pty", marks=pytest.mark.slow),
         pytest.param("uno", marks=pytest.mark.slow),
     ]
@@ -251,26 +339,64 @@ def make_plc(request, tmp_path):
     """Makes the PLC of a board on one of the backends."""
     if request.param == "memory":
         return InMemory
+    if request.param == "native":
+        libraries = request.getfixturevalue("firmware_libraries")
+        return lambda board, **kwargs: Native(board, libraries, **kwargs)
     if request.param == "pty":
         return lambda board: OnPty(board, tmp_path)
     images = request.getfixturevalue("firmware_images")
     return lambda board: OnUno(board, images)
 
 
+@pytest.fixture
+def connect(make_plc):
+    """Makes a host with a session on the PLC of a board; closes the PLC after the test."""
+    plcs = []
+
+    def connect(board, **kwargs):
+        plcs.append(make_plc(board, **kwargs))
+        host = Host(board, plcs[-1])
+        assert host.hello() is not None
+        host.run(0.05)
+        return host
+
+    yield connect
+    for plc in plcs:
+        plc.close()
+
+
 @pytest.fixture(params=[STEER, DRIVE], ids=["steer", "drive"])
-def host(request, make_plc):
-    plc = make_plc(request.param)
-    host = Host(request.param, plc)
-    assert host.hello() is not None
-    host.run(0.05)
-    yield host
-    plc.close()
+def unset(request, connect):
+    """With a session, without a SETUP."""
+    return connect(request.param)
+
+
+@pytest.fixture
+def host(unset):
+    assert unset.set_up() is Result.OK
+    return unset
 
 
 @pytest.fixture
 def armed(host):
     host.arm()
     return host
+
+
+@pytest.fixture
+def drive(connect):
+    """A drive PLC that knows the vehicle's mass by 10 %."""
+    host = connect(DRIVE)
+    assert host.set_up(mass_low=round(9 * MASS), mass_high=round(11 * MASS)) is Result.OK
+    return host
+
+
+@pytest.fixture
+def rolling(drive):
+    """The same with a wheel that the test may break, tow and tilt."""
+    if not drive.plc.simulated:
+        pytest.skip("its wheel is the pair's")
+    return drive
 
 
 def test_it_says_who_it_is_and_streams_its_state(host):
@@ -293,6 +419,7 @@ def test_only_a_stream_of_enabled_commands_lets_it_arm(host):
     host.stream(0.2, flags=0)
     assert host.control(Op.ARM) is Result.PRECONDITIONS
     host.arm()
+    host.stream(0.1, 0.2)
     assert host.plc.acts()
 
 
@@ -308,7 +435,7 @@ def test_it_follows_its_set_point(armed):
 def test_a_command_outside_the_limits_is_limited_and_said_to_be(armed):
     armed.stream(0.5, 3.0 if armed.board is STEER else 9.0)
     assert armed.state.faults == Fault.LIMIT
-    assert armed.state.setpoint <= (7854 if armed.board is STEER else 4800)
+    assert armed.state.setpoint <= (7461 if armed.board is STEER else 4800)
     armed.stream(0.1, 0.1)
     assert armed.state.faults == 0
     assert armed.state.state == State.ARMED
@@ -325,7 +452,7 @@ def test_silence_stops_it_and_only_an_operator_starts_it_again(armed):
     assert (trip.states, trip.faults) == (State.ARMED << 4 | State.STOPPING, Fault.CMD_TIMEOUT)
     assert 190_000 <= trip.t - accepted <= 210_000 + armed.plc.jitter
     armed.run(1.5)
-    armed.stream(0.2)
+    armed.stream(0.2, flags=ENABLE | STANDSTILL)
     assert armed.state.state == State.SAFE
     assert not armed.plc.acts()
     assert armed.control(Op.ARM) is Result.WRONG_STATE
@@ -345,7 +472,8 @@ def test_an_old_command_moves_nothing(armed):
 
 def test_enable_zero_stops_it_without_a_fault(armed):
     armed.stream(0.5, 0.2)
-    armed.stream(1.5, 0.2, flags=0)
+    armed.stream(1.0, 0.2, flags=0)
+    armed.stream(0.5, 0.2, flags=STANDSTILL)
     assert (armed.state.state, armed.state.faults) == (State.SAFE, 0)
     assert not armed.plc.acts()
 
@@ -362,7 +490,7 @@ def test_every_emergency_stop_latches(armed, how):
     armed.run(0.05)
     assert armed.state.state == State.ESTOP
     assert armed.state.faults == (Fault.ESTOP_HW if how == "pin" else Fault.ESTOP_HOST)
-    assert not armed.plc.acts()
+    assert_outputs_are_safe(armed)
     if how == "pin":
         assert armed.control(Op.CLEAR) is Result.PRECONDITIONS
         armed.plc.press_estop(False)
@@ -375,20 +503,32 @@ def test_every_emergency_stop_latches(armed, how):
     assert (armed.state.state, armed.state.faults) == (State.SAFE, 0)
 
 
+def assert_outputs_are_safe(host):
+    """Motor off, brake full; the servo holds."""
+    if host.board is DRIVE:
+        assert not host.plc.acts()
+        assert host.plc.brake() == pytest.approx(1.0, abs=0.01)
+    else:
+        assert host.plc.acts()
+        assert host.state.flags & m.StateFlag.HOLDING
+
+
 def test_disarm_and_hello_take_its_outputs_away_at_once(armed):
     assert armed.control(Op.DISARM) is Result.OK
     armed.run(0.02)
     assert armed.state.state == State.SAFE
-    assert not armed.plc.acts()
+    assert_outputs_are_safe(armed)
     armed.run(1.0)  # until the wheel rests
     armed.arm()
     armed.hello()
     armed.run(0.02)
     assert armed.state.state == State.SAFE
+    assert_outputs_are_safe(armed)
 
 
 def test_a_reset_forgets_the_session_and_counts_the_boot(armed):
     boots = armed.hello().boot_count
+    assert armed.set_up() is Result.OK
     armed.arm()
     armed.plc.reset()
     armed.received.clear()
@@ -430,7 +570,7 @@ def test_frames_for_others_are_counted_each_in_its_kind(armed):
     command, seq = armed.command(0.5), armed.seq
     other = DRIVE if armed.board is STEER else STEER
     armed.send(command, session=SESSION + 1)
-    armed.send(command, major=2)
+    armed.send(command, major=1)
     armed.send(command, board=other)
     armed.send(m.Pong(1, 2, 3))  # what only a PLC sends
     armed.seq = seq
@@ -447,3 +587,306 @@ def test_a_ping_tells_the_clock(host):
     assert pong.token == 0x01020304
     host.run(0.03)
     assert before <= pong.t_rx <= pong.t_tx <= host.state.t
+
+
+# ---- what a line may replay, flood or cut ----
+
+
+def test_a_recorded_clear_and_arm_do_nothing_later(armed):
+    recorded = [armed.encoded(armed.operation_of(op)) for op in (Op.CLEAR, Op.ARM)]
+    assert armed.control(Op.ESTOP) is Result.OK
+    armed.stream(0.1)
+    for wire in recorded:
+        armed.plc.write(wire)
+        armed.stream(0.06)
+    answers = [Result(x.result) for x in armed.received if isinstance(x, m.Ack)]
+    assert answers[-2:] == [Result.STALE, Result.STALE]
+    assert (armed.state.state, armed.state.faults) == (State.ESTOP, Fault.ESTOP_HOST)
+
+
+def test_a_clear_out_of_a_buffer_is_stale(armed):
+    assert armed.control(Op.ESTOP) is Result.OK
+    late = armed.operation_of(Op.CLEAR)
+    armed.run(0.3)
+    assert armed.ask(late, m.Ack).result == Result.STALE
+    armed.run(0.02)
+    assert armed.state.state == State.ESTOP
+    assert armed.stats().stale >= 1
+    assert armed.control(Op.CLEAR) is Result.OK
+
+
+def test_a_repeated_operation_is_carried_out_once(host):
+    host.stream(0.2)
+    arm = host.operation_of(Op.ARM)
+    first = host.ask(arm, m.Ack).result
+    assert host.control(Op.ESTOP) is Result.OK
+    host.stream(0.06)
+    assert host.control(Op.CLEAR) is Result.OK
+    clear = m.Control.of(Op.CLEAR, host.operation, m.echo_of(host.state.t))
+    host.send(host.command(flags=ENABLE | ESTOP))
+    host.run(0.05)
+    assert host.ask(clear, m.Ack).result == Result.OK  # the first one's
+    host.run(0.05)
+    assert host.state.state == State.ESTOP
+    assert host.ask(arm, m.Ack).result == Result.STALE
+    assert first == Result.OK or host.plc.jitter
+
+
+def test_a_flood_of_pings_takes_no_telemetry_away(armed):
+    armed.stream(0.1)
+    before = len(armed.received)
+    for _ in range(50):
+        armed.send(armed.command())
+        for token in range(7):
+            armed.send(m.Ping(token))
+        armed.run(0.02)
+    flood = armed.received[before:]
+    assert sum(isinstance(x, m.SteerState | m.DriveState) for x in flood) >= 95
+    assert sum(isinstance(x, m.Pong) for x in flood) <= 4 * 51 + armed.plc.jitter
+    assert armed.state.state == State.ARMED
+
+
+def test_the_event_of_a_boot_is_heard_behind_a_cut_frame(host):
+    host.run(0.02)
+    host.received.clear()
+    host.plc.reset()
+    host.decoder.feed(b"\x1f\x31\x90 cut off by the reset")
+    host.run(0.5)
+    event, *_ = [x for x in host.received if isinstance(x, m.Event)]
+    assert event.code == m.EventCode.BOOT
+
+
+# ---- the vehicle's values ----
+
+
+def test_nothing_arms_without_a_setup(unset):
+    unset.stream(0.2)
+    assert not unset.state.flags & m.StateFlag.SET_UP
+    assert unset.control(Op.ARM) is Result.PRECONDITIONS
+    assert unset.set_up() is Result.OK
+    unset.stream(0.06)
+    assert unset.state.flags & m.StateFlag.SET_UP
+    unset.arm()
+
+
+def test_a_setup_only_tightens_and_holds_for_its_session(unset):
+    steers = unset.board is STEER
+    name, own = ("max_angle", 7461) if steers else ("max_speed", 4800)
+    most = 3000
+    assert unset.set_up(**{name: own + 1}) is Result.OUT_OF_RANGE
+    assert getattr(unset.limits(), name) == own
+    assert unset.set_up(**{name: most}) is Result.OK
+    assert unset.set_up(**{name: most}) is Result.OK
+    assert unset.set_up(**{name: most + 1}) is Result.WRONG_STATE
+    assert getattr(unset.limits(), name) == most
+    unset.arm()
+    assert unset.set_up(**{name: most}) is Result.WRONG_STATE
+    unset.stream(2.0, 0.5 if steers else 4.0)
+    assert unset.state.setpoint == most
+    assert unset.state.faults == Fault.LIMIT
+    unset.hello()
+    unset.run(0.05)
+    assert getattr(unset.limits(), name) == own
+    assert not unset.state.flags & m.StateFlag.SET_UP
+
+
+def test_a_limited_command_is_told_while_it_is_not_armed(host):
+    host.stream(0.1, 3.0 if host.board is STEER else 9.0)
+    assert (host.state.state, host.state.faults) == (State.SAFE, Fault.LIMIT)
+    host.run(0.4)
+    assert host.state.faults == 0
+
+
+def test_a_wrong_supply_is_told_and_blocks_arming(unset):
+    if not unset.plc.simulated:
+        pytest.skip("its supply is right")
+    rated = SUPPLY[unset.board]
+    assert unset.set_up(supply_low=round(900 * rated), supply_high=round(1100 * rated)) is Result.OK
+    unset.plc.supply(0.8 * rated)
+    unset.stream(0.2)
+    assert unset.state.faults == Fault.SUPPLY
+    assert unset.control(Op.ARM) is Result.PRECONDITIONS
+    assert unset.control(Op.CLEAR) is Result.OK
+    assert unset.control(Op.ARM) is Result.PRECONDITIONS
+    unset.plc.supply(rated)
+    unset.stream(0.2)
+    assert unset.state.faults == 0
+    unset.arm()
+    unset.plc.supply(1.2 * rated)
+    unset.stream(0.2)
+    assert (unset.state.state, unset.state.faults) == (State.ARMED, Fault.SUPPLY)
+
+
+# ---- the steering holds ----
+
+
+@pytest.mark.parametrize("how", [Op.DISARM, Op.ESTOP, "silence"])
+def test_the_steering_holds_until_the_host_says_standstill(connect, how):
+    steer = connect(STEER)
+    steer.set_up()
+    steer.arm()
+    steer.stream(0.5, 0.3)
+    if how == "silence":
+        steer.run(0.4)
+    else:
+        assert steer.control(how) is Result.OK
+    steer.stream(0.4, -0.3, flags=0)
+    held = {Op.DISARM: State.SAFE, Op.ESTOP: State.ESTOP, "silence": State.STOPPING}[how]
+    assert (steer.state.state, steer.state.setpoint) == (held, 3000)
+    assert steer.state.flags & m.StateFlag.HOLDING
+    assert steer.state.servo == 1691
+    assert steer.plc.acts()
+    steer.stream(0.1, flags=STANDSTILL)
+    assert steer.state.state == (State.ESTOP if how is Op.ESTOP else State.SAFE)
+    assert not steer.state.flags & m.StateFlag.HOLDING
+    assert steer.state.servo == 0
+    assert not steer.plc.acts()
+
+
+def test_the_steering_holds_for_ten_seconds_at_most(connect):
+    steer = connect(STEER)
+    if not steer.plc.simulated:
+        pytest.skip("ten seconds")
+    steer.set_up()
+    steer.arm()
+    steer.stream(0.3, 0.2)
+    assert steer.control(Op.DISARM) is Result.OK
+    steer.run(9.8)
+    assert steer.plc.acts()
+    steer.run(0.4)
+    assert not steer.plc.acts()
+
+
+# ---- the wheel ----
+
+
+def test_an_armed_vehicle_at_rest_is_held_by_its_brake(drive):
+    drive.arm()
+    drive.stream(0.1)
+    assert drive.state.flags & m.StateFlag.HOLDING
+    assert drive.plc.brake() == pytest.approx(1.0, abs=0.01)
+    assert not drive.plc.acts()
+    drive.stream(0.2, 0.3)
+    assert not drive.state.flags & m.StateFlag.HOLDING
+    assert drive.plc.brake() == 0.0
+    assert drive.plc.acts()
+
+
+def test_a_vehicle_that_rolls_is_not_armed(rolling):
+    rolling.plc.wheel.towed = 0.15
+    rolling.stream(0.4)
+    assert rolling.control(Op.ARM) is Result.PRECONDITIONS
+    assert rolling.plc.brake() == pytest.approx(1.0, abs=0.01)
+    rolling.plc.wheel.towed = None
+    rolling.stream(0.5)
+    assert rolling.control(Op.ARM) is Result.OK
+
+
+def test_stopping_brakes_downhill(rolling):
+    rolling.arm()
+    rolling.stream(2.0, 1.5)
+    rolling.plc.wheel.slope = 2.5  # steeper than the motor holds
+    rolling.stream(0.5, 1.5, flags=0)
+    assert rolling.state.brake > 50
+    rolling.plc.wheel.slope = 0.5
+    brake = rolling.state.brake
+    rolling.stream(4.0, 1.5, flags=0)
+    assert (rolling.state.state, rolling.state.speed, rolling.state.faults) == (State.SAFE, 0, 0)
+    assert brake > 50
+
+
+def test_stopping_gives_up_after_eight_seconds(rolling):
+    rolling.arm()
+    rolling.stream(1.5, 1.0)
+    rolling.plc.wheel.towed = 1.0
+    rolling.stream(7.5, 1.0, flags=0)
+    assert (rolling.state.state, rolling.state.brake) == (State.STOPPING, 200)
+    rolling.stream(1.0, 1.0, flags=0)
+    assert (rolling.state.state, rolling.state.faults) == (State.FAULT, Fault.STOP_TIMEOUT)
+    assert not rolling.plc.acts()
+
+
+@pytest.mark.parametrize("value", [0.25, 1.0, 4.0])
+@pytest.mark.parametrize(
+    ("wire", "gear"),
+    [
+        ("no pulses", m.Gear.DRIVE),
+        ("no pulses", m.Gear.REVERSE),
+        ("direction reads forward", m.Gear.REVERSE),
+        ("direction reads backward", m.Gear.DRIVE),
+    ],
+)
+def test_a_broken_wire_of_the_hall_sensor_is_found(rolling, wire, gear, value):
+    wheel = rolling.plc.wheel
+    wheel.sensed = HALL_WIRES[wire]
+    rolling.arm()
+    for _ in range(150):  # 3 s
+        rolling.stream(0.02, value, gear=gear)
+        if rolling.state.state != State.ARMED:
+            break
+    assert (rolling.state.state, rolling.state.faults) == (State.FAULT, Fault.PULSES)
+    assert rolling.plc.brake() == pytest.approx(1.0, abs=0.01)
+    assert wheel.fastest < 1.2
+
+
+@pytest.mark.parametrize("value", [0.25, 1.0, 4.0])
+def test_a_hall_wire_that_breaks_on_the_way_is_found(rolling, value):
+    wheel = rolling.plc.wheel
+    rolling.arm()
+    rolling.stream(3.0, value)
+    at = wheel.travel
+    wheel.sensed = lambda travel: min(travel, at)
+    rolling.stream(3.0, value)
+    assert (rolling.state.state, rolling.state.faults) == (State.FAULT, Fault.PULSES)
+    assert wheel.fastest < value + 0.8
+
+
+@pytest.mark.parametrize("slope", [-0.5, 0.5])
+@pytest.mark.parametrize(("value", "gear"), [(0.25, m.Gear.DRIVE), (1.5, m.Gear.REVERSE)])
+def test_a_healthy_wheel_on_a_slope_is_no_fault(rolling, value, gear, slope):
+    rolling.plc.wheel.slope = slope
+    rolling.arm()
+    for target in (value, 0.0, value):
+        rolling.stream(2.0, target, gear=gear)
+        assert (rolling.state.state, rolling.state.faults) == (State.ARMED, 0)
+
+
+# ---- the clock ----
+
+
+@pytest.fixture
+def late(connect, request):
+    """Makes a host of a board whose clock wraps in 3 s."""
+    if request.node.callspec.params["make_plc"] not in ("memory", "native"):
+        pytest.skip("its clock begins at zero")
+
+    def late(board):
+        host = connect(board, start_us=(1 << 32) - 3_000_000)
+        assert host.set_up() is Result.OK
+        return host
+
+    return late
+
+
+@pytest.mark.parametrize("board", [STEER, DRIVE])
+def test_no_wrap_of_the_clock_stops_anything(late, board):
+    host = late(board)
+    host.arm()
+    host.stream(5.0, 0.3)
+    assert host.state.t < 3_000_000
+    assert (host.state.state, host.state.faults) == (State.ARMED, 0)
+    assert host.value() == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize("since", [1_000_000, 4_000_000, 10_000_000])
+def test_a_wheel_at_rest_does_not_move_a_wrap_of_the_clock_after_its_last_pulse(late, since):
+    host = late(DRIVE)
+    host.arm()
+    host.stream(1.0, 0.5)
+    host.stream(1.0, 0.0)
+    assert host.control(Op.DISARM) is Result.OK
+    host.run(1e-6 * since)
+    host.plc.now += (1 << 32) - since
+    for _ in range(50):
+        host.run(0.01)
+        assert (host.state.state, host.state.speed) == (State.SAFE, 0)

@@ -1,7 +1,18 @@
 """The drive PLC's set-point, gear, brake, faults and limits, on both backends (conftest.py)."""
 
 import pytest
-from plc_bench import DRIVE, ENABLE, MASS, Fault, Op, Result, State
+from plc_bench import (
+    DRIVE,
+    ENABLE,
+    HALL_WIRES,
+    MASS,
+    Fault,
+    Op,
+    Result,
+    SpeedController,
+    State,
+    Wheel,
+)
 
 from tricycle_bridge.protocol import messages as m
 
@@ -237,61 +248,32 @@ def test_a_rolling_wheel_in_neutral_is_held_when_it_rests(drive):
 # ---- does the wheel turn as it should? ----
 
 
-class Slope:
-    """A mass on a slope, its speed controller, and a hall sensor that a test may break."""
+class Slope(Wheel):
+    """A wheel behind a drive PLC and a speed controller."""
 
-    def __init__(self, bench, *, sensed=lambda travel: travel, slope=0.0, mass=MASS):
+    def __init__(self, bench, **kwargs):
+        super().__init__(**kwargs)
         self.bench = bench
-        self.sensed = sensed  # true travel to sensed travel
-        self.slope = slope  # m/s^2
-        self.mass = mass
-        self.speed = self.travel = self.torque = self.integral = 0.0
-        self.fastest = 0.0
-        self.seen = 0.0  # m
+        self.controller = SpeedController()
 
     def run(self, seconds, value, *, gear=1, flags=ENABLE):
-        """Ticks until the drive PLC is no longer armed; its state then."""
+        """Ticks until the drive PLC neither drives nor stops; its state then."""
+        torque = self.bench.measurement.torque
         for _ in range(round(100 * seconds)):
-            seen = self.sensed(self.travel)
-            measured, self.seen = (seen - self.seen) / 0.01, seen
-            if flags is not None:
-                self.bench.command(value, gear=gear, flags=flags)
-            state = self.bench.tick(
-                speed=measured, hall_count=round(seen / 0.015253), torque=self.torque
-            )
+            self.bench.command(value, gear=gear, flags=flags)
+            state = self.bench.tick(speed=self.sensed_speed, hall_count=self.count, torque=torque)
             if state.state not in (State.ARMED, State.STOPPING):
                 break
-            self._move(measured)
+            reverse = state.gear == m.Gear.REVERSE
+            torque = self.controller.torque(self.bench.output, self.sensed_speed, reverse=reverse)
+            self.move(0.01, torque, self.bench.output.brake)
         return state
-
-    def _move(self, measured):
-        output = self.bench.output
-        sign = -1 if self.bench.state.gear == m.Gear.REVERSE else 1
-        error = sign * (output.setpoint - measured)
-        self.integral += 0.01 * error if output.motor_on else -self.integral
-        demand = 60.0 * error + 60.0 * self.integral
-        torque = min(max(demand, -15.0), 35.0) if output.motor_on else 0.0
-        self.integral += 0.00067 * (torque - demand)
-        self.torque = sign * torque
-        force = self.torque / 0.335 + self.mass * self.slope
-        self.speed += 0.01 * force / self.mass
-        braked = 0.01 * 75.0 * output.brake / self.mass
-        self.speed = max(self.speed - braked, min(self.speed + braked, 0.0))
-        self.travel += 0.01 * self.speed
-        self.fastest = max(self.fastest, abs(self.speed))
 
 
 @pytest.fixture
 def weighed(make_bench):
     """Armed, with the vehicle's mass known by 10 %."""
     return make_bench(DRIVE).booted(mass_low=round(9 * MASS), mass_high=round(11 * MASS)).armed()
-
-
-WIRES = {
-    "no pulses": lambda travel: 0.0 * travel,
-    "direction reads forward": abs,
-    "direction reads backward": lambda travel: -abs(travel),
-}
 
 
 @pytest.mark.parametrize("slope", [-0.5, 0.5])
@@ -306,7 +288,7 @@ WIRES = {
     ],
 )
 def test_a_broken_wire_of_the_hall_sensor_is_found(weighed, wire, gear, value, slope):
-    vehicle = Slope(weighed, sensed=WIRES[wire], slope=slope)
+    vehicle = Slope(weighed, sensed=HALL_WIRES[wire], slope=slope)
     state = vehicle.run(6.0, value, gear=gear)
     assert (state.state, state.faults) == (State.FAULT, Fault.PULSES)
     assert (weighed.output.motor_on, weighed.output.brake) == (False, 1.0)

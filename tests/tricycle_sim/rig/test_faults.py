@@ -10,6 +10,7 @@ from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.faults import FaultKind, FaultPlan, RigFault
 from tricycle_sim.rig.firmware import FirmwareRig
 from tricycle_sim.rig.host import Host
+from tricycle_sim.rig.native import NativeRig
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
@@ -17,15 +18,17 @@ STEER, DRIVE = Board.STEER, Board.DRIVE
 AT = 4.0  # s: rolling at 1 m/s
 
 
-@pytest.fixture(params=["emulated", pytest.param("firmware", marks=pytest.mark.slow)])
+@pytest.fixture(params=["emulated", "native", pytest.param("firmware", marks=pytest.mark.slow)])
 def driven(request):
     """Drives at 1 m/s in a slight turn until a time, with faults."""
     rigs = []
 
-    def drive(kind, until, *, end=math.inf, value=0.0):
-        plan = FaultPlan((RigFault(kind, AT, end, value),))
+    def drive(kind, until, *, start=AT, end=math.inf, value=0.0):
+        plan = FaultPlan((RigFault(kind, start, end, value),))
         if request.param == "emulated":
             rigs.append(EmulatedRig(VEHICLE, plan))
+        elif request.param == "native":
+            rigs.append(NativeRig(VEHICLE, request.getfixturevalue("firmware_libraries"), plan))
         else:
             rigs.append(FirmwareRig(VEHICLE, request.getfixturevalue("firmware_images"), plan))
         host = Host(rigs[-1])
@@ -47,15 +50,25 @@ def faults(host, board):
     return Fault(host.bridge.links[board].telemetry.faults)
 
 
-def test_without_pulses_the_measured_speed_is_0_and_the_vehicle_runs_away(driven):
-    host = driven(FaultKind.HALL_DEAD, AT + 0.8)
-    assert host.bridge.links[DRIVE].telemetry.speed == 0
-    assert host.rig.state.vx > 1.3
+def test_without_pulses_the_motor_pushes_until_the_board_notices(driven):
+    host = driven(FaultKind.HALL_DEAD, 0.0, start=0.0)
+    torque = 0.0
+    for _ in range(100):
+        host.tick()
+        torque = max(torque, host.rig.state.motor_torque)
+    assert torque > 30.0
+    host.run(3.0)
+    assert faults(host, DRIVE) & Fault.PULSES
+    assert abs(host.rig.state.vx) < 0.02
 
 
-def test_half_the_pulses_double_the_speed(driven):
-    host = driven(FaultKind.HALL_HALF, AT + 1.0)
-    assert host.rig.state.vx > 1.3
+@pytest.mark.parametrize("odometry", [False, True])
+def test_half_the_pulses_double_the_speed_unless_odometry_shows_it(driven, odometry):
+    host = driven(FaultKind.HALL_HALF, 0.0, start=0.0)
+    host.odometry = odometry
+    host.run(6.0)
+    assert host.rig.armed is not odometry
+    assert host.rig.state.vx == pytest.approx(0.0 if odometry else 2.0, abs=0.1)
 
 
 def test_the_broken_direction_wire_shows_only_when_rolling_backwards(driven):

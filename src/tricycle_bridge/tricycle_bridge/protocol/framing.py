@@ -1,4 +1,4 @@
-"""Frames of TBP v1: ``COBS(header payload crc32) 00`` to messages and back (sections 1 and 2).
+"""Frames of TBP v2: ``COBS(header payload crc32) 00`` to messages and back (sections 1 and 2).
 
 Section numbers are those of docs/protocol.md.
 """

@@ -155,6 +155,17 @@ def firmware_version(identity: HelloAck) -> str:
     return f"{identity.version_major}.{identity.version_minor}.{identity.version_patch}"
 
 
+def firmware_build(identity: HelloAck) -> str:
+    """Return version and build of a PLC's firmware, e.g. ``2.0.0 (1f00a9c3)``.
+
+    Parameters
+    ----------
+    identity : HelloAck
+        What the PLC answered to HELLO.
+    """
+    return f"{firmware_version(identity)} ({identity.build_hash:08x})"
+
+
 def _in_units(value: int, unit: Unit) -> str:
     decimals = max(0, math.ceil(-math.log10(unit.scale)))
     return f"{value * unit.scale:.{decimals}f}"

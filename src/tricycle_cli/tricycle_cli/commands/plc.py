@@ -7,18 +7,24 @@ import dataclasses
 import json
 import math
 import sys
+from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     BAUD,
     SPEED_UNIT,
+    Board,
     DriveState,
     SteerState,
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
+from tricycle_core.documents import encode
+from tricycle_core.errors import LinkError
 
 if TYPE_CHECKING:
+    from tricycle_bridge.bring_up_record import StepResult
     from tricycle_bridge.link import LinkEvent, PlcLink
     from tricycle_bridge.probe import PortProbe
 
@@ -27,8 +33,10 @@ examples:
   tricycle plc probe /dev/ttyACM0
   tricycle plc monitor /dev/ttyACM0 --seconds 10
   tricycle plc stats /dev/ttyACM0 --json
+  tricycle plc check /dev/tricycle_steer /dev/tricycle_drive --engineer "A. Test"
 
-The handshake disarms the board; close the bridge first.
+The handshake disarms the board; close the bridge first. check moves steering and wheel: lift the
+vehicle's wheels off the ground before.
 """
 
 
@@ -42,12 +50,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.description = (
         "probe: who answers. monitor: telemetry and events as they come. "
-        "stats: limits and counters of both ends after a while."
+        "stats: limits and counters of both ends after a while. "
+        "check: bring-up of both boards on the vehicle, step by step, with a record."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("what", choices=["probe", "monitor", "stats"])
-    add("port", metavar="PORT", help="serial device")
+    add("what", choices=["probe", "monitor", "stats", "check"])
+    add(
+        "ports",
+        nargs="+",
+        metavar="PORT",
+        help="serial device; check: that of the steer PLC, then that of the drive PLC",
+    )
     add("--baud", type=int, default=BAUD, help=f"bits per second (default: {BAUD})")
     add(
         "--boot-wait",
@@ -63,6 +77,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="how long to watch (default: stats 2, monitor until Ctrl-C)",
     )
     add("--json", action="store_true", help="print one JSON object at the end")
+    check = parser.add_argument_group("check")
+    check.add_argument("--engineer", metavar="NAME", help="who signs the record off")
+    check.add_argument(
+        "--record",
+        type=Path,
+        default=Path("bring_up.json"),
+        metavar="FILE",
+        help="where the record goes (default: bring_up.json)",
+    )
+    check.add_argument(
+        "--vehicle", default="", metavar="FILE", help="vehicle file (default: the shipped tricycle)"
+    )
     parser.set_defaults(run=run)
 
 
@@ -74,9 +100,14 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
+    if args.what == "check":
+        return _check(args)
+    if len(args.ports) != 1:
+        raise LinkError(f"plc {args.what} takes one port, not {len(args.ports)}")
+
     from tricycle_bridge.probe import PortProbe
 
-    with PortProbe(args.port, baud=args.baud, boot_wait=args.boot_wait) as probe:
+    with PortProbe(args.ports[0], baud=args.baud, boot_wait=args.boot_wait) as probe:
         link = probe.handshake(timeout=args.boot_wait + 3.0)
         if args.what == "monitor":
             seconds = math.inf if args.seconds is None else args.seconds
@@ -91,6 +122,52 @@ def run(args: argparse.Namespace) -> int:
         for name, value in result.items():
             print(f"{name:22} {_readable(value)}")
     return 0
+
+
+def _check(args: argparse.Namespace) -> int:
+    if len(args.ports) != 2:
+        raise LinkError("plc check takes two ports: that of the steer PLC, that of the drive PLC")
+    if not (args.engineer or "").strip():
+        raise LinkError("plc check needs --engineer NAME: somebody signs the record off")
+
+    from tricycle_bridge.bring_up import STEPS, bring_up
+    from tricycle_bridge.bring_up_record import BringUpRecord, write_record
+    from tricycle_bridge.bring_up_stand import PortStand
+    from tricycle_bridge.settings import BridgeSettings
+    from tricycle_bringup.configuration import bridge_parameters
+
+    names = {field.name for field in dataclasses.fields(BridgeSettings)}
+    values = {k: v for k, v in bridge_parameters(args.vehicle).items() if k in names}
+    log = sys.stderr if args.json else sys.stdout
+
+    def say(text: str) -> None:
+        print(f"    >> {text}", file=log, flush=True)
+
+    paths = dict(zip((Board.STEER, Board.DRIVE), args.ports, strict=True))
+    print("Are the wheels off the ground? Ctrl-C stops and disarms.", file=log)
+    results: list[StepResult] = []
+    settings = BridgeSettings(**values)
+    with PortStand(paths, settings, say, baud=args.baud, boot_wait=args.boot_wait) as stand:
+        stand.connect(args.boot_wait + 5.0)
+        firmware = [stand.firmware(board) for board in paths]
+        for number, result in enumerate(bring_up(stand), 1):
+            results.append(result)
+            measured = ", ".join(f"{k} {_readable(v)}" for k, v in result.measured.items())
+            outcome = measured or "passed" if result.passed else f"FAILED: {result.problem}"
+            print(f"{number:2}/{len(STEPS)} {result.name}: {outcome}", file=log, flush=True)
+    record = BringUpRecord(
+        engineer=args.engineer.strip(),
+        time=datetime.now(UTC).isoformat(timespec="seconds"),
+        steer_firmware=firmware[0],
+        drive_firmware=firmware[1],
+        steps=tuple(results),
+        complete=len(results) == len(STEPS) and all(result.passed for result in results),
+    )
+    write_record(args.record, record)
+    if args.json:
+        print(json.dumps(encode(record)))
+    print(f"record: {args.record}", file=log)
+    return 0 if record.complete else 1
 
 
 def _monitor(probe: PortProbe, seconds: float, *, file: TextIO) -> None:

@@ -31,6 +31,7 @@ STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge'
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
 SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
+DRIVING = (PlaybackState.STARTING.value, PlaybackState.RUNNING.value)
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 
 
@@ -189,7 +190,7 @@ class Operator(Closing):
         waiting = {"plan_id": plan.id, "state": PlaybackState.WAITING.value}
 
         def taken() -> bool:
-            if self._state.get("state") == PlaybackState.RUNNING.value:
+            if self._state.get("state") in DRIVING:
                 raise NodeError(
                     f"maneuver_driver is driving plan {self._state['plan_id']}: wait for its end, "
                     "or abort it (service maneuver_driver/abort)"

@@ -187,9 +187,7 @@ class SimulatedUno(Closing):
         """Read the servo's pulse."""
         on = bool(self._word(_TCCR1A) & _COM1A1)
         pulse = self._word(_OCR1A) / 16  # us
-        return SteerPins(
-            on, (pulse - SERVO_CENTRE) * STEERING_END_STOP / SERVO_SPAN if on else 0.0
-        )
+        return SteerPins(on, (pulse - SERVO_CENTRE) * STEERING_END_STOP / SERVO_SPAN if on else 0.0)
 
     def drive_pins(self) -> DrivePins:
         """Read motor and brake."""

@@ -17,6 +17,7 @@ from tricycle_bridge.protocol.messages import (
     Board,
     DriveCommand,
     DriveState,
+    Fault,
     Hello,
     PlcState,
     ResetCause,
@@ -50,7 +51,7 @@ class _FirmwareBoard:
         self.uno = SimulatedUno(self._build, self._board.name.lower())
         self._time = _LEAD_US
         self.uno.run(self._time)
-        self.armed = False
+        self.state, self.faults = PlcState.BOOT, Fault(0)
         self.heard = False  # a command since the last step
         self._sent = FrameDecoder(self._board, host=False)
         self._received = FrameDecoder(self._board, host=True)
@@ -76,7 +77,8 @@ class _FirmwareBoard:
         data = self.uno.read()
         for frame in self._received.feed(data):
             if isinstance(frame.message, SteerState | DriveState):
-                self.armed = frame.message.state == PlcState.ARMED
+                self.state = PlcState(frame.message.state)
+                self.faults = Fault(frame.message.faults)
         return data
 
 
@@ -103,10 +105,13 @@ class FirmwareRig(Rig):
         self._hall_travel = 0.0  # m that the hall sensor's wheel has turned
         super().__init__(vehicle, faults)
 
-    @property
-    def armed(self) -> bool:
-        """Whether both boards' newest telemetry says so."""
-        return all(board.armed for board in self._boards.values())
+    def plc_state(self, board: Board) -> PlcState:
+        """Return a board's state, of its newest telemetry."""
+        return self._boards[board].state
+
+    def plc_faults(self, board: Board) -> Fault:
+        """Return a board's faults, of its newest telemetry."""
+        return self._boards[board].faults
 
     def heard(self, board: Board) -> bool:
         """Whether a board was sent a command since the last step."""

@@ -7,9 +7,10 @@ from tricycle_bridge.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
+from tricycle_core.timing import TICK
 from tricycle_sim.rig.rig import Rig
 
-_OFFSET = 100.0  # s that the host's clock is ahead of the rig's
+_OFFSET = 100.0  # s that the bridge's clock is ahead of the rig's
 
 
 class Host:
@@ -28,6 +29,8 @@ class Host:
         The two links.
     target : VehicleCommand or None
         What the commander sends at every tick; None: nothing.
+    odometry : bool
+        Whether the bridge hears the vehicle's true speed as odometry, at 20 Hz.
     log : list of str
         What the bridge has said.
     """
@@ -38,29 +41,44 @@ class Host:
         self.bridge = Bridge(settings or BridgeSettings(), rng=rng)
         self.bridge.active = True
         self.target: VehicleCommand | None = VehicleCommand(0.0, 0.0)
+        self.odometry = True
         self.log: list[str] = []
+        self._killed = False
+        self._stamped = rig.host_time  # when the commander made its newest command
         self._open: set[Board] = set()
         self._watch_cables()
 
     @property
     def now(self) -> float:
-        """Time on the host's clock [s]."""
-        return _OFFSET + self.rig.host_time
+        """Time on the bridge's clock [s], which nobody sets."""
+        return _OFFSET + self.rig.time
 
     def tick(self) -> None:
         """Command, exchange bytes, and let the rig run for 10 ms."""
+        if self._killed:
+            self.rig.step()
+            return
+        self.send()
+        for board, data in self.rig.step().items():
+            self._hear(board, data)
+        self.bridge.take_readings()
+        self.log += [entry.text for entry in self.bridge.take_log()]
+
+    def send(self) -> None:
+        """Command, and hand the boards what the bridge has to say."""
         bridge, now = self.bridge, self.now
         self._watch_cables()
         if self.target is not None:
-            bridge.set_command(self.target, stamp=now, now=now, source=Source.JOINT_COMMANDS)
+            # it was made a tick ago; its age is taken on the clock that may have been set since
+            stamp = now - (self.rig.host_time - self._stamped)
+            bridge.set_command(self.target, stamp=stamp, now=now, source=Source.JOINT_COMMANDS)
+        self._stamped = self.rig.host_time
+        if self.odometry and round(self.rig.time / TICK) % 5 == 0:
+            bridge.set_odometry(self.rig.state.vx, now)
         bridge.poll(now)
         for board, frames in bridge.take_frames().items():
             if frames:
                 self._hear(board, self.rig.receive(board, b"".join(frames)))
-        for board, data in self.rig.step().items():
-            self._hear(board, data)
-        bridge.take_readings()
-        self.log += [entry.text for entry in bridge.take_log()]
 
     def run(self, seconds: float) -> None:
         """Tick for a while.
@@ -92,6 +110,10 @@ class Host:
         self.run(0.05)
         if not self.rig.armed:
             raise LinkError(f"not armed: {outcomes[0] if outcomes else 'no answer'}")
+
+    def kill(self) -> None:
+        """End the host as kill -9 does: from now on the rig is alone."""
+        self._killed = True
 
     def _watch_cables(self) -> None:
         for board in self.bridge.links:

@@ -2,7 +2,7 @@
 
 from abc import abstractmethod
 
-from tricycle_bridge.protocol.messages import Board, ResetCause
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.closing import Closing
 from tricycle_core.timing import TICK
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
@@ -50,9 +50,29 @@ class Rig(Closing):
         return self._live.state
 
     @property
-    @abstractmethod
     def armed(self) -> bool:
         """Whether both boards are armed."""
+        return all(self.plc_state(board) is PlcState.ARMED for board in (Board.STEER, Board.DRIVE))
+
+    @abstractmethod
+    def plc_state(self, board: Board) -> PlcState:
+        """Return a board's state.
+
+        Parameters
+        ----------
+        board : Board
+            Steer or drive.
+        """
+
+    @abstractmethod
+    def plc_faults(self, board: Board) -> Fault:
+        """Return a board's faults.
+
+        Parameters
+        ----------
+        board : Board
+            Steer or drive.
+        """
 
     @property
     def answered(self) -> bool:
@@ -68,6 +88,11 @@ class Rig(Closing):
         board : Board
             Steer or drive.
         """
+
+    @property
+    def active_faults(self) -> set[FaultKind]:
+        """What fails at `time`."""
+        return set(self._faults)
 
     def plugged(self, board: Board) -> bool:
         """Return whether a board's cable is in the host.

@@ -1,0 +1,434 @@
+"""Bring-up of two boards on a vehicle with its wheels off the ground, step by step.
+
+Each step asks the engineer for something or moves an actuator, and passes only by what the boards
+measure. Nothing here opens a port: a `Stand` gives telemetry, carries out commands and talks to the
+engineer.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+from tricycle_bridge.bring_up_record import StepResult
+from tricycle_bridge.command_stream import INPUT_AGE
+from tricycle_bridge.protocol.boards import AT_REST
+from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE, STEERING_END_STOP, WATCHDOG
+from tricycle_bridge.protocol.messages import (
+    ANGLE_UNIT,
+    SPEED_UNIT,
+    TRAVEL_UNIT,
+    VOLTAGE_UNIT,
+    Board,
+    DriveLimits,
+    DriveState,
+    Fault,
+    PlcState,
+    StateFlag,
+    SteerState,
+)
+from tricycle_bridge.protocol.readable import fault_names, state_name
+from tricycle_core.errors import LinkError
+
+TURNS = 10
+"""Turns of the wheel by hand that the hall count is checked with."""
+
+BY_HAND = 60.0
+"""Time for what the engineer is asked to do [s]."""
+
+_SPEED = 0.5  # m/s at which the lifted wheel turns
+_TRACKING = 0.05  # rad that the servo may be off
+_REACTION = 0.06  # s in which a board must react, telemetry included
+
+
+class Stand(Protocol):
+    """Both boards and the engineer, as a step sees them."""
+
+    @property
+    def steer(self) -> SteerState:
+        """Newest telemetry of the steer PLC."""
+        ...
+
+    @property
+    def drive(self) -> DriveState:
+        """Newest telemetry of the drive PLC."""
+        ...
+
+    @property
+    def limits(self) -> DriveLimits:
+        """Limits in force in the drive PLC."""
+        ...
+
+    def firmware(self, board: Board) -> str:
+        """Return version and build of a board's firmware.
+
+        Parameters
+        ----------
+        board : Board
+            The board.
+        """
+        ...
+
+    def connected(self, board: Board) -> bool:
+        """Whether a board's link is up.
+
+        Parameters
+        ----------
+        board : Board
+            The board.
+        """
+        ...
+
+    def now(self) -> float:
+        """Present time [s]."""
+        ...
+
+    def wait(self, seconds: float, until: Callable[[], bool]) -> bool:
+        """Run until something holds, at most so long; return whether it does.
+
+        Parameters
+        ----------
+        seconds : float
+            Longest time [s].
+        until : callable
+            What is waited for.
+        """
+        ...
+
+    def arm(self) -> str | None:
+        """Arm both boards; return why they refuse, None if they are armed."""
+        ...
+
+    def command(self, angle: float, speed: float) -> None:
+        """Command from now on.
+
+        Parameters
+        ----------
+        angle : float
+            Of the steering motor [rad].
+        speed : float
+            Of the wheel [m/s].
+        """
+        ...
+
+    def silence(self) -> None:
+        """Send no commands from now on."""
+        ...
+
+    def disarm(self) -> None:
+        """Disarm both boards."""
+        ...
+
+    def emergency_stop(self) -> None:
+        """Stop both boards by an ESTOP."""
+        ...
+
+    def clear(self) -> None:
+        """Have both boards clear their faults."""
+        ...
+
+    def say(self, text: str) -> None:
+        """Tell the engineer something.
+
+        Parameters
+        ----------
+        text : str
+            A sentence.
+        """
+        ...
+
+
+class CheckFailedError(LinkError):
+    """A step did not pass; the text says what was measured and what would be right."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step of the bring-up.
+
+    Attributes
+    ----------
+    name : str
+        What is checked.
+    run : callable
+        Takes the stand, returns what was measured, raises `CheckFailedError`.
+    """
+
+    name: str
+    run: Callable[[Stand], dict[str, float | str]]
+
+
+def _require(holds: bool, text: str) -> None:
+    if not holds:
+        raise CheckFailedError(text)
+
+
+def _by_hand(stand: Stand, request: str, until: Callable[[], bool], failure: str) -> None:
+    stand.say(request)
+    _require(stand.wait(BY_HAND, until), f"{failure} within {BY_HAND:g} s")
+
+
+def _both(stand: Stand, state: PlcState) -> Callable[[], bool]:
+    return lambda: stand.steer.state == state and stand.drive.state == state
+
+
+def _speed(stand: Stand) -> float:
+    return stand.drive.speed * SPEED_UNIT
+
+
+def _angle(stand: Stand) -> float:
+    return stand.steer.angle * ANGLE_UNIT
+
+
+def _check_links(stand: Stand) -> dict[str, float | str]:
+    for name, state in (("steer", stand.steer), ("drive", stand.drive)):
+        _require(bool(state.flags & StateFlag.SET_UP), f"the {name} PLC has no set-up")
+        volts = state.supply * VOLTAGE_UNIT
+        _require(not state.faults & Fault.SUPPLY, f"the {name} PLC's supply is {volts:.1f} V")
+    return {
+        "steer firmware": stand.firmware(Board.STEER),
+        "drive firmware": stand.firmware(Board.DRIVE),
+        "steer supply (V)": stand.steer.supply * VOLTAGE_UNIT,
+        "drive supply (V)": stand.drive.supply * VOLTAGE_UNIT,
+    }
+
+
+def _check_emergency_stop(stand: Stand) -> dict[str, float | str]:
+    def pressed(state: SteerState | DriveState) -> bool:
+        return bool(state.flags & StateFlag.ESTOP_PRESSED)
+
+    _by_hand(
+        stand,
+        "Press the emergency stop.",
+        lambda: pressed(stand.steer) and pressed(stand.drive),
+        "not both boards saw the emergency stop",
+    )
+    _require(
+        stand.wait(_REACTION, _both(stand, PlcState.ESTOP)), "a board did not go to ESTOP at once"
+    )
+    _by_hand(
+        stand,
+        "Release the emergency stop.",
+        lambda: not pressed(stand.steer) and not pressed(stand.drive),
+        "not both boards saw it released",
+    )
+    _require(_both(stand, PlcState.ESTOP)(), "a board left ESTOP by itself")
+    stand.clear()
+    _require(stand.wait(1.0, _both(stand, PlcState.SAFE)), "CLEAR did not lead to SAFE")
+    return {}
+
+
+def _check_steering_sensor(stand: Stand) -> dict[str, float | str]:
+    reached: dict[str, float | str] = {}
+    low, high = 0.9 * STEERING_END_STOP, 1.1 * STEERING_END_STOP
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        _by_hand(
+            stand,
+            f"Turn the steering by hand to its {side} end stop.",
+            lambda sign=sign: low <= sign * _angle(stand) <= high,  # type: ignore[misc]
+            f"the potentiometer did not show {sign * STEERING_END_STOP:+.2f} rad ± 10 % "
+            f"({side} is {'positive' if sign > 0 else 'negative'})",
+        )
+        reached[f"{side} end stop (rad)"] = _angle(stand)
+    return reached
+
+
+def _check_hall_count(stand: Stand) -> dict[str, float | str]:
+    limits = stand.limits
+    circumference = 2.0 * math.pi * limits.tyre_radius * 1e-4
+    expected = TURNS * circumference / (limits.pulse * TRAVEL_UNIT)
+    start, still = stand.drive.hall_count, [stand.now(), stand.drive.hall_count]
+
+    def rests_after_turning() -> bool:
+        if stand.drive.hall_count != still[1]:
+            still[:] = [stand.now(), stand.drive.hall_count]
+        return stand.drive.hall_count != start and stand.now() - still[0] > 3.0
+
+    _by_hand(
+        stand,
+        f"Turn the driven wheel forward by hand, exactly {TURNS} times, then leave it for 3 s.",
+        rests_after_turning,
+        "the wheel did not turn, or not come to rest",
+    )
+    counted = stand.drive.hall_count - start
+    measured = f"{counted} pulses in {TURNS} turns, must be {expected:.0f} ± 5 %"
+    _require(counted > 0, f"{measured}: the direction wire or two halls are exchanged")
+    ratio = counted / expected
+    if 0.45 < ratio < 0.55:
+        raise CheckFailedError(
+            f"{measured}: half of the edges are lost; three XORed halls give 3 edges, not 6"
+        )
+    _require(abs(ratio - 1.0) <= 0.05, f"{measured}: pulses or radius of the vehicle file")
+    return {"pulses per turn": counted / TURNS, "expected per turn": expected / TURNS}
+
+
+def _check_servo(stand: Stand) -> dict[str, float | str]:
+    _arm(stand)
+    measured: dict[str, float | str] = {}
+    end = 0.95 * MAX_STEERING_ANGLE
+    for name, angle in (("centre", 0.0), ("left", end), ("right", -end), ("back", 0.0)):
+        stand.command(angle, 0.0)
+        stand.wait(3.0, lambda angle=angle: abs(_angle(stand) - angle) <= _TRACKING / 5)  # type: ignore[misc]
+        reached = measured[f"servo {name} (rad)"] = _angle(stand)
+        _require(
+            abs(reached - angle) <= _TRACKING,
+            f"servo {name}: {reached:+.3f} rad, must be {angle:+.3f} ± {_TRACKING} rad "
+            "(centre of the horn, sign of the potentiometer)",
+        )
+    return measured
+
+
+def _check_motor(stand: Stand) -> dict[str, float | str]:
+    _arm(stand)
+    measured: dict[str, float | str] = {}
+    for name, speed in (("forward", _SPEED), ("backward", -_SPEED)):
+        before = stand.drive.hall_count
+        stand.command(0.0, speed)
+        reached = stand.wait(4.0, lambda speed=speed: abs(_speed(stand) - speed) < 0.1)  # type: ignore[misc]
+        _require_no_fault(stand)
+        measured[f"{name} (m/s)"] = _speed(stand)
+        counted = stand.drive.hall_count - before
+        _require(
+            reached and counted * speed > 0,
+            f"{name}: {_speed(stand):+.2f} m/s with {counted:+d} pulses, must be {speed:+.2f} "
+            "(direction of the motor, sign of the hall)",
+        )
+        _stop(stand)
+    return measured
+
+
+def _check_brake(stand: Stand) -> dict[str, float | str]:
+    stand.disarm()
+    _require(stand.wait(1.0, _both(stand, PlcState.SAFE)), "DISARM did not lead to SAFE")
+    before, until = stand.drive.hall_count, stand.now() + 5.0
+    stand.say("Try to turn the driven wheel by hand for 5 s: the brake must hold it.")
+    stand.wait(5.0, lambda: stand.now() >= until)
+    slipped = abs(stand.drive.hall_count - before)
+    _require(slipped <= 2, f"the wheel turned by {slipped} pulses against the brake")
+    return {"pulses against the brake": slipped}
+
+
+def _check_watchdog(stand: Stand) -> dict[str, float | str]:
+    _turn(stand)
+    allowed = INPUT_AGE + WATCHDOG + _REACTION  # the host repeats the last command so long
+    silent_at = stand.now()
+    stand.silence()
+    tripped = stand.wait(1.0, lambda: bool(stand.drive.faults & Fault.CMD_TIMEOUT))
+    after = stand.now() - silent_at
+    _require(
+        tripped and after <= allowed,
+        f"without commands the drive PLC tripped after {after:.2f} s, must be {allowed:.2f} s",
+    )
+    return {"watchdog (s)": after, "at rest (s)": _rest(stand)}
+
+
+def _check_host_stop(stand: Stand) -> dict[str, float | str]:
+    _turn(stand)
+    at = stand.now()
+    stand.emergency_stop()
+    _require(stand.wait(0.5, _both(stand, PlcState.ESTOP)), "ESTOP did not stop both boards")
+    reaction = stand.now() - at
+    return {"reaction (s)": reaction, "at rest (s)": _rest(stand)}
+
+
+def _check_cable(stand: Stand) -> dict[str, float | str]:
+    _turn(stand)
+    _by_hand(
+        stand,
+        "Pull the drive board's USB cable.",
+        lambda: not stand.connected(Board.DRIVE),
+        "the link to the drive PLC stayed up",
+    )
+    _require(
+        stand.wait(2.0, lambda: stand.steer.state != PlcState.ARMED),
+        "the steer PLC stayed armed without the drive PLC",
+    )
+    stand.say("Does the wheel stand still? Put the cable back.")
+    _require(
+        stand.wait(BY_HAND, lambda: stand.connected(Board.DRIVE)),
+        "the drive PLC did not come back",
+    )
+    _require(stand.wait(1.0, _both(stand, PlcState.SAFE)), "a board is not SAFE after the cable")
+    _require(abs(_speed(stand)) < AT_REST, "the wheel still turns")
+    return {}
+
+
+STEPS = (
+    Step("links, set-up and supply", _check_links),
+    Step("emergency stop", _check_emergency_stop),
+    Step("steering sensor", _check_steering_sensor),
+    Step("hall count", _check_hall_count),
+    Step("servo centre and ends", _check_servo),
+    Step("motor direction", _check_motor),
+    Step("brake", _check_brake),
+    Step("watchdog", _check_watchdog),
+    Step("emergency stop by the host", _check_host_stop),
+    Step("cable pulled", _check_cable),
+)
+"""The steps, in their order."""
+
+
+def bring_up(stand: Stand, steps: tuple[Step, ...] = STEPS) -> Iterator[StepResult]:
+    """Make the steps in their order, up to the first that does not pass.
+
+    Parameters
+    ----------
+    stand : Stand
+        Both boards and the engineer.
+    steps : tuple of Step
+        The steps.
+
+    Yields
+    ------
+    result : StepResult
+        What each step gave, when it ends.
+    """
+    for step in steps:
+        try:
+            measured = step.run(stand)
+        except LinkError as error:
+            yield StepResult(step.name, False, {}, str(error))
+            return
+        yield StepResult(
+            step.name, True, {k: v if isinstance(v, str) else float(v) for k, v in measured.items()}
+        )
+
+
+def _require_no_fault(stand: Stand) -> None:
+    for name, state in (("steer", stand.steer), ("drive", stand.drive)):
+        if state.state in (PlcState.FAULT, PlcState.ESTOP):
+            condition = f"{state_name(state.state)} ({fault_names(state.faults & ~Fault.LIMIT)})"
+            raise CheckFailedError(f"the {name} PLC is {condition}")
+
+
+def _arm(stand: Stand) -> None:
+    # where the steering stands, or within its limit where it stands at the end stop
+    stand.command(min(max(_angle(stand), -MAX_STEERING_ANGLE), MAX_STEERING_ANGLE), 0.0)
+    reason = stand.arm()
+    _require(reason is None, reason or "")
+
+
+def _turn(stand: Stand) -> None:
+    """Arm and turn the lifted wheel."""
+    _arm(stand)
+    stand.command(0.0, _SPEED)
+    reached = stand.wait(4.0, lambda: _speed(stand) > 0.8 * _SPEED)
+    _require_no_fault(stand)
+    _require(reached, f"the wheel turns at {_speed(stand):.2f} m/s, must be {_SPEED:g}")
+
+
+def _stop(stand: Stand) -> None:
+    stand.command(0.0, 0.0)
+    _rest(stand)
+
+
+def _rest(stand: Stand) -> float:
+    """Wait for the wheel's rest and return how long it took [s]."""
+    start = stand.now()
+    _require(
+        stand.wait(4.0, lambda: abs(_speed(stand)) < AT_REST),
+        f"the wheel still turns at {_speed(stand):.2f} m/s after 4 s",
+    )
+    return stand.now() - start

@@ -1,0 +1,147 @@
+"""The signed-off record of a bring-up: a JSON file that arming can ask for."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
+from pathlib import Path
+
+from tricycle_bridge.protocol.messages import Board
+from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
+from tricycle_core.errors import LinkError
+
+_FORMAT = "tricycle bring-up 1"
+_LARGEST = 1_000_000  # bytes
+
+
+@dataclass(frozen=True)
+class StepResult:
+    """What a step of the bring-up gave.
+
+    Attributes
+    ----------
+    name : str
+        What was checked.
+    passed : bool
+        Whether it passed.
+    measured : dict
+        What was measured, by name with unit.
+    problem : str
+        Why it did not pass; empty if it did.
+    """
+
+    name: str
+    passed: bool
+    measured: dict[str, float | str]
+    problem: str = ""
+
+
+@dataclass(frozen=True)
+class BringUpRecord:
+    """A bring-up, signed off by an engineer.
+
+    Attributes
+    ----------
+    engineer : str
+        Who did it.
+    time : str
+        When it ended, ISO 8601 with the offset from UTC.
+    steer_firmware, drive_firmware : str
+        Version and build of each board.
+    steps : tuple of StepResult
+        In the order in which they were made; it ends with the first that did not pass.
+    complete : bool
+        Whether every step was made and passed.
+    format : str
+        Of the file.
+    digest : str
+        SHA-256 of all else, so that a later change by hand is noticed.
+    """
+
+    engineer: str
+    time: str
+    steer_firmware: str
+    drive_firmware: str
+    steps: tuple[StepResult, ...]
+    complete: bool
+    format: str = _FORMAT
+    digest: str = ""
+
+    def problem(
+        self, firmware: Mapping[Board, str], now: datetime, max_age: timedelta
+    ) -> str | None:
+        """Return why this record does not allow to arm; None if it does.
+
+        Parameters
+        ----------
+        firmware : mapping of Board to str
+            `firmware_build` of the boards that are connected.
+        now : datetime
+            Present time, with its time zone.
+        max_age : timedelta
+            Largest age of a record.
+        """
+        if not self.complete:
+            failed = next((step.name for step in self.steps if not step.passed), "its steps")
+            return f"the bring-up did not pass: {failed}"
+        then = {Board.STEER: self.steer_firmware, Board.DRIVE: self.drive_firmware}
+        for board, here in firmware.items():
+            if then[board] != here:
+                return f"the bring-up was made with {board.plc_name} {then[board]}, not {here}"
+        age = now - datetime.fromisoformat(self.time)
+        if age > max_age:
+            return f"the bring-up is {age.days} days old, at most {max_age.days} are allowed"
+        return None
+
+
+def _digest(record: BringUpRecord) -> str:
+    content = json.dumps(encode(replace(record, digest="")), sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+def write_record(path: Path, record: BringUpRecord) -> None:
+    """Write a record with its digest; an older file is replaced whole.
+
+    Parameters
+    ----------
+    path : Path
+        File to write.
+    record : BringUpRecord
+        The record.
+    """
+    sealed = replace(record, digest=_digest(record))
+    write_whole(path, json.dumps(encode(sealed), indent=2) + "\n")
+
+
+def read_record(path: Path) -> BringUpRecord:
+    """Read a record.
+
+    Parameters
+    ----------
+    path : Path
+        File of `write_record`.
+
+    Raises
+    ------
+    LinkError
+        It cannot be read, is none, or was changed.
+    """
+    try:
+        content = read_bounded(path, _LARGEST, "a bring-up record", LinkError)
+    except OSError as error:
+        raise LinkError(f"{path}: {error.strerror}; `tricycle plc check` writes it") from None
+    record = decode(BringUpRecord, parse_json(content, str(path), LinkError), str(path), LinkError)
+    if record.format != _FORMAT:
+        raise LinkError(f"{path}: format is {record.format!r}, must be {_FORMAT!r}")
+    try:
+        aware = datetime.fromisoformat(record.time).tzinfo is not None
+    except ValueError:
+        aware = False
+    if not aware:
+        raise LinkError(f"{path}: time is {record.time!r}, must be ISO 8601 with its UTC offset")
+    if record.digest != _digest(record):
+        raise LinkError(f"{path}: its digest does not fit: it was changed after the bring-up")
+    return record

@@ -1,0 +1,48 @@
+"""A bridge and its two serial ports: what came in to the bridge, what it sends to the ports."""
+
+from __future__ import annotations
+
+from tricycle_bridge.bridge import Bridge
+from tricycle_bridge.link import LinkState
+from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
+
+
+def receive_all(bridge: Bridge, ports: SerialPorts, now: float) -> None:
+    """Hand the bridge what happened on the ports, and let it act.
+
+    Parameters
+    ----------
+    bridge : Bridge
+        The bridge.
+    ports : SerialPorts
+        Its ports.
+    now : float
+        Present time on the bridge's clock [s].
+    """
+    for event in ports.take_events():
+        match event:
+            case Received():
+                bridge.receive(event.board, event.data, now)
+            case Opened():
+                bridge.opened(event.board, now)
+            case Closed():
+                bridge.closed(event.board, event.reason)
+    bridge.poll(now)
+
+
+def send_all(bridge: Bridge, ports: SerialPorts) -> None:
+    """Write the bridge's frames; open a port again where the link asks for it.
+
+    Parameters
+    ----------
+    bridge : Bridge
+        The bridge.
+    ports : SerialPorts
+        Its ports.
+    """
+    for board, frames in bridge.take_frames().items():
+        if frames:
+            bridge.links[board].counters.write_drops += ports.write(board, frames)
+    for board, link in bridge.links.items():
+        if link.state is not LinkState.CLOSED and link.wants_reopen:
+            ports.reopen(board, link.down_reason)

@@ -1,0 +1,78 @@
+"""How far the tricycle rolls until it rests: the distances that the suite publishes.
+
+They hold for the tricycle of the suite with up to 30 kg of load on slopes of up to 5 %, with a
+friction brake that works.
+`benchmarks/stopping.py` measures them, `benchmarks/fault_soak.py` checks them under faults.
+"""
+
+import enum
+from dataclasses import dataclass
+
+
+class Cause(enum.Enum):
+    """What stops the vehicle."""
+
+    ESTOP = "e-stop"
+    DISARM = "DISARM"
+    KILLED = "host killed"
+    DISABLED = "enable = 0"
+
+
+@dataclass(frozen=True)
+class StoppingLaw:
+    """A stop with a delay and then the least deceleration.
+
+    Attributes
+    ----------
+    delay : float
+        Without deceleration [s].
+    deceleration : float
+        After it [m/s^2].
+    margin : float
+        Way besides [m].
+    """
+
+    delay: float
+    deceleration: float
+    margin: float = 0.05
+
+    def distance(self, speed: float) -> float:
+        """Return the way to rest [m].
+
+        Parameters
+        ----------
+        speed : float
+            At the start [m/s].
+        """
+        return self.margin + speed * self.delay + speed**2 / (2.0 * self.deceleration)
+
+
+BRAKED = StoppingLaw(delay=0.05, deceleration=0.47)
+"""Motor off and full brake: the drive board has left ARMED for any state but STOPPING."""
+RAMPED = StoppingLaw(delay=0.4, deceleration=1.1)
+"""The drive board is in STOPPING."""
+
+MAX_PAYLOAD = 30.0  # kg
+DETECTION = 1.0
+"""Longest time between a fault that stops the vehicle and the drive board's leaving ARMED [s]."""
+
+_LAWS = {
+    Cause.ESTOP: (0.05, BRAKED),
+    Cause.DISARM: (0.05, BRAKED),
+    Cause.KILLED: (0.25, RAMPED),
+    Cause.DISABLED: (0.05, RAMPED),
+}
+
+
+def stopping_distance(cause: Cause, speed: float) -> float:
+    """Return the way from the host's act to rest [m].
+
+    Parameters
+    ----------
+    cause : Cause
+        What stops the vehicle.
+    speed : float
+        At that time [m/s].
+    """
+    reaction, law = _LAWS[cause]
+    return speed * reaction + law.distance(speed)

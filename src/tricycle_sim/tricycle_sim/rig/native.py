@@ -1,0 +1,71 @@
+"""The rig with the firmware's logic compiled for this computer: fast, and the C code itself."""
+
+from pathlib import Path
+
+from tricycle_bridge.protocol.framing import FrameDecoder
+from tricycle_bridge.protocol.messages import Board, DriveCommand, Hello, ResetCause, SteerCommand
+from tricycle_sim.plc.firmware import FirmwareDrivePlc, FirmwareSteerPlc
+from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
+from tricycle_sim.rig.plc_rig import TICK_US, PlcRig, Push
+from tricycle_sim.vehicle import Vehicle
+
+
+class NativeRig(PlcRig):
+    """The rig with the C code of both boards, its speed measurement and its torque controller.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its true values.
+    build : Path
+        Directory of the libraries: `make -C firmware host`.
+    faults : FaultPlan
+        Faults of wires, boards and host.
+
+    Raises
+    ------
+    LinkError
+        If they are not there.
+    """
+
+    def __init__(self, vehicle: Vehicle, build: Path, faults: FaultPlan = NO_FAULTS) -> None:
+        steer = FirmwareSteerPlc(build / "libsteer.so")
+        drive = FirmwareDrivePlc(build / "libdrive.so")
+        super().__init__(vehicle, steer, drive, faults)
+        self._sent = {board: FrameDecoder(board, host=False) for board in self._plcs}
+        self._heard: set[Board] = set()
+
+    def heard(self, board: Board) -> bool:
+        """Whether a board was sent a command since the last step."""
+        return board in self._heard
+
+    def _reboot(self, board: Board, cause: ResetCause) -> None:
+        super()._reboot(board, cause)
+        self._sent[board] = FrameDecoder(board, host=False)
+
+    def _receive(self, board: Board, data: bytes) -> bytes:
+        for frame in self._sent[board].feed(data):
+            if isinstance(frame.message, Hello):
+                self._sent[board].session = frame.session
+            elif isinstance(frame.message, SteerCommand | DriveCommand):
+                self._heard.add(board)
+        return super()._receive(board, data)
+
+    def _step(self, hung: set[Board]) -> dict[Board, bytes]:
+        sent = super()._step(hung)
+        self._heard.clear()
+        return sent
+
+    def _tick_drive(self) -> tuple[bytes, Push]:
+        state, faults = self._live.state, self._faults
+        now = self._plc_time_us(Board.DRIVE)
+        edge = round(self._hall.edge_at * 1e6) - (self._ticks * TICK_US - now)
+        data, torque, output = self._plcs[Board.DRIVE].tick_pulses(
+            now,
+            self._hall.count,
+            edge,
+            supply=faults.get(FaultKind.DRIVE_SUPPLY, self._vehicle.battery_voltage),
+            current=max(0.0, state.motor_current),
+            estop_pressed=FaultKind.ESTOP in faults,
+        )
+        return data, Push(None, torque if output.motor_on else 0.0, output.brake)

@@ -1,0 +1,122 @@
+"""A rig whose boards are PLC objects that are called tick by tick."""
+
+from abc import abstractmethod
+from typing import Any, NamedTuple
+
+from tricycle_bridge.protocol.boards import ADC_CENTRE, ADC_SCALE, STEER_SUPPLY
+from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
+from tricycle_core.timing import TICK
+from tricycle_sim.plc import SteerMeasurement, SteerOutput
+from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
+from tricycle_sim.rig.rig import Rig
+from tricycle_sim.rig.sensors import HallSensor, broken_potentiometer
+from tricycle_sim.vehicle import Vehicle
+
+TICK_US = round(TICK * 1e6)
+
+
+class Push(NamedTuple):
+    """What the drive board does to the rear wheel.
+
+    Attributes
+    ----------
+    speed : float or None
+        Set-point [m/s] of the vehicle's own speed controller; None: `torque` counts.
+    torque : float
+        Of the motor [N m].
+    brake : float
+        0 (released) to 1 (full).
+    """
+
+    speed: float | None
+    torque: float
+    brake: float
+
+
+class PlcRig(Rig):
+    """Vehicle and two PLC objects.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its true values.
+    steer, drive : PLC
+        The boards.
+    faults : FaultPlan
+        Faults of wires, boards and host.
+    """
+
+    def __init__(
+        self, vehicle: Vehicle, steer: Any, drive: Any, faults: FaultPlan = NO_FAULTS
+    ) -> None:
+        super().__init__(vehicle, faults)
+        self._plcs = {Board.STEER: steer, Board.DRIVE: drive}
+        self._boot_ticks = {Board.STEER: 0, Board.DRIVE: 0}
+        self._servo = SteerOutput(False, 0.0)
+        self._push = Push(None, 0.0, 1.0)
+        self._rest()
+
+    def plc_state(self, board: Board) -> PlcState:
+        """Return a PLC's state."""
+        state: PlcState = self._plcs[board].state
+        return state
+
+    def plc_faults(self, board: Board) -> Fault:
+        """Return a PLC's faults."""
+        faults: Fault = self._plcs[board].faults
+        return faults
+
+    def _rest(self) -> None:
+        self._hall = HallSensor()
+
+    def _reboot(self, board: Board, cause: ResetCause) -> None:
+        self._boot_ticks[board] = self._ticks
+        self._plcs[board].reset(cause)
+
+    def _receive(self, board: Board, data: bytes) -> bytes:
+        answers: bytes = self._plcs[board].receive(data, self._plc_time_us(board))
+        return answers
+
+    def _step(self, hung: set[Board]) -> dict[Board, bytes]:
+        state, faults = self._live.state, self._faults
+        sent = {Board.STEER: b"", Board.DRIVE: b""}
+        if Board.STEER not in hung:
+            sent[Board.STEER], self._servo = self._plcs[Board.STEER].tick(
+                self._plc_time_us(Board.STEER), self._steer_measurement()
+            )
+        travel = state.rear_wheel_angle * self._vehicle.tyre_radius
+        self._hall.turn(travel, self.time, faults)
+        if Board.DRIVE not in hung:
+            sent[Board.DRIVE], self._push = self._tick_drive()
+        push = self._push
+        if FaultKind.MOTOR_DEAD in faults:
+            push = push._replace(speed=None, torque=0.0)
+        servo_on = self._servo.servo_on and FaultKind.SERVO_DEAD not in faults
+        self._live.step(
+            steering=self._servo.setpoint if servo_on else None,
+            speed=push.speed,
+            torque=push.torque,
+            brake=0.0 if FaultKind.BRAKE_DEAD in faults else push.brake,
+        )
+        return sent
+
+    @abstractmethod
+    def _tick_drive(self) -> tuple[bytes, Push]:
+        """Run the drive board's tick; return its bytes and what it does."""
+
+    def _steer_measurement(self) -> SteerMeasurement:
+        state, faults = self._live.state, self._faults
+        counts = broken_potentiometer(faults)
+        return SteerMeasurement(
+            angle=(
+                state.steering_motor_angle if counts is None else (counts - ADC_CENTRE) / ADC_SCALE
+            ),
+            rate=state.steering_motor_rate if counts is None else 0.0,
+            supply=faults.get(FaultKind.STEER_SUPPLY, STEER_SUPPLY),
+            estop_pressed=FaultKind.ESTOP in faults,
+            adc=counts,
+        )
+
+    def _plc_time_us(self, board: Board) -> int:
+        """A board's clock: it starts at its boot."""
+        return (self._ticks - self._boot_ticks[board]) * TICK_US

@@ -1,0 +1,74 @@
+import dataclasses
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from tricycle_bridge.bring_up_record import BringUpRecord, StepResult, read_record, write_record
+from tricycle_bridge.protocol.messages import Board
+from tricycle_core.errors import LinkError
+
+TIME = datetime(2026, 5, 1, 12, tzinfo=UTC)
+RECORD = BringUpRecord(
+    engineer="A. Test",
+    time=TIME.isoformat(),
+    steer_firmware="2.0.0 (1)",
+    drive_firmware="2.0.0 (2)",
+    steps=(StepResult("hall count", True, {"pulses per turn": 138.0, "by": "hand"}),),
+    complete=True,
+)
+MONTH = timedelta(days=30)
+
+
+def problem(record=RECORD, steer="2.0.0 (1)", drive="2.0.0 (2)", now=TIME):
+    return record.problem({Board.STEER: steer, Board.DRIVE: drive}, now, MONTH)
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "record.json"
+    write_record(path, RECORD)
+    return path
+
+
+def test_what_is_written_is_read(path):
+    read = read_record(path)
+    assert dataclasses.replace(read, digest="") == RECORD
+    assert problem(read) is None
+
+
+def test_a_record_that_was_edited_is_refused(path):
+    path.write_text(path.read_text().replace("138.0", "140.0"))
+    with pytest.raises(LinkError, match="changed after the bring-up"):
+        read_record(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{}", "lacks `engineer`"),
+        ("no", "not JSON|JSON"),
+        (None, "`tricycle plc check` writes it"),
+    ],
+)
+def test_what_is_no_record_is_refused(path, content, message):
+    path.write_text(content) if content is not None else path.unlink()
+    with pytest.raises(LinkError, match=message):
+        read_record(path)
+
+
+def test_a_time_without_its_zone_is_refused(path):
+    write_record(path, dataclasses.replace(RECORD, time="2026-05-01T12:00:00"))
+    with pytest.raises(LinkError, match="UTC offset"):
+        read_record(path)
+
+
+def test_it_holds_for_these_boards_and_for_a_while():
+    assert "drive PLC 2.0.0 (2), not 2.0.1 (3)" in problem(drive="2.0.1 (3)")
+    assert "steer PLC" in problem(steer="other")
+    assert problem(now=TIME + MONTH) is None
+    assert problem(now=TIME + timedelta(days=31)) == (
+        "the bring-up is 31 days old, at most 30 are allowed"
+    )
+    failed = StepResult("brake", False, {}, "it slips")
+    record = dataclasses.replace(RECORD, steps=(*RECORD.steps, failed), complete=False)
+    assert problem(record) == "the bring-up did not pass: brake"

@@ -1,0 +1,39 @@
+"""`tricycle plc check` as an engineer runs it, on emulated boards behind serial devices."""
+
+import json
+
+import pytest
+
+from tricycle_cli.main import main
+from tricycle_sim.plc.pair import PlcPair
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check", "one"], "two ports"),
+        (["check", "one", "two"], "--engineer NAME"),
+        (["probe", "one", "two"], "takes one port, not 2"),
+        (["check", "nowhere", "nirgends", "--engineer", "A", "--boot-wait", "0"], "not exist"),
+    ],
+)
+def test_a_mistake_is_one_line_and_status_2(capsys, monkeypatch, tmp_path, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    assert main(["plc", *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_a_check_that_fails_is_recorded_with_its_reason(capsys, tmp_path, monkeypatch):
+    """Nobody presses the emergency stop."""
+    monkeypatch.setattr("tricycle_bridge.bring_up.BY_HAND", 0.3)
+    record = tmp_path / "record.json"
+    with PlcPair(tmp_path / "steer", tmp_path / "drive") as pair:
+        ports = [pair.steer_path, pair.drive_path]
+        options = ["--engineer", "A. Test", "--record", str(record), "--boot-wait", "0"]
+        assert main(["plc", "check", *ports, *options]) == 1
+    assert "FAILED: not both boards saw the emergency stop" in capsys.readouterr().out
+    written = json.loads(record.read_text())
+    assert not written["complete"]
+    assert [step["passed"] for step in written["steps"]] == [True, False]
