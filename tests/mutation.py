@@ -83,6 +83,7 @@ TARGETS = (
         ),
         (
             "clamp",
+            "in_order",
             "to_i16",
             "to_u16",
             "_accept_command",

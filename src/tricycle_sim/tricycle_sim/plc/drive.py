@@ -173,7 +173,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._pulses, self._hall_count = count - self._hall_count, count
 
     def _find_fault(self, now_us: int) -> Fault:
-        if abs(self._measured.speed) > OVERSPEED * self._max_speed + 1e-9:
+        if abs(self._measured.speed) > OVERSPEED * self._max_speed:
             return Fault.OVERSPEED
         if self._wheel_fails():
             return Fault.PULSES
