@@ -16,8 +16,10 @@ import time
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.protocol.boards import HALL_PULSE, TYRE_RADIUS
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, echo_of
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.timing import TICK
 from tricycle_sim.plc import (
     DriveMeasurement,
     DriveOutput,
@@ -58,7 +60,10 @@ class Rig:
     """Bridge, two PLCs, four one-way lines and a vehicle that follows its set-points."""
 
     def __init__(self, rng: random.Random, *, damage: float, start_us: int) -> None:
-        self.bridge = Bridge(BridgeSettings(), rng=rng)
+        settings = BridgeSettings()
+        self.mass = settings.mass  # kg
+        self.travel = 0.0  # m
+        self.bridge = Bridge(settings, rng=rng)
         self.bridge.active = True
         self.plcs: dict[Board, SteerPlc | DrivePlc] = {
             Board.STEER: SteerPlc(),
@@ -115,7 +120,11 @@ class Rig:
         if self.steer_output.servo_on:
             self.measured_steer = SteerMeasurement(self.steer_output.setpoint)
         speed = self.drive_output.setpoint if self.drive_output.motor_on else 0.0
-        self.measured_drive = DriveMeasurement(speed)
+        gain = speed - self.measured_drive.speed
+        self.travel += speed * TICK
+        self.measured_drive = DriveMeasurement(
+            speed, int(self.travel / HALL_PULSE), self.mass * TYRE_RADIUS * gain / TICK
+        )
         return {Board.STEER: steer_data, Board.DRIVE: drive_data}
 
     def unsafe(self) -> str | None:

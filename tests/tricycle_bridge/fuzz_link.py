@@ -17,7 +17,15 @@ import tricycle_sim.setpoints  # noqa: F401 - compiled by numba, which instrumen
 with atheris.instrument_imports(include=["tricycle_bridge", "tricycle_sim.plc"]):
     from tricycle_bridge.link import PlcLink
     from tricycle_bridge.protocol.framing import encode
-    from tricycle_bridge.protocol.messages import MESSAGES, Board, Control, Op, PlcState, layout
+    from tricycle_bridge.protocol.messages import (
+        MAJOR,
+        MESSAGES,
+        Board,
+        Control,
+        Op,
+        PlcState,
+        layout,
+    )
     from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 
@@ -28,7 +36,7 @@ def _frame(data: atheris.FuzzedDataProvider, session: int):
     board = (Board.STEER, Board.DRIVE, Board.ANY)[data.ConsumeIntInRange(0, 2)]
     session = session if data.ConsumeBool() else data.ConsumeIntInRange(0, 255)
     seq = data.ConsumeIntInRange(0, 255)
-    major = data.ConsumeIntInRange(0, 7) if data.ConsumeBool() else 1
+    major = data.ConsumeIntInRange(0, 7) if data.ConsumeBool() else MAJOR
     return message, encode(message, board=board, seq=seq, session=session, major=major)
 
 

@@ -282,6 +282,7 @@ class Host:
         return Result(self.ask(message, m.Ack).result)
 
     def limits(self):
+        self.run(0.02)
         kind = m.SteerLimits if self.board is STEER else m.DriveLimits
         return self.ask(m.LimitsRequest(), kind)
 
@@ -306,6 +307,7 @@ class Host:
         return Result(self.ask(self.operation_of(op), m.Ack).result)
 
     def stats(self):
+        self.run(0.02)  # a tick, so that there is room for the answer
         return self.ask(m.StatsRequest(), m.Stats)
 
     def arm(self):
