@@ -290,12 +290,12 @@ def main() -> int:
     one = functools.partial(run, backend=args.backend, build=args.build, healthy=args.healthy)
     seeds = range(args.first, args.first + args.drives) if args.seed is None else [args.seed]
     started = time.perf_counter()
+    found: list[Outcome] = []
     with multiprocessing.Pool(min(args.jobs, len(seeds))) as pool:
-        found = list(pool.imap_unordered(one, seeds, chunksize=4))
-    found.sort(key=lambda outcome: outcome.seed)
-    for outcome in found:
-        for text in outcome.failures:
-            print(f"FAILED seed {outcome.seed}: {text} ({outcome.drive})")
+        for outcome in pool.imap_unordered(one, seeds, chunksize=4):
+            found.append(outcome)
+            for text in outcome.failures:
+                print(f"FAILED seed {outcome.seed}: {text} ({outcome.drive})", flush=True)
     hazards = Counter(
         " and ".join(kind.value for kind in outcome.kinds) for outcome in found if outcome.hazards
     )
