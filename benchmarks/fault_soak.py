@@ -65,6 +65,13 @@ STOPPING_FAULTS = {
     FaultKind.POTENTIOMETER_LOW,
     FaultKind.POTENTIOMETER_HIGH,
 }
+# with these the motor is dead or misled: in STOPPING only the friction brake counts
+NO_RAMP = {
+    FaultKind.MOTOR_DEAD,
+    FaultKind.HALL_DEAD,
+    FaultKind.HALL_HALF,
+    FaultKind.HALL_FORWARD,
+}
 
 
 @dataclass(frozen=True)
@@ -161,7 +168,7 @@ class Watch:
         self._left: tuple[float, float, float, bool] | None = None  # time, way, speed, ramped
         self._held: float | None = None  # rad
         self._helpless = False  # no brake in a stop, or neither brake nor motor
-        self._motorless = False  # there was a time without motor
+        self._motorless = False  # there was a time in which the motor could not follow the ramp
         self._fastest = 0.0
         self._wanted = 0.0
         self._rest_since: float | None = None
@@ -186,7 +193,7 @@ class Watch:
         motor = FaultKind.MOTOR_DEAD not in failing
         stopping = rig.plc_state(Board.DRIVE) is not PlcState.ARMED
         self._helpless |= FaultKind.BRAKE_DEAD in failing and (stopping or not motor)
-        self._motorless |= FaultKind.MOTOR_DEAD in failing
+        self._motorless |= bool(NO_RAMP & failing)
         speed = math.hypot(state.vx, state.vy)
         self._way += speed * 0.01
         elapsed = rig.time - self._begun
@@ -290,12 +297,12 @@ def main() -> int:
     one = functools.partial(run, backend=args.backend, build=args.build, healthy=args.healthy)
     seeds = range(args.first, args.first + args.drives) if args.seed is None else [args.seed]
     started = time.perf_counter()
+    found: list[Outcome] = []
     with multiprocessing.Pool(min(args.jobs, len(seeds))) as pool:
-        found = list(pool.imap_unordered(one, seeds, chunksize=4))
-    found.sort(key=lambda outcome: outcome.seed)
-    for outcome in found:
-        for text in outcome.failures:
-            print(f"FAILED seed {outcome.seed}: {text} ({outcome.drive})")
+        for outcome in pool.imap_unordered(one, seeds, chunksize=4):
+            found.append(outcome)
+            for text in outcome.failures:
+                print(f"FAILED seed {outcome.seed}: {text} ({outcome.drive})", flush=True)
     hazards = Counter(
         " and ".join(kind.value for kind in outcome.kinds) for outcome in found if outcome.hazards
     )

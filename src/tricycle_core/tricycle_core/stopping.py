@@ -29,12 +29,12 @@ class StoppingLaw:
     deceleration : float
         After it [m/s^2].
     margin : float
-        Way besides [m].
+        Way besides [m]: the motor may still push when the stop begins.
     """
 
     delay: float
     deceleration: float
-    margin: float = 0.05
+    margin: float = 0.2
 
     def distance(self, speed: float) -> float:
         """Return the way to rest [m].
