@@ -151,6 +151,7 @@ _STEER, _DRIVE, _PLC, _OPERATIONS, _SETUP, _CODEC, _DOCUMENT = (
     for name in ("steer", "drive", "plc", "operations", "setup", "firmware", "protocol_document")
 )
 _FULL_LINE = f"{_CODEC}::test_a_full_line_drops_whole_frames_and_counts_them"
+_BOTH = ("steer", "drive")
 _ALIVE = "test_the_alive_output_toggles_while_the_board_acts"
 FIRMWARE_TARGETS = (
     FirmwareTarget(
@@ -164,18 +165,18 @@ FIRMWARE_TARGETS = (
     ),
     FirmwareTarget(
         "plc.c",
-        ("steer", "drive"),
+        _BOTH,
         (_PLC, _OPERATIONS, _SETUP, _FULL_LINE, f"{_CODEC}::{_ALIVE}", _DOCUMENT),
     ),
-    FirmwareTarget("plc.h", ("steer", "drive"), (_STEER, _DRIVE), ("clamp", "slew")),
+    FirmwareTarget("plc.h", _BOTH, (_STEER, _DRIVE), ("clamp", "slew")),
     FirmwareTarget(
         "steer.c",
-        ("steer",),
+        _BOTH,
         (_STEER, _SETUP, f"{_CODEC}::test_the_servo_pulse_is_exact_for_every_setpoint"),
     ),
-    FirmwareTarget("drive.c", ("drive",), (_DRIVE, _SETUP, _CODEC)),
-    FirmwareTarget("motor.c", ("drive",), (_CODEC,)),
-    FirmwareTarget("wheel.c", ("drive",), (_CODEC,)),
+    FirmwareTarget("drive.c", _BOTH, (_DRIVE, _SETUP, _CODEC)),
+    FirmwareTarget("motor.c", _BOTH, (_CODEC,)),
+    FirmwareTarget("wheel.c", _BOTH, (_CODEC, _DRIVE)),
 )
 
 # (module, line without its indentation; of C the changed line): why it is no change
