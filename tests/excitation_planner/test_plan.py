@@ -11,6 +11,7 @@ from excitation_planner.maneuver import Circle
 from excitation_planner.plan import SearchHistory, load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from tricycle_core.errors import PlanError
+from tricycle_core.stopping import Cause, stopping_distance
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -120,3 +121,11 @@ def test_what_is_no_plan_is_refused(tmp_path, text):
     file.write_text(text)
     with pytest.raises(PlanError, match=str(file)):
         load_plan(file)
+
+
+def test_a_plan_knows_the_room_that_it_needs(plan):
+    along, across, stop = plan.space
+    assert (along, across) == pytest.approx(plan.path.max(axis=0) - plan.path.min(axis=0))
+    fastest = abs(plan.commands.speed).max()
+    assert stop == max(stopping_distance(cause, fastest) for cause in Cause)
+    assert stop > fastest**2 / 2

@@ -26,6 +26,7 @@ from tricycle_core.documents import (
 )
 from tricycle_core.errors import CommandsError, PlanError
 from tricycle_core.quantities import FloatArray
+from tricycle_core.stopping import Cause, stopping_distance
 from tricycle_sim.commands import Commands
 
 SCHEMA = 2
@@ -222,6 +223,18 @@ class Plan:
         ):
             content.update(np.ascontiguousarray(array).tobytes())
         return content.hexdigest()[:12]
+
+    @property
+    def space(self) -> tuple[float, float, float]:
+        """Room that the drive needs [m]: along and across the start heading, and to stop besides.
+
+        The last is the longest of the published stops (`tricycle_core.stopping`) from the fastest
+        point.
+        """
+        along, across = np.ptp(self.path, axis=0)
+        fastest = float(np.abs(self.commands.speed).max())
+        stop = max(stopping_distance(cause, fastest) for cause in Cause)
+        return float(along), float(across), stop
 
 
 def _check_array(

@@ -9,8 +9,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names
 from tricycle_cli.arguments import real_time_factor, seed
@@ -182,11 +180,12 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
     with running_session() as drive:
 
         def drive_when_ready(plan: Plan, bag: Path, progress: Progress) -> None:
-            x, y = np.ptp(plan.path, axis=0)
+            along, across, stop = plan.space
             try:
                 input(
-                    f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {x:.0f} m x "
-                    f"{y:.0f} m: vehicle at its start and armed? Enter drives, Ctrl-C leaves "
+                    f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
+                    f"{across:.0f} m and {stop:.0f} m to stop: vehicle at its start and armed? "
+                    "Enter drives, Ctrl-C leaves "
                 )
             except EOFError:
                 raise PlanError("nobody is there to say that the vehicle is ready") from None

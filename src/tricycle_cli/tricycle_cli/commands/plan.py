@@ -194,14 +194,17 @@ def _as_json(plan: Plan) -> dict[str, object]:
         "seconds": plan.seconds,
         "feasible": plan.feasible,
         "verdict": plan.verdict,
+        "space": dict(zip(("along", "across", "stop"), plan.space, strict=True)),
         "id": plan.id,
     }
 
 
 def _summary(plan: Plan) -> str:
+    along, across, stop = plan.space
     return (
         f"H = {plan.cost:.4f}, Q² = {plan.leave_one_out_q2:.6f}, "
-        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}"
+        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}\n"
+        f"needs {along:.1f} m x {across:.1f} m, and up to {stop:.1f} m more to stop"
     )
 
 
