@@ -344,7 +344,7 @@ def test_a_blocked_wheel_is_found_while_stopping_too(make_bench):
 def test_two_and_a_half_seconds_without_a_pulse_are_a_fault_where_one_must_come(
     drive, gear, value, state
 ):
-    for _ in range(230):
+    for _ in range(210):
         drive.command(value, gear=gear)
         assert drive.tick().state == State.ARMED
     for _ in range(50):
