@@ -42,13 +42,10 @@ void plc_answer(struct plc *plc, uint8_t id, const void *payload, uint8_t length
 {
 	uint8_t wire[FRAME_MAX_WIRE];
 	uint8_t used = encode(plc, wire, id, payload, length);
-	/* the rest of the line belongs to telemetry */
-	if (plc->answered + used > ANSWER_BUDGET) {
-		plc->stats.tx_drop++;
-		return;
-	}
-	plc->answered += used;
-	if (!plc->transmit(plc->context, wire, used))
+	bool fits = plc->answered + used <= ANSWER_BUDGET; /* the rest of the line is telemetry's */
+	if (fits)
+		plc->answered += used;
+	if (!fits || !plc->transmit(plc->context, wire, used))
 		plc->stats.tx_drop++;
 }
 

@@ -146,11 +146,13 @@ class FirmwareTarget:
         return ROOT / "firmware" / self.file
 
 
-_STEER, _DRIVE, _PLC, _CODEC, _DOCUMENT = (
+_STEER, _DRIVE, _PLC, _OPERATIONS, _SETUP, _CODEC, _DOCUMENT = (
     f"tests/tricycle_sim/plc/test_{name}.py"
-    for name in ("steer", "drive", "plc", "firmware", "protocol_document")
+    for name in ("steer", "drive", "plc", "operations", "setup", "firmware", "protocol_document")
 )
 _FULL_LINE = f"{_CODEC}::test_a_full_line_drops_whole_frames_and_counts_them"
+_BOTH = ("steer", "drive")
+_ALIVE = "test_the_alive_output_toggles_while_the_board_acts"
 FIRMWARE_TARGETS = (
     FirmwareTarget(
         "frame.c",
@@ -161,14 +163,20 @@ FIRMWARE_TARGETS = (
             f"{_CODEC}::test_damaged_streams_are_judged_alike",
         ),
     ),
-    FirmwareTarget("plc.c", ("steer", "drive"), (_PLC, _FULL_LINE, _DOCUMENT)),
-    FirmwareTarget("plc.h", ("steer", "drive"), (_STEER, _DRIVE), ("clamp", "slew")),
+    FirmwareTarget(
+        "plc.c",
+        _BOTH,
+        (_PLC, _OPERATIONS, _SETUP, _FULL_LINE, f"{_CODEC}::{_ALIVE}", _DOCUMENT),
+    ),
+    FirmwareTarget("plc.h", _BOTH, (_STEER, _DRIVE), ("clamp", "slew")),
     FirmwareTarget(
         "steer.c",
-        ("steer",),
-        (_STEER, f"{_CODEC}::test_the_servo_pulse_is_exact_for_every_setpoint"),
+        _BOTH,
+        (_STEER, _SETUP, f"{_CODEC}::test_the_servo_pulse_is_exact_for_every_setpoint"),
     ),
-    FirmwareTarget("drive.c", ("drive",), (_DRIVE,)),
+    FirmwareTarget("drive.c", _BOTH, (_DRIVE, _SETUP, _CODEC)),
+    FirmwareTarget("motor.c", _BOTH, (_CODEC,)),
+    FirmwareTarget("wheel.c", _BOTH, (_CODEC, _DRIVE)),
 )
 
 # (module, line without its indentation; of C the changed line): why it is no change
@@ -186,8 +194,8 @@ EQUIVALENT: dict[tuple[str, str], str] = {
     ("firmware/plc.h", "return value < low ? low : value >= high ? high : value;"): "high is high",
     (
         "firmware/steer.c",
-        "board->rate_limit = rate <= MAX_RATE ? rate : MAX_RATE;",
-    ): "both are MAX_RATE there",
+        "board->rate_limit = rate <= fastest ? rate : fastest;",
+    ): "both are the same there",
     (
         "firmware/steer.c",
         "int32_t more = setpoint * (16L * SERVO_SPAN) + (setpoint <= 0 ? -full : full) / 2;",
@@ -214,8 +222,8 @@ EQUIVALENT: dict[tuple[str, str], str] = {
     ): "half a unit is rounded off at 0, whatever its sign",
     (
         "firmware/drive.c",
-        "acceleration <= MAX_ACCELERATION ? acceleration : MAX_ACCELERATION;",
-    ): "both are MAX_ACCELERATION there",
+        "board->acceleration_limit = acceleration <= most ? acceleration : most;",
+    ): "both are the same there",
     (
         "firmware/drive.c",
         "board->commanded_brake = command.brake <= MAX_BRAKE ? command.brake : MAX_BRAKE;",

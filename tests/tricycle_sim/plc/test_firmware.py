@@ -250,7 +250,7 @@ def test_a_reversal_passes_the_same_edge_twice(drive_library):
     since = 0.01 * np.arange(1, 201) - 1.0
     assert speeds[60:] == pytest.approx(1.6 * since[60:], abs=0.1)
     way = 0.008 + np.cumsum(travels)  # from the middle between two edges
-    assert way[100:] == pytest.approx(0.8 * since[100:] ** 2 - 0.8, abs=0.016)
+    assert way[100:] == pytest.approx(0.8 * since[100:] ** 2 - 0.01575, abs=0.016)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -102,6 +102,13 @@ def test_a_newer_disarm_takes_its_number(armed):
     assert armed.control(Op.CLEAR, number=60) is Result.STALE
 
 
+@pytest.mark.parametrize(("step", "result"), [(127, Result.STALE), (128, Result.OK)])
+def test_the_number_of_a_disarm_is_newer_up_to_127_steps(bench, step, result):
+    bench.control(Op.CLEAR, number=10)
+    bench.control(Op.DISARM, number=10 + step)
+    assert bench.control(Op.CLEAR, number=12) is result
+
+
 def test_hello_forgets_the_numbers(bench):
     bench.control(Op.CLEAR, number=50)
     assert bench.control(Op.CLEAR, number=49) is Result.STALE

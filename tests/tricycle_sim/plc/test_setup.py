@@ -61,7 +61,7 @@ def limits(bench):
 
 
 def test_without_a_setup_nothing_arms(fresh):
-    assert not fresh.tick().flags & StateFlag.SET_UP
+    assert fresh.tick().flags == 0
     fresh.drive(5)
     assert fresh.control(Op.ARM) is Result.PRECONDITIONS
     assert fresh.set_up() is Result.OK
