@@ -15,6 +15,7 @@ import atheris
 import tricycle_sim.setpoints  # noqa: F401 - compiled by numba, which instrumented code is not
 
 with atheris.instrument_imports(include=["tricycle_bridge", "tricycle_sim.plc"]):
+    from tricycle_bridge.board_commands import board_setup
     from tricycle_bridge.link import PlcLink
     from tricycle_bridge.protocol.framing import encode
     from tricycle_bridge.protocol.messages import (
@@ -26,6 +27,7 @@ with atheris.instrument_imports(include=["tricycle_bridge", "tricycle_sim.plc"])
         PlcState,
         layout,
     )
+    from tricycle_bridge.settings import BridgeSettings
     from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 
@@ -44,7 +46,7 @@ def test_one_input(raw: bytes) -> None:
     data = atheris.FuzzedDataProvider(raw)
     steer = data.ConsumeBool()
     plc = SteerPlc() if steer else DrivePlc()
-    link = PlcLink(plc.board, rng=random.Random(0))
+    link = PlcLink(plc.board, rng=random.Random(0), setup=board_setup(plc.board, BridgeSettings()))
     measured = SteerMeasurement() if steer else DriveMeasurement()
     now, now_us = 0.0, 0
     link.opened(now)
