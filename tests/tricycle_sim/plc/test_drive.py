@@ -339,6 +339,20 @@ def test_a_blocked_wheel_is_found_while_stopping_too(make_bench):
     assert (state.state, state.faults) == (State.FAULT, Fault.PULSES)
 
 
+@pytest.mark.parametrize("gear", [1, 2])
+@pytest.mark.parametrize(("value", "state"), [(0.15, State.FAULT), (0.09, State.ARMED)])
+def test_two_and_a_half_seconds_without_a_pulse_are_a_fault_where_one_must_come(
+    drive, gear, value, state
+):
+    for _ in range(210):
+        drive.command(value, gear=gear)
+        assert drive.tick().state == State.ARMED
+    for _ in range(50):
+        drive.command(value, gear=gear)
+        drive.tick()
+    assert drive.state.state == state
+
+
 @pytest.mark.parametrize("speed", [0.0, -0.5])
 def test_what_is_not_known_of_the_wheel_is_not_a_fault_while_a_brake_acts(drive, speed):
     for _ in range(400):
