@@ -29,7 +29,7 @@ struct machine {
 	avr_irq_t *uart_in;
 	uint8_t in[LINE], out[LINE];
 	uint32_t in_head, in_tail, out_length;
-	avr_cycle_count_t hall_half; /* cycles between edges; 0: the wheel stands */
+	avr_cycle_count_t hall_period; /* cycles between edges, which are the pulses; 0: the wheel stands */
 	avr_cycle_count_t hall_edge; /* of the newest edge */
 	uint8_t hall_level;
 	uint8_t driven, levels; /* pins of port D */
@@ -86,7 +86,7 @@ static avr_cycle_count_t hall_edge(avr_t *avr, avr_cycle_count_t when, void *par
 	machine->hall_level ^= 1;
 	machine->hall_edge = when;
 	machine_pin(machine, 2, machine->hall_level);
-	return when + machine->hall_half;
+	return when + machine->hall_period;
 }
 
 /* After the first instruction: pins are at their levels, which the simulation's reset has cleared
@@ -107,10 +107,10 @@ static void on_reset(struct avr_io_t *io)
 	struct machine *machine = (struct machine *)io;
 	avr_t *avr = machine->avr;
 	avr_cycle_timer_register(avr, BYTE_CYCLES, feed_uart, machine);
-	if (machine->hall_half) {
+	if (machine->hall_period) {
 		avr_cycle_count_t passed = avr->cycle - machine->hall_edge;
 		avr_cycle_timer_register(
-			avr, passed < machine->hall_half ? machine->hall_half - passed : 1,
+			avr, passed < machine->hall_period ? machine->hall_period - passed : 1,
 			hall_edge, machine);
 	}
 	avr_cycle_timer_register(avr, 1, after_reset, machine);
@@ -195,18 +195,18 @@ uint32_t machine_read(struct machine *machine, uint8_t *out)
 void machine_hall(struct machine *machine, double rate)
 {
 	avr_t *avr = machine->avr;
-	avr_cycle_count_t half = rate > 0.1 ? (avr_cycle_count_t)(FREQUENCY / rate / 2) : 0;
-	if (half == machine->hall_half)
+	avr_cycle_count_t period = rate > 0.1 ? (avr_cycle_count_t)(FREQUENCY / rate) : 0;
+	if (period == machine->hall_period)
 		return;
-	double phase = machine->hall_half ?
-		(double)(avr->cycle - machine->hall_edge) / (double)machine->hall_half : 0;
+	double phase = machine->hall_period ?
+		(double)(avr->cycle - machine->hall_edge) / (double)machine->hall_period : 0;
 	avr_cycle_timer_cancel(avr, hall_edge, machine);
-	machine->hall_half = half;
-	if (half) {
+	machine->hall_period = period;
+	if (period) {
 		phase = phase < 1 ? phase : 1;
-		avr_cycle_count_t passed = (avr_cycle_count_t)(phase * (double)half);
+		avr_cycle_count_t passed = (avr_cycle_count_t)(phase * (double)period);
 		machine->hall_edge = avr->cycle - passed;
-		avr_cycle_timer_register(avr, half - passed + 1, hall_edge, machine);
+		avr_cycle_timer_register(avr, period - passed + 1, hall_edge, machine);
 	}
 }
 

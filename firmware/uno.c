@@ -5,8 +5,8 @@
  * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 hall pulses, 4 hall direction,
  * A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs.
  *
- * In reset and in the bootloader all of them float: 7, 8, 9 and 10 need a resistor to ground each
- * (docs/how-to-arduinos.md). Inputs have pull-ups from the start of this program. */
+ * In reset and in the bootloader all of them float: 7, 8 and 9 need a resistor to ground each, 10 one
+ * to 5 V (docs/how-to-wiring.md). Inputs have pull-ups from the start of this program. */
 #include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -222,7 +222,7 @@ static void setup_outputs(void)
 	OCR1B = ICR1;
 	TCCR1A = _BV(COM1A1) | _BV(COM1B1) | _BV(WGM11);
 	TCCR1B = _BV(WGM13) | _BV(WGM12) | _BV(CS10);
-	EICRA = _BV(ISC01) | _BV(ISC00); /* rising edge */
+	EICRA = _BV(ISC00); /* both edges: three halls behind an XOR gate give six per pole pair */
 	EIMSK = _BV(INT0);
 }
 
