@@ -130,7 +130,7 @@ static bool wheel_wrong(struct board *board)
 uint16_t board_find_fault(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
-	if (100L * magnitude(board->speed) > (int32_t)OVERSPEED_PERCENT * board->in_force.max_speed)
+	if (magnitude(board->speed) > (int32_t)board->in_force.max_speed + OVERSPEED_MARGIN)
 		return FAULT_OVERSPEED;
 	if (wheel_wrong(board))
 		return FAULT_PULSES;

@@ -95,7 +95,7 @@ def _constants() -> dict[str, tuple[int | float, str]]:
             round(boards.STOPPING_BRAKE_RATE / messages.BRAKE_UNIT),
             "0.5 % per tick",
         ),
-        "OVERSPEED_PERCENT": (round(boards.OVERSPEED * 100), "% of the largest speed"),
+        "OVERSPEED_MARGIN": (round(boards.OVERSPEED_MARGIN / messages.SPEED_UNIT), "mm/s"),
         "HARDWARE_WATCHDOG_MS": (round(boards.HARDWARE_WATCHDOG * 1e3), "ms"),
         "MASS_LOW": (round(boards.MASS_LOW / messages.MASS_UNIT), "0.1 kg"),
         "MASS_HIGH": (round(boards.MASS_HIGH / messages.MASS_UNIT), "0.1 kg"),

@@ -266,13 +266,13 @@ def test_thresholds_of_faults_are_those_of_both_codes(macros):
     assert found["CMD_TIMEOUT"] == [limits.WATCHDOG * 1e3]
     assert found["TRACKING"] == [boards.TRACKING_ERROR, boards.TRACKING_TIME]
     assert found["SENSOR"] == [boards.ADC_LOW, boards.ADC_HIGH]
-    assert found["OVERSPEED"] == [boards.OVERSPEED]
+    assert found["OVERSPEED"] == [boards.OVERSPEED_MARGIN]
     assert found["STOP_TIMEOUT"] == [boards.STOPPING_TIME]
     (at_rest,) = re.findall(r"\*At rest\* is a measured speed below ([\d.]+) m/s", DOCUMENT)
     assert float(at_rest) == boards.AT_REST
     names = ("WATCHDOG_MS", "TRACKING_ERROR", "TRACKING_MS", "ADC_LOW", "ADC_HIGH",
-             "STOPPING_MS", "OVERSPEED_PERCENT", "AT_REST")  # fmt: skip
-    in_c = (200, 1500, 1000, 5, 1018, 8000, 110, 20)
+             "STOPPING_MS", "OVERSPEED_MARGIN", "AT_REST")  # fmt: skip
+    in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 20)
     assert [macros[name] for name in names] == list(in_c)
 
 

@@ -31,7 +31,7 @@ AT_REST = 0.02  # m/s; less counts as measured speed 0
 STOPPING_TIME = 8.0  # s after which a drive PLC in STOPPING gives up: STOP_TIMEOUT
 STOPPING_EXCESS = 0.2  # m/s above the ramp in STOPPING at which the friction brake joins ...
 STOPPING_BRAKE_RATE = 0.05  # ... and grows per tick, as a share of the full brake
-OVERSPEED = 1.1  # times the largest speed; more is OVERSPEED
+OVERSPEED_MARGIN = 0.48  # m/s above the largest speed; more is OVERSPEED
 HARDWARE_WATCHDOG = 0.06  # s without a tick until the microcontroller resets
 
 # What the wheel must do under the motor's torque (PULSES, section 5.8).

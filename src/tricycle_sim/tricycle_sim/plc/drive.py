@@ -13,7 +13,7 @@ from tricycle_bridge.protocol.boards import (
     MASS_LOW,
     MASSES,
     MAX_THROTTLE,
-    OVERSPEED,
+    OVERSPEED_MARGIN,
     STOPPING_BRAKE_RATE,
     STOPPING_EXCESS,
     STOPPING_TIME,
@@ -173,7 +173,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._pulses, self._hall_count = count - self._hall_count, count
 
     def _find_fault(self, now_us: int) -> Fault:
-        if abs(self._measured.speed) > OVERSPEED * self._max_speed:
+        if abs(self._measured.speed) > self._max_speed + OVERSPEED_MARGIN + 1e-9:
             return Fault.OVERSPEED
         if self._wheel_fails():
             return Fault.PULSES
