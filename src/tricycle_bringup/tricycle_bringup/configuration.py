@@ -33,6 +33,10 @@ def bridge_parameters(vehicle_file: str) -> dict[str, float]:
         "regenerative_torque": vehicle.regenerative_torque,
         "motor_power": vehicle.motor_power,
         "mass": _mass_at_the_tread(vehicle),
+        "drive_supply_low": vehicle.drive_supply_low,
+        "drive_supply_high": vehicle.drive_supply_high,
+        "steer_supply_low": vehicle.steer_supply_low,
+        "steer_supply_high": vehicle.steer_supply_high,
         "wheelbase": vehicle.com_to_front_axle + vehicle.com_to_rear_axle,
         "caster_angle": vehicle.caster_angle,
     }

@@ -133,6 +133,11 @@ class Vehicle:
     motor_lag: float = _positive("s")
     motor_copper_loss: float = _not_negative("W/(N m)^2")  # per torque squared
     battery_voltage: float = _positive("V")
+    # the boards' supplies, outside of which they do not arm; 0: not checked
+    drive_supply_low: float = _between("V", 0.0, 60.0, 40.0)
+    drive_supply_high: float = _between("V", 0.0, 60.0, 0.0)
+    steer_supply_low: float = _between("V", 0.0, 60.0, 10.0)
+    steer_supply_high: float = _between("V", 0.0, 60.0, 14.0)
     speed_gain_proportional: float = _positive("N m s/rad")
     speed_gain_integral: float = _not_negative("N m/rad")
     speed_anti_windup: float = _not_negative("rad/(N m s)")
