@@ -3,6 +3,8 @@ PYTHON ?= python3
 BIN := .venv/bin
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
+# bytecode is kept: without it the tests take twice as long to collect, and nodes longer to start
+unexport PYTHONDONTWRITEBYTECODE
 
 # A sourced ROS 2 brings its own rclpy and messages; without one the wheels from PyPI are installed.
 ifdef ROS_DISTRO
@@ -90,6 +92,7 @@ bench: setup  ## every figure that the documents quote; kept in benchmarks/histo
 
 soak: setup  ## an hour of driving on a bad line, a hundred cables pulled, fifty recorders killed, 1000 faults
 	$(BIN)/python benchmarks/link_soak.py
+	FUZZ_RUNS=20000 $(BIN)/python -m pytest -q tests/tricycle_bridge/test_fuzz.py
 	REPLUGS=100 $(BIN)/python -m pytest -q tests/tricycle_bridge/test_serial_port.py -k replugs
 	$(BIN)/python benchmarks/recorder_kills.py
 	$(MAKE) -C firmware host

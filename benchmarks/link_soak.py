@@ -16,6 +16,7 @@ import time
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, echo_of
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_sim.plc import (
@@ -70,6 +71,7 @@ class Rig:
         self.ticks = 0
         self.measured_steer = SteerMeasurement()
         self.measured_drive = DriveMeasurement()
+        self.travel = 0.0  # m
         self.steer_output = SteerOutput(False, 0.0)
         self.drive_output = DriveOutput(False, 0.0, 1.0)
         self._tick_plcs()
@@ -115,7 +117,10 @@ class Rig:
         if self.steer_output.servo_on:
             self.measured_steer = SteerMeasurement(self.steer_output.setpoint)
         speed = self.drive_output.setpoint if self.drive_output.motor_on else 0.0
-        self.measured_drive = DriveMeasurement(speed)
+        self.travel += speed * TICK_US * 1e-6
+        gain = (speed - self.measured_drive.speed) / (TICK_US * 1e-6)
+        torque = self.bridge.settings.mass * self.bridge.settings.tyre_radius * gain
+        self.measured_drive = DriveMeasurement(speed, int(self.travel / HALL_PULSE), torque)
         return {Board.STEER: steer_data, Board.DRIVE: drive_data}
 
     def unsafe(self) -> str | None:

@@ -75,24 +75,54 @@ TARGETS = (
     Target("tricycle_sim.setpoints", ("tests/tricycle_sim/test_setpoints.py",)),
     Target(
         "tricycle_sim.plc.plc",
-        ("tests/tricycle_sim/plc/test_plc.py", "tests/tricycle_sim/plc/test_protocol_document.py"),
-        ("clamp", "to_i16", "to_u16", "_accept_command", "_check_watchdog", "_arm", "_clear"),
+        (
+            "tests/tricycle_sim/plc/test_operations.py",
+            "tests/tricycle_sim/plc/test_setup.py",
+            "tests/tricycle_sim/plc/test_plc.py",
+            "tests/tricycle_sim/plc/test_protocol_document.py",
+        ),
+        (
+            "clamp",
+            "to_i16",
+            "to_u16",
+            "_accept_command",
+            "_check_watchdog",
+            "_arm",
+            "_clear",
+            "_operate",
+            "_set_up",
+            "_supply_wrong",
+            "_limited",
+            "_is_stale",
+            "_answer",
+        ),
     ),
     Target(
         "tricycle_sim.plc.steer",
         (
             "tests/tricycle_sim/plc/test_steer.py",
+            "tests/tricycle_sim/plc/test_setup.py",
             "tests/tricycle_sim/plc/test_protocol_document.py",
         ),
-        ("_take_command", "_find_fault", "_control"),
+        ("_take_command", "_find_fault", "_control", "_allowed", "_begin_tick", "_servo_on"),
     ),
     Target(
         "tricycle_sim.plc.drive",
         (
             "tests/tricycle_sim/plc/test_drive.py",
+            "tests/tricycle_sim/plc/test_setup.py",
             "tests/tricycle_sim/plc/test_protocol_document.py",
         ),
-        ("_take_command", "_find_fault", "_control"),
+        (
+            "_take_command",
+            "_find_fault",
+            "_control",
+            "_allowed",
+            "_follow_command",
+            "_ready",
+            "_stopped",
+            "_wheel_fails",
+        ),
     ),
 )
 

@@ -15,9 +15,19 @@ import atheris
 import tricycle_sim.setpoints  # noqa: F401 - compiled by numba, which instrumented code is not
 
 with atheris.instrument_imports(include=["tricycle_bridge", "tricycle_sim.plc"]):
+    from tricycle_bridge.board_commands import board_setup
     from tricycle_bridge.link import PlcLink
     from tricycle_bridge.protocol.framing import encode
-    from tricycle_bridge.protocol.messages import MESSAGES, Board, Control, Op, PlcState, layout
+    from tricycle_bridge.protocol.messages import (
+        MAJOR,
+        MESSAGES,
+        Board,
+        Control,
+        Op,
+        PlcState,
+        layout,
+    )
+    from tricycle_bridge.settings import BridgeSettings
     from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc
 
 
@@ -28,7 +38,7 @@ def _frame(data: atheris.FuzzedDataProvider, session: int):
     board = (Board.STEER, Board.DRIVE, Board.ANY)[data.ConsumeIntInRange(0, 2)]
     session = session if data.ConsumeBool() else data.ConsumeIntInRange(0, 255)
     seq = data.ConsumeIntInRange(0, 255)
-    major = data.ConsumeIntInRange(0, 7) if data.ConsumeBool() else 1
+    major = data.ConsumeIntInRange(0, 7) if data.ConsumeBool() else MAJOR
     return message, encode(message, board=board, seq=seq, session=session, major=major)
 
 
@@ -36,7 +46,7 @@ def test_one_input(raw: bytes) -> None:
     data = atheris.FuzzedDataProvider(raw)
     steer = data.ConsumeBool()
     plc = SteerPlc() if steer else DrivePlc()
-    link = PlcLink(plc.board, rng=random.Random(0))
+    link = PlcLink(plc.board, rng=random.Random(0), setup=board_setup(plc.board, BridgeSettings()))
     measured = SteerMeasurement() if steer else DriveMeasurement()
     now, now_us = 0.0, 0
     link.opened(now)

@@ -263,6 +263,8 @@ def test_stop_lets_the_vehicle_roll_out(driving):
     assert [p.state for p in driving.plcs.values()] == [PlcState.STOPPING] * 2
     driving.step(200)
     assert driving.plcs[DRIVE].faults == 0
+    # the steering, too, is told that the vehicle stands, also by a bridge that is not active
+    assert [p.state for p in driving.plcs.values()] == [PlcState.SAFE] * 2
 
 
 # ---- commands ----

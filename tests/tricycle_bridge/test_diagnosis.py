@@ -1,5 +1,7 @@
 """What /diagnostics reports."""
 
+import dataclasses
+
 import pytest
 
 from tricycle_bridge.diagnosis import diagnose
@@ -92,3 +94,25 @@ def test_the_vehicle_waits_for_the_operator(vehicle):
     state = diagnose(vehicle.bridge, vehicle.now)[0]
     assert (state.level, state.message) == (Level.WARN, "not armed: waiting for the operator")
     assert int(state.values["commands accepted"]) == pytest.approx(20)
+
+
+def test_a_supply_outside_its_thresholds_is_a_warning(vehicle):
+    vehicle.measured[DRIVE] = DriveMeasurement(supply=31.5)
+    vehicle.step()
+    *_, drive = diagnose(vehicle.bridge, vehicle.now)
+    assert drive.level is Level.WARN
+    assert drive.message.endswith("drive PLC: supply is 31.5 V, must be at least 40.0 V")
+
+
+def test_a_refused_setup_is_an_error(vehicle):
+    link = vehicle.bridge.links[STEER]
+    link.setup = dataclasses.replace(link.setup, max_rate=4000)
+    vehicle.plcs[STEER].reset()
+    vehicle.step(50)
+    _, steer, _ = diagnose(vehicle.bridge, vehicle.now)
+    assert (steer.level, steer.message) == (
+        Level.ERROR,
+        "steer PLC refused its set-up: out of range: "
+        "max_rate 4.000 rad/s, the board allows 3.000 rad/s",
+    )
+    assert steer.message in vehicle.warnings

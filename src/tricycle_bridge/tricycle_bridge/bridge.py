@@ -405,7 +405,7 @@ class Bridge:
             repeat_rate=self.settings.command_rate,
             standstill_rate=self.settings.standstill_rate,
             enabled=self._enabled,
-            standstill=self._standstill(now),
+            standstill=self._standstill,
         )
         if command is None:
             return

@@ -91,7 +91,7 @@ class BridgeNode(LifecycleNode):
         self._configured = BridgeSettings()  # when it was configured last
         self._last_now = 0.0
         self._reported_at = -math.inf
-        self._stated: DiagnosticStatus | None = None  # newest on vehicle/state
+        self._stated: object = None  # newest on vehicle/state
         self._stated_at = -math.inf
 
         # Default event handlers would double what the executor waits for, and so its CPU time.
@@ -357,14 +357,16 @@ class BridgeNode(LifecycleNode):
 
     def _state(self, readiness: Readiness, level: Level, now: float, problem: str = "") -> None:
         """Publish vehicle/state when it has changed, and before `PERIOD` is over."""
+        content = (readiness, level, problem)
+        if content == self._stated and 0.0 <= now - self._stated_at < PERIOD - POLL_PERIOD:
+            return
+        self._stated, self._stated_at = content, now
         text = problem or ("armed" if readiness.armed else f"not armed: {readiness.reason}")
         status = DiagnosticStatus(
             level=bytes([level]), name="tricycle_bridge: vehicle", message=text
         )
         status.values = [KeyValue(key=k, value=v) for k, v in readiness.values().items()]
-        if status != self._stated or not 0.0 <= now - self._stated_at < PERIOD - POLL_PERIOD:
-            self._stated, self._stated_at = status, now
-            self._vehicle_state.publish(status)
+        self._vehicle_state.publish(status)
 
     def _report(self, bridge: Bridge, now: float) -> None:
         stamp = self._stamp(now)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from tricycle_core.errors import LinkError
@@ -234,7 +235,7 @@ class CommandStream:
         *,
         repeat_rate: float,
         enabled: bool,
-        standstill: VehicleCommand | None = None,
+        standstill: Callable[[float], VehicleCommand | None] = lambda _: None,
         standstill_rate: float = 50.0,
     ) -> VehicleCommand | None:
         """Return the command that is to be sent now, and count it as sent.
@@ -249,15 +250,13 @@ class CommandStream:
             Rate at which the same command is sent again [Hz].
         enabled : bool
             Whether it is sent with the enable flag.
-        standstill : VehicleCommand, optional
-            What is sent while no commander's command is fresh.
+        standstill : callable, optional
+            Returns what is sent at a time [s] at which no commander's command is fresh.
         standstill_rate : float
             Rate at which it is sent [Hz].
         """
         newest = self._newest if self._is_fresh(now) else None
-        command, rate = standstill, standstill_rate
-        if newest is not None:
-            command, rate = newest.command, repeat_rate
+        command = standstill(now) if newest is None else newest.command
         if command is None:
             return None
         if self._sent != (newest, enabled):
@@ -266,8 +265,10 @@ class CommandStream:
             # a message that came late does not delay the next one
             earliest = max(self._new_allowed_at, now - FASTEST_PERIOD)
             self._new_allowed_at = earliest + FASTEST_PERIOD
-        elif now < self._sent_at + 1.0 / rate - JITTER:
-            return None
+        else:
+            rate = standstill_rate if newest is None else repeat_rate
+            if now < self._sent_at + 1.0 / rate - JITTER:
+                return None
         self._sent, self._sent_at = (newest, enabled), now
         return command
 

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from tricycle_bridge.protocol.boards import HALL_PULSE
+from tricycle_bridge.protocol.boards import HALL_PULSE, HALL_PULSES, MAX_THROTTLE, TYRE_RADII
 from tricycle_bridge.protocol.limits import (
     MAX_ACCELERATION,
     MAX_POWER,
@@ -104,22 +104,24 @@ class BridgeSettings:
     stopping_deceleration: float = _setting(
         MAX_ACCELERATION, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, of a stop by the drive PLC"
     )
-    tyre_radius: float = _setting(0.335, 0.05, 2.0, "m, of the rear wheel")
-    hall_pulse: float = _setting(HALL_PULSE, 1e-4, 0.06, "m of travel per hall pulse")
+    tyre_radius: float = _setting(0.335, *TYRE_RADII, "m, of the rear wheel")
+    hall_pulse: float = _setting(HALL_PULSE, *HALL_PULSES, "m of travel per hall pulse")
     motor_torque: float = _setting(MAX_TORQUE, TORQUE_UNIT, MAX_TORQUE, "N m, largest")
     regenerative_torque: float = _setting(
         MAX_REGENERATIVE_TORQUE, TORQUE_UNIT, MAX_REGENERATIVE_TORQUE, "N m, of the braking motor"
     )
     motor_power: float = _setting(MAX_POWER, 1.0, MAX_POWER, "W, largest")
-    mass: float = _setting(58.1, 1.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
+    mass: float = _setting(58.1, 10.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
     payload: float = _setting(0.0, 0.0, MASS_LIMIT, "kg, largest load besides")
     mass_tolerance: float = _setting(0.1, 0.0, 0.5, "share by which the mass may be wrong")
     drive_supply_low: float = _setting(40.0, 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked")
     drive_supply_high: float = _setting(0.0, 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked")
     steer_supply_low: float = _setting(10.0, 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked")
     steer_supply_high: float = _setting(14.0, 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked")
-    throttle_low: float = _setting(0.0, 0.0, 5.0, "V without torque; 0: the board's own")
-    throttle_high: float = _setting(0.0, 0.0, 5.0, "V with full torque; 0: the board's own")
+    throttle_low: float = _setting(0.0, 0.0, MAX_THROTTLE, "V without torque; 0: the board's own")
+    throttle_high: float = _setting(
+        0.0, 0.0, MAX_THROTTLE, "V with full torque; 0: the board's own"
+    )
 
     def __post_init__(self) -> None:
         for field in dataclasses.fields(self):

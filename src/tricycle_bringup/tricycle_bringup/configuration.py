@@ -3,7 +3,7 @@
 from importlib.resources import files
 from pathlib import Path
 
-from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE, STEERING_END_STOP
+from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 
 SIMULATION_CONFIG = str(files("tricycle_bringup") / "config" / "simulation.yaml")
@@ -24,10 +24,9 @@ def bridge_parameters(vehicle_file: str) -> dict[str, float]:
         If it is not a valid vehicle file.
     """
     vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
-    margin = MAX_STEERING_ANGLE / STEERING_END_STOP
     return {
         "tyre_radius": vehicle.tyre_radius,
-        "max_steering_angle": min(margin * vehicle.steering_limit, MAX_STEERING_ANGLE),
+        "max_steering_angle": min(vehicle.steering_reach, MAX_STEERING_ANGLE),
         "max_steering_rate": vehicle.steering_slew,
         "max_acceleration": vehicle.acceleration,
         "motor_torque": vehicle.motor_torque,

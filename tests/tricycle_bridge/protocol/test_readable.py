@@ -2,11 +2,12 @@
 
 import pytest
 
-from tricycle_bridge.protocol.messages import MESSAGES, DriveState, Gear, PlcState, layout
+from tricycle_bridge.protocol.messages import MESSAGES, DriveState, Fault, Gear, PlcState, layout
 from tricycle_bridge.protocol.readable import (
     fault_names,
     readable_fields,
     reset_cause_name,
+    state_and_faults,
     state_name,
 )
 
@@ -46,3 +47,12 @@ def test_what_a_newer_minor_version_added_has_a_name_too():
     assert fault_names(1 << 12) == "BIT_12"
     assert state_name(9) == "UNKNOWN_9"
     assert reset_cause_name(16) == "unknown-16"
+
+
+def test_faults_whose_names_say_little_are_explained():
+    assert state_and_faults(PlcState.FAULT, Fault.PULSES) == (
+        "FAULT (PULSES): "
+        "motor torque without pulses: wheel blocked, or hall or direction wire broken"
+    )
+    assert state_and_faults(PlcState.FAULT, Fault.SENSOR) == "FAULT (SENSOR)"
+    assert state_and_faults(PlcState.SAFE, 0) == "SAFE"

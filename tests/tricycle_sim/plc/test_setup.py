@@ -141,6 +141,7 @@ BOUNDS = [
     (DRIVE, {"mass_low": 701, "mass_high": 700}, {"mass_low": 700, "mass_high": 700}),
     (DRIVE, {"mass_high": 399}, {"mass_high": 400}),  # the lightest is the board's own
     (DRIVE, {"supply_low": 50_000, "supply_high": 40_000}, {"supply_high": 60_000}),
+    (DRIVE, {"supply_low": 50_000, "supply_high": 50_000}, {"supply_low": 1, "supply_high": 2}),
     (DRIVE, {"throttle_low": 1000, "throttle_high": 1000}, {"throttle_high": 1000}),
     (DRIVE, {"throttle_low": 1000, "throttle_high": 5001}, {"throttle_high": 5000}),
     (DRIVE, {"throttle_low": 1000}, {}),

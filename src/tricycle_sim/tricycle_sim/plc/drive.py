@@ -47,7 +47,7 @@ from tricycle_bridge.protocol.messages import (
     Gear,
     PlcState,
 )
-from tricycle_sim.plc.plc import Plc, clamp, to_i16, to_u16
+from tricycle_sim.plc.plc import Plc, clamp, in_order, to_i16, to_u16
 from tricycle_sim.plc.wheel import WheelCheck
 from tricycle_sim.setpoints import slew
 
@@ -159,11 +159,9 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
             and _within(setup.mass_low * MASS_UNIT, MASSES)
             and _within(setup.mass_high * MASS_UNIT, MASSES)
             and setup.mass_low <= setup.mass_high
-            and (setup.supply_low < setup.supply_high or setup.supply_low == setup.supply_high == 0)
-            and (
-                setup.throttle_low < setup.throttle_high <= round(MAX_THROTTLE / VOLTAGE_UNIT)
-                or setup.throttle_low == setup.throttle_high == 0
-            )
+            and in_order(setup.supply_low, setup.supply_high)
+            and in_order(setup.throttle_low, setup.throttle_high)
+            and setup.throttle_high <= round(MAX_THROTTLE / VOLTAGE_UNIT)
         )
 
     @property

@@ -550,6 +550,17 @@ def clamp(value: int, low: int, high: int) -> int:
     return min(max(value, low), high)
 
 
+def in_order(low: int, high: int) -> bool:
+    """Whether two thresholds are in order, or both 0: not used.
+
+    Parameters
+    ----------
+    low, high : int
+        The thresholds.
+    """
+    return low < high or low == high == 0
+
+
 def to_i16(value: float) -> int:
     """Round a value and limit it to i16.
 

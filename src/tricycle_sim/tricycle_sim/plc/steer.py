@@ -35,7 +35,7 @@ from tricycle_bridge.protocol.messages import (
     SteerSetup,
     SteerState,
 )
-from tricycle_sim.plc.plc import Plc, clamp, to_i16, to_u16
+from tricycle_sim.plc.plc import Plc, clamp, in_order, to_i16, to_u16
 from tricycle_sim.setpoints import slew
 
 _HOLDING_US = round(HOLDING_TIME * 1e6)
@@ -117,7 +117,7 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand, SteerSetup]):
         return (
             setup.max_angle <= self._own.max_angle
             and setup.max_rate <= self._own.max_rate
-            and (setup.supply_low < setup.supply_high or setup.supply_low == setup.supply_high == 0)
+            and in_order(setup.supply_low, setup.supply_high)
         )
 
     def _begin_tick(self, now_us: int) -> None:

@@ -8,6 +8,7 @@ import dataclasses
 import enum
 import math
 import reprlib
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -46,8 +47,7 @@ def load_vehicle(path: Path | None = None) -> Vehicle:
         If the file cannot be read.
     """
     if path is None:
-        source = resources.files("tricycle_sim") / "tricycle.yaml"
-        return _parse(source.read_text(encoding="utf-8"), "tricycle.yaml")
+        return _packaged()
     content = read_bounded(path, MAX_BYTES, "a vehicle file", VehicleError)
     try:
         return _parse(content.decode(), str(path))
@@ -56,6 +56,12 @@ def load_vehicle(path: Path | None = None) -> Vehicle:
     # numbers beyond all bounds, dates that do not exist, lists a thousand deep
     except (ValueError, OverflowError, RecursionError) as error:
         raise VehicleError(f"{path}: is not a vehicle file: {error}") from error
+
+
+@cache
+def _packaged() -> Vehicle:
+    source = resources.files("tricycle_sim") / "tricycle.yaml"
+    return _parse(source.read_text(encoding="utf-8"), "tricycle.yaml")
 
 
 class _Loader(yaml.SafeLoader):
