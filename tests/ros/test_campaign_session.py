@@ -18,7 +18,7 @@ def test_a_campaign_killed_while_driving_goes_on(ros_environment, tmp_path):
     command = [
         *(Path(sys.executable).parent / "tricycle", "campaign", "--maneuver", "circle"),
         *("--targets", "cornering_stiffness", "--tolerance", "50%", "--true-seed", "2"),
-        *("--budget", "2100", "--most-drives", "1", "--json", "--output", output),
+        *("--budget", "4200", "--most-drives", "1", "--json", "--output", output),
     ]
     first = subprocess.Popen(command, env=ros_environment, stderr=subprocess.DEVNULL)
     deadline = time.monotonic() + PATIENCE
