@@ -253,6 +253,13 @@ def test_a_reversal_passes_the_same_edge_twice(drive_library):
     assert way[100:] == pytest.approx(0.8 * since[100:] ** 2 - 0.01575, abs=0.016)
 
 
+def test_a_wheel_that_shows_no_pulse_is_no_faster_than_one_would_be(drive_library):
+    speeds, _ = _hall(drive_library, lambda t: 1.0 * np.minimum(t, 2.0), 260)
+    since = 0.01 * np.arange(201, 261) - 2.0
+    assert np.all(speeds[200:] <= 0.0155 / since + 1e-3)
+    assert np.all(np.diff(speeds[200:]) <= 0.0)
+
+
 @pytest.mark.parametrize("sign", [1, -1])
 def test_both_directions_are_alike(drive_library, sign):
     """A wheel that begins in the middle between two edges."""
@@ -474,9 +481,27 @@ def test_a_dead_hall_wire_takes_the_torque_away(pulsed):
 
 
 def test_the_motor_keeps_to_the_limits_of_setup(pulsed):
-    _arm(pulsed, torque=800, mass_low=400, mass_high=1000)
-    pulsed.drive(200, 1.0)
+    _arm(pulsed, torque=800, regenerative_torque=321, power=12)
+    powers, least = [], 0.0
+    for k in range(500):
+        pulsed.drive(1, 1.5 if k < 400 else 0.0)
+        powers.append(pulsed.torque * pulsed.state.speed * 1e-3 / 0.335)
+        least = min(least, pulsed.torque)
     assert pulsed.most == pytest.approx(8.0)
+    assert max(powers) == pytest.approx(12.0, abs=0.1)
+    assert least == pytest.approx(-3.21)
+
+
+@pytest.mark.parametrize("gear", [1, 2])
+@pytest.mark.parametrize(
+    ("torque", "pwm"),
+    [(17.5, 500), (-17.5, -500), (0.0527, 2), (0.0523, 1), (-0.0527, -2), (-0.0523, -1),
+     (40.0, 1000), (-40.0, -1000), (0.0, 0)],
+)  # fmt: skip
+def test_the_pwm_is_rounded_and_clamped(firmware_libraries, gear, torque, pwm):
+    bench = Bench(FirmwareDrivePlc(firmware_libraries / "libdrive.so")).booted().armed()
+    bench.command(1.0, gear=gear)
+    assert bench.tick(torque=torque).pwm == pwm
 
 
 def test_a_smaller_radius_makes_the_controller_of_that_radius(pulsed, firmware_libraries):
