@@ -100,6 +100,7 @@ def assert_fresh(*pages):
         assert text == (DOCS / page).read_text(), f"{page} is stale: run `make reference`"
 
 
+@pytest.mark.slow
 def test_generated_pages_are_fresh():
     assert_fresh("reference-commands.md", "protocol.md", "reference-files.md")
 

@@ -332,7 +332,7 @@ class Host:
 @pytest.fixture(
     params=[
         "memory",
-        "native",
+        pytest.param("native", marks=pytest.mark.slow),
         pytest.param("pty", marks=pytest.mark.slow),
         pytest.param("uno", marks=pytest.mark.slow),
     ]

@@ -18,7 +18,13 @@ STEER, DRIVE = Board.STEER, Board.DRIVE
 AT = 4.0  # s: rolling at 1 m/s
 
 
-@pytest.fixture(params=["emulated", "native", pytest.param("firmware", marks=pytest.mark.slow)])
+@pytest.fixture(
+    params=[
+        "emulated",
+        pytest.param("native", marks=pytest.mark.slow),
+        pytest.param("firmware", marks=pytest.mark.slow),
+    ]
+)
 def driven(request):
     """Drives at 1 m/s in a slight turn until a time, with faults."""
     rigs = []
