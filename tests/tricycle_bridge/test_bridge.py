@@ -20,6 +20,13 @@ def test_nothing_arms_without_the_operator(vehicle):
     assert {p.state for p in vehicle.plcs.values()} == {PlcState.SAFE}
 
 
+def test_arming_asks_for_the_bring_up(vehicle):
+    vehicle.bridge.bring_up_problem = lambda: "the bring-up did not pass: brake"
+    assert vehicle.arm() == (False, "not armed: the bring-up did not pass: brake")
+    vehicle.bridge.bring_up_problem = lambda: None
+    assert vehicle.arm() == (True, "armed")
+
+
 def test_arming_and_driving(driving):
     assert driving.bridge.armed
     assert driving.arm() == (True, "already armed")
