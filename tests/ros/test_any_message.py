@@ -28,6 +28,7 @@ from excitation_planner.planner_node import ExcitationPlanner
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import message_class
 from trajectory_recorder.recorder_node import TrajectoryRecorder
+from tricycle_bridge.bridge_node import BridgeNode
 from tricycle_cli.operation.monitor_node import Monitor
 from tricycle_cli.operation.operator_node import Operator
 from tricycle_core.joints import JOINTS
@@ -174,7 +175,7 @@ def spun(on_simulated_time):
         node.destroy_node()
 
 
-@pytest.mark.parametrize("factory", [ManeuverDriver, ExcitationPlanner])
+@pytest.mark.parametrize("factory", [BridgeNode, ManeuverDriver, ExcitationPlanner])
 def test_a_node_outlives_every_message(spun, factory):
     node, spin = spun(factory)
     assert deliver(node, spin) >= 72
