@@ -32,11 +32,13 @@ def test_plans_requests_and_families_need_neither_scipy_nor_numba():
     assert dict(zip(LIGHT, heavy, strict=True)) == dict.fromkeys(LIGHT, "[]")
 
 
+@pytest.mark.slow
 def test_sensitivity_needs_neither_numba_nor_scikit_learn():
     code = "from excitation_planner import Study, design_excitation, sensitivity\nimport sys\n"
     assert run(f"{code}print(*[m for m in {HEAVY} if m in sys.modules])") == ["cobyqa scipy"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "first",
     [

@@ -161,6 +161,7 @@ def test_a_wrong_start_heading_does_not_hide_the_right_basin():
     assert np.abs(shares(found.estimates) - shares(truth))[[0, 1, 3]].max() < 0.1
 
 
+@pytest.mark.slow
 def test_outliers_are_counted_and_held_back_by_the_robust_loss(pair):
     rng = np.random.default_rng(3)
     spoilt = []

@@ -18,6 +18,7 @@ for old, new in RENAMED.items():
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", ["old first", "new first"])
 def test_an_old_name_is_the_module_of_today(order):
     pytest.importorskip("rclpy")

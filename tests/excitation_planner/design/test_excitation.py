@@ -53,11 +53,13 @@ def test_interior_optimum_is_found_and_verified():
     assert design.simulations <= 1500
 
 
+@pytest.mark.slow
 def test_direct_finds_the_same_optimum():
     design = best(interior, "p", search=Search.DIRECT)
     assert np.allclose(design.x, (0.3, 0.8), atol=0.15)
 
 
+@pytest.mark.slow
 def test_a_target_that_cannot_be_excited_is_called_so():
     design = best(interior, "r")
     assert design.verdict is Verdict.CANNOT_EXCITE

@@ -60,6 +60,7 @@ def test_ask_and_tell_gives_the_design_of_the_callable(tmp_path):
     assert_same(study.design(), by_call())
 
 
+@pytest.mark.slow
 def test_through_csv_files(tmp_path):
     study = Study.create(tmp_path / "study", OPERATION, UNKNOWN, "p", **ARGUMENTS)
     while study.ask():

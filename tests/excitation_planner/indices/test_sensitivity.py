@@ -116,6 +116,7 @@ def test_failed_simulations_are_counted_and_left_out():
     assert largest_error(result, ishigami_indices()) < 5e-3
 
 
+@pytest.mark.slow
 def test_the_last_third_of_the_samples_goes_where_the_indices_gain():
     """The box is filled first, then f is called once more."""
     errors = []

@@ -56,6 +56,7 @@ def test_a_lag_is_estimated_and_not_applied(tmp_path: Path) -> None:
     assert j.te > 0.002  # 5 cm behind
 
 
+@pytest.mark.slow
 def test_the_lags_uncertainty_holds_over_seeds(tmp_path: Path) -> None:
     scores = []
     for seed in range(10):
@@ -352,6 +353,7 @@ def test_a_truncated_bag_fails_with_the_fraction_matched(tmp_path: Path) -> None
         judge(bag)
 
 
+@pytest.mark.slow
 def test_the_command_compares_bags_and_prints_json(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

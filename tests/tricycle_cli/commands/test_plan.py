@@ -11,6 +11,7 @@ from tricycle_cli.main import main
 from tricycle_sim.vehicle import load_vehicle
 
 
+@pytest.mark.slow
 def test_plan_prints_one_json_object_and_writes_plan_and_figure(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert (

@@ -14,7 +14,11 @@ from tricycle_sim.plc.pair import PlcPair
         (["check", "one"], "two ports"),
         (["check", "one", "two"], "--engineer NAME"),
         (["probe", "one", "two"], "takes one port, not 2"),
-        (["check", "nowhere", "nirgends", "--engineer", "A", "--boot-wait", "0"], "not exist"),
+        pytest.param(
+            ["check", "nowhere", "nirgends", "--engineer", "A", "--boot-wait", "0"],
+            "not exist",
+            marks=pytest.mark.slow,  # it waits for the boards
+        ),
     ],
 )
 def test_a_mistake_is_one_line_and_status_2(capsys, monkeypatch, tmp_path, arguments, message):

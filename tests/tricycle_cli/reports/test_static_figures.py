@@ -16,6 +16,7 @@ def test_a_plan_is_drawn_in_the_format_of_the_suffix(suffix, begin, plan, tmp_pa
     assert (tmp_path / f"plan.{suffix}").read_bytes().startswith(begin)
 
 
+@pytest.mark.slow
 def test_what_a_set_will_teach_is_drawn_too(plan, tmp_path):
     predicted = dict.fromkeys(plan.unknown, 0.01)
     plot_plan(plan, tmp_path / "alone.png")

@@ -47,6 +47,7 @@ def _random_message(rng):
     return cls(*values)
 
 
+@pytest.mark.slow
 def test_random_frames_are_byte_identical(steer_library):
     rng = random.Random(0)
     wire = ctypes.create_string_buffer(64)
@@ -385,6 +386,7 @@ def _verdicts(drive_library, drive, rng):
     return found
 
 
+@pytest.mark.slow
 def test_the_wheel_check_judges_as_the_python_one(drive_library):
     rng = random.Random(3)
     agreed = failed = 0
