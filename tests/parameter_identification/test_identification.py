@@ -127,6 +127,7 @@ def test_drift_widens_the_intervals_and_is_told(commands, pair):
     assert abs(found.estimates[0] - TRUTH[0]) < 3.5 * found.standard_deviations[0]
 
 
+@pytest.mark.slow
 def test_a_model_that_lacks_an_effect_leaves_residuals_that_are_not_white(commands):
     loaded = VEHICLE.replace(load_sensitivity=1.0)
     drives = [driven(c, vehicle=loaded, seed=i) for i, c in enumerate(commands.values())]
@@ -144,6 +145,7 @@ def test_a_steering_that_is_two_degrees_off_leaves_residuals_that_are_not_white(
     assert not identify(drives, VEHICLE).white
 
 
+@pytest.mark.slow
 def test_a_wrong_start_heading_does_not_hide_the_right_basin():
     truth = LOW + (HIGH - LOW) * np.array([0.98, 0.729, 0.927, 0.968, 0.015, 0.864])
     start = StartPose(0.0, 0.0, 0.0, 0.02, np.radians(1.0))
@@ -189,6 +191,7 @@ def test_a_held_out_drive_is_predicted_to_the_noise(pair):
     assert held.rms_estimated < 3 * held.noise
 
 
+@pytest.mark.slow
 def test_two_drives_one_after_the_other_tell_what_both_tell_together(pair):
     both = identify(pair, VEHICLE)
     first = identify(pair[:1], VEHICLE)
@@ -205,6 +208,7 @@ def test_known_parameters_are_left_alone(pair):
     assert found.covariance.shape == (2, 2)
 
 
+@pytest.mark.slow
 def test_the_same_drives_give_the_same_numbers(pair):
     a, b = (document_of(identify(pair, VEHICLE, seed=1)).to_json() for _ in range(2))
     del a["seconds"], b["seconds"]

@@ -195,6 +195,7 @@ def test_missing_devices_are_told_once_each_and_opened_when_they_appear(tmp_path
         host.ports.close()
 
 
+@pytest.mark.slow
 def test_swapped_cables_in_operation_are_named(host, plc_pair):
     host.arm()
     plc_pair.swap()
@@ -244,6 +245,7 @@ def test_what_has_arrived_is_taken_while_the_io_thread_is_busy(tmp_path):
         ports.close()
 
 
+@pytest.mark.slow
 def test_what_nobody_takes_costs_no_memory(line):
     board, ports = line
     sent = 0

@@ -103,6 +103,7 @@ def _partly_infeasible(x, P):
     return m
 
 
+@pytest.mark.slow
 def test_infeasible_maneuvers_and_failed_simulations_are_told_apart():
     design = best(_partly_infeasible, "p")
     assert design.x[0] <= 0.2

@@ -49,6 +49,7 @@ def test_math_model_with_300_samples(seed):
     assert np.all(result.main <= result.main_interval[:, 1])
 
 
+@pytest.mark.slow
 def test_metamodel_predicts_in_the_users_units():
     result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=400)
     P = ISHIGAMI_UNKNOWN.from_unit(np.random.default_rng(0).uniform(size=(100, 3)))
@@ -60,6 +61,7 @@ def test_ishigami_with_400_samples():
     assert largest_error(result, ishigami_indices()) < 2e-3
 
 
+@pytest.mark.slow
 def test_more_than_six_parameters():
     """A function of 20 parameters, with interactions; exact by its own closed form."""
     k = 20

@@ -50,6 +50,7 @@ def test_a_drive_planned_for_another_vehicle_is_refused(pair):
         check_vehicle(with_reference(pair[0], cargo), VEHICLE)
 
 
+@pytest.mark.slow
 def test_a_drive_planned_with_other_nominal_values_is_taken(pair):
     planned_with = VEHICLE.replace(cornering_stiffness=800.0, camber_stiffness=60.0)
     check_vehicle(with_reference(pair[0], planned_with), VEHICLE)

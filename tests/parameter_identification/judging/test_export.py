@@ -25,6 +25,7 @@ def test_tum_export_agrees_with_evo(tmp_path: Path) -> None:
     assert statistics["max"] == pytest.approx(j.max, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_csv_and_figure(tmp_path: Path) -> None:
     j = judge(Scene(deviation=sideways(0.2)).write(tmp_path / "bag"))
     (path,) = export([j], tmp_path, ExportFormat.CSV)

@@ -66,6 +66,7 @@ def test_the_lags_uncertainty_holds_over_seeds(tmp_path: Path) -> None:
     assert abs(np.mean(scores)) < 0.8
 
 
+@pytest.mark.slow
 def test_noise_is_found_and_taken_off(tmp_path: Path) -> None:
     true = 0.05**2 * 3 / 8
     found = [

@@ -112,6 +112,7 @@ def test_figures_have_a_panel_per_drive_channel_and_profile(found):
     assert list(profile.lines[0].get_ydata()) == [3.9, 0.0, 3.9]
 
 
+@pytest.mark.slow
 def test_everything_is_saved_and_can_be_read_again(found, tmp_path):
     save_identification(found, None, tmp_path / "new" / "folder")
     assert {path.name for path in (tmp_path / "new" / "folder").iterdir()} == {

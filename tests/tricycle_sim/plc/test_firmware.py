@@ -63,6 +63,7 @@ def test_random_frames_are_byte_identical(steer_library):
         assert wire.raw[:length] == python
 
 
+@pytest.mark.slow
 def test_damaged_streams_are_judged_alike(steer_library):
     rng = random.Random(1)
     pieces = []
