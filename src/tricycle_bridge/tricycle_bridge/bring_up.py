@@ -1,8 +1,7 @@
 """Bring-up of two boards on a vehicle with its wheels off the ground, step by step.
 
 Each step asks the engineer for something or moves an actuator, and passes only by what the boards
-measure. Nothing here opens a port: a `Stand` gives telemetry, carries out commands and talks to the
-engineer.
+measure.
 """
 
 from __future__ import annotations
@@ -10,9 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Protocol
 
 from tricycle_bridge.bring_up_record import StepResult
+from tricycle_bridge.bring_up_stand import PortStand
 from tricycle_bridge.command_stream import INPUT_AGE
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE, STEERING_END_STOP, WATCHDOG
@@ -22,7 +21,6 @@ from tricycle_bridge.protocol.messages import (
     TRAVEL_UNIT,
     VOLTAGE_UNIT,
     Board,
-    DriveLimits,
     DriveState,
     Fault,
     PlcState,
@@ -43,103 +41,6 @@ _TRACKING = 0.05  # rad that the servo may be off
 _REACTION = 0.06  # s in which a board must react, telemetry included
 
 
-class Stand(Protocol):
-    """Both boards and the engineer, as a step sees them."""
-
-    @property
-    def steer(self) -> SteerState:
-        """Newest telemetry of the steer PLC."""
-        ...
-
-    @property
-    def drive(self) -> DriveState:
-        """Newest telemetry of the drive PLC."""
-        ...
-
-    @property
-    def limits(self) -> DriveLimits:
-        """Limits in force in the drive PLC."""
-        ...
-
-    def firmware(self, board: Board) -> str:
-        """Return version and build of a board's firmware.
-
-        Parameters
-        ----------
-        board : Board
-            The board.
-        """
-        ...
-
-    def connected(self, board: Board) -> bool:
-        """Whether a board's link is up.
-
-        Parameters
-        ----------
-        board : Board
-            The board.
-        """
-        ...
-
-    def now(self) -> float:
-        """Present time [s]."""
-        ...
-
-    def wait(self, seconds: float, until: Callable[[], bool]) -> bool:
-        """Run until something holds, at most so long; return whether it does.
-
-        Parameters
-        ----------
-        seconds : float
-            Longest time [s].
-        until : callable
-            What is waited for.
-        """
-        ...
-
-    def arm(self) -> str | None:
-        """Arm both boards; return why they refuse, None if they are armed."""
-        ...
-
-    def command(self, angle: float, speed: float) -> None:
-        """Command from now on.
-
-        Parameters
-        ----------
-        angle : float
-            Of the steering motor [rad].
-        speed : float
-            Of the wheel [m/s].
-        """
-        ...
-
-    def silence(self) -> None:
-        """Send no commands from now on."""
-        ...
-
-    def disarm(self) -> None:
-        """Disarm both boards."""
-        ...
-
-    def emergency_stop(self) -> None:
-        """Stop both boards by an ESTOP."""
-        ...
-
-    def clear(self) -> None:
-        """Have both boards clear their faults."""
-        ...
-
-    def say(self, text: str) -> None:
-        """Tell the engineer something.
-
-        Parameters
-        ----------
-        text : str
-            A sentence.
-        """
-        ...
-
-
 class CheckFailedError(LinkError):
     """A step did not pass; the text says what was measured and what would be right."""
 
@@ -157,7 +58,7 @@ class Step:
     """
 
     name: str
-    run: Callable[[Stand], dict[str, float | str]]
+    run: Callable[[PortStand], dict[str, float | str]]
 
 
 def _require(holds: bool, text: str) -> None:
@@ -165,24 +66,24 @@ def _require(holds: bool, text: str) -> None:
         raise CheckFailedError(text)
 
 
-def _by_hand(stand: Stand, request: str, until: Callable[[], bool], failure: str) -> None:
+def _by_hand(stand: PortStand, request: str, until: Callable[[], bool], failure: str) -> None:
     stand.say(request)
     _require(stand.wait(BY_HAND, until), f"{failure} within {BY_HAND:g} s")
 
 
-def _both(stand: Stand, state: PlcState) -> Callable[[], bool]:
+def _both(stand: PortStand, state: PlcState) -> Callable[[], bool]:
     return lambda: stand.steer.state == state and stand.drive.state == state
 
 
-def _speed(stand: Stand) -> float:
+def _speed(stand: PortStand) -> float:
     return stand.drive.speed * SPEED_UNIT
 
 
-def _angle(stand: Stand) -> float:
+def _angle(stand: PortStand) -> float:
     return stand.steer.angle * ANGLE_UNIT
 
 
-def _check_links(stand: Stand) -> dict[str, float | str]:
+def _check_links(stand: PortStand) -> dict[str, float | str]:
     for name, state in (("steer", stand.steer), ("drive", stand.drive)):
         _require(bool(state.flags & StateFlag.SET_UP), f"the {name} PLC has no set-up")
         volts = state.supply * VOLTAGE_UNIT
@@ -195,7 +96,7 @@ def _check_links(stand: Stand) -> dict[str, float | str]:
     }
 
 
-def _check_emergency_stop(stand: Stand) -> dict[str, float | str]:
+def _check_emergency_stop(stand: PortStand) -> dict[str, float | str]:
     def pressed(state: SteerState | DriveState) -> bool:
         return bool(state.flags & StateFlag.ESTOP_PRESSED)
 
@@ -220,7 +121,7 @@ def _check_emergency_stop(stand: Stand) -> dict[str, float | str]:
     return {}
 
 
-def _check_steering_sensor(stand: Stand) -> dict[str, float | str]:
+def _check_steering_sensor(stand: PortStand) -> dict[str, float | str]:
     reached: dict[str, float | str] = {}
     low, high = 0.9 * STEERING_END_STOP, 1.1 * STEERING_END_STOP
     for side, sign in (("left", 1.0), ("right", -1.0)):
@@ -235,7 +136,7 @@ def _check_steering_sensor(stand: Stand) -> dict[str, float | str]:
     return reached
 
 
-def _check_hall_count(stand: Stand) -> dict[str, float | str]:
+def _check_hall_count(stand: PortStand) -> dict[str, float | str]:
     limits = stand.limits
     circumference = 2.0 * math.pi * limits.tyre_radius * 1e-4
     expected = TURNS * circumference / (limits.pulse * TRAVEL_UNIT)
@@ -264,7 +165,7 @@ def _check_hall_count(stand: Stand) -> dict[str, float | str]:
     return {"pulses per turn": counted / TURNS, "expected per turn": expected / TURNS}
 
 
-def _check_servo(stand: Stand) -> dict[str, float | str]:
+def _check_servo(stand: PortStand) -> dict[str, float | str]:
     _arm(stand)
     measured: dict[str, float | str] = {}
     end = 0.95 * MAX_STEERING_ANGLE
@@ -280,7 +181,7 @@ def _check_servo(stand: Stand) -> dict[str, float | str]:
     return measured
 
 
-def _check_motor(stand: Stand) -> dict[str, float | str]:
+def _check_motor(stand: PortStand) -> dict[str, float | str]:
     _arm(stand)
     measured: dict[str, float | str] = {}
     for name, speed in (("forward", _SPEED), ("backward", -_SPEED)):
@@ -299,7 +200,7 @@ def _check_motor(stand: Stand) -> dict[str, float | str]:
     return measured
 
 
-def _check_brake(stand: Stand) -> dict[str, float | str]:
+def _check_brake(stand: PortStand) -> dict[str, float | str]:
     stand.disarm()
     _require(stand.wait(1.0, _both(stand, PlcState.SAFE)), "DISARM did not lead to SAFE")
     before, until = stand.drive.hall_count, stand.now() + 5.0
@@ -310,7 +211,7 @@ def _check_brake(stand: Stand) -> dict[str, float | str]:
     return {"pulses against the brake": slipped}
 
 
-def _check_watchdog(stand: Stand) -> dict[str, float | str]:
+def _check_watchdog(stand: PortStand) -> dict[str, float | str]:
     _turn(stand)
     allowed = INPUT_AGE + WATCHDOG + _REACTION  # the host repeats the last command so long
     silent_at = stand.now()
@@ -324,7 +225,7 @@ def _check_watchdog(stand: Stand) -> dict[str, float | str]:
     return {"watchdog (s)": after, "at rest (s)": _rest(stand)}
 
 
-def _check_host_stop(stand: Stand) -> dict[str, float | str]:
+def _check_host_stop(stand: PortStand) -> dict[str, float | str]:
     _turn(stand)
     at = stand.now()
     stand.emergency_stop()
@@ -333,7 +234,7 @@ def _check_host_stop(stand: Stand) -> dict[str, float | str]:
     return {"reaction (s)": reaction, "at rest (s)": _rest(stand)}
 
 
-def _check_cable(stand: Stand) -> dict[str, float | str]:
+def _check_cable(stand: PortStand) -> dict[str, float | str]:
     _turn(stand)
     _by_hand(
         stand,
@@ -370,12 +271,12 @@ STEPS = (
 """The steps, in their order."""
 
 
-def bring_up(stand: Stand, steps: tuple[Step, ...] = STEPS) -> Iterator[StepResult]:
+def bring_up(stand: PortStand, steps: tuple[Step, ...] = STEPS) -> Iterator[StepResult]:
     """Make the steps in their order, up to the first that does not pass.
 
     Parameters
     ----------
-    stand : Stand
+    stand : PortStand
         Both boards and the engineer.
     steps : tuple of Step
         The steps.
@@ -396,21 +297,21 @@ def bring_up(stand: Stand, steps: tuple[Step, ...] = STEPS) -> Iterator[StepResu
         )
 
 
-def _require_no_fault(stand: Stand) -> None:
+def _require_no_fault(stand: PortStand) -> None:
     for name, state in (("steer", stand.steer), ("drive", stand.drive)):
         if state.state in (PlcState.FAULT, PlcState.ESTOP):
             condition = f"{state_name(state.state)} ({fault_names(state.faults & ~Fault.LIMIT)})"
             raise CheckFailedError(f"the {name} PLC is {condition}")
 
 
-def _arm(stand: Stand) -> None:
+def _arm(stand: PortStand) -> None:
     # where the steering stands, or within its limit where it stands at the end stop
     stand.command(min(max(_angle(stand), -MAX_STEERING_ANGLE), MAX_STEERING_ANGLE), 0.0)
     reason = stand.arm()
     _require(reason is None, reason or "")
 
 
-def _turn(stand: Stand) -> None:
+def _turn(stand: PortStand) -> None:
     """Arm and turn the lifted wheel."""
     _arm(stand)
     stand.command(0.0, _SPEED)
@@ -419,12 +320,12 @@ def _turn(stand: Stand) -> None:
     _require(reached, f"the wheel turns at {_speed(stand):.2f} m/s, must be {_SPEED:g}")
 
 
-def _stop(stand: Stand) -> None:
+def _stop(stand: PortStand) -> None:
     stand.command(0.0, 0.0)
     _rest(stand)
 
 
-def _rest(stand: Stand) -> float:
+def _rest(stand: PortStand) -> float:
     """Wait for the wheel's rest and return how long it took [s]."""
     start = stand.now()
     _require(

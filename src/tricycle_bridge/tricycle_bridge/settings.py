@@ -6,7 +6,13 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from tricycle_bridge.protocol.boards import HALL_PULSE, HALL_PULSES, MAX_THROTTLE, TYRE_RADII
+from tricycle_bridge.protocol.boards import (
+    HALL_PULSE,
+    HALL_PULSES,
+    MAX_THROTTLE,
+    TYRE_RADII,
+    TYRE_RADIUS,
+)
 from tricycle_bridge.protocol.limits import (
     MAX_ACCELERATION,
     MAX_POWER,
@@ -104,7 +110,7 @@ class BridgeSettings:
     stopping_deceleration: float = _setting(
         MAX_ACCELERATION, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, of a stop by the drive PLC"
     )
-    tyre_radius: float = _setting(0.335, *TYRE_RADII, "m, of the rear wheel")
+    tyre_radius: float = _setting(TYRE_RADIUS, *TYRE_RADII, "m, of the rear wheel")
     hall_pulse: float = _setting(HALL_PULSE, *HALL_PULSES, "m of travel per hall pulse")
     motor_torque: float = _setting(MAX_TORQUE, TORQUE_UNIT, MAX_TORQUE, "N m, largest")
     regenerative_torque: float = _setting(
