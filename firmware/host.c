@@ -72,6 +72,12 @@ bool host_alive(const struct host *host)
 	return host->plc.alive;
 }
 
+/* 10 ms; 255: none yet */
+uint8_t host_command_age(const struct host *host, uint32_t now)
+{
+	return plc_command_age(&host->plc, now);
+}
+
 uint8_t host_session(const struct host *host)
 {
 	return host->plc.session;

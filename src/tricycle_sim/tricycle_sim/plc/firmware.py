@@ -53,6 +53,7 @@ class _FirmwarePlc:
         self._c.host_faults.restype = ctypes.c_uint16
         self._c.host_state.restype = ctypes.c_uint8
         self._c.host_session.restype = ctypes.c_uint8
+        self._c.host_command_age.restype = ctypes.c_uint8
         self._c.host_alive.restype = ctypes.c_bool
         self._host = ctypes.c_void_p(self._c.host_new())
         self._boot_count = boot_count
@@ -81,6 +82,19 @@ class _FirmwarePlc:
     def alive(self) -> bool:
         """Level of the alive output, which toggles while the board is armed or stopping."""
         return bool(self._c.host_alive(self._host))
+
+    def command_age(self, now_us: int) -> int | None:
+        """Return the time in us since a command was last accepted, in whole ticks.
+
+        None before the first one and from 2.55 s on.
+
+        Parameters
+        ----------
+        now_us : int
+            PLC time in us.
+        """
+        ticks = self._c.host_command_age(self._host, ctypes.c_uint32(now_us & 0xFFFFFFFF))
+        return None if ticks == 255 else 10_000 * ticks
 
     def reset(self, cause: ResetCause = ResetCause.EXTERNAL) -> None:
         """Boot: everything but the boot count is forgotten."""

@@ -23,11 +23,6 @@ class EmulatedRig(PlcRig):
     def __init__(self, vehicle: Vehicle, faults: FaultPlan = NO_FAULTS) -> None:
         super().__init__(vehicle, SteerPlc(), DrivePlc(), faults)
 
-    def heard(self, board: Board) -> bool:
-        """Whether a PLC has accepted a command since the last step."""
-        age: int | None = self._plcs[board].command_age(self._plc_time_us(board))
-        return age == 0
-
     def _rest(self) -> None:
         super()._rest()
         self._loop: SpeedLoop | None = None  # where the vehicle's own controller would not do

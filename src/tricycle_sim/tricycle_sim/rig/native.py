@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from tricycle_bridge.protocol.framing import FrameDecoder
-from tricycle_bridge.protocol.messages import Board, DriveCommand, Hello, ResetCause, SteerCommand
+from tricycle_bridge.protocol.messages import Board
 from tricycle_sim.plc.firmware import FirmwareDrivePlc, FirmwareSteerPlc
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.plc_rig import TICK_US, PlcRig, Push
@@ -32,29 +31,6 @@ class NativeRig(PlcRig):
         steer = FirmwareSteerPlc(build / "libsteer.so")
         drive = FirmwareDrivePlc(build / "libdrive.so")
         super().__init__(vehicle, steer, drive, faults)
-        self._sent = {board: FrameDecoder(board, host=False) for board in self._plcs}
-        self._heard: set[Board] = set()
-
-    def heard(self, board: Board) -> bool:
-        """Whether a board was sent a command since the last step."""
-        return board in self._heard
-
-    def _reboot(self, board: Board, cause: ResetCause) -> None:
-        super()._reboot(board, cause)
-        self._sent[board] = FrameDecoder(board, host=False)
-
-    def _receive(self, board: Board, data: bytes) -> bytes:
-        for frame in self._sent[board].feed(data):
-            if isinstance(frame.message, Hello):
-                self._sent[board].session = frame.session
-            elif isinstance(frame.message, SteerCommand | DriveCommand):
-                self._heard.add(board)
-        return super()._receive(board, data)
-
-    def _step(self, hung: set[Board]) -> dict[Board, bytes]:
-        sent = super()._step(hung)
-        self._heard.clear()
-        return sent
 
     def _tick_drive(self) -> tuple[bytes, Push]:
         state, faults = self._live.state, self._faults

@@ -66,6 +66,11 @@ class PlcRig(Rig):
         faults: Fault = self._plcs[board].faults
         return faults
 
+    def heard(self, board: Board) -> bool:
+        """Whether a PLC has accepted a command since the last step."""
+        age: int | None = self._plcs[board].command_age(self._plc_time_us(board))
+        return age == 0
+
     def _rest(self) -> None:
         self._hall = HallSensor()
 
