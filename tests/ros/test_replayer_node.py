@@ -48,8 +48,8 @@ class Replayer:
         self.executor.add_node(node)
         self.services = ServiceCaller(node, lambda condition, _: self.wait(condition))
 
-    def wait(self, condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + 20
+    def wait(self, condition: Callable[[], bool], seconds: float = 20.0) -> None:
+        deadline = time.monotonic() + seconds
         while not condition():
             assert time.monotonic() < deadline, "timed out"
             self.executor.spin_once(timeout_sec=0.02)
@@ -129,22 +129,29 @@ def test_rate_0_waits_for_who_keeps_all(  # type: ignore[no-untyped-def]
 ) -> None:
     with BagWriter(tmp_path / "bag") as writer:
         topic = writer.add_topic(Topic.of_type("/odom", TYPE))
-        for i in range(8000):
+        for i in range(5500):
             data = jazzy().serialize_cdr(jazzy().types[TYPE](data=str(i)), TYPE)
             writer.write(topic, i * 10**9, bytes(data))
     heard: list[str] = []
-
-    def hear_slowly(message: String) -> None:
-        time.sleep(0.0002)
-        heard.append(message.data)
-
     keep_all = QoSProfile(history=HistoryPolicy.KEEP_ALL)  # up to 5000 in Fast DDS
-    ros_node.create_subscription(String, "odom", hear_slowly, keep_all)
+    subscription = ros_node.create_subscription(
+        String, "odom", lambda m: heard.append(m.data), keep_all
+    )
     r = replayer("-p", f"bag:={tmp_path / 'bag'}", "-p", "rate:=0.0", "-p", "paused:=true")
     r.wait(lambda: ros_node.count_publishers("/odom") == 1)
     assert r.call("resume").success
-    r.wait(lambda: len(heard) == 8000)
-    assert heard == [str(i) for i in range(8000)]
+
+    def heard_all() -> bool:
+        # slowly, so that the queue fills, but without the executor: with thousands of messages
+        # in the queue each of its waits takes Fast DDS up to 8 ms
+        with subscription.handle:
+            while taken := subscription.handle.take_message(String, False):
+                heard.append(taken[0].data)
+                time.sleep(0.0002)
+        return len(heard) == 5500
+
+    r.wait(heard_all, 60.0)
+    assert heard == [str(i) for i in range(5500)]
     r.wait(lambda: r.process.poll() == 0)
 
 
