@@ -30,7 +30,7 @@ class EmulatedRig(PlcRig):
 
     def _tick_drive(self) -> tuple[bytes, Push]:
         state, faults = self._live.state, self._faults
-        speed = state.wheel_speeds[2] * self._vehicle.tyre_radius
+        speed = state.drive_speed * self._vehicle.driven_radius
         measured = measured_speed(speed, faults)
         data, output = self._plcs[Board.DRIVE].tick(
             self._plc_time_us(Board.DRIVE),

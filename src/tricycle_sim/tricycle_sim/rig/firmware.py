@@ -155,8 +155,8 @@ class FirmwareRig(Rig):
         The wheel's, corrected so that the sensor is where the wheel is now by the boards' tick.
         """
         radius = self._vehicle.tyre_radius
-        speed = state.wheel_speeds[2] * radius
-        wanted = state.rear_wheel_angle * radius - speed * TICK / 2
+        speed = state.drive_speed * radius
+        wanted = state.drive_angle * radius - speed * TICK / 2
         speed += (wanted - self._hall_travel) / TICK
         self._hall_travel += speed * TICK
         return speed
