@@ -46,10 +46,8 @@ Settings = dict[str, Any]  # parameter name -> value, as declared below
 
 
 def _request(settings: Settings) -> PlanRequest:
-    """Request that the parameters describe; raises PlanError or VehicleError."""
+    """Request that the parameters describe; raises DesignError, PlanError or VehicleError."""
     file = settings["vehicle_file"]
-    if settings["criterion"] not in set(Criterion):
-        raise PlanError(f"criterion {settings['criterion']!r}; one of: {', '.join(Criterion)}")
     return PlanRequest(
         vehicle=load_vehicle(Path(file) if file else None),
         family=family_by_name(settings["maneuver"]),
@@ -144,7 +142,7 @@ class ExcitationPlanner(Node):
         settings = {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
         try:
             _request(settings)
-        except (PlanError, VehicleError, OSError) as error:
+        except (DesignError, PlanError, VehicleError, OSError) as error:
             response.message = str(error)
             return response
         self._connection, theirs = SPAWN.Pipe(duplex=False)
