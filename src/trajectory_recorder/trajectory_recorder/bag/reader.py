@@ -5,6 +5,7 @@ cost no more than their chunks, and up to the tear where a recorder was killed. 
 compressed files of rosbag2 are read through `rosbags`.
 """
 
+import heapq
 import os
 import re
 import struct
@@ -13,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
@@ -52,6 +54,8 @@ _DAMAGED = (
 Damaged = Callable[[BagError], None]
 """Called for each damaged chunk."""
 
+_TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+
 MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
 
 
@@ -84,7 +88,17 @@ class _Storage(Protocol):
 
     def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]: ...
 
+    def blocks(self, topics: Collection[str]) -> "Iterator[_Block]": ...
+
     def close(self) -> None: ...
+
+
+class _Block(NamedTuple):
+    """Messages that are read together."""
+
+    start: int  # ns, no stamp is smaller
+    messages: Iterator[RecordedMessage]
+    ordered: bool = False  # by stamp
 
 
 class BagReader(Closing):
@@ -156,6 +170,37 @@ class BagReader(Closing):
         for storage in self._storages:
             yield from storage.messages(wanted)
 
+    def messages_by_stamp(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
+        """Yield messages in the order of their stamps; equal ones as they were recorded.
+
+        A recorder writes a topic's waiting messages together, so that stamps go back within a
+        file, by as much as it was behind. Only chunks that overlap in time are held in memory.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Names of those wanted. Default: all.
+
+        Raises
+        ------
+        BagError
+            If the file is damaged where it should be whole.
+        """
+        wanted = self.topics.keys() if topics is None else topics
+        blocks = [block for storage in self._storages for block in storage.blocks(wanted)]
+        blocks.sort(key=lambda block: block.start)
+        number = count()
+        waiting: list[tuple[int, int, RecordedMessage]] = []
+        for i, block in enumerate(blocks):
+            if block.ordered and len(blocks) == 1:
+                yield from block.messages
+                return
+            for message in block.messages:
+                heapq.heappush(waiting, (message.stamp, next(number), message))
+            last = i + 1 == len(blocks)
+            while waiting and (last or waiting[0][0] <= blocks[i + 1].start):
+                yield heapq.heappop(waiting)[2]
+
     def close(self) -> None:
         """Close the files."""
         self._closing.close()
@@ -214,6 +259,7 @@ class _Chunk:
 
     offset: int  # of the record in the file
     length: int
+    start: int  # ns, smallest stamp
     plain: bool = False  # a run of message records
     indexes: dict[int, int] = field(default_factory=dict)  # channel -> offset of its MessageIndex
 
@@ -266,26 +312,34 @@ class _McapFile:
         return topics
 
     def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]:
+        for block in self.blocks(topics):
+            yield from block.messages
+
+    def blocks(self, topics: Collection[str]) -> Iterator[_Block]:
         names = {c.id: c.topic for c in self._channels.values() if c.topic in topics}
         for chunk in self._chunks:
             indexes = [offset for id_, offset in chunk.indexes.items() if id_ in names]
-            if chunk.indexes and not indexes:
-                continue
-            try:
-                record = self._read(chunk.offset, chunk.length)
-                data = record if chunk.plain else _uncompress(record)
-                # what recovers does without the indexes, which may be damaged too
-                indexed = indexes and self._damaged is None
-                found = self._indexed(data, indexes) if indexed else _messages(data)
-            except _DAMAGED as error:
-                failure = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
-                if self._damaged is None:
-                    raise failure from error
-                self._damaged(failure)
-                continue
-            for channel_id, stamp, start, end in found:
-                if channel_id in names:
-                    yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
+            if indexes or not chunk.indexes:
+                yield _Block(chunk.start, self._in_chunk(chunk, indexes, names))
+
+    def _in_chunk(
+        self, chunk: _Chunk, indexes: list[int], names: Mapping[int, str]
+    ) -> Iterator[RecordedMessage]:
+        try:
+            record = self._read(chunk.offset, chunk.length)
+            data = record if chunk.plain else _uncompress(record)
+            # what recovers does without the indexes, which may be damaged too
+            indexed = indexes and self._damaged is None
+            found = self._indexed(data, indexes) if indexed else _messages(data)
+        except _DAMAGED as error:
+            failure = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
+            if self._damaged is None:
+                raise failure from error
+            self._damaged(failure)
+            return
+        for channel_id, stamp, start, end in found:
+            if channel_id in names:
+                yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
 
     def close(self) -> None:
         if self._fd >= 0:
@@ -359,6 +413,7 @@ class _McapFile:
                     _Chunk(
                         index.chunk_start_offset,
                         index.chunk_length,
+                        index.message_start_time,
                         indexes=index.message_index_offsets,
                     )
                 )
@@ -389,15 +444,16 @@ class _McapFile:
             if end > self._size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             try:
-                if opcode == Opcode.CHUNK:
-                    chunk = _Chunk(offset, end - offset)
-                    self._take_records(_uncompress(self._read(offset, end - offset)))
-                    self._chunks.append(chunk)
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._take_records(self._read(offset, end - offset))
-                elif opcode == Opcode.MESSAGE:
-                    self._take_records(self._read(offset, end - offset))
-                    self._chunks.append(_Chunk(offset, end - offset, plain=True))
+                if opcode in _TAKEN:
+                    record = self._read(offset, end - offset)
+                    chunk = opcode == Opcode.CHUNK
+                    self._take_records(_uncompress(record) if chunk else record)
+                    if chunk:
+                        first, *_ = CHUNK.unpack_from(record, RECORD.size)
+                        self._chunks.append(_Chunk(offset, end - offset, first))
+                    elif opcode == Opcode.MESSAGE:
+                        _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
+                        self._chunks.append(_Chunk(offset, end - offset, stamp, plain=True))
             except _DAMAGED:
                 return
             offset = end
@@ -444,6 +500,9 @@ class _RosbagsStorage:
                 yield RecordedMessage(connection.topic, stamp, bytes(memoryview(data)))
         except Exception as error:
             raise BagError(f"{self.path}: {one_line(error)}") from error
+
+    def blocks(self, topics: Collection[str]) -> Iterator[_Block]:
+        yield _Block(0, self.messages(topics), ordered=True)
 
     def close(self) -> None:
         self._reader.close()
