@@ -84,6 +84,15 @@ class _Storage(Protocol):
     metadata: dict[str, str]
 
     @property
+    def kind(self) -> str: ...
+
+    @property
+    def files(self) -> list[Path]: ...
+
+    @property
+    def span(self) -> tuple[int, int] | None: ...
+
+    @property
     def topics(self) -> list[Topic]: ...
 
     def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]: ...
@@ -121,6 +130,12 @@ class BagReader(Closing):
         What the recorder noted about the drive.
     complete : bool
         False if a file was cut off, by a killed recorder for example; what is left is read.
+    kind : str
+        How it is stored: "mcap", "sqlite3", ...
+    files : list of Path
+        With the messages.
+    span : (int, int) or None
+        Smallest and largest stamp [ns]; None without messages.
 
     Raises
     ------
@@ -151,6 +166,10 @@ class BagReader(Closing):
                     self.topics[topic.name] = replace(known, count=known.count + topic.count)
             if not self.topics:
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
+            self.kind = self._storages[0].kind
+            self.files = [file for storage in self._storages for file in storage.files]
+            spans = [storage.span for storage in self._storages if storage.span]
+            self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
             self._closing = stack.pop_all()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
@@ -260,12 +279,15 @@ class _Chunk:
     offset: int  # of the record in the file
     length: int
     start: int  # ns, smallest stamp
+    end: int
     plain: bool = False  # a run of message records
     indexes: dict[int, int] = field(default_factory=dict)  # channel -> offset of its MessageIndex
 
 
 class _McapFile:
     """An MCAP file, with or without its end."""
+
+    kind = "mcap"
 
     def __init__(self, path: Path, damaged: Damaged | None, *, part: bool = False) -> None:
         self.path = path
@@ -293,6 +315,16 @@ class _McapFile:
         except BaseException:
             self.close()
             raise
+
+    @property
+    def files(self) -> list[Path]:
+        return [self.path]
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        if not self._chunks:
+            return None
+        return min(c.start for c in self._chunks), max(c.end for c in self._chunks)
 
     @property
     def topics(self) -> list[Topic]:
@@ -414,6 +446,7 @@ class _McapFile:
                         index.chunk_start_offset,
                         index.chunk_length,
                         index.message_start_time,
+                        index.message_end_time,
                         indexes=index.message_index_offsets,
                     )
                 )
@@ -449,11 +482,11 @@ class _McapFile:
                     chunk = opcode == Opcode.CHUNK
                     self._take_records(_uncompress(record) if chunk else record)
                     if chunk:
-                        first, *_ = CHUNK.unpack_from(record, RECORD.size)
-                        self._chunks.append(_Chunk(offset, end - offset, first))
+                        first, last, *_ = CHUNK.unpack_from(record, RECORD.size)
+                        self._chunks.append(_Chunk(offset, end - offset, first, last))
                     elif opcode == Opcode.MESSAGE:
                         _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
-                        self._chunks.append(_Chunk(offset, end - offset, stamp, plain=True))
+                        self._chunks.append(_Chunk(offset, end - offset, stamp, stamp, plain=True))
             except _DAMAGED:
                 return
             offset = end
@@ -484,10 +517,15 @@ class _RosbagsStorage:
 
         self.path = path
         self.metadata: dict[str, str] = {}
+        self.files = sorted(path.glob("*_*.*")) if path.is_dir() else [path]
+        databases = any(".db3" in file.suffixes for file in self.files)
+        self.kind = "sqlite3" if databases else "mcap"
         try:
             self._reader = Reader(path)
             self._reader.open()
             self.topics = [_rosbags_topic(c) for c in self._reader.connections]
+            found = self._reader.message_count > 0
+            self.span = (self._reader.start_time, self._reader.end_time) if found else None
         except Exception as error:  # what is damaged comes up as an error of any kind
             raise BagError(f"{path}: {one_line(error)}") from error
 
