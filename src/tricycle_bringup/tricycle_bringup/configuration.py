@@ -2,15 +2,22 @@
 
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_sim.vehicle import Vehicle, load_vehicle
+from tricycle_sim.vehicle.kinematics import road_angles, wheelbase
 
 SIMULATION_CONFIG = str(files("tricycle_bringup") / "config" / "simulation.yaml")
 VEHICLE_CONFIG = str(files("tricycle_bringup") / "config" / "vehicle.yaml")
 
 
-def bridge_parameters(vehicle_file: str) -> dict[str, float]:
+TURNING_POINTS = 11  # of the steering, between which the bridge interpolates: within 0.2 %
+
+
+def bridge_parameters(vehicle_file: str) -> dict[str, Any]:
     """Return the ROS parameters of the bridge that follow from the vehicle.
 
     Parameters
@@ -24,9 +31,11 @@ def bridge_parameters(vehicle_file: str) -> dict[str, float]:
         If it is not a valid vehicle file.
     """
     vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
+    reach = min(vehicle.steering_reach, MAX_STEERING_ANGLE)
+    motor_angles = np.linspace(-reach, reach, TURNING_POINTS)
     return {
         "tyre_radius": vehicle.tyre_radius,
-        "max_steering_angle": min(vehicle.steering_reach, MAX_STEERING_ANGLE),
+        "max_steering_angle": reach,
         "max_steering_rate": vehicle.steering_slew,
         "max_acceleration": vehicle.acceleration,
         "motor_torque": vehicle.motor_torque,
@@ -37,8 +46,9 @@ def bridge_parameters(vehicle_file: str) -> dict[str, float]:
         "drive_supply_high": vehicle.drive_supply_high,
         "steer_supply_low": vehicle.steer_supply_low,
         "steer_supply_high": vehicle.steer_supply_high,
-        "wheelbase": vehicle.com_to_front_axle + vehicle.com_to_rear_axle,
-        "caster_angle": vehicle.caster_angle,
+        "wheelbase": wheelbase(vehicle),
+        "motor_angles": motor_angles.tolist(),
+        "road_angles": road_angles(vehicle, motor_angles).tolist(),
     }
 
 
