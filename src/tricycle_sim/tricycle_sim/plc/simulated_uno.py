@@ -165,10 +165,10 @@ class SimulatedUno(Closing):
         """Turn the potentiometer (rad)."""
         self._adc(0, (ADC_CENTRE + ADC_SCALE * angle + 0.5) * _MV_PER_COUNT)
 
-    def wheel_speed(self, speed: float) -> None:
-        """Turn the hall sensor's wheel (m/s, forward positive)."""
+    def wheel_speed(self, speed: float, pulse: float = HALL_PULSE) -> None:
+        """Turn the hall sensor's wheel (m/s, forward positive; m of travel per pulse)."""
         self._c.machine_pin(self._machine, 4, int(speed >= 0.0))
-        self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / HALL_PULSE))
+        self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / pulse))
 
     def _adc(self, channel: int, millivolts: float) -> None:
         self._c.machine_adc(self._machine, channel, max(round(millivolts), 0))
