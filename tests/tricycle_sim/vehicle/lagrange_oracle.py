@@ -551,14 +551,11 @@ TADPOLE = (
 
 def describe(vehicle):
     """The `Description` of a `Vehicle`."""
-    values = {
-        entry.name: getattr(vehicle, entry.name)
-        for entry in dataclasses.fields(vehicle)
-        if "unit" in entry.metadata
-    }
-    for axle in ("front", "rear"):
-        values[f"{axle}.wheel_inertia"] = values[f"{axle}_wheel_inertia"]
-    return describe_file(TADPOLE, vehicle.parts, values)
+    if not hasattr(vehicle, "wheels"):  # before there were others than tadpoles
+        fields = [entry.name for entry in dataclasses.fields(vehicle) if "unit" in entry.metadata]
+        return describe_file(TADPOLE, vehicle.parts, {n: getattr(vehicle, n) for n in fields})
+    listed = [dataclasses.asdict(wheel) for wheel in vehicle.wheels]
+    return describe_file(listed, vehicle.parts, dict(vehicle.values))
 
 
 def describe_file(listed, parts, values):
@@ -603,7 +600,7 @@ def describe_file(listed, parts, values):
         wheels.append(
             Wheel(
                 position=(x, y, tyre.tyre_radius - v.com_height),
-                inertia=of(wheel, "wheel_inertia"),
+                inertia=of(wheel, "wheel_inertia", values.get(f"{wheel['axle']}_wheel_inertia")),
                 tyre=tyre,
                 caster=of(wheel, "caster_angle", 0.0) if wheel["steered"] else 0.0,
                 torque_share=shares[i],
