@@ -280,7 +280,8 @@ def test_thresholds_of_faults_are_those_of_both_codes(macros):
     (at_rest,) = re.findall(r"\*At rest\* is a measured speed below ([\d.]+) m/s", DOCUMENT)
     assert float(at_rest) == boards.AT_REST
     names = ("WATCHDOG_MS", "TRACKING_ERROR", "TRACKING_MS", "ADC_LOW", "ADC_HIGH",
-             "STOPPING_MS", "OVERSPEED_MARGIN", "RUNAWAY_MARGIN", "LINE_TICKS", "AT_REST")  # fmt: skip
+             "STOPPING_MS", "OVERSPEED_MARGIN", "RUNAWAY_MARGIN", "LINE_TICKS",
+             "AT_REST")  # fmt: skip
     in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 350, 3, 20)
     assert [macros[name] for name in names] == list(in_c)
 
