@@ -2,8 +2,8 @@
  *
  * Pins of both boards: 0, 1 UART; 3 e-stop (normally closed to ground: open or broken = pressed);
  * 8 alive; A1 supply through a divider by 11. Steer: 9 servo pulse (100 Hz), A0 potentiometer.
- * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 hall pulses, 4 hall direction,
- * A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs.
+ * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 and A2 hall pulses, 4 and A3 hall
+ * direction, A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs.
  *
  * In reset and in the bootloader all of them float: 7, 8 and 9 need a resistor to ground each, 10 one
  * to 5 V (docs/how-to-wiring.md). Inputs have pull-ups from the start of this program. */
@@ -216,6 +216,7 @@ ISR(INT0_vect)
 
 static void setup_outputs(void)
 {
+	PORTC |= _BV(PC2) | _BV(PC3); /* pull-ups: without their wires A2 and A3 read no level */
 	ICR1 = PWM_TOP; /* 20 kHz */
 	DDRB = _BV(PB0) | _BV(PB1) | _BV(PB2);
 	DDRD |= _BV(PD7);
@@ -236,6 +237,8 @@ static void read_inputs(void)
 		edge_at = pulse_at;
 	}
 	drive_measure(&plc, count, edge_at, micros()); /* not before the edge */
+	plc.board.hall_adc = adc(2);
+	plc.board.direction_adc = adc(3);
 	plc.board.current = (uint16_t)(adc(0) * 50000UL / 1023);
 }
 

@@ -364,6 +364,7 @@ def hub_motor(v):
             wanted = v.speed_gain_proportional * error + v.speed_gain_integral * state.integrator
         else:
             wanted = demand
+            sign = -1.0 if demand < 0.0 and spin <= 0.0 else 1.0
         available = min(
             v.motor_torque,
             v.motor_power / max(sign * spin, 0.5),

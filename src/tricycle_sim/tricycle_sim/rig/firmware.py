@@ -28,7 +28,7 @@ from tricycle_core.timing import TICK
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.rig import Rig
-from tricycle_sim.rig.sensors import broken_potentiometer, measured_speed
+from tricycle_sim.rig.sensors import broken_lines, broken_potentiometer, measured_speed
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 
@@ -136,6 +136,7 @@ class FirmwareRig(Rig):
         )
         speed = measured_speed(self._hall_speed(state), faults)
         drive.uno.wheel_speed(speed, hall_pulse(self._vehicle.tyre_radius))
+        drive.uno.hall_lines(*broken_lines(faults))
         steer.uno.supply(faults.get(FaultKind.STEER_SUPPLY, STEER_SUPPLY))
         drive.uno.supply(faults.get(FaultKind.DRIVE_SUPPLY, self._vehicle.battery_voltage))
         for board in (steer, drive):
