@@ -133,14 +133,15 @@ void board_begin_tick(struct plc *plc, uint32_t now)
 	board->last_count = board->hall_count;
 }
 
-/* Gains speed above its set-point: the motor does not hold it. A set-point may fall faster than the
- * vehicle, which is then above it but does not gain. */
+/* Gains speed above its set-point although the motor brakes, which then does not hold it. A set-point
+ * may fall faster than the vehicle, which is then above it but does not gain. */
 static bool runs_away(struct board *board)
 {
+	bool pushes = board->gear == GEAR_REVERSE ? board->torque < 0 : board->torque > 0;
 	int32_t speed = 100L * magnitude(board->speed);
 	int32_t wanted = magnitude(board->setpoint);
-	int32_t lowest = speed < board->ceiling ? speed : board->ceiling;
-	board->ceiling = lowest > wanted ? lowest : wanted;
+	int32_t allowed = pushes || speed < board->ceiling ? speed : board->ceiling;
+	board->ceiling = allowed > wanted ? allowed : wanted;
 	return speed > board->ceiling + RUNAWAY;
 }
 

@@ -6,7 +6,8 @@
  * direction, A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs.
  *
  * In reset and in the bootloader all of them float: 7, 8 and 9 need a resistor to ground each, 10 one
- * to 5 V (docs/how-to-wiring.md). Inputs have pull-ups from the start of this program. */
+ * to 5 V (docs/how-to-wiring.md). Pin 3 has a pull-up from the start of this program; the hall sensor's
+ * lines have theirs outside, which are weak enough not to hide an unsupplied sensor. */
 #include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -172,6 +173,7 @@ static uint16_t adc(uint8_t channel)
 static void setup_outputs(void)
 {
 	DDRB = _BV(PB0) | _BV(PB1);
+	PORTD |= _BV(PD2) | _BV(PD4); /* pull-ups: nothing is connected */
 	TCCR1B = _BV(CS10); /* 16 MHz: a step of the pulse is 62.5 ns, a tenth of a mrad */
 }
 
@@ -216,7 +218,6 @@ ISR(INT0_vect)
 
 static void setup_outputs(void)
 {
-	PORTC |= _BV(PC2) | _BV(PC3); /* pull-ups: without their wires A2 and A3 read no level */
 	ICR1 = PWM_TOP; /* 20 kHz */
 	DDRB = _BV(PB0) | _BV(PB1) | _BV(PB2);
 	DDRD |= _BV(PD7);
@@ -280,7 +281,7 @@ static void tick(void)
 
 int main(void)
 {
-	PORTD |= _BV(PD2) | _BV(PD3) | _BV(PD4); /* pull-ups */
+	PORTD |= _BV(PD3); /* pull-up */
 	setup_outputs();
 	ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 	OCR2A = 249;

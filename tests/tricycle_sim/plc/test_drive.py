@@ -4,7 +4,7 @@ import pytest
 from plc_bench import (
     DRIVE,
     ENABLE,
-    HALL_WIRES,
+    HALL_SENSORS,
     MASS,
     Fault,
     Op,
@@ -82,14 +82,16 @@ def test_the_overspeed_is_that_of_the_vehicle_s_largest_speed(make_bench):
 
 
 @pytest.mark.parametrize("gear", [1, 2])
-def test_an_armed_drive_may_not_gain_above_its_set_point(make_bench, gear):
+def test_an_armed_drive_may_not_gain_while_its_motor_brakes(make_bench, gear):
     sign = 1 if gear == 1 else -1
     drive = make_bench(DRIVE).booted().armed()
     drive.drive(60, 1.0, gear=gear)
     assert drive.output.setpoint == sign
-    for speed, state in ((1.35, State.ARMED), (1.351, State.FAULT)):
+    drive.command(1.0, gear=gear)
+    assert drive.tick(speed=sign * 1.3, torque=sign * 1.0).state == State.ARMED  # it pushes
+    for speed, state in ((1.55, State.ARMED), (1.551, State.FAULT)):
         drive.command(1.0, gear=gear)
-        assert drive.tick(speed=sign * speed).state == state
+        assert drive.tick(speed=sign * speed, torque=-sign * 1.0).state == state
     assert drive.state.faults == Fault.OVERSPEED
 
 
@@ -351,7 +353,7 @@ def weighed(make_bench):
 @pytest.mark.parametrize("slope", [-0.5, 0.5])
 @pytest.mark.parametrize("value", [0.25, 1.0, 4.8])
 @pytest.mark.parametrize(
-    ("wire", "gear"),
+    ("sensor", "gear"),
     [
         ("no pulses", 1),
         ("no pulses", 2),
@@ -359,8 +361,8 @@ def weighed(make_bench):
         ("direction reads backward", 1),
     ],
 )
-def test_a_broken_wire_of_the_hall_sensor_is_found(weighed, wire, gear, value, slope):
-    vehicle = Slope(weighed, sensed=HALL_WIRES[wire], slope=slope)
+def test_a_stuck_hall_sensor_is_found(weighed, sensor, gear, value, slope):
+    vehicle = Slope(weighed, sensed=HALL_SENSORS[sensor], slope=slope)
     state = vehicle.run(6.0, value, gear=gear)
     assert (state.state, state.faults) == (State.FAULT, Fault.PULSES)
     assert (weighed.output.motor_on, weighed.output.brake) == (False, 1.0)
@@ -368,7 +370,7 @@ def test_a_broken_wire_of_the_hall_sensor_is_found(weighed, wire, gear, value, s
 
 
 @pytest.mark.parametrize("value", [0.25, 1.0, 3.0])
-def test_a_wire_that_breaks_on_the_way_is_found(weighed, value):
+def test_a_sensor_that_sticks_on_the_way_is_found(weighed, value):
     vehicle = Slope(weighed)
     assert vehicle.run(4.0, value).state == State.ARMED
     at = vehicle.travel

@@ -282,7 +282,7 @@ def test_thresholds_of_faults_are_those_of_both_codes(macros):
     names = ("WATCHDOG_MS", "TRACKING_ERROR", "TRACKING_MS", "ADC_LOW", "ADC_HIGH",
              "STOPPING_MS", "OVERSPEED_MARGIN", "RUNAWAY_MARGIN", "LINE_TICKS",
              "AT_REST")  # fmt: skip
-    in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 350, 3, 20)
+    in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 250, 3, 20)
     assert [macros[name] for name in names] == list(in_c)
 
 
@@ -500,7 +500,7 @@ EVENTS = {
     "tick: the wheel does not turn as it should": turn_the_wrong_way,
     "tick: 8 s in this state": never_come_to_rest,
     "tick: wheel too fast": lambda bench: bench.tick(speed=-5.29),
-    "tick: wheel gains above its set-point": lambda bench: bench.tick(speed=0.7),
+    "tick: wheel gains speed against the motor": lambda bench: bench.tick(speed=0.7),
     "tick: a line of the hall sensor is broken": lambda bench: bench.tick(3, hall_line=5.0),
     "CLEAR accepted": lambda bench: bench.control(Op.CLEAR),
     "reset": reset,
@@ -546,7 +546,7 @@ OF_OTHER_BOARD = {
     DRIVE: {"tick: potentiometer out of range", "tick: a command said STANDSTILL"},
     STEER: {
         "tick: wheel too fast",
-        "tick: wheel gains above its set-point",
+        "tick: wheel gains speed against the motor",
         "tick: a line of the hall sensor is broken",
         "tick: the wheel does not turn as it should",
     },

@@ -141,7 +141,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._brake = 1.0
         self._setpoint = 0.0  # m/s, forward positive
         self._holding = False  # armed and at rest: brake full, motor off
-        self._ceiling = 0.0  # m/s, the set-point, or the lowest speed since it was above that
+        self._ceiling = 0.0  # m/s, the set-point, or the lowest speed since the motor brakes
         self._line_ticks = 0  # in a row in which a hall line was outside of its bands
         self._hall_count = 0  # of the last tick
         self._pulses = 0  # since then
@@ -212,12 +212,14 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         return Fault(0)
 
     def _runs_away(self) -> bool:
-        """Whether the vehicle gains speed above its set-point: the motor does not hold it.
+        """Whether the vehicle gains speed above its set-point although the motor brakes.
 
         A set-point may fall faster than the vehicle, which is then above it but does not gain.
         """
         speed = abs(self._measured.speed)
-        self._ceiling = max(abs(self._setpoint), min(self._ceiling, speed))
+        pushes = _SIGNS[self._gear] * self._measured.torque > 0.0
+        allowed = speed if pushes else min(self._ceiling, speed)
+        self._ceiling = max(abs(self._setpoint), allowed)
         return speed > self._ceiling + RUNAWAY_MARGIN + 1e-9
 
     def _wheel_fails(self) -> bool:
