@@ -141,7 +141,9 @@ def hub_motor(
     excess : float
         Torque wanted beyond what the motor can give [N m].
     """
-    direction = -1.0 if speed_mode * demand < 0.0 else 1.0  # reverse gear: everything mirrored
+    # reverse gear: everything mirrored; a torque has no gear, but brakes a wheel that turns forward
+    reverse = demand < 0.0 and (speed_mode == 1.0 or spin <= 0.0)
+    direction = -1.0 if reverse else 1.0
     error = demand / g[c + _M.radius] - spin
     wanted = (
         speed_mode * (g[c + _M.proportional] * error + g[c + _M.integral] * integrator)
@@ -218,9 +220,24 @@ BRAKES = {
 }
 """Every law by name; the first is the default."""
 
+
+def _axle_share(w: Any) -> Any:
+    """Return the share of a wheel's axle in the torque of an all-wheel drive."""
+    return w.drive_front_share if w.in_front else 1.0 - w.drive_front_share
+
+
 DRIVES = {
     "single": Law(None, {"share": lambda _: 1.0}),
     "differential": Law(None, {"share": lambda _: 0.5}),
+    "all": Law(
+        None,
+        {
+            "share": lambda w: (
+                (w.drive_front_share if w.in_front else 1.0 - w.drive_front_share) / w.abreast
+            )
+        },
+        (between("drive_front_share", "1", 0.0, 1.0, default=0.5),),
+    ),
 }
 """Share of the motor's torque at each driven wheel, by the law's name.
 
