@@ -44,7 +44,7 @@ def test_hall_pulses_tell_its_speed_and_travel(rig):
     assert rig.state.vx == pytest.approx(1.0, rel=0.03)  # the tyre is a little flat below
     assert telemetry.speed * SPEED_UNIT == pytest.approx(1.0, rel=0.01)
     travel = telemetry.hall_count * bridge_settings(LONG).hall_pulse
-    assert travel == pytest.approx(rig.state.rear_wheel_angle * LONG.tyre_radius, abs=0.03)
+    assert travel == pytest.approx(rig.state.drive_angle * LONG.tyre_radius, abs=0.03)
 
 
 def test_a_bridge_that_was_told_of_another_wheel_shows_it():
