@@ -38,7 +38,7 @@
 #define HALL_PULSE_MIN 1000 /* um */
 #define HALL_PULSE_MAX 60000 /* um */
 #define TYRE_RADIUS 3350 /* 0.1 mm */
-#define TYRE_RADIUS_MIN 500 /* 0.1 mm */
+#define TYRE_RADIUS_MIN 200 /* 0.1 mm */
 #define TYRE_RADIUS_MAX 10000 /* 0.1 mm */
 #define SUPPLY_DIVIDER 11
 #define SERVO_CENTRE 1500 /* us at 0 rad */
@@ -58,7 +58,7 @@
 #define HARDWARE_WATCHDOG_MS 60 /* ms */
 #define MASS_LOW 400 /* 0.1 kg */
 #define MASS_HIGH 1000 /* 0.1 kg */
-#define MASS_MIN 50 /* 0.1 kg */
+#define MASS_MIN 10 /* 0.1 kg */
 #define MASS_MAX 60000 /* 0.1 kg */
 #define RESISTANCE 0.62f /* m/s^2 */
 #define TORQUE_LAG 0.03f /* s */

@@ -29,7 +29,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.stopping import Cause, stopping_distance
 from tricycle_sim.commands import Commands
 
-SCHEMA = 2
+SCHEMA = 3
 """Of the file: docs/reference-files.md."""
 
 MAX_BYTES = 64_000_000
@@ -119,6 +119,8 @@ class Plan:
         Name of the family.
     operation : mapping of str to float
         Value of each operation parameter.
+    ranges : mapping of str to (float, float)
+        Range of each operation parameter: the box that was searched.
     target : str
         The unknown parameter that the maneuver is to excite.
     criterion : Criterion
@@ -177,6 +179,7 @@ class Plan:
 
     maneuver: str
     operation: Mapping[str, float]
+    ranges: Mapping[str, tuple[float, float]]
     target: str
     criterion: Criterion
     number: int

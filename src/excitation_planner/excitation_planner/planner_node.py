@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from excitation_planner import planning
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import family_by_name, family_names
+from excitation_planner.maneuver import family_by_name, family_names, parse_ranges, with_ranges
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.planning import PlanRequest
@@ -39,20 +39,21 @@ NOISES = {
     "start_heading_std": "rad, of the start heading",
 }
 PLAN_PARAMETERS = (
-    *("vehicle_file", "maneuver", "target", "criterion", "samples", "budget", "seed"),
+    *("vehicle_file", "maneuver", "ranges", "target"),
+    *("criterion", "samples", "budget", "seed"),
     *NOISES,
 )
 Settings = dict[str, Any]  # parameter name -> value, as declared below
 
 
 def _request(settings: Settings) -> PlanRequest:
-    """Request that the parameters describe; raises PlanError or VehicleError."""
+    """Request that the parameters describe; raises DesignError, PlanError or VehicleError."""
     file = settings["vehicle_file"]
-    if settings["criterion"] not in set(Criterion):
-        raise PlanError(f"criterion {settings['criterion']!r}; one of: {', '.join(Criterion)}")
+    ranges = parse_ranges([text for text in settings["ranges"] if text])
+    (family,) = with_ranges([family_by_name(settings["maneuver"])], ranges)
     return PlanRequest(
         vehicle=load_vehicle(Path(file) if file else None),
-        family=family_by_name(settings["maneuver"]),
+        family=family,
         target=settings["target"],
         criterion=Criterion(settings["criterion"]),
         samples=settings["samples"],
@@ -86,6 +87,7 @@ class ExcitationPlanner(Node):
         setting = partial(declare, self, read_only=False)
         setting("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
         setting("maneuver", "circle", f"family: {', '.join(family_names())}")
+        setting("ranges", [""], "search box: NAME=LOW:HIGH of operation parameters, as radius=3:12")
         setting("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
         setting("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
         setting("samples", 100, "for criterion h: simulations per maneuver", (1, 1e6))
@@ -144,7 +146,7 @@ class ExcitationPlanner(Node):
         settings = {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
         try:
             _request(settings)
-        except (PlanError, VehicleError, OSError) as error:
+        except (DesignError, PlanError, VehicleError, OSError) as error:
             response.message = str(error)
             return response
         self._connection, theirs = SPAWN.Pipe(duplex=False)

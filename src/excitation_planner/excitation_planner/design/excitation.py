@@ -115,7 +115,7 @@ def design_excitation(
     unknown: Box | Bounds,
     target: str | None,
     *,
-    criterion: Criterion = Criterion.H,
+    criterion: Criterion | str = Criterion.H,
     noise_variance: NoiseVariance = 0.0,
     trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
     samples: int = 100,
@@ -123,7 +123,7 @@ def design_excitation(
     draws: int = 16,
     budget: int = 25_000,
     seed: int = 0,
-    search: Search = Search.ADAPTIVE,
+    search: Search | str = Search.ADAPTIVE,
     executor: Executor | None = None,
     workers: int | None = None,
     store: Path | None = None,
@@ -142,8 +142,8 @@ def design_excitation(
         ``{name: (low, high)}`` of the operation and the unknown parameters.
     target : str or None
         Name of the unknown parameter to excite; the criteria D and A need none.
-    criterion : Criterion
-        What is minimised; H is the paper's.
+    criterion : Criterion or str
+        What is minimised: ``"h"``, the paper's, ``"c"``, ``"d"`` or ``"a"``.
     noise_variance : float or callable
         For H: variance V_n of the output's measurement noise, or that variance as a function of
         the outputs (n,) at one x, e.g. `TrajectoryErrorNoise`; 0 is the paper's cost.
@@ -159,10 +159,11 @@ def design_excitation(
         Most runs of f in all.
     seed : int
         The same seed gives the same design, whatever the executor.
-    search : Search
+    search : Search or str
         How the operation box is searched.
     executor : Executor, optional
-        Where f runs; by default in processes of this machine, made and ended by this call.
+        Where f runs; by default in processes of this machine, made and ended by this call. They
+        get f by value: it may be defined in a notebook or in a script.
     workers : int, optional
         Number of those processes, by default one per core; 1 runs everything in this process.
     store : Path, optional
@@ -173,21 +174,22 @@ def design_excitation(
     Raises
     ------
     DesignError
-        Unknown target, budget too small, f that raises or cannot be sent to another process,
-        no maneuver of the family that can be driven and judged, a store of another design.
+        Unknown target, criterion or search, budget too small, f that raises or cannot be sent to
+        another process, no maneuver of the family that can be driven and judged, a store of
+        another design.
     """
     problem = DesignProblem(
         operation=Box.of(operation),
         unknown=Box.of(unknown),
         target=target,
-        criterion=criterion,
+        criterion=Criterion(criterion),
         noise_variance=noise_variance,
         trajectory_noise=trajectory_noise,
         samples=samples,
         draws=draws,
         budget=budget,
         seed=seed,
-        search=search,
+        search=Search(search),
         prior=prior,
     )
     kept = None if store is None else Store.of(store, problem)

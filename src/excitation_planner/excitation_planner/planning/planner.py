@@ -239,6 +239,7 @@ def _plans(
             Plan(
                 maneuver=family.name,
                 operation=dict(zip(family.operation.names, maneuver.x.tolist(), strict=True)),
+                ranges=family.operation.bounds(),
                 target=request.target,
                 criterion=request.criterion,
                 number=number + 1,

@@ -11,7 +11,7 @@ from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
 from excitation_planner.trajectory_error import NominalTrajectory
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
-from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -86,7 +86,10 @@ def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> Nomi
     InfeasibleManeuver
         If the nominal vehicle cannot drive it, with the reason.
     """
-    drive = family.drive(x, vehicle)
+    try:
+        drive = family.drive(x, vehicle)
+    except PlanError as error:  # somewhere in ranges that the user has widened
+        raise InfeasibleManeuver(str(error)) from error
     if isinstance(drive, Commands):
         _check_angles(vehicle, drive)
         commands = _as_sent(drive)

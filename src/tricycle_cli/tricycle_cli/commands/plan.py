@@ -10,9 +10,15 @@ from typing import TYPE_CHECKING
 
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import family_by_name, family_names, operation_point
+from excitation_planner.maneuver import family_names, operation_point, shown_ranges
 from excitation_planner.planning import PlanRequest
-from tricycle_cli.arguments import parse_assignments, seed
+from tricycle_cli.arguments import (
+    add_range_options,
+    families_of,
+    parse_assignments,
+    search_boxes,
+    seed,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
@@ -27,6 +33,7 @@ examples:
   tricycle plan --maneuver circle --target cornering_stiffness --output out/plan
   tricycle plan --maneuver circle,double-lane-change --target camber_stiffness
   tricycle plan --maneuver circle --maneuvers 2 --criterion a --yaw-rate-std 0.005
+  tricycle plan --maneuver circle --range radius=3:12 speed=0.5:1.5
   tricycle plan --criterion h --noise-std 0 --at radius=3 speed=0.8
   tricycle plan show out/plan/plan.json
 """
@@ -45,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and verifies them with fresh samples. Says beforehand how well each parameter will be "
         "known."
     )
-    parser.epilog = EXAMPLE
+    parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
     add = parser.add_argument
     add("show", nargs="*", metavar="show FILE", help="print and plot a saved plan instead")
     add(
@@ -55,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"families, driven one after the other: {', '.join(family_names())}",
     )
     add("--maneuvers", type=int, metavar="N", help="how many to drive, of these families in turn")
+    add_range_options(parser)
     add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
     add(
         "--criterion",
@@ -133,7 +141,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _request(args: argparse.Namespace) -> PlanRequest:
-    families = [family_by_name(name) for name in args.maneuver.split(",")]
+    families = families_of(args.maneuver, args)
     count = len(families) if args.maneuvers is None else args.maneuvers
     if not len(families) <= count <= MOST_MANEUVERS:
         raise PlanError(f"--maneuvers {count}: must be from {len(families)} to {MOST_MANEUVERS}")
@@ -182,6 +190,7 @@ def _as_json(plan: Plan) -> dict[str, object]:
         "maneuver": plan.maneuver,
         "target": plan.target,
         "x": dict(plan.operation),
+        "ranges": dict(plan.ranges),
         "cost": plan.cost,
         "criterion": plan.criterion.value,
         "criterion_cost": plan.criterion_cost,
@@ -201,7 +210,13 @@ def _as_json(plan: Plan) -> dict[str, object]:
 
 def _summary(plan: Plan) -> str:
     along, across, stop = plan.space
+    at_limit = [
+        f"{name} at the end of its range"
+        for name, (low, high) in plan.ranges.items()
+        if min(plan.operation[name] - low, high - plan.operation[name]) < 1e-3 * (high - low)
+    ]
     return (
+        f"search box: {', '.join([shown_ranges(plan.ranges), *at_limit])} (--range sets it)\n"
         f"H = {plan.cost:.4f}, Q² = {plan.leave_one_out_q2:.6f}, "
         f"{plan.commands.duration:.1f} s to drive, plan {plan.id}\n"
         f"needs {along:.1f} m x {across:.1f} m, and up to {stop:.1f} m more to stop"

@@ -70,7 +70,7 @@ class DriveMeasurement:
     speed : float
         Speed at the rear wheel's tread in m/s, forward positive.
     hall_count : int
-        Hall pulses, `HALL_PULSE` of travel each; forward counts up.
+        Hall pulses; forward counts up.
     torque : float
         Torque of the motor in the last tick in N m.
     hall_line, direction_line : float
@@ -175,6 +175,11 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
             and in_order(setup.throttle_low, setup.throttle_high)
             and setup.throttle_high <= round(MAX_THROTTLE / VOLTAGE_UNIT)
         )
+
+    @property
+    def pulse(self) -> float:
+        """Travel per hall pulse that the board counts with [m]."""
+        return round(self._in_force.pulse * TRAVEL_UNIT, 6)
 
     @property
     def _at_rest(self) -> bool:

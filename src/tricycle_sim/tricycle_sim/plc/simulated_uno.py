@@ -166,10 +166,10 @@ class SimulatedUno(Closing):
         """Turn the potentiometer (rad)."""
         self._adc(0, (ADC_CENTRE + ADC_SCALE * angle + 0.5) * _MV_PER_COUNT)
 
-    def wheel_speed(self, speed: float) -> None:
-        """Turn the hall sensor's wheel (m/s, forward positive)."""
+    def wheel_speed(self, speed: float, pulse: float = HALL_PULSE) -> None:
+        """Turn the hall sensor's wheel (m/s, forward positive; m of travel per pulse)."""
         self._c.machine_sensor(self._machine, 1, int(speed >= 0.0))
-        self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / HALL_PULSE))
+        self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / pulse))
 
     def hall_lines(self, hall: float | None, direction: float | None) -> None:
         """Break the hall sensor's lines.

@@ -1,5 +1,6 @@
 """The rig with emulated boards: the live vehicle with its two emulated PLCs, tick by tick."""
 
+from tricycle_bridge.protocol.boards import hall_pulse
 from tricycle_bridge.protocol.messages import Board
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerPlc
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
@@ -31,7 +32,9 @@ class EmulatedRig(PlcRig):
     def _tick_drive(self) -> tuple[bytes, Push]:
         state, faults = self._live.state, self._faults
         speed = state.wheel_speeds[2] * self._vehicle.tyre_radius
-        measured = measured_speed(speed, faults)
+        # as a board knows it: from pulses, each as long as it was told
+        told = self._plcs[Board.DRIVE].pulse / hall_pulse(self._vehicle.tyre_radius)
+        measured = measured_speed(speed * told, faults)
         hall_line, direction_line = line_voltages(faults)
         data, output = self._plcs[Board.DRIVE].tick(
             self._plc_time_us(Board.DRIVE),

@@ -2,7 +2,7 @@
 
 import math
 
-from tricycle_bridge.protocol.boards import HALL_PULSE, LINE_OPEN, LINE_RESTING
+from tricycle_bridge.protocol.boards import LINE_OPEN, LINE_RESTING
 from tricycle_sim.rig.faults import FaultKind
 
 _NO_PULSES = {FaultKind.HALL_OPEN, FaultKind.HALL_SHORT, FaultKind.HALL_STUCK}
@@ -12,6 +12,11 @@ _FORWARD = {FaultKind.DIRECTION_OPEN, FaultKind.DIRECTION_STUCK}
 class HallSensor:
     """Pulses as the drive board counts them.
 
+    Parameters
+    ----------
+    pulse : float
+        Travel per pulse [m].
+
     Attributes
     ----------
     count : int
@@ -20,7 +25,8 @@ class HallSensor:
         Time of the newest one [s].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pulse: float) -> None:
+        self._pulse = pulse
         self.count = 0
         self.edge_at = 0.0
         self._travel = 0.0  # m
@@ -40,7 +46,7 @@ class HallSensor:
             That are there now.
         """
         # half a pulse before its first edge at the start
-        edge = math.floor(travel / HALL_PULSE + 0.5)
+        edge = math.floor(travel / self._pulse + 0.5)
         for number in range(self._edge + 1, edge + 1):
             self._pass(number, 1, travel, time, faults)
         for number in range(self._edge, edge, -1):
@@ -57,7 +63,7 @@ class HallSensor:
     ) -> None:
         if _NO_PULSES & faults.keys() or (FaultKind.HALL_HALF in faults and number % 2):
             return
-        place = (number - 0.5) * HALL_PULSE
+        place = (number - 0.5) * self._pulse
         share = (place - self._travel) / (travel - self._travel)
         self.edge_at = self._time + min(max(share, 0.0), 1.0) * (time - self._time)
         self.count += 1 if _FORWARD & faults.keys() else direction
