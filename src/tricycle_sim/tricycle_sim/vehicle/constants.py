@@ -17,6 +17,7 @@ import numpy as np
 
 from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
+from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
 
 UNKNOWN_PARAMETERS: tuple[str, ...] = (
     "cornering_stiffness",
@@ -134,10 +135,10 @@ class Vehicle:
     motor_copper_loss: float = _not_negative("W/(N m)^2")  # per torque squared
     battery_voltage: float = _positive("V")
     # the boards' supplies, outside of which they do not arm; 0: not checked
-    drive_supply_low: float = _between("V", 0.0, 60.0, 40.0)
-    drive_supply_high: float = _between("V", 0.0, 60.0, 0.0)
-    steer_supply_low: float = _between("V", 0.0, 60.0, 10.0)
-    steer_supply_high: float = _between("V", 0.0, 60.0, 14.0)
+    drive_supply_low: float = _between("V", 0.0, 60.0, DRIVE_SUPPLY_THRESHOLDS[0])
+    drive_supply_high: float = _between("V", 0.0, 60.0, DRIVE_SUPPLY_THRESHOLDS[1])
+    steer_supply_low: float = _between("V", 0.0, 60.0, STEER_SUPPLY_THRESHOLDS[0])
+    steer_supply_high: float = _between("V", 0.0, 60.0, STEER_SUPPLY_THRESHOLDS[1])
     speed_gain_proportional: float = _positive("N m s/rad")
     speed_gain_integral: float = _not_negative("N m/rad")
     speed_anti_windup: float = _not_negative("rad/(N m s)")
