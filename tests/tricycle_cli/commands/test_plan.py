@@ -50,6 +50,17 @@ def test_a_plan_is_made_in_the_search_box_that_is_given_and_shown(capsys, tmp_pa
     assert "search box: radius=3:12 speed=0.5:0.8, speed at the end of its range" in output
 
 
+@pytest.mark.slow
+def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
+    for name in ("plan-1.json", "plan-2.json", "notes.json"):
+        (tmp_path / name).write_text("{}")
+    command = ["plan", "--at", "radius=3", "speed=0.8", "--samples", "20", "--output"]
+    assert main([*command, str(tmp_path)]) == 2
+    assert f"{tmp_path / 'plan-1.json'} exists: --overwrite replaces" in capsys.readouterr().err
+    assert main([*command, str(tmp_path), "--overwrite"]) == 0
+    assert {p.name for p in tmp_path.glob("*.json")} == {"plan.json", "notes.json"}
+
+
 def test_help_names_the_search_boxes(capsys):
     with pytest.raises(SystemExit):
         main(["plan", "--help"])
