@@ -243,7 +243,8 @@ def integration_errors(vehicle: Vehicle, *, mean: float = 0.15) -> dict[float, f
     targets = mean + 0.1 * np.sin(math.pi * time)
     steering, _ = slew_all(targets, vehicle.steering_slew)
     speed, _ = slew_all(np.minimum(time, 2.0), vehicle.acceleration)
-    exact = oracle.simulate(vehicle, equilibrium(vehicle).pose, steering, speed, TICK, rtol=1e-12)
+    described, pose = oracle.describe(vehicle), equilibrium(vehicle).pose
+    exact = oracle.simulate(described, pose, steering, speed, TICK, rtol=1e-12)
     errors = {}
     drive = np.column_stack([np.ones(ticks), speed, np.zeros(ticks)])
     for substeps in (1, 2, 4, 8):

@@ -6,6 +6,7 @@
 #define STOPPING_US (1000UL * STOPPING_MS)
 #define FULL_MV 5000L /* of an output that is always on */
 #define EXCESS (100L * STOPPING_EXCESS) /* 0.01 mm/s */
+#define RUNAWAY (100L * RUNAWAY_MARGIN)
 
 const struct setup_field board_setup_fields[SIZE_SETUP / 2] = {
 	{ 1, MAX_SPEED, MAX_SPEED },
@@ -106,12 +107,42 @@ uint16_t drive_throttle(const struct board *board)
 	return (uint16_t)(low + (high - low) * magnitude(board->torque) / MAX_TORQUE);
 }
 
+/* Neither low nor high: resistors at the sensor keep both levels away from ground and supply. */
+static bool line_wrong(uint16_t adc)
+{
+	return adc < LINE_LOW_MIN || adc > LINE_HIGH_MAX ||
+	       (adc > LINE_LOW_MAX && adc < LINE_HIGH_MIN);
+}
+
+static bool line_broken(const struct board *board)
+{
+	return board->line_ticks == LINE_TICKS;
+}
+
 void board_begin_tick(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
 	(void)now;
+	if (!line_wrong(board->hall_adc) && !line_wrong(board->direction_adc))
+		board->line_ticks = 0;
+	else if (!line_broken(board))
+		board->line_ticks++;
+	if (line_broken(board))
+		plc->faults |= FAULT_HALL_LINE;
 	board->pulses = board->hall_count - board->last_count;
 	board->last_count = board->hall_count;
+}
+
+/* Gains speed above its set-point although the motor brakes, which then does not hold it. A set-point
+ * may fall faster than the vehicle, which is then above it but does not gain. */
+static bool runs_away(struct board *board)
+{
+	bool pushes = board->gear == GEAR_REVERSE ? board->torque < 0 : board->torque > 0;
+	int32_t speed = 100L * magnitude(board->speed);
+	int32_t wanted = magnitude(board->setpoint);
+	int32_t allowed = pushes || speed < board->ceiling ? speed : board->ceiling;
+	board->ceiling = allowed > wanted ? allowed : wanted;
+	return speed > board->ceiling + RUNAWAY;
 }
 
 /* Outputs are still those of the last tick. */
@@ -130,7 +161,11 @@ static bool wheel_wrong(struct board *board)
 uint16_t board_find_fault(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
+	if (line_broken(board))
+		return FAULT_HALL_LINE;
 	if (magnitude(board->speed) > (int32_t)board->in_force.max_speed + OVERSPEED_MARGIN)
+		return FAULT_OVERSPEED;
+	if (plc->state == PLC_STATE_ARMED && runs_away(board))
 		return FAULT_OVERSPEED;
 	if (wheel_wrong(board))
 		return FAULT_PULSES;
@@ -153,6 +188,7 @@ bool board_ready(const struct plc *plc)
 void board_armed(struct plc *plc)
 {
 	plc->board.setpoint = 0;
+	plc->board.ceiling = 0;
 	plc->board.holding = false;
 }
 

@@ -81,7 +81,7 @@ def test_the_installed_distribution_is_an_ament_prefix(monkeypatch):
     for installed, folder in (
         (share / "launch", source / "launch"),
         (share / "urdf", source / "urdf"),
-        (share / "foxglove", source / "foxglove"),
+        (share / "foxglove", source / "tricycle_bringup" / "foxglove"),
     ):
         assert names(installed) == names(folder)
 

@@ -306,3 +306,32 @@ def test_a_mistake_ends_the_node_with_one_line(recorder, tmp_path: Path) -> None
     assert r.process.stderr is not None
     (line,) = r.process.stderr.read().splitlines()
     assert "exists: a bag is not overwritten" in line
+
+
+def test_pause_split_and_snapshot(recorder, ros_node: Node, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    publisher = ros_node.create_publisher(String, "odom", 10)
+    ignored = ros_node.create_publisher(String, "imu", 10)
+    r = recorder(disk_reserve=0.0, snapshot_size=1.0, exclude="[/imu]")
+    r.wait(lambda: "/odom" in r.status.get("topics", ""))
+    assert ignored.get_subscription_count() == 0
+
+    def publish(text: str) -> None:
+        publisher.publish(String(data=text))
+        assert publisher.wait_for_all_acked(Duration(seconds=10))
+
+    assert r.trigger("pause") == (False, "not recording")
+    publish("just happened")
+    r.set_output(tmp_path / "snapshot")
+    assert r.trigger("snapshot") == (True, str(tmp_path / "snapshot"))
+    assert texts(tmp_path / "snapshot", "/odom") == ["just happened"]
+    r.set_output(tmp_path / "bag")
+    assert r.trigger("start")[0]
+    publish("recorded")
+    assert r.trigger("pause")[0]
+    publish("left out")
+    assert r.trigger("resume")[0]
+    assert r.trigger("split")[0]
+    publish("in the second file")
+    assert r.trigger("stop")[0]
+    assert texts(tmp_path / "bag", "/odom") == ["recorded", "in the second file"]
+    assert len(list((tmp_path / "bag").glob("*.mcap"))) == 2

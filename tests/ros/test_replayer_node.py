@@ -8,8 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rclpy.clock import JumpThreshold
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
@@ -153,6 +156,37 @@ def test_rate_0_waits_for_who_keeps_all(  # type: ignore[no-untyped-def]
     r.wait(heard_all, 60.0)
     assert heard == [str(i) for i in range(5500)]
     r.wait(lambda: r.process.poll() == 0)
+
+
+def test_simulated_time_never_goes_back(replayer, ros_node: Node, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    """However far the recorder was behind: it writes the waiting messages topic by topic."""
+    with BagWriter(tmp_path / "bag") as writer:
+        ids = [writer.add_topic(Topic.of_type(name, TYPE)) for name in ("/odom", "/imu")]
+        data = bytes(jazzy().serialize_cdr(jazzy().types[TYPE](data=""), TYPE))
+        for second in range(2):
+            for topic in ids:
+                for i in range(100):
+                    writer.write(topic, (100 + second) * 10**9 + i * 10**7, data)
+    jumps: list[int] = []
+    ros_node.set_parameters([Parameter("use_sim_time", value=True)])
+    threshold = JumpThreshold(
+        min_forward=Duration(nanoseconds=1),
+        min_backward=Duration(nanoseconds=-1),
+        on_clock_change=False,
+    )
+    handle = ros_node.get_clock().create_jump_callback(
+        threshold, post_callback=lambda jump: jumps.append(jump.delta.nanoseconds)
+    )
+    r = replayer("-p", f"bag:={tmp_path / 'bag'}", "-p", "paused:=true")
+    r.wait(lambda: ros_node.count_publishers("/clock") == 1)
+    r.wait(lambda: ros_node.count_publishers("/odom") == 1)
+    assert r.call("resume").success
+    begin = time.monotonic()
+    r.wait(lambda: r.process.poll() is not None)
+    assert time.monotonic() - begin < 1.5 * 1.99
+    handle.unregister()
+    assert len(jumps) > 100
+    assert min(jumps) > 0
 
 
 @pytest.mark.parametrize(

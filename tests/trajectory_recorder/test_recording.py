@@ -1,5 +1,6 @@
 """What a recording is made of: latched messages, losses, the disk, its state."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -139,3 +140,79 @@ def test_a_disk_without_reserve_ends_the_recording(failures: list[str], tmp_path
 def test_patterns() -> None:
     assert matches("/maneuver/path", PATTERNS)
     assert not matches("/odometry", PATTERNS)
+
+
+def test_a_snapshot_holds_the_newest_messages_and_what_was_latched(tmp_path: Path) -> None:
+    recording = Recording(BagSettings(backlog=4), lambda _: None)
+    plan = recording.offer(topic("/maneuver/path", LATCHED))
+    odom = recording.offer(topic("/odom"))
+    for source, data, stamp in [(plan, b"p", 0), *((odom, b"%d" % i, i) for i in range(1, 9))]:
+        source.received(data, 1)
+        recording.write(source, data, stamp)
+    expected = [("/maneuver/path", 5, b"p"), *(("/odom", i, b"%d" % i) for i in range(5, 9))]
+    assert contents(recording.snapshot(str(tmp_path / "first"))) == expected
+    recording.write(odom, b"9", 9)
+    assert contents(recording.snapshot(str(tmp_path / "second"))) == [
+        ("/maneuver/path", 9, b"p"), ("/odom", 9, b"9"),
+    ]  # fmt: skip
+
+
+def test_a_snapshot_needs_messages_that_are_kept(recording: Recording, tmp_path: Path) -> None:
+    with pytest.raises(BagError, match="snapshot_size"):
+        recording.snapshot(str(tmp_path / "bag"))
+    with pytest.raises(BagError, match="no message was received"):
+        Recording(BagSettings(backlog=9), lambda _: None).snapshot(str(tmp_path / "bag"))
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_pause_leaves_out_all_but_latched_messages(recording: Recording, tmp_path: Path) -> None:
+    plan = recording.offer(topic("/maneuver/path", LATCHED))
+    odom = recording.offer(topic("/odom"))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    recording.write(odom, b"before", 1)
+    recording.pause()
+    assert recording.status([]).message == "paused"
+    recording.write(odom, b"between", 2)
+    recording.write(plan, b"plan", 3)
+    recording.resume()
+    recording.write(odom, b"after", 4)
+    recording.stop()
+    assert contents(bag) == [
+        *(("/odom", 1, b"before"), ("/maneuver/path", 3, b"plan"), ("/odom", 4, b"after")),
+    ]
+    with pytest.raises(BagError, match="not recording"):
+        recording.pause()
+
+
+def test_a_split_begins_a_file_that_can_be_used_alone(recording: Recording, tmp_path: Path) -> None:
+    plan = recording.offer(topic("/maneuver/path", LATCHED))
+    odom = recording.offer(topic("/odom"))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    recording.write(plan, b"plan", 1)
+    recording.split(2)
+    recording.split(2)
+    recording.write(odom, b"x", 3)
+    recording.stop()
+    first, second, third = sorted(bag.glob("*.mcap"))
+    assert contents(first) == [("/maneuver/path", 1, b"plan")]
+    assert contents(second) == [("/maneuver/path", 2, b"plan")]
+    assert contents(third) == [("/maneuver/path", 2, b"plan"), ("/odom", 3, b"x")]
+
+
+@pytest.mark.parametrize("harm", ["deleted", "cut"])
+def test_a_bag_that_is_deleted_or_cut_ends_the_recording(
+    recording: Recording, failures: list[str], tmp_path: Path, harm: str
+) -> None:
+    source = recording.offer(topic("/odom"))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    recording.write(source, b"x", 1)
+    recording.flush()
+    (file,) = bag.glob("*.mcap")
+    if harm == "deleted":
+        file.unlink()
+    else:
+        os.truncate(file, 50)
+    recording.flush()
+    (failure,) = failures
+    assert ("was deleted" if harm == "deleted" else "has 50 bytes instead of") in failure
+    assert recording.status([]).level is Level.ERROR

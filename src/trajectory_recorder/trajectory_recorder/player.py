@@ -1,5 +1,6 @@
 """Playback of a bag against the wall clock: order, rate, pause, step and loop, without ROS."""
 
+import math
 import time
 from collections.abc import Callable, Collection
 from threading import Condition
@@ -10,9 +11,7 @@ CLOCK_PERIOD = 10_000_000  # ns of recorded time between ticks of the clock
 
 
 class Player:
-    """Plays messages in the order they were recorded, spaced as they were received.
-
-    Where the recorded clock jumps back, playing goes on at once from there.
+    """Plays messages in the order of their stamps, spaced as they were received.
 
     Parameters
     ----------
@@ -24,6 +23,8 @@ class Player:
         Recorded seconds per second; 0 plays as fast as ``publish`` returns.
     start : float
         Recorded time to skip [s], latched topics excepted.
+    duration : float
+        Recorded time to play [s].
     loop : bool
         Whether to begin again at the end.
     paused : bool
@@ -32,7 +33,7 @@ class Player:
     Raises
     ------
     ValueError
-        If rate or start are negative.
+        If rate, start or duration are negative.
     """
 
     def __init__(
@@ -42,15 +43,19 @@ class Player:
         *,
         rate: float = 1.0,
         start: float = 0.0,
+        duration: float = math.inf,
         loop: bool = False,
         paused: bool = False,
     ) -> None:
-        if rate < 0 or start < 0:
-            raise ValueError(f"rate {rate} and start {start} s must not be negative")
+        if min(rate, start, duration) < 0:
+            raise ValueError(
+                f"rate {rate}, start {start} s and duration {duration} s must not be negative"
+            )
         self._bag = bag
         self._topics = topics
         self._rate = rate
         self._start = round(start * 1e9)
+        self._duration = duration * 1e9
         self._loop = loop
         self._paused = paused
         self._steps = 0  # messages to play although paused
@@ -109,17 +114,19 @@ class Player:
         self, publish: Callable[[RecordedMessage], None], tick: Callable[[int], None]
     ) -> None:
         self._origin = None
-        begin = next_tick = last = None
-        for message in self._bag.messages(self._topics):
+        begin = next_tick = None
+        for message in self._bag.messages_by_stamp(self._topics):
             stamp = message.stamp
             if begin is None:
                 begin = stamp + self._start
-            if stamp < begin and last is None:
+            if stamp < begin:
                 if self._bag.topics[message.topic].latched:
                     publish(message)
                 continue
-            if next_tick is None or last is None or stamp < last:
-                self._origin, next_tick = None, stamp
+            if stamp - begin > self._duration:
+                return
+            if next_tick is None:
+                next_tick = stamp
             if self._rate == 0:
                 next_tick = max(next_tick, stamp - CLOCK_PERIOD + 1)  # no ticks between messages
             while next_tick <= stamp and self._wait(next_tick):
@@ -128,7 +135,6 @@ class Player:
             if not self._wait(stamp):
                 return
             publish(message)
-            last = stamp
             with self._changed:
                 self._steps = max(self._steps - 1, 0)
 

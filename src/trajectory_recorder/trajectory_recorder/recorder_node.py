@@ -35,7 +35,7 @@ DRAIN = 1000  # messages taken in one callback, so that services are answered in
 CLOCK_DEPTH = 10_000  # ticks that wait for the next message
 TOPICS = [
     *("maneuver/*", "vehicle/state", "odom", "imu", "joint_states", "joint_commands"),
-    *("battery_state", "/diagnostics"),
+    *("battery_state", "/diagnostics", "cmd_vel", "/tf", "/tf_static", "robot_description"),
 ]
 
 
@@ -46,6 +46,10 @@ class TrajectoryRecorder(Node):
         super().__init__("trajectory_recorder")
         topics = declare(self, "topics", TOPICS, "names to record; * and ? match anything")
         self._patterns = [self._absolute(pattern) for pattern in topics]
+        without = declare(
+            self, "exclude", [""], "names not to record, of those that topics matches"
+        )
+        self._excluded = [self._absolute(pattern) for pattern in without if pattern]
         declare(self, "output", "", "directory of the next bag", read_only=False)
         compression = declare(self, "compression", "zstd", "of chunks: zstd, lz4, none")
         split_size = declare(self, "split_size", 0.0, "MB of a file, 0: no limit", (0, 1e6))
@@ -53,6 +57,9 @@ class TrajectoryRecorder(Node):
         reserve = declare(self, "disk_reserve", 100.0, "MB left free on the disk", (0, 1e6))
         self._depth = declare(
             self, "queue_depth", 10_000, "messages waiting per topic", (1, 1_000_000)
+        )
+        backlog = declare(
+            self, "snapshot_size", 0.0, "MB of messages kept for ~/snapshot, 0: none", (0, 1e5)
         )
         pairs = declare(self, "metadata", [""], "key=value pairs for the bag's metadata record")
         record = declare(self, "record", False, "start recording to `output` at once")
@@ -76,6 +83,7 @@ class TrajectoryRecorder(Node):
                 split_size=round(split_size * 1e6),
                 split_duration=split_duration,
                 disk_reserve=reserve * 1e6,
+                backlog=round(backlog * 1e6),
                 metadata={
                     "software_version": __version__,
                     **dict(pair.split("=", 1) for pair in pairs if pair),
@@ -90,6 +98,10 @@ class TrajectoryRecorder(Node):
         )
         self.create_service(Trigger, "~/start", partial(self._serve, self.start))
         self.create_service(Trigger, "~/stop", partial(self._serve, self.stop))
+        self.create_service(Trigger, "~/pause", partial(self._serve, self.pause))
+        self.create_service(Trigger, "~/resume", partial(self._serve, self.resume))
+        self.create_service(Trigger, "~/split", partial(self._serve, self.split))
+        self.create_service(Trigger, "~/snapshot", partial(self._serve, self.snapshot))
         wall = Clock(clock_type=ClockType.STEADY_TIME)  # a stopped /clock stops no flush
         self.create_timer(DISCOVERY_PERIOD, self._discover, clock=wall)
         self.create_timer(FLUSH_PERIOD, self.recording.flush, clock=wall)
@@ -126,6 +138,29 @@ class TrajectoryRecorder(Node):
         self._drain_all()
         return self.recording.stop()
 
+    def pause(self) -> str:
+        """Take what has arrived, and record no more until `resume`."""
+        self._drain_all()
+        self.recording.pause()
+        return "paused"
+
+    def resume(self) -> str:
+        """Record again, what arrives from now on."""
+        self._drain_all()
+        self.recording.resume()
+        return "recording"
+
+    def split(self) -> str:
+        """Begin the next file of the bag."""
+        self._drain_all()
+        self.recording.split(self.get_clock().now().nanoseconds)
+        return "split"
+
+    def snapshot(self) -> Path:
+        """Write what was received last to a bag at `output`."""
+        self._drain_all()
+        return self.recording.snapshot(self.get_parameter("output").value)
+
     def destroy_node(self) -> None:
         """Close the bag, then the node."""
         with suppress(BagError):
@@ -136,7 +171,7 @@ class TrajectoryRecorder(Node):
         super().destroy_node()
 
     def _serve(
-        self, action: Callable[[], Path], _: Trigger.Request, response: Trigger.Response
+        self, action: Callable[[], Path | str], _: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         try:
             response.message = str(action())
@@ -148,7 +183,7 @@ class TrajectoryRecorder(Node):
 
     def _discover(self) -> None:
         for name, types in self.get_topic_names_and_types():
-            if not matches(name, self._patterns):
+            if not matches(name, self._patterns) or matches(name, self._excluded):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
             gids = {bytes(publisher.endpoint_gid) for publisher in publishers}
@@ -167,6 +202,12 @@ class TrajectoryRecorder(Node):
             self._refuse(name, str(error))
             return
         topic = _topic(name, types[0], publishers)
+        if not topic.definition:
+            self.get_logger().warning(
+                f"{name} is recorded without the definition of its type {types[0]}, for which no "
+                ".msg file of plain fields was found: readers need the type installed",
+                once=True,
+            )
         reliable = all(qos.reliability == "reliable" for qos in topic.qos)
         profile = QoSProfile(
             depth=self._depth,
@@ -262,7 +303,7 @@ def _topic(name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> To
     )
     try:
         return Topic.of_type(name, type_name, qos=qos)
-    except BagError:  # recorded all the same, without its definition
+    except BagError:
         return Topic(name, type_name, type_hash=str(publishers[0].topic_type_hash), qos=qos)
 
 

@@ -14,6 +14,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from trajectory_recorder.backlog import Backlog, KeptMessage
 from trajectory_recorder.bag.topics import Topic, decode
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.diagnostics import Level
@@ -44,6 +45,8 @@ class BagSettings:
         Left free on the disk [bytes].
     metadata : mapping of str to str
         For the metadata record of every bag.
+    backlog : int
+        Newest messages kept for `Recording.snapshot` while nothing is recorded [bytes].
     """
 
     compression: Compression = Compression.ZSTD
@@ -51,6 +54,7 @@ class BagSettings:
     split_duration: float = 0.0
     disk_reserve: float = 0.0
     metadata: Mapping[str, str] = field(default_factory=dict)
+    backlog: int = 0
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,9 @@ class Recording:
         self.refused: dict[str, str] = {}
         self._settings = settings
         self._failed = failed
+        self._backlog = Backlog(settings.backlog)
         self._bag: BagWriter | None = None
+        self._paused = False
         self._failure = ""  # why the last recording ended by itself
         self._reported = (0.0, 0, 0)  # s, messages, bytes
         self._disk_free = 0  # bytes
@@ -157,6 +163,85 @@ class Recording:
         OSError
             If the disk refuses it.
         """
+        bag = self._open(output)
+        for source in self.topics.values():
+            for data in source.latched:
+                self.write(source, data, stamp)
+        if self._bag is None:
+            raise BagError(self._failure)
+        return bag.path
+
+    def snapshot(self, output: str) -> Path:
+        """Write a bag of the newest messages received; return where it is.
+
+        Parameters
+        ----------
+        output : str
+            Directory to create.
+
+        Raises
+        ------
+        BagError
+            If none are kept, or `start` would raise it.
+        OSError
+            If the disk refuses it.
+        """
+        if not self._settings.backlog:
+            raise BagError("no messages are kept: start with the parameter snapshot_size")
+        kept = list(self._backlog.messages())
+        if self._bag is None and not kept:
+            raise BagError("no message was received")
+        self._open(output)
+        for message in kept:
+            self.write(self.topics[message.topic], message.data, message.stamp)
+        return self.stop()
+
+    def pause(self) -> None:
+        """Write no more messages, latched ones excepted, until `resume`.
+
+        Raises
+        ------
+        BagError
+            If nothing is being recorded.
+        """
+        self._recorded()
+        self._paused = True
+
+    def resume(self) -> None:
+        """Write messages again.
+
+        Raises
+        ------
+        BagError
+            If nothing is being recorded.
+        """
+        self._recorded()
+        self._paused = False
+
+    def split(self, stamp: int) -> None:
+        """Begin the next file of the bag.
+
+        Parameters
+        ----------
+        stamp : int
+            Time now, of the latched messages [ns].
+
+        Raises
+        ------
+        BagError
+            If nothing is being recorded.
+        OSError
+            If the disk refuses it.
+        """
+        self._recorded().split(stamp)
+
+    def _recorded(self) -> BagWriter:
+        if self._bag is None:
+            raise BagError(self._failure or "not recording")
+        return self._bag
+
+    def _open(self, output: str) -> BagWriter:
+        """Begin a bag with all topics, empty."""
         if self._bag is not None:
             raise BagError(f"already recording {self._bag.path}: stop it first")
         if not output:
@@ -169,17 +254,15 @@ class Recording:
             metadata=self._settings.metadata,
         )
         self._bag = bag
+        self._backlog.clear()
+        self._paused = False
         self._failure = ""
         self._reported = (time.monotonic(), 0, 0)
         self._disk_free = shutil.disk_usage(bag.path).free
         for source in self.topics.values():
             source.id = bag.add_topic(source.topic)
             source.lost = 0
-            for data in source.latched:
-                self.write(source, data, stamp)
-        if self._bag is None:
-            raise BagError(self._failure)
-        return bag.path
+        return bag
 
     def stop(self) -> Path:
         """Close the bag; return where it is.
@@ -191,9 +274,8 @@ class Recording:
         OSError
             If the disk does not take the rest.
         """
-        if self._bag is None:
-            raise BagError(self._failure or "not recording")
-        bag, self._bag = self._bag, None
+        bag = self._recorded()
+        self._bag = None
         bag.close()
         return bag.path
 
@@ -209,7 +291,7 @@ class Recording:
         return source
 
     def write(self, source: TopicSource, data: bytes, stamp: int) -> None:
-        """Write a message, if a bag is being recorded.
+        """Write a message where a bag is being recorded, or keep it for `snapshot`.
 
         Parameters
         ----------
@@ -221,6 +303,10 @@ class Recording:
             Time of receipt [ns].
         """
         if self._bag is None:
+            latched = source.latched.maxlen or 0
+            self._backlog.add(KeptMessage(source.topic.name, stamp, data, latched))
+            return
+        if self._paused and not source.topic.latched:
             return
         try:
             self._bag.write(source.id, stamp, data)
@@ -284,7 +370,8 @@ class Recording:
             return Status(Level.WARN, f"{lost} messages lost", values)
         if self.refused:
             return Status(Level.WARN, "topics are not recorded", values)
-        return Status(Level.OK, "recording" if self._bag else "not recording", values)
+        recording = "paused" if self._paused else "recording"
+        return Status(Level.OK, recording if self._bag else "not recording", values)
 
     def _fail(self, reason: str) -> None:
         bag, self._bag = self._bag, None

@@ -1,10 +1,10 @@
-"""bag_replayer: publishes a bag's messages as they were recorded, with `/clock`.
+"""bag_replayer: publishes a bag's messages by their stamps, with `/clock`.
 
 Names are remapped as those of any node (``-r /odom:=/recorded/odom``).
 """
 
+import math
 from collections.abc import Callable
-from fnmatch import fnmatchcase
 from functools import partial
 from pathlib import Path
 from threading import Thread
@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.topics import OfferedQos, message_class
 from trajectory_recorder.player import Player
+from trajectory_recorder.recording import matches
 from tricycle_core.errors import BagError
 from tricycle_core.nodes import declare, run_node
 
@@ -36,8 +37,10 @@ class BagReplayer(Node):
         super().__init__("bag_replayer")
         path = declare(self, "bag", "", "rosbag2 directory, .mcap or .db3 file")
         topics = declare(self, "topics", ["*"], "names to play; * and ? match anything")
+        without = declare(self, "exclude", [""], "names not to play, of those that topics matches")
         rate = declare(self, "rate", 1.0, "recorded s per s; 0: as fast as it is taken", (0, 1000))
         start = declare(self, "start", 0.0, "recorded s to skip", (0, 1e9))
+        duration = declare(self, "duration", 0.0, "recorded s to play; 0: to the end", (0, 1e9))
         loop = declare(self, "loop", False, "begin again at the end")
         paused = declare(self, "paused", False, "wait for ~/resume or ~/step")
         clock = declare(self, "clock", True, "publish /clock, unless the bag holds it")
@@ -47,7 +50,7 @@ class BagReplayer(Node):
         self._as_fast_as_taken = rate == 0
         self._to: dict[str, Publisher] = {}
         for name in self._bag.topics:
-            if any(fnmatchcase(name, pattern) for pattern in topics):
+            if matches(name, topics) and not matches(name, without):
                 self._create(name)
         if not self._to:
             raise BagError(f"{path} holds nothing to play on {', '.join(topics)}")
@@ -57,7 +60,15 @@ class BagReplayer(Node):
             else None
         )
         self._played = 0
-        self._player = Player(self._bag, self._to, rate=rate, start=start, loop=loop, paused=paused)
+        self._player = Player(
+            self._bag,
+            self._to,
+            rate=rate,
+            start=start,
+            duration=duration or math.inf,
+            loop=loop,
+            paused=paused,
+        )
         self.create_service(Trigger, "~/pause", partial(self._serve, self._player.pause))
         self.create_service(Trigger, "~/resume", partial(self._serve, self._player.resume))
         self.create_service(Trigger, "~/step", partial(self._serve, self._player.step))

@@ -117,7 +117,7 @@ class BridgeSettings:
         MAX_REGENERATIVE_TORQUE, TORQUE_UNIT, MAX_REGENERATIVE_TORQUE, "N m, of the braking motor"
     )
     motor_power: float = _setting(MAX_POWER, 1.0, MAX_POWER, "W, largest")
-    mass: float = _setting(58.1, 10.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
+    mass: float = _setting(58.1, 1.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
     payload: float = _setting(0.0, 0.0, MASS_LIMIT, "kg, largest load besides")
     mass_tolerance: float = _setting(0.1, 0.0, 0.5, "share by which the mass may be wrong")
     drive_supply_low: float = _setting(40.0, 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked")

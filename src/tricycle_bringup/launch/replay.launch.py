@@ -1,6 +1,6 @@
 """Play a recorded bag with its clock.
 
-ros2 launch tricycle_bringup replay.launch.py bag:=out/demo/bags/circle [rate:=1.0] [loop:=false]
+ros2 launch tricycle_bringup replay.launch.py bag:=bags/first [rate:=2.0] [topics:=/odom,/imu]
 """
 
 from collections.abc import Mapping
@@ -11,17 +11,24 @@ from launch_ros.actions import Node
 from tricycle_bringup.launching import launch_description
 
 ARGUMENTS = {
-    "bag": (None, "rosbag2 directory"),
-    "rate": ("1.0", "0: as fast as taken"),
+    "bag": (None, "rosbag2 directory, .mcap or .db3 file"),
+    "rate": ("1.0", "recorded s per s; 0: as fast as taken"),
+    "start": ("0.0", "recorded s to skip"),
+    "duration": ("0.0", "recorded s to play; 0: to the end"),
+    "topics": ("*", "names to play, with commas between; * and ? match anything"),
+    "exclude": ("", "names not to play, of those"),
     "loop": ("false", "begin again at the end"),
+    "paused": ("false", "wait for ~/resume or ~/step"),
+    "clock": ("true", "publish /clock, unless the bag holds it"),
 }
 
 
 def _actions(value: Mapping[str, str]) -> list[Action]:
     parameters = {
         "bag": value["bag"],
-        "rate": float(value["rate"]),
-        "loop": value["loop"].lower() == "true",
+        **{name: float(value[name]) for name in ("rate", "start", "duration")},
+        **{name: value[name].split(",") for name in ("topics", "exclude")},
+        **{name: value[name].lower() == "true" for name in ("loop", "paused", "clock")},
     }
     return [Node(package="trajectory_recorder", executable="bag_replayer", parameters=[parameters])]
 

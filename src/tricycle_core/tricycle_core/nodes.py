@@ -112,7 +112,7 @@ def declare(
         Node that has the parameter.
     name : str
         Of the parameter.
-    default : bool, int, float, str or list of str
+    default : bool, int, float, str, list of float or list of str
         Value unless set; it decides the type.
     description : str
         For `ros2 param describe`, with the unit.

@@ -55,6 +55,8 @@ RAMPED = StoppingLaw(delay=0.4, deceleration=1.1)
 MAX_PAYLOAD = 30.0  # kg
 DETECTION = 1.0
 """Longest time between a fault that stops the vehicle and the drive board's leaving ARMED [s]."""
+LINE_DETECTION = 0.1
+"""The same for a broken or shorted wire of the hall sensor [s]."""
 
 _LAWS = {
     Cause.ESTOP: (0.05, BRAKED),

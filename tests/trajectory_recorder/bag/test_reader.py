@@ -64,6 +64,44 @@ def test_bags_of_rosbags_are_read(
         assert reader.topics["/chatter2"].type == STRING
 
 
+@pytest.mark.parametrize("kind", ["split", "torn", "unchunked", "sqlite3"])
+def test_messages_by_stamp(tmp_path: Path, kind: str) -> None:
+    """However they were written: here the topics of each second one after the other."""
+    written = sorted(MESSAGES, key=lambda m: (m.stamp // 30, m.topic))
+    bag = tmp_path / "bag"
+    if kind == "unchunked":
+        bag = tmp_path / "bag.mcap"
+        with bag.open("wb") as file:
+            writer = Writer(file, use_chunking=False)
+            writer.start()
+            schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
+            channels = {
+                f"/chatter{i}": writer.register_channel(f"/chatter{i}", "cdr", schema)
+                for i in range(3)
+            }
+            for m in written:
+                writer.add_message(channels[m.topic], m.stamp, m.data, m.stamp)
+            writer.finish()
+    elif kind == "sqlite3":
+        write_with_rosbags(bag, StoragePlugin.SQLITE3, CompressionMode.NONE)
+    else:
+        size = 1500 if kind == "split" else 0
+        with BagWriter(bag, chunk_size=500, split_size=size) as writer:
+            ids = {
+                f"/chatter{i}": writer.add_topic(Topic.of_type(f"/chatter{i}", STRING))
+                for i in range(3)
+            }
+            for m in written:
+                writer.write(ids[m.topic], m.stamp, m.data)
+    if kind == "torn":
+        (file,) = bag.glob("*.mcap")
+        file.write_bytes(file.read_bytes()[:-100])
+    with BagReader(bag) as reader:
+        assert reader.complete == (kind != "torn")
+        assert list(reader.messages_by_stamp()) == MESSAGES
+        assert list(reader.messages_by_stamp(["/chatter1"])) == MESSAGES[1::3]
+
+
 @pytest.mark.parametrize("compression", CompressionType)
 @pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
 @pytest.mark.parametrize("chunks", [True, False])

@@ -66,3 +66,11 @@ def test_a_damaged_chunk_is_left_out_and_named(bag: Path, tmp_path: Path) -> Non
 def test_nothing_is_overwritten(bag: Path) -> None:
     with pytest.raises(BagError, match="exists"):
         recover(bag, bag)
+
+
+def test_nothing_to_recover_is_an_error_and_leaves_no_bag(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.add_topic(Topic.of_type("/chatter", "std_msgs/msg/String"))
+    with pytest.raises(BagError, match="no message can be read"):
+        recover(tmp_path / "bag", tmp_path / "new")
+    assert not (tmp_path / "new").exists()

@@ -9,8 +9,15 @@ from tricycle_core.errors import BagError
 
 def test_bag_info(tricycle, bag, capsys):
     assert tricycle("bag", "info", bag, "--json") == 0
-    assert json.loads(capsys.readouterr().out) == {
+    found = json.loads(capsys.readouterr().out)
+    assert found.pop("bytes") == (bag / "bag_0.mcap").stat().st_size
+    assert [found.pop(key) for key in ("start", "end", "duration")] == pytest.approx(
+        [0.0, 99e-9, 99e-9]
+    )
+    assert found == {
         "bag": str(bag),
+        "storage": "mcap",
+        "files": ["bag_0.mcap"],
         "complete": True,
         "messages": 100,
         "metadata": {"plan_id": "p1"},
@@ -20,6 +27,15 @@ def test_bag_info(tricycle, bag, capsys):
     text = capsys.readouterr().out
     assert "/chatter" in text
     assert "plan_id: p1" in text
+    assert "duration  " in text
+
+
+def test_bag_convert_keeps_what_is_wanted(tricycle, bag, tmp_path, capsys):
+    part = tmp_path / "part"
+    assert tricycle("bag", "convert", bag, "--output", part, "--exclude", "/nothing", "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"bag": str(part), "messages": 100}
+    assert tricycle("bag", "convert", bag, part, "--output", tmp_path / "both") == 0
+    assert "200 messages" in capsys.readouterr().out
 
 
 def test_bag_recover(tricycle, bag, tmp_path, capsys):
@@ -52,6 +68,11 @@ def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
     ("arguments", "error", "reason"),
     [
         (("bag", "info", "nowhere"), BagError, "no such bag"),
+        (
+            ("bag", "convert", "{bag}", "--output", "{bag}-new", "--topics", "/nothing"),
+            BagError,
+            "no message is left",
+        ),
         (("bag", "recover", "{bag}", "{bag}"), BagError, "exists: a bag is not overwritten"),
     ],
 )

@@ -85,6 +85,12 @@ def test_regenerative_braking_is_limited():
     assert excess == pytest.approx(-40.0 + VEHICLE.regenerative_torque)
 
 
+def test_a_torque_backwards_is_limited_as_one_forwards_is_unless_it_brakes():
+    for spin, most in ((0.0, 35.0), (-10.0, 25.0), (0.1, VEHICLE.regenerative_torque)):
+        _, _, excess = motor(spin=spin, demand=-40.0)
+        assert excess == pytest.approx(-40.0 + most)
+
+
 def test_the_integrator_unwinds_while_the_motor_saturates():
     _, free, _ = motor(speed_mode=1.0, demand=0.1)
     assert free == pytest.approx(0.1 / VEHICLE.tyre_radius)

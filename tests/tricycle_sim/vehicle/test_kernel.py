@@ -122,9 +122,10 @@ def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, ai
         road_bank=bank,
     )
     s = situation
-    angles = ORACLE.linkage(vehicle, s.motor_angle)
-    rates = ORACLE.linkage_slopes(vehicle, s.motor_angle) * s.motor_rate
-    truth = ORACLE.derivative(vehicle, s, (angles, rates), (s.speed, s.demand, s.brake))
+    described = ORACLE.describe(vehicle)
+    angles, angle_slopes = described.steering(s.motor_angle)
+    steering = (angles, angle_slopes * s.motor_rate)
+    truth = ORACLE.derivative(described, s, steering, (s.speed, s.demand, s.brake))
     slopes, loads = kernel_slopes(vehicle, s)
     expected = {
         STATE.x: s.dq[:3],

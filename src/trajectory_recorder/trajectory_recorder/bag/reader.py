@@ -5,6 +5,7 @@ cost no more than their chunks, and up to the tear where a recorder was killed. 
 compressed files of rosbag2 are read through `rosbags`.
 """
 
+import heapq
 import os
 import re
 import struct
@@ -13,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
@@ -52,6 +54,8 @@ _DAMAGED = (
 Damaged = Callable[[BagError], None]
 """Called for each damaged chunk."""
 
+_TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+
 MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
 
 
@@ -80,11 +84,30 @@ class _Storage(Protocol):
     metadata: dict[str, str]
 
     @property
+    def kind(self) -> str: ...
+
+    @property
+    def files(self) -> list[Path]: ...
+
+    @property
+    def span(self) -> tuple[int, int] | None: ...
+
+    @property
     def topics(self) -> list[Topic]: ...
 
     def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]: ...
 
+    def blocks(self, topics: Collection[str]) -> "Iterator[_Block]": ...
+
     def close(self) -> None: ...
+
+
+class _Block(NamedTuple):
+    """Messages that are read together."""
+
+    start: int  # ns, no stamp is smaller
+    messages: Iterator[RecordedMessage]
+    ordered: bool = False  # by stamp
 
 
 class BagReader(Closing):
@@ -107,6 +130,12 @@ class BagReader(Closing):
         What the recorder noted about the drive.
     complete : bool
         False if a file was cut off, by a killed recorder for example; what is left is read.
+    kind : str
+        How it is stored: "mcap", "sqlite3", ...
+    files : list of Path
+        With the messages.
+    span : (int, int) or None
+        Smallest and largest stamp [ns]; None without messages.
 
     Raises
     ------
@@ -137,6 +166,10 @@ class BagReader(Closing):
                     self.topics[topic.name] = replace(known, count=known.count + topic.count)
             if not self.topics:
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
+            self.kind = self._storages[0].kind
+            self.files = [file for storage in self._storages for file in storage.files]
+            spans = [storage.span for storage in self._storages if storage.span]
+            self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
             self._closing = stack.pop_all()
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
@@ -155,6 +188,37 @@ class BagReader(Closing):
         wanted = self.topics.keys() if topics is None else topics
         for storage in self._storages:
             yield from storage.messages(wanted)
+
+    def messages_by_stamp(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
+        """Yield messages in the order of their stamps; equal ones as they were recorded.
+
+        A recorder writes a topic's waiting messages together, so that stamps go back within a
+        file, by as much as it was behind. Only chunks that overlap in time are held in memory.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Names of those wanted. Default: all.
+
+        Raises
+        ------
+        BagError
+            If the file is damaged where it should be whole.
+        """
+        wanted = self.topics.keys() if topics is None else topics
+        blocks = [block for storage in self._storages for block in storage.blocks(wanted)]
+        blocks.sort(key=lambda block: block.start)
+        number = count()
+        waiting: list[tuple[int, int, RecordedMessage]] = []
+        for i, block in enumerate(blocks):
+            if block.ordered and len(blocks) == 1:
+                yield from block.messages
+                return
+            for message in block.messages:
+                heapq.heappush(waiting, (message.stamp, next(number), message))
+            last = i + 1 == len(blocks)
+            while waiting and (last or waiting[0][0] <= blocks[i + 1].start):
+                yield heapq.heappop(waiting)[2]
 
     def close(self) -> None:
         """Close the files."""
@@ -214,12 +278,16 @@ class _Chunk:
 
     offset: int  # of the record in the file
     length: int
+    start: int  # ns, smallest stamp
+    end: int
     plain: bool = False  # a run of message records
     indexes: dict[int, int] = field(default_factory=dict)  # channel -> offset of its MessageIndex
 
 
 class _McapFile:
     """An MCAP file, with or without its end."""
+
+    kind = "mcap"
 
     def __init__(self, path: Path, damaged: Damaged | None, *, part: bool = False) -> None:
         self.path = path
@@ -249,6 +317,16 @@ class _McapFile:
             raise
 
     @property
+    def files(self) -> list[Path]:
+        return [self.path]
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        if not self._chunks:
+            return None
+        return min(c.start for c in self._chunks), max(c.end for c in self._chunks)
+
+    @property
     def topics(self) -> list[Topic]:
         topics = []
         for channel in self._channels.values():
@@ -266,26 +344,34 @@ class _McapFile:
         return topics
 
     def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]:
+        for block in self.blocks(topics):
+            yield from block.messages
+
+    def blocks(self, topics: Collection[str]) -> Iterator[_Block]:
         names = {c.id: c.topic for c in self._channels.values() if c.topic in topics}
         for chunk in self._chunks:
             indexes = [offset for id_, offset in chunk.indexes.items() if id_ in names]
-            if chunk.indexes and not indexes:
-                continue
-            try:
-                record = self._read(chunk.offset, chunk.length)
-                data = record if chunk.plain else _uncompress(record)
-                # what recovers does without the indexes, which may be damaged too
-                indexed = indexes and self._damaged is None
-                found = self._indexed(data, indexes) if indexed else _messages(data)
-            except _DAMAGED as error:
-                failure = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
-                if self._damaged is None:
-                    raise failure from error
-                self._damaged(failure)
-                continue
-            for channel_id, stamp, start, end in found:
-                if channel_id in names:
-                    yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
+            if indexes or not chunk.indexes:
+                yield _Block(chunk.start, self._in_chunk(chunk, indexes, names))
+
+    def _in_chunk(
+        self, chunk: _Chunk, indexes: list[int], names: Mapping[int, str]
+    ) -> Iterator[RecordedMessage]:
+        try:
+            record = self._read(chunk.offset, chunk.length)
+            data = record if chunk.plain else _uncompress(record)
+            # what recovers does without the indexes, which may be damaged too
+            indexed = indexes and self._damaged is None
+            found = self._indexed(data, indexes) if indexed else _messages(data)
+        except _DAMAGED as error:
+            failure = BagError(f"{self.path}: damaged chunk at byte {chunk.offset}: {error}")
+            if self._damaged is None:
+                raise failure from error
+            self._damaged(failure)
+            return
+        for channel_id, stamp, start, end in found:
+            if channel_id in names:
+                yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
 
     def close(self) -> None:
         if self._fd >= 0:
@@ -359,6 +445,8 @@ class _McapFile:
                     _Chunk(
                         index.chunk_start_offset,
                         index.chunk_length,
+                        index.message_start_time,
+                        index.message_end_time,
                         indexes=index.message_index_offsets,
                     )
                 )
@@ -389,15 +477,16 @@ class _McapFile:
             if end > self._size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             try:
-                if opcode == Opcode.CHUNK:
-                    chunk = _Chunk(offset, end - offset)
-                    self._take_records(_uncompress(self._read(offset, end - offset)))
-                    self._chunks.append(chunk)
-                elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                    self._take_records(self._read(offset, end - offset))
-                elif opcode == Opcode.MESSAGE:
-                    self._take_records(self._read(offset, end - offset))
-                    self._chunks.append(_Chunk(offset, end - offset, plain=True))
+                if opcode in _TAKEN:
+                    record = self._read(offset, end - offset)
+                    chunk = opcode == Opcode.CHUNK
+                    self._take_records(_uncompress(record) if chunk else record)
+                    if chunk:
+                        first, last, *_ = CHUNK.unpack_from(record, RECORD.size)
+                        self._chunks.append(_Chunk(offset, end - offset, first, last))
+                    elif opcode == Opcode.MESSAGE:
+                        _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
+                        self._chunks.append(_Chunk(offset, end - offset, stamp, stamp, plain=True))
             except _DAMAGED:
                 return
             offset = end
@@ -428,10 +517,15 @@ class _RosbagsStorage:
 
         self.path = path
         self.metadata: dict[str, str] = {}
+        self.files = sorted(path.glob("*_*.*")) if path.is_dir() else [path]
+        databases = any(".db3" in file.suffixes for file in self.files)
+        self.kind = "sqlite3" if databases else "mcap"
         try:
             self._reader = Reader(path)
             self._reader.open()
             self.topics = [_rosbags_topic(c) for c in self._reader.connections]
+            found = self._reader.message_count > 0
+            self.span = (self._reader.start_time, self._reader.end_time) if found else None
         except Exception as error:  # what is damaged comes up as an error of any kind
             raise BagError(f"{path}: {one_line(error)}") from error
 
@@ -444,6 +538,9 @@ class _RosbagsStorage:
                 yield RecordedMessage(connection.topic, stamp, bytes(memoryview(data)))
         except Exception as error:
             raise BagError(f"{self.path}: {one_line(error)}") from error
+
+    def blocks(self, topics: Collection[str]) -> Iterator[_Block]:
+        yield _Block(0, self.messages(topics), ordered=True)
 
     def close(self) -> None:
         self._reader.close()

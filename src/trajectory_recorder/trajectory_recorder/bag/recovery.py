@@ -1,5 +1,7 @@
 """Recovery of torn and damaged bags."""
 
+from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from typing import NamedTuple
 
@@ -45,13 +47,16 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
         If nothing can be read, or the output exists.
     """
     damage: list[BagError] = []
-    with (
-        BagReader(bag, damaged=damage.append) as reader,
-        BagWriter(output, metadata=reader.metadata) as writer,
-    ):
+    with ExitStack() as stack:
+        reader = stack.enter_context(BagReader(bag, damaged=damage.append))
+        messages = reader.messages()
+        first = next(messages, None)
+        if first is None:
+            raise BagError(f"{bag}: no message can be read")
+        writer = stack.enter_context(BagWriter(output, metadata=reader.metadata))
         ids = {name: writer.add_topic(topic) for name, topic in reader.topics.items()}
         total = sum(topic.count for topic in reader.topics.values())
-        for done, message in enumerate(reader.messages(), start=1):
+        for done, message in enumerate(chain([first], messages), start=1):
             writer.write(ids[message.topic], message.stamp, message.data)
             if progress is not None and (done % 1000 == 0 or done == total):
                 progress(done, total)

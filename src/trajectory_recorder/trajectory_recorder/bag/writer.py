@@ -102,8 +102,9 @@ class BagWriter(Closing):
     BagError
         If the directory exists: no bag is ever overwritten.
     OSError
-        From any method, when the disk fails or is full. The file then holds what was flushed
-        before and is a readable bag; the writer can only be closed.
+        From any method, when the disk fails or is full, or the file was deleted or changed by
+        another program. The file then holds what was flushed before and is a readable bag; the
+        writer can only be closed.
     """
 
     def __init__(
@@ -177,6 +178,18 @@ class BagWriter(Closing):
         self._finish_chunk()
         self._files[-1].flush(self.metadata)
         self._write_metadata()
+
+    def split(self, stamp: int) -> None:
+        """Begin the next file; nothing where the present one is empty.
+
+        Parameters
+        ----------
+        stamp : int
+            Time now, of the latched messages [ns].
+        """
+        self._finish_chunk()
+        if self._files[-1].messages:
+            self._split(stamp)
 
     def close(self) -> None:
         """Flush and close; further calls do nothing."""
@@ -379,6 +392,7 @@ class _OutputFile:
         """Write what is pending and a new tail behind it."""
         if self.closed:
             raise OSError(f"{self.path} is closed")
+        self._check_untouched()
         tail = self._make_tail(metadata)
         if not self._pending and tail == self._tail:
             return
@@ -406,6 +420,16 @@ class _OutputFile:
         if not self.closed:
             self.closed = True
             os.close(self._fd)
+
+    def _check_untouched(self) -> None:
+        """Close and raise where somebody else deleted or changed the file."""
+        file = os.fstat(self._fd)
+        expected = self._data_end + len(self._tail)
+        if file.st_nlink and file.st_size == expected:
+            return
+        self.close()
+        what = f"has {file.st_size} bytes instead of {expected}" if file.st_nlink else "was deleted"
+        raise OSError(f"{self.path} {what}: another program touched it")
 
     def _add(self, data: bytes) -> None:
         self._pending.append(data)

@@ -1,15 +1,21 @@
-"""``tricycle bag``: what a bag holds, and recovery of torn and damaged ones."""
+"""``tricycle bag``: what a bag holds, parts and merging of bags, recovery of damaged ones."""
 
 import argparse
 import json
+import math
 import sys
+from datetime import UTC, datetime
+from fnmatch import fnmatchcase
 from pathlib import Path
 
+from tricycle_cli.arguments import not_negative
 from tricycle_cli.progress import progress_bar
 
 EXAMPLE = """\
 examples:
-  tricycle bag info out/demo/bags/circle
+  tricycle bag info out/demo/bags/designed
+  tricycle bag convert first second --output both
+  tricycle bag convert first --output part --topics '/maneuver/*' /odom --start 5 --duration 20
   tricycle bag recover torn_bag torn_bag_recovered
 """
 
@@ -24,10 +30,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    info = verbs.add_parser("info", help="topics, types, counts and metadata")
+    info = verbs.add_parser("info", help="time, files, topics, types, counts, metadata")
     info.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 directory or file")
     info.add_argument("--json", action="store_true", help="print one JSON object")
     info.set_defaults(run=run_info)
+    new = verbs.add_parser("convert", help="write parts of bags, or several bags, as a new one")
+    add = new.add_argument
+    add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)")
+    add("--topics", nargs="+", metavar="TOPIC", default=["*"], help="names; * and ? match anything")
+    add("--exclude", nargs="+", metavar="TOPIC", default=[], help="names to leave out, of those")
+    add("--start", type=not_negative, default=0.0, metavar="S", help="leave out so many seconds")
+    add("--duration", type=not_negative, metavar="S", help="keep so many (default: to the end)")
+    add("--compression", choices=["zstd", "lz4", "none"], default="zstd", help="of chunks")
+    new_file = "begin a new file after (default: never)"
+    add("--split-size", type=not_negative, default=0.0, metavar="MB", help=new_file)
+    add("--split-duration", type=not_negative, default=0.0, metavar="S", help=new_file)
+    add("--json", action="store_true", help="print one JSON object")
+    new.set_defaults(run=run_convert)
     again = verbs.add_parser("recover", help="copy what is readable of a damaged bag to a new one")
     again.add_argument("bag", metavar="BAG", type=Path)
     again.add_argument("output", metavar="OUTPUT", type=Path, help="directory to create")
@@ -49,8 +69,17 @@ def run_info(args: argparse.Namespace) -> int:
     from trajectory_recorder.bag.reader import BagReader
 
     with BagReader(args.bag) as bag:
+        start, end = bag.span or (0, 0)
+        size = sum(file.stat().st_size for file in bag.files)
+        names = [file.name for file in bag.files]
         found = {
             "bag": str(bag.path),
+            "storage": bag.kind,
+            "files": names,
+            "bytes": size,
+            "start": start * 1e-9,
+            "end": end * 1e-9,
+            "duration": (end - start) * 1e-9,
             "complete": bag.complete,
             "messages": sum(topic.count for topic in bag.topics.values()),
             "metadata": bag.metadata,
@@ -61,7 +90,13 @@ def run_info(args: argparse.Namespace) -> int:
         print(json.dumps(found))
         return 0
     console = Console()
+    console.print(f"files     {', '.join(names)} ({bag.kind})", highlight=False)
+    console.print(f"size      {size / 1e6:.3f} MB", highlight=False)
+    console.print(f"start     {_time(start)}", highlight=False)
+    console.print(f"end       {_time(end)}", highlight=False)
+    console.print(f"duration  {found['duration']:.3f} s", highlight=False)
     table = Table("topic", "type", "messages", "offered")
+    table.columns[1].overflow = "fold"
     table.columns[2].justify = "right"
     for topic in topics:
         offered = sorted({f"{qos.reliability}, {qos.durability}" for qos in topic.qos})
@@ -71,6 +106,57 @@ def run_info(args: argparse.Namespace) -> int:
     console.print(f"{found['messages']} messages{torn}", highlight=False)
     for key, value in bag.metadata.items():
         console.print(f"{key}: {value}", highlight=False)
+    return 0
+
+
+def _time(stamp: int) -> str:
+    """Stamp in seconds, and as a date unless it is a simulation's."""
+    seconds = f"{stamp * 1e-9:.3f} s"
+    if stamp < 1e17:  # 1973
+        return seconds
+    date = datetime.fromtimestamp(stamp * 1e-9, UTC).isoformat(sep=" ", timespec="milliseconds")
+    return f"{seconds} ({date})"
+
+
+def run_convert(args: argparse.Namespace) -> int:
+    """Write the messages wanted to a new bag.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from trajectory_recorder.bag.conversion import convert
+    from trajectory_recorder.bag.reader import BagReader
+    from trajectory_recorder.bag.writer import Compression
+
+    names: set[str] = set()
+    for path in args.bags:
+        with BagReader(path) as bag:
+            names |= bag.topics.keys()
+
+    def wanted(name: str) -> bool:
+        def among(patterns: list[str]) -> bool:
+            return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+        return among(args.topics) and not among(args.exclude)
+
+    with progress_bar("converting") as progress:
+        messages = convert(
+            args.bags,
+            args.output,
+            topics=[name for name in names if wanted(name)],
+            start=args.start,
+            duration=math.inf if args.duration is None else args.duration,
+            compression=Compression(args.compression.replace("none", "")),
+            split_size=round(args.split_size * 1e6),
+            split_duration=args.split_duration,
+            progress=progress,
+        )
+    if args.json:
+        print(json.dumps({"bag": str(args.output), "messages": messages}))
+    else:
+        print(f"{messages} messages in {args.output}")
     return 0
 
 

@@ -11,6 +11,7 @@ from tricycle_cli.operation.processes import run_in_foreground
 EXAMPLE = """\
 examples:
   tricycle record --output bags/first
+  tricycle record --topics '*' --exclude '/camera/*'
   tricycle record --topics 'maneuver/*' odom /imu --split-duration 60 --compression lz4
 """
 
@@ -28,6 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--output", type=Path, metavar="DIR", help="bag to create (default: bags/<date and time>)")
     add("--topics", nargs="+", metavar="TOPIC", help="names; * and ? match anything")
+    add("--exclude", nargs="+", metavar="TOPIC", help="names not to record, of those")
     add("--compression", choices=["zstd", "lz4", "none"], default="zstd", help="of chunks")
     new_file = "begin a new file after (default: never)"
     add("--split-size", type=not_negative, default=0.0, metavar="MB", help=new_file)
@@ -68,8 +70,9 @@ def run(args: argparse.Namespace) -> int:
         "exit_on_failure": True,
         "use_sim_time": args.use_sim_time,
     }
-    if args.topics:
-        parameters["topics"] = args.topics
+    for name in ("topics", "exclude"):
+        if topics := getattr(args, name):
+            parameters[name] = topics
     status = run_in_foreground("trajectory_recorder", parameters, duration=args.duration)
     if not output.exists():  # the node has said why
         return status

@@ -34,7 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--start", type=not_negative, default=0.0, metavar="S", help="skip so many recorded seconds"
     )
+    add(
+        "--duration",
+        type=not_negative,
+        default=0.0,
+        metavar="S",
+        help="play so many recorded seconds (default: to the end)",
+    )
     add("--topics", nargs="+", metavar="TOPIC", help="names to play; * and ? match anything")
+    add("--exclude", nargs="+", metavar="TOPIC", help="names not to play, of those")
     add(
         "--remap",
         nargs="+",
@@ -62,11 +70,12 @@ def run(args: argparse.Namespace) -> int:
     with BagReader(args.bag):  # a bag that cannot be read is a mistake said at once
         pass
     parameters: dict[str, object] = {
-        name: getattr(args, name) for name in ("rate", "start", "loop", "paused")
+        name: getattr(args, name) for name in ("rate", "start", "duration", "loop", "paused")
     }
     parameters["bag"] = str(args.bag)
-    if args.topics:
-        parameters["topics"] = [_absolute(topic) for topic in args.topics]
+    for name in ("topics", "exclude"):
+        if topics := getattr(args, name):
+            parameters[name] = [_absolute(topic) for topic in topics]
     status = run_in_foreground("bag_replayer", parameters, remappings=args.remap)
     if args.json:
         print(json.dumps({"bag": str(args.bag), "status": status}))

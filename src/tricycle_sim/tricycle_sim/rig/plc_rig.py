@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from typing import Any, NamedTuple
 
-from tricycle_bridge.protocol.boards import ADC_CENTRE, ADC_SCALE, STEER_SUPPLY
+from tricycle_bridge.protocol.boards import ADC_CENTRE, ADC_SCALE, STEER_SUPPLY, hall_pulse
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.timing import TICK
 from tricycle_sim.plc import SteerMeasurement, SteerOutput
@@ -72,7 +72,7 @@ class PlcRig(Rig):
         return age == 0
 
     def _rest(self) -> None:
-        self._hall = HallSensor()
+        self._hall = HallSensor(hall_pulse(self._vehicle.tyre_radius))
 
     def _reboot(self, board: Board, cause: ResetCause) -> None:
         self._boot_ticks[board] = self._ticks

@@ -1,0 +1,99 @@
+"""Parts of bags, and several bags, written as a new one."""
+
+import heapq
+import math
+from collections.abc import Collection, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.topics import Topic
+from trajectory_recorder.bag.writer import BagWriter, Compression
+from tricycle_core.errors import BagError
+from tricycle_core.quantities import Progress
+
+
+def convert(
+    bags: Sequence[Path],
+    output: Path,
+    *,
+    topics: Collection[str] | None = None,
+    start: float = 0.0,
+    duration: float = math.inf,
+    compression: Compression = Compression.ZSTD,
+    split_size: int = 0,
+    split_duration: float = 0.0,
+    progress: Progress | None = None,
+) -> int:
+    """Write the messages of one or several bags to a new one, by their stamps; return how many.
+
+    Parameters
+    ----------
+    bags : sequence of Path
+        rosbag2 directories, ``.mcap`` or ``.db3`` files.
+    output : Path
+        rosbag2 directory to create, with MCAP files.
+    topics : collection of str, optional
+        Names of those wanted. Default: all.
+    start : float
+        Recorded time to leave out [s], latched topics excepted: they then come at the start.
+    duration : float
+        Recorded time to keep [s].
+    compression : Compression
+        Of the chunks.
+    split_size : int
+        Size of a file [bytes]; 0: no limit.
+    split_duration : float
+        Duration of a file [s]; 0: no limit.
+    progress : callable, optional
+        Called with the number of messages looked at and in all.
+
+    Raises
+    ------
+    BagError
+        If a bag cannot be read, the output exists, or nothing is left to write.
+    """
+    with ExitStack() as stack:
+        readers = [stack.enter_context(BagReader(bag)) for bag in bags]
+        found: dict[str, Topic] = {}
+        for reader in readers:
+            for name, topic in reader.topics.items():
+                if topics is not None and name not in topics:
+                    continue
+                known = found.setdefault(name, topic)
+                if known.type != topic.type:
+                    raise BagError(f"{name} has two types, {known.type} and {topic.type}")
+                if known is not topic:
+                    found[name] = replace(known, count=known.count + topic.count)
+        spans = [reader.span for reader in readers if reader.span is not None]
+        if not any(topic.count for topic in found.values()) or not spans:
+            raise BagError("no message is left to write")
+        begin = min(first for first, _ in spans) + round(start * 1e9)
+        end = begin + duration * 1e9
+        if begin > max(last for _, last in spans):
+            raise BagError(f"no message is left to write: the bags are shorter than {start:g} s")
+        metadata = {key: value for reader in readers for key, value in reader.metadata.items()}
+        writer = stack.enter_context(
+            BagWriter(
+                output,
+                compression=compression,
+                split_size=split_size,
+                split_duration=split_duration,
+                metadata=metadata,
+            )
+        )
+        ids = {name: writer.add_topic(topic) for name, topic in found.items()}
+        total = sum(topic.count for topic in found.values())
+        merged = heapq.merge(
+            *(reader.messages_by_stamp(found.keys()) for reader in readers),
+            key=lambda message: message.stamp,
+        )
+        for done, message in enumerate(merged, start=1):
+            if message.stamp > end:
+                break
+            if message.stamp >= begin or found[message.topic].latched:
+                writer.write(ids[message.topic], max(message.stamp, begin), message.data)
+            if progress is not None and (done % 1000 == 0 or done == total):
+                progress(done, total)
+        return writer.messages

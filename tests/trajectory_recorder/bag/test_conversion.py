@@ -1,0 +1,65 @@
+"""Parts of bags, and bags in one."""
+
+from pathlib import Path
+
+import pytest
+
+from trajectory_recorder.bag.conversion import convert
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.topics import OfferedQos, Topic
+from trajectory_recorder.bag.writer import BagWriter
+from tricycle_core.errors import BagError
+
+STRING = "std_msgs/msg/String"
+S = 10**9  # ns
+LATCHED = (OfferedQos(durability="transient_local"),)
+
+
+def write(path: Path, stamps: range, **names: str) -> Path:
+    """A latched /plan at the first stamp, and /<name> at each."""
+    with BagWriter(path, metadata={path.name: "x"}) as writer:
+        plan = writer.add_topic(Topic.of_type("/plan", STRING, qos=LATCHED))
+        ids = [writer.add_topic(Topic.of_type(f"/{n}", kind)) for n, kind in names.items()]
+        writer.write(plan, stamps[0] * S, b"plan")
+        for topic in ids:
+            for stamp in stamps:
+                writer.write(topic, stamp * S, b"%d" % stamp)
+    return path
+
+
+def contents(bag: Path) -> list[tuple[str, int]]:
+    with BagReader(bag) as reader:
+        return [(message.topic, message.stamp // S) for message in reader.messages()]
+
+
+def test_a_part_has_the_latched_messages_of_before(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", range(100, 110), odom=STRING, imu=STRING)
+    count = convert([bag], tmp_path / "part", topics=["/plan", "/odom"], start=5, duration=2)
+    expected = [("/plan", 105), ("/odom", 105), ("/odom", 106), ("/odom", 107)]
+    assert contents(tmp_path / "part") == expected
+    assert count == len(expected)
+
+
+def test_several_bags_become_one_by_their_stamps(tmp_path: Path) -> None:
+    first = write(tmp_path / "first", range(0, 6, 2), odom=STRING)
+    second = write(tmp_path / "second", range(1, 6, 2), odom=STRING)
+    assert convert([first, second], tmp_path / "both") == 8
+    assert [t for _, t in contents(tmp_path / "both")] == [0, 0, 1, 1, 2, 3, 4, 5]
+    with BagReader(tmp_path / "both") as reader:
+        assert reader.metadata == {"first": "x", "second": "x"}
+        assert reader.topics["/odom"].count == 6
+        assert reader.span == (0, 5 * S)
+
+
+def test_what_cannot_be_written_leaves_no_bag(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", range(3), odom=STRING)
+    other = write(tmp_path / "other", range(3), odom="std_msgs/msg/Bool")
+    for bags, options, reason in (
+        ([bag], {"topics": ["/nothing"]}, "no message is left"),
+        ([bag], {"start": 9.0}, "shorter than 9 s"),
+        ([bag, other], {}, "two types"),
+        ([tmp_path / "nowhere"], {}, "no such bag"),
+    ):
+        with pytest.raises(BagError, match=reason):
+            convert(bags, tmp_path / "new", **options)  # type: ignore[arg-type]
+        assert not (tmp_path / "new").exists()
