@@ -36,7 +36,7 @@ def test_a_plan_is_shown(capsys, tmp_path, monkeypatch):
     save_plan(plan_at(request, Circle().operation.from_unit([0.5, 0.5])), tmp_path / "plan.json")
     assert main(["plan", "show", "plan.json"]) == 0
     output = capsys.readouterr().out
-    assert "(target)" in output
+    assert "circle for camber_stiffness: radius = 4" in output
     assert (tmp_path / "plan.png").exists()
 
 
