@@ -14,7 +14,8 @@ LAYOUT = json.loads((SHARE / "foxglove" / "tricycle.json").read_text())
 TOPICS = {
     *("/maneuver/path", "/maneuver/reference", "/maneuver/state", "/odom", "/ground_truth"),
     *("/imu", "/joint_commands", "/joint_states", "/diagnostics", "/robot_description"),
-    *("/foxglove_script/pose", "/foxglove_script/tf"),
+    *("/maneuver/start", "/foxglove_script/pose", "/foxglove_script/tf"),
+    "/foxglove_script/maneuver_tf",
 }
 
 
@@ -42,9 +43,10 @@ def test_the_model_is_the_urdf():
     assert base64.b64decode(data) == (SHARE / "urdf" / "tricycle.urdf").read_bytes()
 
 
-def test_scripts_make_the_pose_of_what_odom_says():
+def test_scripts_make_poses_and_transforms_of_what_is_published():
     outputs = set()
     for script in LAYOUT["userNodes"].values():
-        assert 'export const inputs = ["/odom"]' in script["sourceCode"]
+        (topic,) = re.findall(r'export const inputs = \["(.+?)"\]', script["sourceCode"])
+        assert topic in TOPICS
         outputs |= set(re.findall(r'export const output = "(.+?)"', script["sourceCode"]))
     assert outputs == {topic for topic in TOPICS if topic.startswith("/foxglove_script/")}
