@@ -158,6 +158,9 @@ class Plan:
         Empty, or why the family cannot excite the target.
     vehicle, vehicle_hash : str
         Name of the vehicle, and hash of its values.
+    constants : mapping of str to float
+        Constants of the vehicle that shape the commands: one that differs in them is another
+        vehicle (see `excitation_planner.planning.check_vehicle`).
     tyre_radius : float
         Radius of the rear wheel [m].
     software : str
@@ -201,6 +204,7 @@ class Plan:
     verdict: str
     vehicle: str
     vehicle_hash: str
+    constants: Mapping[str, float]
     tyre_radius: float
     software: str
     commands: Commands

@@ -17,6 +17,7 @@ from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.prediction import ReplayedTrajectories, predicted_covariance
 from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run
 from excitation_planner.planning.request import PlanRequest
+from excitation_planner.planning.shaping import shaping_constants
 from tricycle_core import __version__
 from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray, Progress
@@ -265,6 +266,7 @@ def _plans(
                 ),
                 vehicle=vehicle.name,
                 vehicle_hash=vehicle.fingerprint,
+                constants=shaping_constants(vehicle),
                 tyre_radius=vehicle.tyre_radius,
                 software=__version__,
                 commands=run.commands,

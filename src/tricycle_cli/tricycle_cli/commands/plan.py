@@ -91,7 +91,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
         add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
-    add("--output", type=Path, default=Path("out/plan"), metavar="DIR")
+    add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
+    add("--overwrite", action="store_true", help="replace the plans that are there")
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -117,7 +118,16 @@ def run(args: argparse.Namespace) -> int:
             )
         plans = {Path(args.show[1]): load_plan(Path(args.show[1]))}
     else:
-        plans = _planned(_request(args), args)
+        request = _request(args)
+        earlier = _earlier_plans(args.output)
+        if earlier and not args.overwrite:
+            raise PlanError(
+                f"{earlier[0]} exists: --overwrite replaces it, or give another --output"
+            )
+        plans = _planned(request, args)
+        for file in earlier:  # a set of fewer drives must not leave one of the last set behind
+            file.unlink()
+            file.with_suffix(".png").unlink(missing_ok=True)
         for file, plan in plans.items():
             save_plan(plan, file)
     for file, plan in plans.items():
@@ -138,6 +148,10 @@ def run(args: argparse.Namespace) -> int:
     for file in plans:
         print(f"plan: {file}   figure: {file.with_suffix('.png')}", file=sys.stderr)
     return 0
+
+
+def _earlier_plans(folder: Path) -> list[Path]:
+    return sorted([*folder.glob("plan.json"), *folder.glob("plan-[0-9].json")])
 
 
 def _request(args: argparse.Namespace) -> PlanRequest:

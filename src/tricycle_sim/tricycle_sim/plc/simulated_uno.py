@@ -172,7 +172,13 @@ class SimulatedUno(Closing):
         self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / pulse))
 
     def hall_lines(self, hall: float | None, direction: float | None) -> None:
-        """Break the hall sensor's lines: their voltages in V; None: whole."""
+        """Break the hall sensor's lines.
+
+        Parameters
+        ----------
+        hall, direction : float or None
+            Their voltages [V]; None: whole.
+        """
         for line, volts in enumerate((hall, direction)):
             millivolts = -1 if volts is None else round(volts * 1e3)
             self._c.machine_break(self._machine, line, ctypes.c_int32(millivolts))
