@@ -13,7 +13,7 @@ from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError, VehicleError
 from tricycle_sim.vehicle import Vehicle, load_vehicle
-from tricycle_sim.vehicle.kinematics import road_angles, wheelbase
+from tricycle_sim.vehicle.kinematics import road_angles
 
 SIMULATION_CONFIG = str(files("tricycle_bringup") / "config" / "simulation.yaml")
 VEHICLE_CONFIG = str(files("tricycle_bringup") / "config" / "vehicle.yaml")
@@ -72,7 +72,7 @@ def turning_geometry(vehicle: Vehicle) -> TurningGeometry:
     reach = _steering_reach(vehicle)
     motor_angles = np.linspace(-reach, reach, TURNING_POINTS)
     return TurningGeometry(
-        wheelbase(vehicle),
+        vehicle.wheelbase,
         tuple(motor_angles.tolist()),
         tuple(road_angles(vehicle, motor_angles).tolist()),
     )

@@ -8,7 +8,7 @@ import numpy as np
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.parts import steering_constants, structure_of
 
 
 class SteeredWheel(NamedTuple):
@@ -42,25 +42,16 @@ def steered_wheels(vehicle: Vehicle, motor_angle: float) -> list[SteeredWheel]:
     constants = steering_constants(vehicle, 1.0)  # without set-points there is no step
     functions_for(vehicle).steer(servo, np.empty(0), constants, 1, table, angles)
     # a row holds the direction of each wheel's axle, three numbers, and its rate
-    return [
-        SteeredWheel(wheelbase(vehicle), y - vehicle.rear_wheel_y, math.atan2(-axle[0], axle[1]))
-        for y, axle in zip(
-            (vehicle.left_wheel_y, vehicle.right_wheel_y),
-            table.reshape(-1, 4).tolist(),
-            strict=True,
-        )
-    ]
-
-
-def wheelbase(vehicle: Vehicle) -> float:
-    """Return the distance of the axles [m].
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With the places of its wheels.
-    """
-    return vehicle.com_to_front_axle + vehicle.com_to_rear_axle
+    axles = table.reshape(-1, 4).tolist()
+    still = [vehicle.of(wheel) for wheel in vehicle.wheels if not wheel.steered]
+    x = sum(own.x for own in still) / len(still)
+    y = sum(own.y for own in still) / len(still)
+    found = []
+    for wheel, side in zip(vehicle.wheels, structure_of(vehicle).sides, strict=False):
+        if side >= 0:
+            own, axle = vehicle.of(wheel), axles[side]
+            found.append(SteeredWheel(own.x - x, own.y - y, math.atan2(-axle[0], axle[1])))
+    return found
 
 
 def curvature(wheels: list[SteeredWheel]) -> float:
@@ -104,6 +95,6 @@ def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
     motor_angles : ndarray of float
         Of the steering motor [rad].
     """
-    length = wheelbase(vehicle)
+    length = vehicle.wheelbase
     curvatures = [curvature(steered_wheels(vehicle, angle)) for angle in motor_angles]
     return np.arctan(length * np.array(curvatures))
