@@ -140,14 +140,19 @@ class ExcitationPlanner(Node):
         self.get_logger().info(f"plan {plan.id}: {plan.maneuver} for {plan.target}")
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse a plan file that exists but is not a plan of this vehicle."""
-        for parameter in parameters:
-            if parameter.name == "plan_file" and Path(parameter.value).exists():
-                try:
-                    self._load(Path(parameter.value))
-                except (PlanError, VehicleError, OSError) as error:
-                    return SetParametersResult(successful=False, reason=str(error))
+        """Refuse what no plan can be made of, and a plan file that is not one of this vehicle."""
+        new = {parameter.name: parameter.value for parameter in parameters}
+        try:
+            if new.keys() & set(PLAN_PARAMETERS):
+                _request(self._settings() | new)
+            if "plan_file" in new and Path(new["plan_file"]).exists():
+                self._load(Path(new["plan_file"]))
+        except (DesignError, PlanError, VehicleError, OSError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _settings(self) -> Settings:
+        return {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
         if any(parameter.name == "plan_file" for parameter in parameters) and self._file.exists():
@@ -158,7 +163,7 @@ class ExcitationPlanner(Node):
         if self._process is not None:
             response.message = "planning is under way; ~/cancel ends it"
             return response
-        settings = {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
+        settings = self._settings()
         try:
             _request(settings)
         except (DesignError, PlanError, VehicleError, OSError) as error:

@@ -85,13 +85,15 @@ def test_the_overspeed_is_that_of_the_vehicle_s_largest_speed(make_bench):
 def test_an_armed_drive_may_not_gain_while_its_motor_brakes(make_bench, gear):
     sign = 1 if gear == 1 else -1
     drive = make_bench(DRIVE).booted().armed()
-    drive.drive(60, 1.0, gear=gear)
+    drive.drive(60, 1.0, gear=gear, brake=0.1)  # the pulses are not looked at
     assert drive.output.setpoint == sign
-    drive.command(1.0, gear=gear)
-    assert drive.tick(speed=sign * 1.3, torque=sign * 1.0).state == State.ARMED  # it pushes
-    for speed, state in ((1.55, State.ARMED), (1.551, State.FAULT)):
-        drive.command(1.0, gear=gear)
-        assert drive.tick(speed=sign * speed, torque=-sign * 1.0).state == state
+    for speed, torque, state in (
+        (1.3, 1.0, State.ARMED),  # pushed so far: the ceiling is 1.2 m/s
+        (1.42, -1.0, State.ARMED),
+        (1.421, -1.0, State.FAULT),
+    ):
+        drive.command(1.0, gear=gear, brake=0.1)
+        assert drive.tick(speed=sign * speed, torque=sign * torque).state == state
     assert drive.state.faults == Fault.OVERSPEED
 
 

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle import constant_fields, load_vehicle, warnings_about
+from tricycle_sim.vehicle import load_vehicle, warnings_about
 
 EXAMPLE = """\
 example:
@@ -53,7 +53,8 @@ def run(args: argparse.Namespace) -> int:
     check_step(vehicle, TICK)
     fastest, _ = fastest_mode(vehicle)
     warnings = warnings_about(vehicle)
-    loads = dict(zip(("left", "right", "rear"), vehicle.static_loads(), strict=True))
+    names = [wheel.name for wheel in vehicle.wheels]
+    loads = dict(zip(names, vehicle.static_loads(), strict=True))
     if args.json:
         result = {
             "name": vehicle.name,
@@ -68,10 +69,11 @@ def run(args: argparse.Namespace) -> int:
         return 0
     console = Console(highlight=False)
     console.print(f"{vehicle.name}: valid (hash {vehicle.fingerprint})")
-    units = {constant.name: constant.metadata["unit"] for constant in constant_fields()}
     table = Table("unknown parameter", "low", "nominal", "high", "unit")
     for name, (low, high) in vehicle.unknown.items():
-        table.add_row(name, f"{low:g}", f"{vehicle.nominal[name]:g}", f"{high:g}", units[name])
+        table.add_row(
+            name, f"{low:g}", f"{vehicle.nominal[name]:g}", f"{high:g}", vehicle.unit(name)
+        )
     console.print(table)
     console.print("wheel loads at rest: " + ", ".join(f"{w} {n:.1f} N" for w, n in loads.items()))
     console.print(

@@ -4,15 +4,15 @@ The servo is stiff: the tyres do not move it. Its history follows from the set-p
 exact at every half step, whatever the vehicles of a batch do: one table holds it for all of them.
 
 `LINKAGES` lists the laws of the linkage; each is one function, compiled into the steering, and the
-constants that it reads. A vehicle file chooses one under `parts: {linkage: NAME}`.
+constants that it reads. A vehicle file chooses one under `parts: {steering: NAME}`.
 """
 
 import math
 from typing import Any
 
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.compilation import inlined
 from tricycle_sim.vehicle.actuators import SERVOS
+from tricycle_sim.vehicle.laws import Law, between, inlined, positive
 from tricycle_sim.vehicle.layout import Formulas, blocks, numbered
 
 RATIO: Formulas = {
@@ -22,6 +22,14 @@ RATIO: Formulas = {
     "smoothing": lambda v: v.steering_ratio_smoothing,
 }
 _R = numbered(RATIO)
+
+CONSTANTS = (
+    between("caster_angle", "rad", -0.7, 0.7),
+    between("steering_limit", "rad", 0.01, 1.2),  # of the motor: its end stop
+    # share of the limit that plans keep free
+    between("steering_margin", "1", 0.0, 0.5, default=0.05, setting=True),
+)
+"""What every linkage has."""
 
 GEOMETRY: Formulas = {
     "limit": lambda v: v.steering_limit,
@@ -90,14 +98,24 @@ def axle(constants: FloatArray, c: int, angle: float) -> tuple[float, float, flo
     )
 
 
-LINKAGES = {"ratio": (ratio, RATIO)}
-"""Function and constants of each law by name."""
+LINKAGES = {
+    "ratio": Law(
+        ratio,
+        RATIO,
+        (
+            between("steering_ratio_straight", "1", 0.3, 1.0),  # outer to inner wheel
+            between("steering_ratio_full", "1", 0.3, 1.0),  # at the limit
+            positive("steering_ratio_smoothing", "rad"),
+        ),
+    )
+}
+"""Every law by name; the first is the default."""
 
 BLOCK, SIZE = blocks(
     0,
     {
-        "servo": [constants for _, constants in SERVOS.values()],
-        "linkage": [constants for _, constants in LINKAGES.values()],
+        "servo": [law.rows for law in SERVOS.values()],
+        "linkage": [law.rows for law in LINKAGES.values()],
         "geometry": [GEOMETRY],
     },
 )
@@ -105,7 +123,7 @@ BLOCK, SIZE = blocks(
 
 
 @inlined
-def road_angle(linkage: Any, motor_angle: float, constants: FloatArray) -> float:
+def road_angle_of(linkage: Any, motor_angle: float, constants: FloatArray) -> float:
     """Return the angle on the road [rad] of the one front wheel that would do for both.
 
     Parameters
@@ -124,8 +142,8 @@ def road_angle(linkage: Any, motor_angle: float, constants: FloatArray) -> float
 
 
 @inlined
-def motor_angle_for(linkage: Any, angle: float, constants: FloatArray) -> float:
-    """Return the motor angle [rad] within its limit whose `road_angle` comes closest to an angle.
+def motor_angle_of(linkage: Any, angle: float, constants: FloatArray) -> float:
+    """Return the motor angle [rad] within its limit whose `road_angle_of` comes closest.
 
     Parameters
     ----------
@@ -138,9 +156,9 @@ def motor_angle_for(linkage: Any, angle: float, constants: FloatArray) -> float:
     """
     limit = constants[BLOCK.geometry + _G.limit]
     low, high = -limit, limit
-    for _ in range(50):  # road_angle rises with the motor angle: halve to round-off
+    for _ in range(50):  # road_angle_of rises with the motor angle: halve to round-off
         middle = 0.5 * (low + high)
-        if road_angle(linkage, middle, constants) < angle:
+        if road_angle_of(linkage, middle, constants) < angle:
             low = middle
         else:
             high = middle
@@ -159,7 +177,7 @@ def _write_axles(
 
 
 @inlined
-def run(
+def run_servo(
     servo_law: Any,
     linkage: Any,
     servo: FloatArray,

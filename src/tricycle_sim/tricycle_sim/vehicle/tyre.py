@@ -7,10 +7,32 @@ that it reads. A vehicle file chooses one under `parts: {tyre: NAME}`.
 import math
 
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.compilation import inlined
+from tricycle_sim.vehicle.laws import Constant, Law, between, inlined, not_negative, positive
 from tricycle_sim.vehicle.layout import LANES, Formulas, numbered
 
-CONSTANTS: Formulas = {
+CONSTANTS: tuple[Constant, ...] = (
+    positive("cornering_stiffness", "N/rad", per_wheel=True),
+    not_negative("camber_stiffness", "N/rad", per_wheel=True),
+    not_negative("self_aligning_stiffness", "N m/rad", per_wheel=True),
+    not_negative("rolling_coefficient_1", "1", per_wheel=True),
+    not_negative("rolling_coefficient_2", "s^2/m^2", per_wheel=True),
+    positive("vertical_stiffness", "N/m", per_wheel=True),
+    not_negative("vertical_damping", "N s/m", per_wheel=True),
+    positive("friction_coefficient", "1", per_wheel=True),
+    # 0: stiffness per wheel, 1: per load
+    between("load_sensitivity", "1", 0.0, 1.0, per_wheel=True),
+    positive("slip_stiffness", "N", per_wheel=True),  # longitudinal, per unit slip
+    positive("longitudinal_relaxation_length", "m", per_wheel=True),
+    positive("lateral_relaxation_length", "m", per_wheel=True),
+    positive("slip_speed_floor", "m/s", per_wheel=True),
+    positive("carcass_damping_speed", "m/s", per_wheel=True),  # the damping fades out above it
+    not_negative("longitudinal_carcass_damping", "N s/m", per_wheel=True),
+    not_negative("lateral_carcass_damping", "N s/m", per_wheel=True),
+    positive("rolling_smoothing_speed", "m/s", per_wheel=True),
+)
+"""What every law reads: the slopes at the origin and the friction limit are the same for all."""
+
+TYRE: Formulas = {
     "vertical_stiffness": lambda v: v.vertical_stiffness,
     "vertical_damping": lambda v: v.vertical_damping,
     "radius": lambda v: v.tyre_radius,
@@ -22,7 +44,7 @@ CONSTANTS: Formulas = {
     "rolling_smoothing_squared": lambda v: v.rolling_smoothing_speed**2,
 }
 """What every tyre has, whatever its law."""
-_C = numbered(CONSTANTS, step=LANES)
+_C = numbered(TYRE, step=LANES)
 
 LINEAR: Formulas = {
     "c_kappa": lambda v: v.slip_stiffness,
@@ -31,7 +53,7 @@ LINEAR: Formulas = {
     "aligning": lambda v: v.self_aligning_stiffness,
     "friction": lambda v: v.friction_coefficient,
     "stiffness_unloaded": lambda v: 1.0 - v.load_sensitivity,
-    "stiffness_per_load": lambda v: v.load_sensitivity / (v.mass * v.gravity / 3.0),
+    "stiffness_per_load": lambda v: v.load_sensitivity / v.mean_load,
     "damping_speed_squared": lambda v: v.carcass_damping_speed**2,
     "damping_x": lambda v: v.longitudinal_carcass_damping,
     "damping_y": lambda v: v.lateral_carcass_damping,
@@ -173,5 +195,5 @@ def linear(
     return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * grip, force2 * inverse * inverse
 
 
-LAWS = {"linear": (linear, LINEAR)}
-"""Function and constants of each law by name."""
+LAWS = {"linear": Law(linear, LINEAR)}
+"""Every law by name; the first is the default."""
