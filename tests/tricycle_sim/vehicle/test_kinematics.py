@@ -27,9 +27,9 @@ def test_the_vehicle_turns_as_its_kinematics_say(vehicle, motor_angle):
 
 
 def test_the_inner_wheel_turns_more():
-    left, right = (wheel.angle for wheel in steered_wheels(VEHICLE, 0.5))
+    left, right = (wheel.angle for wheel in steered_wheels(VEHICLE, 0.5).values())
     assert left > right > 0.0
-    other_way = [wheel.angle for wheel in steered_wheels(VEHICLE, -0.5)]
+    other_way = [wheel.angle for wheel in steered_wheels(VEHICLE, -0.5).values()]
     assert other_way == pytest.approx([-right, -left])
 
 

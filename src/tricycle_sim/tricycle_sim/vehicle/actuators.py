@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from tricycle_core.quantities import FloatArray
+from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
 from tricycle_sim.vehicle.laws import Constant, Law, between, inlined, not_negative, positive
 from tricycle_sim.vehicle.layout import LANES, Formulas, StepFormulas, numbered
 
@@ -31,10 +32,10 @@ SUPPLY: tuple[Constant, ...] = (
     not_negative("motor_copper_loss", "W/(N m)^2", setting=True),  # per torque squared
     positive("battery_voltage", "V", setting=True),
     # the boards' supplies, outside of which they do not arm; 0: not checked
-    between("drive_supply_low", "V", 0.0, 60.0, default=40.0, setting=True),
-    between("drive_supply_high", "V", 0.0, 60.0, default=0.0, setting=True),
-    between("steer_supply_low", "V", 0.0, 60.0, default=10.0, setting=True),
-    between("steer_supply_high", "V", 0.0, 60.0, default=14.0, setting=True),
+    between("drive_supply_low", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[0], setting=True),
+    between("drive_supply_high", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[1], setting=True),
+    between("steer_supply_low", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[0], setting=True),
+    between("steer_supply_high", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[1], setting=True),
 )
 """Constants of battery and boards, which every motor has."""
 DRIVE_SLEW = (positive("acceleration", "m/s^2", setting=True),)
