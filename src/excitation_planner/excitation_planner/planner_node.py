@@ -140,7 +140,7 @@ class ExcitationPlanner(Node):
         self.get_logger().info(f"plan {plan.id}: {plan.maneuver} for {plan.target}")
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse what no plan can be made of, and a plan file that exists but is not one of this vehicle."""
+        """Refuse what no plan can be made of, and a plan file that is not one of this vehicle."""
         new = {parameter.name: parameter.value for parameter in parameters}
         try:
             if new.keys() & set(PLAN_PARAMETERS):
