@@ -144,6 +144,17 @@ class Vehicle:
         """
         return self._by_wheel[wheel if isinstance(wheel, str) else wheel.name]
 
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Return the interval in which a constant of any vehicle lies.
+
+        Parameters
+        ----------
+        name : str
+            Entry of a vehicle file: `front.cornering_stiffness`.
+        """
+        constant = constant_entries(self.wheels, self.parts)[name]
+        return constant.low, constant.high
+
     def unit(self, name: str) -> str:
         """Return the unit of a constant.
 
