@@ -64,7 +64,7 @@ struct board {
 	uint8_t gear;
 	bool command_limited;
 	bool holding; /* armed, at rest with the brake on */
-	int32_t ceiling;    /* 0.01 mm/s: the set-point, or the lowest speed since the motor brakes */
+	int32_t ceiling;    /* 0.01 mm/s, of a motor that holds the vehicle */
 	uint8_t line_ticks; /* in a row in which a line was outside of its bands; saturates */
 	int32_t last_count;
 	int32_t pulses; /* since the last tick */

@@ -140,8 +140,10 @@ static bool runs_away(struct board *board)
 	bool pushes = board->gear == GEAR_REVERSE ? board->torque < 0 : board->torque > 0;
 	int32_t speed = 100L * magnitude(board->speed);
 	int32_t wanted = magnitude(board->setpoint);
-	int32_t allowed = pushes || speed < board->ceiling ? speed : board->ceiling;
-	board->ceiling = allowed > wanted ? allowed : wanted;
+	int32_t pushed = pushes ? wanted + 100L * OVERSHOOT : wanted;
+	int32_t most = pushed > board->ceiling ? pushed : board->ceiling;
+	int32_t reached = speed < most ? speed : most;
+	board->ceiling = reached > wanted ? reached : wanted;
 	return speed > board->ceiling + RUNAWAY;
 }
 
@@ -165,10 +167,10 @@ uint16_t board_find_fault(struct plc *plc, uint32_t now)
 		return FAULT_HALL_LINE;
 	if (magnitude(board->speed) > (int32_t)board->in_force.max_speed + OVERSPEED_MARGIN)
 		return FAULT_OVERSPEED;
-	if (plc->state == PLC_STATE_ARMED && runs_away(board))
-		return FAULT_OVERSPEED;
 	if (wheel_wrong(board))
 		return FAULT_PULSES;
+	if (plc->state == PLC_STATE_ARMED && runs_away(board))
+		return FAULT_OVERSPEED;
 	if (plc->state == PLC_STATE_STOPPING && now - plc->state_since >= STOPPING_US &&
 	    !board_stopped(plc))
 		return FAULT_STOP_TIMEOUT;
@@ -194,8 +196,13 @@ void board_armed(struct plc *plc)
 
 void board_disarmed(struct plc *plc, uint32_t now)
 {
+	struct board *board = &plc->board;
+	int32_t speed = 100L * board->speed;
 	(void)now;
-	plc->board.holding = false;
+	board->holding = false;
+	/* a stop does not push: it begins at the speed, where the vehicle was slower than wanted */
+	board->setpoint = clamp(speed, board->setpoint < 0 ? board->setpoint : 0,
+				board->setpoint > 0 ? board->setpoint : 0);
 }
 
 bool board_holds(const struct plc *plc)

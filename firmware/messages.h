@@ -53,7 +53,8 @@
 #define STOPPING_EXCESS 200 /* mm/s */
 #define STOPPING_BRAKE_RATE 10 /* 0.5 % per tick */
 #define OVERSPEED_MARGIN 480 /* mm/s */
-#define RUNAWAY_MARGIN 250 /* mm/s */
+#define OVERSHOOT 200 /* mm/s */
+#define RUNAWAY_MARGIN 220 /* mm/s */
 #define HARDWARE_WATCHDOG_MS 60 /* ms */
 #define MASS_LOW 400 /* 0.1 kg */
 #define MASS_HIGH 1000 /* 0.1 kg */

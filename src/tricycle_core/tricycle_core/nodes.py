@@ -195,7 +195,9 @@ def run_node(factory: Callable[[], Node]) -> None:
         if node is not None:
             with contextlib.suppress(KeyboardInterrupt):
                 node.destroy_node()
-        rclpy.try_shutdown()
+        # from Kilted on this destroys nodes, one whose construction failed too
+        with contextlib.suppress(AttributeError) if node is None else contextlib.nullcontext():
+            rclpy.try_shutdown()
         # Ctrl-C comes twice from `ros2 launch`; Python gives up its handlers before it has ended
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)

@@ -85,13 +85,15 @@ def test_the_overspeed_is_that_of_the_vehicle_s_largest_speed(make_bench):
 def test_an_armed_drive_may_not_gain_while_its_motor_brakes(make_bench, gear):
     sign = 1 if gear == 1 else -1
     drive = make_bench(DRIVE).booted().armed()
-    drive.drive(60, 1.0, gear=gear)
+    drive.drive(60, 1.0, gear=gear, brake=0.1)  # the pulses are not looked at
     assert drive.output.setpoint == sign
-    drive.command(1.0, gear=gear)
-    assert drive.tick(speed=sign * 1.3, torque=sign * 1.0).state == State.ARMED  # it pushes
-    for speed, state in ((1.55, State.ARMED), (1.551, State.FAULT)):
-        drive.command(1.0, gear=gear)
-        assert drive.tick(speed=sign * speed, torque=-sign * 1.0).state == state
+    for speed, torque, state in (
+        (1.3, 1.0, State.ARMED),  # pushed so far: the ceiling is 1.2 m/s
+        (1.42, -1.0, State.ARMED),
+        (1.421, -1.0, State.FAULT),
+    ):
+        drive.command(1.0, gear=gear, brake=0.1)
+        assert drive.tick(speed=sign * speed, torque=sign * torque).state == state
     assert drive.state.faults == Fault.OVERSPEED
 
 
@@ -151,6 +153,20 @@ def test_a_line_outside_of_its_bands_for_three_ticks_is_a_fault(make_bench, line
         State.SAFE,
         0 if whole else Fault.HALL_LINE,
     )
+
+
+@pytest.mark.parametrize("gear", [1, 2])
+@pytest.mark.parametrize(("speed", "begins"), [(0.4, 0.4), (1.1, 1.0), (-0.1, 0.0)])
+def test_a_stop_begins_at_the_speed_of_a_vehicle_that_was_slower(make_bench, gear, speed, begins):
+    sign = 1 if gear == 1 else -1
+    drive = make_bench(DRIVE).booted().armed()
+    drive.drive(60, 1.0, gear=gear, brake=0.1)  # the pulses are not looked at
+    drive.command(1.0, gear=gear, brake=0.1)
+    drive.tick(speed=sign * speed)
+    drive.command(1.0, gear=gear, brake=0.1, flags=0)
+    drive.tick(speed=sign * speed)
+    assert drive.state.state == State.STOPPING
+    assert drive.output.setpoint == pytest.approx(sign * max(begins - 0.02, 0.0))
 
 
 def test_an_overspeed_is_found_while_stopping_too(make_bench):

@@ -282,7 +282,7 @@ def test_thresholds_of_faults_are_those_of_both_codes(macros):
     names = ("WATCHDOG_MS", "TRACKING_ERROR", "TRACKING_MS", "ADC_LOW", "ADC_HIGH",
              "STOPPING_MS", "OVERSPEED_MARGIN", "RUNAWAY_MARGIN", "LINE_TICKS",
              "AT_REST")  # fmt: skip
-    in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 250, 3, 20)
+    in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 220, 3, 20)
     assert [macros[name] for name in names] == list(in_c)
 
 
@@ -305,9 +305,9 @@ def test_numbers_in_the_text_are_those_of_the_code(macros):
     assert told("5.5 Limits", r"end stop of its mechanics at ([\d.]+) rad") == [
         limits.STEERING_END_STOP
     ]
-    assert told("5.6 Set-points", r"more than ([\d.]+) m/s above the ceiling") == [
-        boards.RUNAWAY_MARGIN
-    ]
+    ceiling = r"or to ([\d.]+) m/s above it while .*? more than ([\d.]+) m/s above the ceiling"
+    assert told("5.6 Set-points", ceiling) == [boards.OVERSHOOT, boards.RUNAWAY_MARGIN]
+    assert macros["OVERSHOOT"] == boards.OVERSHOOT * 1e3
     wheel = "5.8 Does the wheel"
     bands = r"low is ([\d.]+) to ([\d.]+) V, high ([\d.]+) to ([\d.]+) V"
     assert told(wheel, bands) == [*boards.LINE_LOW, *boards.LINE_HIGH]

@@ -42,7 +42,8 @@ STOPPING_TIME = 8.0  # s after which a drive PLC in STOPPING gives up: STOP_TIME
 STOPPING_EXCESS = 0.2  # m/s above the ramp in STOPPING at which the friction brake joins ...
 STOPPING_BRAKE_RATE = 0.05  # ... and grows per tick, as a share of the full brake
 OVERSPEED_MARGIN = 0.48  # m/s above the largest speed; more is OVERSPEED
-RUNAWAY_MARGIN = 0.25  # m/s that an armed drive may gain while it brakes; more is OVERSPEED
+OVERSHOOT = 0.2  # m/s above the set-point to which an armed motor may push ...
+RUNAWAY_MARGIN = 0.22  # m/s ... and that the vehicle may gain against it; more is OVERSPEED
 HARDWARE_WATCHDOG = 0.06  # s without a tick until the microcontroller resets
 
 # What the wheel must do under the motor's torque (PULSES, section 5.8).

@@ -17,6 +17,7 @@ from tricycle_bridge.protocol.boards import (
     MASS_LOW,
     MASSES,
     MAX_THROTTLE,
+    OVERSHOOT,
     OVERSPEED_MARGIN,
     RUNAWAY_MARGIN,
     STOPPING_BRAKE_RATE,
@@ -141,7 +142,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._brake = 1.0
         self._setpoint = 0.0  # m/s, forward positive
         self._holding = False  # armed and at rest: brake full, motor off
-        self._ceiling = 0.0  # m/s, the set-point, or the lowest speed since the motor brakes
+        self._ceiling = 0.0  # m/s, of a motor that holds the vehicle
         self._line_ticks = 0  # in a row in which a hall line was outside of its bands
         self._hall_count = 0  # of the last tick
         self._pulses = 0  # since then
@@ -202,10 +203,10 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
             return Fault.HALL_LINE
         if abs(self._measured.speed) > self._max_speed + OVERSPEED_MARGIN + 1e-9:
             return Fault.OVERSPEED
-        if self.state is PlcState.ARMED and self._runs_away():
-            return Fault.OVERSPEED
         if self._wheel_fails():
             return Fault.PULSES
+        if self.state is PlcState.ARMED and self._runs_away():
+            return Fault.OVERSPEED
         late = now_us - self._state_since >= _STOPPING_US
         if self.state is PlcState.STOPPING and late and not self._stopped():
             return Fault.STOP_TIMEOUT
@@ -218,8 +219,9 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         """
         speed = abs(self._measured.speed)
         pushes = _SIGNS[self._gear] * self._measured.torque > 0.0
-        allowed = speed if pushes else min(self._ceiling, speed)
-        self._ceiling = max(abs(self._setpoint), allowed)
+        wanted = abs(self._setpoint)
+        pushed = wanted + OVERSHOOT if pushes else wanted
+        self._ceiling = max(wanted, min(speed, max(pushed, self._ceiling)))
         return speed > self._ceiling + RUNAWAY_MARGIN + 1e-9
 
     def _wheel_fails(self) -> bool:
@@ -246,6 +248,9 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
 
     def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - the steering's begins to hold
         self._holding = False
+        # a stop does not push: it begins at the speed, where the vehicle was slower than wanted
+        low, high = min(self._setpoint, 0.0), max(self._setpoint, 0.0)
+        self._setpoint = min(max(self._measured.speed, low), high)
 
     @property
     def _holds(self) -> bool:

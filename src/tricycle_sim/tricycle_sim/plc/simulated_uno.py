@@ -167,12 +167,26 @@ class SimulatedUno(Closing):
         self._adc(0, (ADC_CENTRE + ADC_SCALE * angle + 0.5) * _MV_PER_COUNT)
 
     def wheel_speed(self, speed: float, pulse: float = HALL_PULSE) -> None:
-        """Turn the hall sensor's wheel (m/s, forward positive; m of travel per pulse)."""
+        """Turn the hall sensor's wheel.
+
+        Parameters
+        ----------
+        speed : float
+            Of the tread [m/s], forward positive.
+        pulse : float
+            Travel per pulse [m].
+        """
         self._c.machine_sensor(self._machine, 1, int(speed >= 0.0))
         self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / pulse))
 
     def hall_lines(self, hall: float | None, direction: float | None) -> None:
-        """Break the hall sensor's lines: their voltages in V; None: whole."""
+        """Break the hall sensor's lines.
+
+        Parameters
+        ----------
+        hall, direction : float or None
+            Their voltages [V]; None: whole.
+        """
         for line, volts in enumerate((hall, direction)):
             millivolts = -1 if volts is None else round(volts * 1e3)
             self._c.machine_break(self._machine, line, ctypes.c_int32(millivolts))

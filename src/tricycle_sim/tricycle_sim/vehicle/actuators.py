@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from tricycle_core.quantities import FloatArray
+from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
 from tricycle_sim.vehicle.laws import Constant, Law, between, inlined, not_negative, positive
 from tricycle_sim.vehicle.layout import LANES, Formulas, StepFormulas, numbered
 
@@ -31,10 +32,10 @@ SUPPLY: tuple[Constant, ...] = (
     not_negative("motor_copper_loss", "W/(N m)^2", setting=True),  # per torque squared
     positive("battery_voltage", "V", setting=True),
     # the boards' supplies, outside of which they do not arm; 0: not checked
-    between("drive_supply_low", "V", 0.0, 60.0, default=40.0, setting=True),
-    between("drive_supply_high", "V", 0.0, 60.0, default=0.0, setting=True),
-    between("steer_supply_low", "V", 0.0, 60.0, default=10.0, setting=True),
-    between("steer_supply_high", "V", 0.0, 60.0, default=14.0, setting=True),
+    between("drive_supply_low", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[0], setting=True),
+    between("drive_supply_high", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[1], setting=True),
+    between("steer_supply_low", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[0], setting=True),
+    between("steer_supply_high", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[1], setting=True),
 )
 """Constants of battery and boards, which every motor has."""
 DRIVE_SLEW = (positive("acceleration", "m/s^2", setting=True),)
@@ -220,9 +221,24 @@ BRAKES = {
 }
 """Every law by name; the first is the default."""
 
+
+def _axle_share(w: Any) -> Any:
+    """Return the share of a wheel's axle in the torque of an all-wheel drive."""
+    return w.drive_front_share if w.in_front else 1.0 - w.drive_front_share
+
+
 DRIVES = {
     "single": Law(None, {"share": lambda _: 1.0}),
     "differential": Law(None, {"share": lambda _: 0.5}),
+    "all": Law(
+        None,
+        {
+            "share": lambda w: (
+                (w.drive_front_share if w.in_front else 1.0 - w.drive_front_share) / w.abreast
+            )
+        },
+        (between("drive_front_share", "1", 0.0, 1.0, default=0.5),),
+    ),
 }
 """Share of the motor's torque at each driven wheel, by the law's name.
 
