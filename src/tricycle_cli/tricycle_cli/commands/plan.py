@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--start-heading-std", "RAD", "of the start heading"),
     ):
         default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
-        add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
+        add(option, type=float, default=default, metavar=unit, help=text)
     add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
     add("--overwrite", action="store_true", help="replace the plans that are there")
     add("--json", action="store_true", help="print one JSON object")
