@@ -29,7 +29,7 @@ else
 INSTALL = $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]' $(PINS)
 endif
 
-.PHONY: help setup demo test check lint format lock audit docs reference firmware bench soak coverage mutation test-lower-bounds clean
+.PHONY: help setup demo test check lint format lock audit docs reference firmware bench soak coverage mutation test-lower-bounds test-kilted clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -128,6 +128,12 @@ test-lower-bounds: ## all tests without live nodes, with the oldest versions tha
 	export NUMBA_CACHE_DIR=$(CURDIR)/$(LOWER_BOUNDS)/numba; \
 	$(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "not slow and not ros"; \
 	$(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "slow and not ros"
+
+KILTED := .venv-kilted
+test-kilted: ## the fast tests of live nodes with the wheels of ROS 2 Kilted
+	test -x $(KILTED)/bin/python || $(PYTHON) -m venv $(KILTED)
+	$(KILTED)/bin/python -m pip install --quiet --editable '.[dev]' 'ros-kilted-rclpy[fastrtps]' ros-kilted-common-interfaces
+	$(KILTED)/bin/python -m pytest -q -m "ros and not slow"
 
 clean:  ## remove the environment and all output
 	rm -rf .venv out build ros_ws/build ros_ws/install ros_ws/log

@@ -86,6 +86,21 @@ def test_rows_are_played_from_the_start_time():
     assert playback.state is PlaybackState.DONE
 
 
+def test_the_origin_of_the_path_is_where_the_vehicle_is_and_then_where_it_started():
+    playback = ready()
+    elsewhere = PlanarState(3.0, 2.0, 0.0, 0.0)
+    playback.observe(elsewhere, 10.0, 10.0)
+    assert playback.origin == elsewhere
+    start(playback, 10.5)
+    playback.observe(MOVING, 10.51, 10.51)
+    playback.tick(10.51)
+    assert playback.origin == AT_REST
+    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    assert playback.origin is None
+    playback.observe(PlanarState(math.nan, 0.0, 0.0, 0.0), 1.0, 1.0)
+    assert playback.origin is None
+
+
 def test_a_late_tick_plays_the_row_that_is_due():
     assert running().tick(10.03) == JointCommand(0.2, 2.0)
 

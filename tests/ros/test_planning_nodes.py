@@ -1,5 +1,6 @@
 """Planner, driver and simulation as processes: what they answer, refuse and say at their end."""
 
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -12,15 +13,21 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from excitation_planner.maneuver import Circle
+from excitation_planner.plan import save_plan
+from excitation_planner.planning import PlanRequest, plan_at
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_core.nodes import LATCHED
 from tricycle_core.readiness import Readiness
+from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -125,7 +132,46 @@ def test_planner_refuses_an_unknown_target_and_can_be_cancelled(observer, start)
 def test_planner_refuses_an_unknown_criterion(observer, start):
     start("excitation_planner", criterion="e", plan_file="a.json")
     answer = observer.call("excitation_planner/plan")
-    assert (answer.success, answer.message) == (False, "criterion 'e'; one of: h, c, d, a")
+    assert (answer.success, answer.message) == (
+        False,
+        "unknown criterion 'e'; one of: 'h', 'c', 'd', 'a'",
+    )
+
+
+@pytest.mark.parametrize("knowingly", [False, True])
+def test_planner_publishes_the_plan_of_another_vehicle_knowingly_only(
+    observer, start, tmp_path, knowingly
+):
+    request = PlanRequest(load_vehicle(), Circle(duration=2.0), "cornering_stiffness", samples=20)
+    plan = plan_at(request, Circle().operation.from_unit([0.5, 0.5]))
+    other = plan.constants | {"com_to_front_axle": 1.25}
+    save_plan(dataclasses.replace(plan, constants=other), tmp_path / "plan.json")
+    node = start("excitation_planner", plan_file="plan.json", other_vehicle=knowingly)
+    if knowingly:
+        commands = observer.newest(JointTrajectory, "maneuver/commands", LATCHED)
+        observer.wait(lambda: commands, "the plan")
+    else:
+        said = next(line for line in node.stderr if "not published" in line)
+        assert "com_to_front_axle 1.25 instead of" in said
+
+
+def test_planner_refuses_parameters_that_no_plan_can_be_made_of(observer, start):
+    start("excitation_planner", plan_file="c.json")
+
+    def change(name, value):
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        (result,) = observer.services.call(
+            "excitation_planner/set_parameters", SetParameters, request
+        ).results
+        return result.successful, result.reason
+
+    for name, value in (("criterion", "e"), ("target", "weight"), ("maneuver", "loop")):
+        accepted, reason = change(name, value)
+        assert not accepted
+        assert repr(value) in reason or value in reason
+    assert change("target", "yaw_inertia") == (True, "")
 
 
 def test_a_planning_under_way_is_cancelled(observer, start, tmp_path):
@@ -219,8 +265,12 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     chain.tell(armed=True)
     chain.observer.wait(lambda: chain.refused().startswith("no pose on odom;"), "the refusal")
     assert not chain.joints  # nothing is commanded unless it drives
+    chain.pose.header.frame_id, chain.pose.pose.pose.position.x = "odom", 7.0
+    origin = chain.observer.newest(PoseStamped, "maneuver/start", LATCHED)
     chain.posing = True
     chain.start()
+    chain.observer.wait(lambda: origin, "where the path lies")
+    assert (origin[0].header.frame_id, origin[0].pose.position.x) == ("odom", 7.0)
     moved = lambda: chain.joints and chain.joints[0].velocity[1] == 1.0  # noqa: E731
     chain.observer.wait(moved, "the first row")
     assert chain.joints[0].header.frame_id == "/maneuver_driver"

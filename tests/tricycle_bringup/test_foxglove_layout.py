@@ -18,7 +18,8 @@ VEHICLE = load_vehicle()
 TOPICS = {
     *("/maneuver/path", "/maneuver/reference", "/maneuver/state", "/odom", "/ground_truth"),
     *("/imu", "/joint_commands", "/joint_states", "/diagnostics", "/robot_description"),
-    *("/foxglove_script/pose", "/foxglove_script/tf"),
+    *("/maneuver/start", "/foxglove_script/pose", "/foxglove_script/tf"),
+    "/foxglove_script/maneuver_tf",
 }
 
 
@@ -50,9 +51,10 @@ def test_the_model_is_the_vehicles():
     assert base64.b64decode(data).decode() == tricycle_urdf(longer)
 
 
-def test_scripts_make_the_pose_of_what_odom_says():
+def test_scripts_make_poses_and_transforms_of_what_is_published():
     outputs = set()
     for script in LAYOUT["userNodes"].values():
-        assert 'export const inputs = ["/odom"]' in script["sourceCode"]
+        (topic,) = re.findall(r'export const inputs = \["(.+?)"\]', script["sourceCode"])
+        assert topic in TOPICS
         outputs |= set(re.findall(r'export const output = "(.+?)"', script["sourceCode"]))
     assert outputs == {topic for topic in TOPICS if topic.startswith("/foxglove_script/")}

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -16,6 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.playback import (
     CLOCK_TOLERANCE,
+    FRAME,
     MAX_ROWS,
     PlanarState,
     Playback,
@@ -33,8 +35,15 @@ from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.stamps import nanoseconds_of, seconds_of
 from tricycle_core.timing import TICK
 
+try:  # not among the wheels
+    from tf2_msgs.msg import TFMessage
+except ImportError:
+    TFMessage = None
+
 OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
 STATE_EVERY = 0.5  # s between repeated state messages while running
+ORIGIN_EVERY = 0.5  # s at least between poses at which a maneuver would start
+ORIGIN_STEP = 0.05  # m or rad by which they differ at least
 
 
 def _schedule(message: JointTrajectory) -> Schedule:
@@ -90,6 +99,13 @@ class ManeuverDriver(Node):
         self._state = self.create_publisher(
             DiagnosticStatus, "maneuver/state", **overridable(LATCHED)
         )
+        self._start = self.create_publisher(PoseStamped, "maneuver/start", **overridable(LATCHED))
+        self._static = TFMessage and self.create_publisher(
+            TFMessage, "/tf_static", **overridable(LATCHED)
+        )
+        self._origin: PlanarState | None = None  # last one published
+        self._origin_at = -math.inf
+        self._odom_frame = ""
         for kind, topic, callback, qos in (
             (JointTrajectory, "maneuver/commands", self._on_commands, LATCHED),
             (Path, "maneuver/path", self._on_path, LATCHED),
@@ -134,6 +150,7 @@ class ManeuverDriver(Node):
 
     def _on_odom(self, message: Odometry) -> None:
         stamp = seconds_of(message.header.stamp)
+        self._odom_frame = message.header.frame_id
         self._playback.observe(_planar_state(message), stamp, self._now())
 
     def _on_readiness(self, message: DiagnosticStatus) -> None:
@@ -141,7 +158,8 @@ class ManeuverDriver(Node):
         self._playback.hear(Readiness.from_values(values), self._now())
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        return self._attempt(response, lambda: self._playback.start(self._now()), "started")
+        started = f"started plan {self._playback.plan_id}".strip()
+        return self._attempt(response, lambda: self._playback.start(self._now()), started)
 
     def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._attempt(response, lambda: self._playback.abort("asked for"), "aborted")
@@ -169,6 +187,33 @@ class ManeuverDriver(Node):
             message.velocity = [0.0, command.wheel_rate]
             self._joints.publish(message)
         self._publish_state()
+        self._publish_origin()
+
+    def _publish_origin(self) -> None:
+        """Publish where path and reference lie: at the start, and before it now and then."""
+        origin, last, now = self._playback.origin, self._origin, self._now()
+        if origin is None or origin is last or not self._playback.duration:
+            return
+        started = self._playback.state is not PlaybackState.WAITING
+        if last is not None and not started:
+            turn = math.remainder(origin.yaw - last.yaw, math.tau)
+            step = max(math.hypot(origin.x - last.x, origin.y - last.y), abs(turn))
+            if step < ORIGIN_STEP or 0 <= now - self._origin_at < ORIGIN_EVERY:
+                return
+        self._origin, self._origin_at = origin, now
+        pose = PoseStamped()
+        pose.header.stamp = self.get_clock().now().to_msg()
+        pose.header.frame_id = self._odom_frame
+        position, orientation = pose.pose.position, pose.pose.orientation
+        position.x, position.y = origin.x, origin.y
+        orientation.z, orientation.w = math.sin(origin.yaw / 2), math.cos(origin.yaw / 2)
+        self._start.publish(pose)
+        if self._static is not None:
+            transform = TransformStamped(header=pose.header, child_frame_id=FRAME)
+            translation = transform.transform.translation
+            translation.x, translation.y = origin.x, origin.y
+            transform.transform.rotation = orientation
+            self._static.publish(TFMessage(transforms=[transform]))
 
     def _publish_state(self) -> None:
         """Publish the state when it changes, and every `STATE_EVERY` while running."""

@@ -10,11 +10,10 @@ from rclpy.node import Node
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from excitation_planner.plan import Plan
+from excitation_planner.playback import FRAME
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED, overridable, time_message
 from tricycle_core.stamps import split_seconds
-
-FRAME = "odom"
 
 
 def _pose(x: float, y: float, yaw: float, time: float) -> PoseStamped:

@@ -22,7 +22,7 @@ from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names, parse_ranges, with_ranges
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.planning import PlanRequest
+from excitation_planner.planning import PlanRequest, check_vehicle
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import DesignError, PlanError, VehicleError
 from tricycle_core.nodes import declare, overridable, run_node
@@ -86,6 +86,7 @@ class ExcitationPlanner(Node):
         super().__init__("excitation_planner")
         setting = partial(declare, self, read_only=False)
         setting("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
+        setting("other_vehicle", False, "take plan files of other vehicles than this one")
         setting("maneuver", "circle", f"family: {', '.join(family_names())}")
         setting("ranges", [""], "search box: NAME=LOW:HIGH of operation parameters, as radius=3:12")
         setting("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
@@ -113,11 +114,25 @@ class ExcitationPlanner(Node):
         self.create_timer(POLL, self._watch, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         if self._file.exists():
-            self._publish(load_plan(self._file))
+            try:
+                self._publish(self._load(self._file))
+            except PlanError as error:  # a new plan will replace it
+                self.get_logger().error(f"not published: {error}")
 
     @property
     def _file(self) -> Path:
         return Path(self.get_parameter("plan_file").value)
+
+    def _load(self, file: Path) -> Plan:
+        """Plan of a file; raises PlanError where it is of another vehicle."""
+        plan = load_plan(file)
+        vehicle = self.get_parameter("vehicle_file").value
+        if not self.get_parameter("other_vehicle").value:
+            try:
+                check_vehicle(plan, load_vehicle(Path(vehicle) if vehicle else None))
+            except PlanError as error:
+                raise PlanError(f"{error}, or set the parameter other_vehicle") from error
+        return plan
 
     def _publish(self, plan: Plan) -> None:
         self._plan = plan
@@ -125,25 +140,30 @@ class ExcitationPlanner(Node):
         self.get_logger().info(f"plan {plan.id}: {plan.maneuver} for {plan.target}")
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse a plan file that exists but is not a plan."""
-        for parameter in parameters:
-            if parameter.name == "plan_file" and Path(parameter.value).exists():
-                try:
-                    load_plan(Path(parameter.value))
-                except (PlanError, OSError) as error:
-                    return SetParametersResult(successful=False, reason=str(error))
+        """Refuse what no plan can be made of, and a plan file that is not one of this vehicle."""
+        new = {parameter.name: parameter.value for parameter in parameters}
+        try:
+            if new.keys() & set(PLAN_PARAMETERS):
+                _request(self._settings() | new)
+            if "plan_file" in new and Path(new["plan_file"]).exists():
+                self._load(Path(new["plan_file"]))
+        except (DesignError, PlanError, VehicleError, OSError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _settings(self) -> Settings:
+        return {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
         if any(parameter.name == "plan_file" for parameter in parameters) and self._file.exists():
-            self._publish(load_plan(self._file))
+            self._publish(self._load(self._file))
 
     def _on_plan(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = False
         if self._process is not None:
             response.message = "planning is under way; ~/cancel ends it"
             return response
-        settings = {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
+        settings = self._settings()
         try:
             _request(settings)
         except (DesignError, PlanError, VehicleError, OSError) as error:

@@ -16,6 +16,9 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC, Readiness
 from tricycle_sim.commands import LONGEST
 
+FRAME = "maneuver"
+"""Frame of a maneuver's path and reference: its origin is the pose of the start."""
+
 STANDSTILL_SPEED = 0.05
 """Speed above which a maneuver does not start, and below which the vehicle rests [m/s]."""
 
@@ -363,6 +366,12 @@ class Playback:
         return self._plan.plan_id if self._plan else ""
 
     @property
+    def origin(self) -> PlanarState | None:
+        """Pose to which the path is relative: of the start, before it the newest; None unknown."""
+        origin = self._anchor or self._observed
+        return origin if origin is not None and origin.finite else None
+
+    @property
     def _active(self) -> bool:
         return self.state in (PlaybackState.STARTING, PlaybackState.RUNNING)
 
@@ -396,6 +405,7 @@ class Playback:
         if self._next is None:
             return
         self._plan, self._next = self._next, None
+        self._anchor = None
         self._held = JointCommand(0.0, 0.0)
         self.state, self.reason = PlaybackState.WAITING, ""
         self.start_time, self.elapsed = None, 0.0

@@ -52,6 +52,7 @@ LIVE_PARAMETERS = {
     "acceleration_noise": (0.05, 10.0, "m/s^2, of imu"),
 }
 HOST_SILENCE = 2.0  # s of wall time after which a host is not waited for any more
+UNKNOWN_VARIANCE = 1e6  # of what odom does not measure; 0 would mean exact
 
 
 class TricycleSim(Node):
@@ -185,8 +186,10 @@ class TricycleSim(Node):
         noise = self._noise
         odom.pose.covariance[0] = odom.pose.covariance[7] = noise.position**2
         odom.pose.covariance[35] = noise.yaw**2
+        odom.pose.covariance[[14, 21, 28]] = UNKNOWN_VARIANCE  # z, roll, pitch
         odom.twist.covariance[0] = odom.twist.covariance[7] = noise.speed**2
         odom.twist.covariance[35] = noise.yaw_rate**2
+        odom.twist.covariance[[14, 21, 28]] = UNKNOWN_VARIANCE
         self._odom.publish(odom)
         if self._tf is not None:
             self._tf.publish(TFMessage(transforms=[_transform(odom)]))

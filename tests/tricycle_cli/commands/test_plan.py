@@ -36,7 +36,7 @@ def test_a_plan_is_shown(capsys, tmp_path, monkeypatch):
     save_plan(plan_at(request, Circle().operation.from_unit([0.5, 0.5])), tmp_path / "plan.json")
     assert main(["plan", "show", "plan.json"]) == 0
     output = capsys.readouterr().out
-    assert "(target)" in output
+    assert "circle for camber_stiffness: radius = 4" in output
     assert (tmp_path / "plan.png").exists()
 
 
@@ -48,6 +48,17 @@ def test_a_plan_is_made_in_the_search_box_that_is_given_and_shown(capsys, tmp_pa
     assert main([*command, "--output", str(tmp_path)]) == 0
     output = capsys.readouterr().out
     assert "search box: radius=3:12 speed=0.5:0.8, speed at the end of its range" in output
+
+
+@pytest.mark.slow
+def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
+    for name in ("plan-1.json", "plan-2.json", "notes.json"):
+        (tmp_path / name).write_text("{}")
+    command = ["plan", "--at", "radius=3", "speed=0.8", "--samples", "20", "--output"]
+    assert main([*command, str(tmp_path)]) == 2
+    assert f"{tmp_path / 'plan-1.json'} exists: --overwrite replaces" in capsys.readouterr().err
+    assert main([*command, str(tmp_path), "--overwrite"]) == 0
+    assert {p.name for p in tmp_path.glob("*.json")} == {"plan.json", "notes.json"}
 
 
 def test_help_names_the_search_boxes(capsys):

@@ -4,6 +4,10 @@ Each is what a vehicle file says beside its constants; constants that are not he
 `tricycle.yaml`.
 """
 
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.constants import Vehicle, constant_entries
+from tricycle_sim.vehicle.wheels import Wheel
+
 MAGIC = {
     "shape_longitudinal": 1.6,
     "curvature_longitudinal": 0.3,
@@ -11,6 +15,9 @@ MAGIC = {
     "curvature_lateral": -0.8,
     "friction_load_slope": 0.1,
 }
+
+PLACES = ("com_to_", "left_", "right_", "rear_", "front_")
+"""How the constants of the tricycle begin that are those of one of its wheels or axles."""
 
 STEERED = {"steered": True}
 DRIVEN = {"driven": True, "braked": True}
@@ -92,9 +99,42 @@ REAR_STEERED = {
     },
 }
 
+PLAIN = {
+    "wheels": [*_pair("front", **STEERED), *_pair("rear", **DRIVEN)],
+    "parts": {"steering": "parallel"},
+    "constants": {
+        **_places("front", 0.7, 0.4, -0.4),
+        **_places("rear", -0.8, 0.4, -0.4),
+        "wheel_inertia": 0.3,
+        "caster_angle": 0.0,
+        "camber_stiffness": 0.0,
+        "self_aligning_stiffness": 0.0,
+        "rolling_coefficient_1": 0.0,
+        "rolling_coefficient_2": 0.0,
+        "front.cornering_stiffness": 1200.0,
+        "rear.cornering_stiffness": 1500.0,
+        "friction_coefficient": 50.0,
+        "lateral_carcass_damping": 0.0,
+    },
+}
+"""As close to the linear bicycle as the model comes: nothing but slip, far below the limit."""
+
 STRUCTURES = {
     "delta": DELTA,
     "car": CAR,
     "all_wheels": ALL_WHEELS,
     "rear_steered": REAR_STEERED,
 }
+
+
+def vehicle_of(structure, **constants):
+    """A vehicle of a structure; what it does not say is as with the paper's tricycle."""
+    wheels = tuple(Wheel(**wheel) for wheel in structure["wheels"])
+    parts = structure["parts"]
+    shared = {
+        name: value
+        for name, value in load_vehicle().values.items()
+        if name in constant_entries(wheels, parts) and not name.startswith(PLACES)
+    }
+    values = shared | structure["constants"] | constants
+    return Vehicle(name="made up", values=values, unknown={}, parts=parts, wheels=wheels)

@@ -56,7 +56,7 @@ def test_the_servo_stops_at_the_limit():
 
 def constants_of(formulas):
     """Constants of one vehicle, as they stand in a group."""
-    return np.repeat([formula(VEHICLE) for formula in formulas.values()], LANES)
+    return np.repeat([formula(VEHICLE.of("rear")) for formula in formulas.values()], LANES)
 
 
 def motor(spin=0.0, torque=0.0, integrator=0.0, speed_mode=0.0, demand=0.0):

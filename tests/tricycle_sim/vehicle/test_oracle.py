@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tricycle_sim.vehicle import load_vehicle
-from tricycle_sim.vehicle.constants import constant_fields
 
 
 def load(name):
@@ -22,7 +21,7 @@ def load(name):
 ORACLE = load("lagrange_oracle")
 STRUCTURES = load("structures").STRUCTURES
 VEHICLE = load_vehicle()
-SHARED = {entry.name: getattr(VEHICLE, entry.name) for entry in constant_fields()}
+SHARED = dict(VEHICLE.values)
 
 
 def described(structure, **constants):

@@ -83,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--drift-std", "M", "of a slow drift of the position"),
     ):
         default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
-        add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
+        add(option, type=float, default=default, metavar=unit, help=text)
     add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",

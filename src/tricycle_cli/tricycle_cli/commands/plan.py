@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_names, operation_point, shown_ranges
@@ -72,6 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: c; h with --noise-std 0)",
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add(
+        "--area",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of the ground to stay on, see docs/how-to-area.md (default: no limit)",
+    )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
     add("--seed", type=seed, default=0, help="same seed, same plan")
     add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
@@ -90,8 +98,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--start-heading-std", "RAD", "of the start heading"),
     ):
         default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
-        add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
-    add("--output", type=Path, default=Path("out/plan"), metavar="DIR")
+        add(option, type=float, default=default, metavar=unit, help=text)
+    add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
+    add("--overwrite", action="store_true", help="replace the plans that are there")
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -117,7 +126,16 @@ def run(args: argparse.Namespace) -> int:
             )
         plans = {Path(args.show[1]): load_plan(Path(args.show[1]))}
     else:
-        plans = _planned(_request(args), args)
+        request = _request(args)
+        earlier = _earlier_plans(args.output)
+        if earlier and not args.overwrite:
+            raise PlanError(
+                f"{earlier[0]} exists: --overwrite replaces it, or give another --output"
+            )
+        plans = _planned(request, args)
+        for file in earlier:  # a set of fewer drives must not leave one of the last set behind
+            file.unlink()
+            file.with_suffix(".png").unlink(missing_ok=True)
         for file, plan in plans.items():
             save_plan(plan, file)
     for file, plan in plans.items():
@@ -138,6 +156,10 @@ def run(args: argparse.Namespace) -> int:
     for file in plans:
         print(f"plan: {file}   figure: {file.with_suffix('.png')}", file=sys.stderr)
     return 0
+
+
+def _earlier_plans(folder: Path) -> list[Path]:
+    return sorted([*folder.glob("plan.json"), *folder.glob("plan-[0-9].json")])
 
 
 def _request(args: argparse.Namespace) -> PlanRequest:
@@ -163,6 +185,7 @@ def _request(args: argparse.Namespace) -> PlanRequest:
             start_position_std=args.start_position_std,
             start_heading_std=args.start_heading_std,
         ),
+        area=None if args.area is None else load_area(args.area),
     )
 
 
@@ -204,6 +227,8 @@ def _as_json(plan: Plan) -> dict[str, object]:
         "feasible": plan.feasible,
         "verdict": plan.verdict,
         "space": dict(zip(("along", "across", "stop"), plan.space, strict=True)),
+        "start_pose": plan.start_pose,
+        "clearance": plan.clearance,
         "id": plan.id,
     }
 
@@ -215,11 +240,18 @@ def _summary(plan: Plan) -> str:
         for name, (low, high) in plan.ranges.items()
         if min(plan.operation[name] - low, high - plan.operation[name]) < 1e-3 * (high - low)
     ]
+    room = f"needs {along:.1f} m x {across:.1f} m, and up to {stop:.1f} m more to stop"
+    if plan.area is not None and plan.start_pose is not None:
+        x, y, heading = plan.start_pose
+        room = (
+            f"starts at x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading):.1f}° "
+            f"in {plan.area.frame}; {plan.clearance:.2f} m to the border are left, "
+            "whatever stops it where"
+        )
     return (
         f"search box: {', '.join([shown_ranges(plan.ranges), *at_limit])} (--range sets it)\n"
         f"H = {plan.cost:.4f}, Q² = {plan.leave_one_out_q2:.6f}, "
-        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}\n"
-        f"needs {along:.1f} m x {across:.1f} m, and up to {stop:.1f} m more to stop"
+        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}\n{room}"
     )
 
 

@@ -50,14 +50,22 @@ def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:
         This process's environment with the domain, local discovery and a Fast DDS profile
         that finds new processes within milliseconds.
     """
+    profile = str(files("tricycle_bringup") / "fast_discovery.xml")
     return {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(files("tricycle_bringup") / "fast_discovery.xml"),
+        _profile_variable(): profile,
         "ROS_LOG_DIR": str(log_dir),
         "PYTHONUNBUFFERED": "1",
     }
+
+
+def _profile_variable() -> str:
+    """Name of the variable with the profile's path: Fast DDS 3, of Kilted, warns of the old one."""
+    prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
+    new = any(list(Path(prefix, "lib").glob("libfastdds.so*")) for prefix in prefixes if prefix)
+    return f"{'FASTDDS' if new else 'FASTRTPS'}_DEFAULT_PROFILES_FILE"
 
 
 def executable(name: str) -> str:

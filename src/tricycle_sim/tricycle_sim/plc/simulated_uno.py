@@ -167,7 +167,15 @@ class SimulatedUno(Closing):
         self._adc(0, (ADC_CENTRE + ADC_SCALE * angle + 0.5) * _MV_PER_COUNT)
 
     def wheel_speed(self, speed: float, pulse: float = HALL_PULSE) -> None:
-        """Turn the hall sensor's wheel (m/s, forward positive; m of travel per pulse)."""
+        """Turn the hall sensor's wheel.
+
+        Parameters
+        ----------
+        speed : float
+            Of the tread [m/s], forward positive.
+        pulse : float
+            Travel per pulse [m].
+        """
         self._c.machine_sensor(self._machine, 1, int(speed >= 0.0))
         self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / pulse))
 

@@ -31,9 +31,9 @@ class EmulatedRig(PlcRig):
 
     def _tick_drive(self) -> tuple[bytes, Push]:
         state, faults = self._live.state, self._faults
-        speed = state.wheel_speeds[2] * self._vehicle.tyre_radius
+        speed = state.drive_speed * self._vehicle.driven_radius
         # as a board knows it: from pulses, each as long as it was told
-        told = self._plcs[Board.DRIVE].pulse / hall_pulse(self._vehicle.tyre_radius)
+        told = self._plcs[Board.DRIVE].pulse / hall_pulse(self._vehicle.driven_radius)
         measured = measured_speed(speed * told, faults)
         hall_line, direction_line = line_voltages(faults)
         data, output = self._plcs[Board.DRIVE].tick(

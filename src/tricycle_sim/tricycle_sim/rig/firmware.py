@@ -135,7 +135,7 @@ class FirmwareRig(Rig):
             state.steering_motor_angle if counts is None else (counts - ADC_CENTRE) / ADC_SCALE
         )
         speed = measured_speed(self._hall_speed(state), faults)
-        drive.uno.wheel_speed(speed, hall_pulse(self._vehicle.tyre_radius))
+        drive.uno.wheel_speed(speed, hall_pulse(self._vehicle.driven_radius))
         drive.uno.hall_lines(*broken_lines(faults))
         steer.uno.supply(faults.get(FaultKind.STEER_SUPPLY, STEER_SUPPLY))
         drive.uno.supply(faults.get(FaultKind.DRIVE_SUPPLY, self._vehicle.battery_voltage))
@@ -156,9 +156,9 @@ class FirmwareRig(Rig):
 
         The wheel's, corrected so that the sensor is where the wheel is now by the boards' tick.
         """
-        radius = self._vehicle.tyre_radius
-        speed = state.wheel_speeds[2] * radius
-        wanted = state.rear_wheel_angle * radius - speed * TICK / 2
+        radius = self._vehicle.driven_radius
+        speed = state.drive_speed * radius
+        wanted = state.drive_angle * radius - speed * TICK / 2
         speed += (wanted - self._hall_travel) / TICK
         self._hall_travel += speed * TICK
         return speed
