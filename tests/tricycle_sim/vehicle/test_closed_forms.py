@@ -59,9 +59,7 @@ def turned(vehicle, speed, angle, seconds=6.0):
     live = LiveVehicle(vehicle)
     ticks = round((speed + seconds) / TICK)
     for tick in range(ticks):
-        state = live.step(
-            steering=angle * min(1.0, tick * TICK), speed=min(speed, tick * TICK)
-        )
+        state = live.step(steering=angle * min(1.0, tick * TICK), speed=min(speed, tick * TICK))
     return state.yaw_rate, state.vx
 
 

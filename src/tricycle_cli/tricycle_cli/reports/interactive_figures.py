@@ -231,16 +231,17 @@ def profiles(found: IdentificationDocument) -> go.Figure:
     found : IdentificationDocument
         What `tricycle identify` found.
     """
-    profiled = {n: p for n, p in found.parameters.items() if p.profile is not None}
+    profiled = [
+        (name, p, p.profile) for name, p in found.parameters.items() if p.profile is not None
+    ]
     columns = min(3, len(profiled))
     rows = -(-len(profiled) // columns)
     figure = make_subplots(rows=rows, cols=columns, vertical_spacing=0.32 / rows)
     figure.update_layout(_layout(60 + 260 * rows), showlegend=False)
     allowed = allowed_rise(found.level)
-    for k, (name, parameter) in enumerate(profiled.items()):
+    for k, (name, parameter, profile) in enumerate(profiled):
         where = {"row": k // columns + 1, "col": k % columns + 1}
-        assert parameter.profile is not None
-        x, y = parameter.profile.values, parameter.profile.rise
+        x, y = profile.values, profile.rise
         figure.add_scatter(x=x, y=y, mode="lines+markers", line=_line(BLUE), **where)
         figure.add_vrect(parameter.low, parameter.high, fillcolor=BLUE, opacity=0.15, **where)
         figure.add_hline(allowed, line={"color": GREY, "width": 1}, **where)
