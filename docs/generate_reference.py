@@ -181,6 +181,7 @@ def files_page() -> str:
             "\n```\n\n`pending.csv` lists the simulations to run next: `point`, `sample`, the "
             "operation and the unknown parameters.\n\n## Others\n\n"
             "- Vehicle: [your own vehicle](how-to-vehicle.md).\n"
+            "- Area: [a maneuver that fits the ground](how-to-area.md).\n"
             "- Commands of `tricycle simulate`: CSV with the columns `time`, "
             "`steering_motor_angle`, `speed` in s, rad, m/s.\n"
             "- Bags: rosbag2 directories, [bags](bags.md).\n",

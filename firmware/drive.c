@@ -196,8 +196,13 @@ void board_armed(struct plc *plc)
 
 void board_disarmed(struct plc *plc, uint32_t now)
 {
+	struct board *board = &plc->board;
+	int32_t speed = 100L * board->speed;
 	(void)now;
-	plc->board.holding = false;
+	board->holding = false;
+	/* a stop does not push: it begins at the speed, where the vehicle was slower than wanted */
+	board->setpoint = clamp(speed, board->setpoint < 0 ? board->setpoint : 0,
+				board->setpoint > 0 ? board->setpoint : 0);
 }
 
 bool board_holds(const struct plc *plc)

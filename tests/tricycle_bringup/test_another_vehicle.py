@@ -4,7 +4,7 @@ import pytest
 
 from tricycle_bridge.command_messages import twist_command
 from tricycle_bridge.protocol.messages import SPEED_UNIT, Board
-from tricycle_bringup.configuration import bridge_settings, turning_geometry
+from tricycle_bringup.configuration import beyond_the_boards, bridge_settings, turning_geometry
 from tricycle_core.errors import VehicleError
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host
@@ -44,7 +44,7 @@ def test_hall_pulses_tell_its_speed_and_travel(rig):
     assert rig.state.vx == pytest.approx(1.0, rel=0.03)  # the tyre is a little flat below
     assert telemetry.speed * SPEED_UNIT == pytest.approx(1.0, rel=0.01)
     travel = telemetry.hall_count * bridge_settings(LONG).hall_pulse
-    assert travel == pytest.approx(rig.state.rear_wheel_angle * LONG.tyre_radius, abs=0.03)
+    assert travel == pytest.approx(rig.state.drive_angle * LONG.driven_radius, abs=0.03)
 
 
 def test_a_bridge_that_was_told_of_another_wheel_shows_it():
@@ -55,6 +55,12 @@ def test_a_bridge_that_was_told_of_another_wheel_shows_it():
 
 
 def test_what_the_boards_cannot_drive_is_named():
+    quick = LONG.replace(steering_slew=4.0)
+    with pytest.raises(VehicleError, match=r"cannot drive it: max_steering_rate = 4 is outside"):
+        bridge_settings(quick)
+
+
+def test_of_a_stronger_motor_the_boards_use_what_they_can():
     strong = LONG.replace(motor_torque=60.0)
-    with pytest.raises(VehicleError, match=r"boards cannot drive it: motor_torque = 60 is outside"):
-        bridge_settings(strong)
+    assert bridge_settings(strong).motor_torque == 35.0
+    assert beyond_the_boards(strong) == ("motor_torque: 60 N m, of which the boards use 35",)

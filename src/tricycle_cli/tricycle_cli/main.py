@@ -25,7 +25,7 @@ COMMANDS = {
     "report": "one HTML file with the table and the figures of a run",
     "monitor": "show links, maneuver and speeds of a live run",
     "bag": "what a bag holds; recovery of a damaged one",
-    "vehicle": "check a vehicle file",
+    "vehicle": "write a vehicle file, check it, show what follows from it",
     "plc": "what is on a serial port: which PLC, its telemetry, its counters",
 }
 """What each subcommand does, in the order of the help."""

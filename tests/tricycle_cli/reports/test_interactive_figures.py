@@ -33,5 +33,6 @@ def test_a_search_over_three_parameters_is_drawn_over_each(plan):
 
 def test_a_profile_is_drawn_as_it_was_computed(identified):
     found = decode(IdentificationDocument, identified, "identification", IdentificationError)
-    (curve,) = interactive_figures.profiles(found).data
+    (figure,) = interactive_figures.profiles(found)
+    (curve,) = figure.data
     assert list(curve.y) == [3.8, 0.0, 3.8]

@@ -10,8 +10,9 @@ import pytest
 
 from excitation_planner.plan import load_plan, save_plan
 from tricycle_cli.main import main
+from tricycle_cli.reports.figure_files import write_figures
 from tricycle_cli.reports.run_folder import Maneuver, Run, read_run, wheel_loads
-from tricycle_cli.reports.run_page import run_page
+from tricycle_cli.reports.run_page import run_page, run_sections
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
@@ -44,8 +45,23 @@ def test_loads_carry_the_vehicle_and_belong_to_the_plans_vehicle(plan):
 def test_an_identification_is_shown_with_its_profiles(identified, tmp_path):
     (tmp_path / "identification.json").write_text(json.dumps(identified))
     page = run_page(read_run(tmp_path), vehicle=VEHICLE)
-    for text in ("610", "590 … 640", "600", "not shown"):
-        assert f"<td>{text}</td>" in page
+    for text in ("610", "590 … 640", "600 ✓", "not shown"):
+        assert f">{text}</td>" in page
+    assert 'class="miss"' not in page
+    identified["parameters"]["cornering_stiffness"]["truth"] = 700.0
+    (tmp_path / "identification.json").write_text(json.dumps(identified))
+    assert 'class="miss">700 ✗</td>' in run_page(read_run(tmp_path), vehicle=VEHICLE)
+
+
+@pytest.mark.parametrize("suffix", ["svg", "pdf"])
+def test_every_figure_is_a_file_on_demand(folder, tmp_path, suffix):
+    sections = run_sections(read_run(folder), vehicle=VEHICLE)
+    files = write_figures(sections, tmp_path / "figures", suffix)
+    assert {f.name for f in files} >= {
+        f"designed_{n}.{suffix}" for n in ("trajectories", "error", "commands", "indices")
+    }
+    begin = {"svg": b"<?xml", "pdf": b"%PDF"}[suffix]
+    assert all(file.read_bytes().startswith(begin) for file in files)
 
 
 @pytest.mark.slow
@@ -72,6 +88,8 @@ def test_a_browser_shows_it_offline_without_a_complaint(folder, plan, tmp_path):
             page.on("request", lambda request: requests.append(request.url))
             page.context.set_offline(True)
             page.goto((folder / "report.html").as_uri())
+            page.wait_for_function("window.Plotly")
+            page.evaluate("plots.forEach(draw)")
             page.wait_for_function(
                 "[...document.querySelectorAll('.plot')].every(p => p.querySelector('.main-svg'))"
             )

@@ -155,6 +155,20 @@ def test_a_line_outside_of_its_bands_for_three_ticks_is_a_fault(make_bench, line
     )
 
 
+@pytest.mark.parametrize("gear", [1, 2])
+@pytest.mark.parametrize(("speed", "begins"), [(0.4, 0.4), (1.1, 1.0), (-0.1, 0.0)])
+def test_a_stop_begins_at_the_speed_of_a_vehicle_that_was_slower(make_bench, gear, speed, begins):
+    sign = 1 if gear == 1 else -1
+    drive = make_bench(DRIVE).booted().armed()
+    drive.drive(60, 1.0, gear=gear, brake=0.1)  # the pulses are not looked at
+    drive.command(1.0, gear=gear, brake=0.1)
+    drive.tick(speed=sign * speed)
+    drive.command(1.0, gear=gear, brake=0.1, flags=0)
+    drive.tick(speed=sign * speed)
+    assert drive.state.state == State.STOPPING
+    assert drive.output.setpoint == pytest.approx(sign * max(begins - 0.02, 0.0))
+
+
 def test_an_overspeed_is_found_while_stopping_too(make_bench):
     drive = moving(make_bench, 1.0)
     drive.command(1.0, flags=0)

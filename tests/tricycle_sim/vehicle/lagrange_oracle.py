@@ -543,18 +543,8 @@ def simulate(vehicle, pose, steering_setpoints, speed_setpoints, tick, *, rtol=1
 # ------------------------------------------------------------- from the file of a vehicle
 
 
-TADPOLE = (
-    {"name": "left", "axle": "front", "steered": True},
-    {"name": "right", "axle": "front", "steered": True},
-    {"name": "rear", "axle": "rear", "driven": True, "braked": True},
-)
-
-
 def describe(vehicle):
     """The `Description` of a `Vehicle`."""
-    if not hasattr(vehicle, "wheels"):  # before there were others than tadpoles
-        fields = [entry.name for entry in dataclasses.fields(vehicle) if "unit" in entry.metadata]
-        return describe_file(TADPOLE, vehicle.parts, {n: getattr(vehicle, n) for n in fields})
     listed = [dataclasses.asdict(wheel) for wheel in vehicle.wheels]
     return describe_file(listed, vehicle.parts, dict(vehicle.values))
 

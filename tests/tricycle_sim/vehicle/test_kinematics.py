@@ -9,7 +9,6 @@ from tricycle_sim.vehicle.kinematics import (
     curvature,
     road_angles,
     steered_wheels,
-    wheelbase,
 )
 from tricycle_sim.vehicle.live import LiveVehicle
 
@@ -24,13 +23,13 @@ def test_the_vehicle_turns_as_its_kinematics_say(vehicle, motor_angle):
     for _ in range(600):
         state = live.step(steering=motor_angle, speed=0.5)
     (road,) = road_angles(vehicle, np.array([motor_angle]))
-    assert state.yaw_rate == pytest.approx(0.5 * np.tan(road) / wheelbase(vehicle), rel=0.05)
+    assert state.yaw_rate == pytest.approx(0.5 * np.tan(road) / vehicle.wheelbase, rel=0.05)
 
 
 def test_the_inner_wheel_turns_more():
-    left, right = (wheel.angle for wheel in steered_wheels(VEHICLE, 0.5))
+    left, right = (wheel.angle for wheel in steered_wheels(VEHICLE, 0.5).values())
     assert left > right > 0.0
-    other_way = [wheel.angle for wheel in steered_wheels(VEHICLE, -0.5)]
+    other_way = [wheel.angle for wheel in steered_wheels(VEHICLE, -0.5).values()]
     assert other_way == pytest.approx([-right, -left])
 
 

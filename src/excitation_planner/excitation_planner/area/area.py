@@ -146,7 +146,7 @@ def load_area(path: Path) -> Area:
     Parameters
     ----------
     path : Path
-        YAML file, see docs/reference-files.md.
+        YAML file, see docs/how-to-area.md.
 
     Raises
     ------

@@ -80,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--area",
         type=Path,
         metavar="FILE",
-        help="YAML file of the ground to stay on, see docs/reference-files.md (default: no limit)",
+        help="YAML file of the ground to stay on, see docs/how-to-area.md (default: no limit)",
     )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
     add("--seed", type=seed, default=0, help="same seed, same plan")

@@ -12,6 +12,7 @@ EXAMPLE = """\
 examples:
   tricycle report out/demo
   tricycle report out/plan --output plan.html
+  tricycle report out/demo --figures out/figures --format pdf
 """
 
 
@@ -32,6 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("directory", type=Path, metavar="DIR", help="of the run, or a bag")
     add("--output", type=Path, metavar="FILE", help="default: DIR/report.html, or DIR/run.html")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add("--figures", type=Path, metavar="FOLDER", help="write every figure to a file in it, too")
+    add("--format", choices=["svg", "pdf", "png"], default="svg", help="of the figures")
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -45,18 +48,27 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from tricycle_cli.reports.run_folder import IDENTIFIED, read_run
-    from tricycle_cli.reports.run_page import run_page
+    from tricycle_cli.reports.run_page import page_of, run_sections
 
     vehicle = load_vehicle(args.vehicle)
     found = read_run(args.directory)
     with progress_bar("reporting") as progress:
-        page = run_page(found, vehicle=vehicle, progress=progress)
+        sections = run_sections(found, vehicle=vehicle, progress=progress)
+        page = page_of(found, sections)
     # identify keeps its own report beside its result
     name = "run.html" if (args.directory / IDENTIFIED).exists() else "report.html"
     output: Path = args.output or args.directory / name
     write_whole(output, page)
+    files = []
+    if args.figures is not None:
+        from tricycle_cli.reports.figure_files import write_figures
+
+        files = write_figures(sections, args.figures, args.format)
     if args.json:
-        print(json.dumps({"report": str(output), "maneuvers": [m.name for m in found.maneuvers]}))
+        said = {"report": str(output), "maneuvers": [m.name for m in found.maneuvers]}
+        print(json.dumps(said | ({"figures": [str(file) for file in files]} if files else {})))
     else:
         print(f"report: {output}")
+        if files:
+            print(f"{len(files)} figures: {args.figures}")
     return 0

@@ -1,12 +1,14 @@
 """A report as one HTML file that needs nothing else: sections of text, tables and figures.
 
 Light or dark as the reader's system is, and fit to be printed. Everything but the pictures is
-escaped. A page with plots to zoom into carries Plotly's script once.
+escaped. A page with plots to zoom into carries Plotly's script once, compressed; the page unpacks
+it after it is shown, and draws a plot when it comes into view.
 """
 
 from __future__ import annotations
 
 import base64
+import gzip
 import io
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,7 +32,7 @@ class TableBlock:
     headings : tuple of str
         Of the columns.
     rows : tuple of tuple of str
-        As many cells as there are headings in each.
+        As many cells as there are headings in each; one that ends with ✗ is marked as a miss.
     caption : str
         Text above it.
 
@@ -90,28 +92,31 @@ class FigureBlock:
 
 @dataclass(frozen=True)
 class PlotBlock:
-    """A figure to zoom into.
+    """Figures to zoom into, side by side where there are several and the page is wide enough.
 
     Attributes
     ----------
-    plot : go.Figure
-        Texts in it are Plotly's HTML and must have been escaped.
+    name : str
+        Of the files that they are written to on demand.
+    plots : tuple of go.Figure
+        Texts in them are Plotly's HTML and must have been escaped.
     caption : str
-        Text below it.
+        Text below them.
     """
 
-    plot: go.Figure
+    name: str
+    plots: tuple[go.Figure, ...]
     caption: str
 
     @property
-    def html(self) -> Markup:
-        """The plot as an element and the script that fills it."""
-        text = self.plot.to_html(
-            full_html=False,
-            include_plotlyjs=False,
-            config={"displaylogo": False, "responsive": True},
-        )
-        return Markup(text)  # noqa: S704 - Plotly encodes what could end the script
+    def drawn(self) -> list[tuple[int, Markup]]:
+        """Of each plot its height [px], kept free until it is drawn, and its data as JSON."""
+        return [(int(plot.layout.height or 400), _script_json(plot)) for plot in self.plots]
+
+
+def _script_json(plot: go.Figure) -> Markup:
+    text = str(plot.to_json()).replace("<", "\\u003c")
+    return Markup(text)  # noqa: S704 - without "<" nothing ends the script element
 
 
 @dataclass(frozen=True)
@@ -148,7 +153,8 @@ def html_page(title: str, sections: Sequence[Section], *, subtitle: str = "") ->
     if any(isinstance(block, PlotBlock) for section in sections for block in section.blocks):
         from plotly.offline import get_plotlyjs
 
-        script = Markup(get_plotlyjs())  # noqa: S704 - a script of the package
+        packed = gzip.compress(get_plotlyjs().encode(), mtime=0)
+        script = Markup(base64.b64encode(packed).decode())  # noqa: S704 - a script of the package
     return environment.from_string(template).render(
         title=title, sections=sections, subtitle=subtitle, plotly=script
     )

@@ -14,7 +14,7 @@ from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, remarks
 from tricycle_core.documents import replacing, write_whole
-from tricycle_core.palette import BLUE, VERMILLION
+from tricycle_core.palette import BLUE, GREEN, VERMILLION
 
 
 def trajectories_figure(found: Identification) -> Figure:
@@ -34,6 +34,7 @@ def trajectories_figure(found: Identification) -> Figure:
         axes.plot(*measured.T, ".", color="0.6", markersize=2, label="measured")
         axes.plot(*before.values.T, color=BLUE, label=f"before, rms {_rms(drive.before)}")
         axes.plot(*after.values.T, color=VERMILLION, label=f"after, rms {_rms(drive.after)}")
+        axes.plot(*after.values[0], "o", color=GREEN, label="start")
         axes.set(title=drive.name, xlabel="x / m", ylabel="y / m")
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(alpha=0.3)
@@ -96,6 +97,10 @@ def profiles_figure(found: Identification) -> Figure:
     for axes, (name, e, profile) in zip(grid, profiled, strict=False):
         axes.plot(profile.values, profile.rise, "o-", color=BLUE, markersize=3)
         axes.axhline(allowed, color="0.6", linewidth=0.8)
+        axes.annotate(
+            f"{allowed:.2f}", (0.01, allowed), xycoords=("axes fraction", "data"), va="bottom",
+            fontsize="x-small", color="0.4",
+        )  # fmt: skip
         axes.axvspan(e.low, e.high, color=BLUE, alpha=0.12)
         reach = 0.5 * (e.high - e.low)
         seen = [e.low - reach, e.high + reach]

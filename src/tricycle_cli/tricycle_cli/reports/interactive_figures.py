@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 
 from excitation_planner.plan import Plan, SearchHistory
 from parameter_identification.drives.recorded import JointStates
-from parameter_identification.identification_file import IdentificationDocument
+from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from parameter_identification.judging.judgement import Judgement
 from tricycle_cli.reports.run_folder import WheelLoads
 from tricycle_cli.reports.tables import allowed_rise
@@ -21,6 +21,7 @@ from tricycle_core.quantities import FloatArray
 
 POINTS = 1000  # of a curve; a screen cannot show more
 MARKS = 5.0  # s between the lines that join equal times
+SMOOTHED = 0.5  # s over which a line drawn over noise is the mean
 HEIGHT = 400  # px
 _EDGE = {"width": 1, "color": "white"}  # of marks
 
@@ -35,29 +36,73 @@ def trajectories(plan: Plan | None, judgement: Judgement | None) -> go.Figure:
     judgement : Judgement, optional
         Of the drive.
     """
-    figure = _figure(height=520)
+    figure = _figure(height=560)
     if plan is not None:
         x, y = _thinned(*plan.path.T)
-        figure.add_scatter(x=x, y=y, name="path of the rear axle", line=_line(GREY, dash="dot"))
+        figure.add_scatter(x=x, y=y, name="path of the rear axle", line=_line(GREY, width=1))
     if judgement is not None:
         s = judgement.series
-        time, x, y, x0, y0 = _thinned(s.time, s.x, s.y, s.reference_x, s.reference_y)
-        marks = np.searchsorted(time, np.arange(MARKS, time[-1], MARKS))
-        gap = np.full(len(marks), np.nan)
-        figure.add_scatter(
-            x=np.column_stack([x0[marks], x[marks], gap]).ravel(),
-            y=np.column_stack([y0[marks], y[marks], gap]).ravel(),
-            name=f"same time, every {MARKS:g} s", mode="lines", line=_line(GREY), hoverinfo="skip",
-        )  # fmt: skip
+        time, x0, y0, x, y = _thinned(s.time, s.reference_x, s.reference_y, s.x, s.y)
         _over_time(figure, time, x0, y0, name="nominal model", line=_line(BLUE))
-        _over_time(figure, time, x, y, name="driven, as measured", line=_line(VERMILLION))
+        _over_time(figure, time, x, y, name="driven, as measured", line=_line(VERMILLION, width=1))
+        step = float(s.time[1] - s.time[0])
+        smooth = [_smoothed(v - v0, step) for v, v0 in ((s.x, s.reference_x), (s.y, s.reference_y))]
+        factor = _enlargement(s.reference_x, s.reference_y, judgement.max)
+        if factor > 1:
+            _, dx, dy = _thinned(s.time, *smooth)
+            far_x, far_y = x0 + factor * dx, y0 + factor * dy
+            marks = np.searchsorted(time, np.arange(MARKS, time[-1], MARKS))
+            gap = np.full(len(marks), np.nan)
+            figure.add_scatter(
+                x=np.column_stack([x0[marks], far_x[marks], gap]).ravel(),
+                y=np.column_stack([y0[marks], far_y[marks], gap]).ravel(),
+                name=f"same time, every {MARKS:g} s", mode="lines", line=_line(GREY),
+                hoverinfo="skip",
+            )  # fmt: skip
+            figure.add_scatter(
+                x=far_x, y=far_y, name=f"driven, deviation ×{factor}, {SMOOTHED:g} s mean",
+                line=_line(PURPLE), hoverinfo="skip",
+            )  # fmt: skip
+        _mark_start(figure, x0, y0)
     elif plan is not None:
         reference = plan.reference
         time, x, y = _thinned(reference.time, reference.x, reference.y)
         _over_time(figure, time, x, y, name="nominal model", line=_line(BLUE))
+        _mark_start(figure, x, y)
     figure.update_xaxes(title="x / m", constrain="domain")
     figure.update_yaxes(title="y / m", scaleanchor="x")
     return figure
+
+
+def _mark_start(figure: go.Figure, x: FloatArray, y: FloatArray) -> None:
+    """Mark where a trajectory begins, and where it leads from there."""
+    figure.add_scatter(
+        x=x[:1], y=y[:1], name="start", mode="markers", hoverinfo="skip",
+        marker={"size": 11, "color": GREEN, "line": _EDGE},
+    )  # fmt: skip
+    away = np.hypot(x - x[0], y - y[0])
+    tip = int(np.argmax(away > 0.08 * away.max()))
+    figure.add_annotation(
+        x=x[tip], y=y[tip], ax=x[0], ay=y[0], axref="x", ayref="y", text="", showarrow=True,
+        arrowhead=2, arrowsize=1.2, arrowwidth=2, arrowcolor=GREEN,
+    )  # fmt: skip
+
+
+def _enlargement(x: FloatArray, y: FloatArray, deviation: float) -> int:
+    """Round factor by which a deviation becomes a tenth of the trajectory's extent; 1: it is."""
+    extent = max(float(np.ptp(x)), float(np.ptp(y)))
+    wanted = 0.1 * extent / deviation if deviation > 0.0 else 1.0
+    return max((k for k in (1, 2, 5, 10, 20, 50, 100) if k <= wanted), default=1)
+
+
+def _smoothed(values: FloatArray, step: float) -> FloatArray:
+    """Means over `SMOOTHED`, narrower at the ends."""
+    half = max(round(0.5 * SMOOTHED / step), 1)
+    sums = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.maximum(np.arange(len(values)) - half, 0)
+    last = np.minimum(np.arange(len(values)) + half + 1, len(values))
+    means: FloatArray = (sums[last] - sums[first]) / (last - first)
+    return means
 
 
 def commands(plan: Plan | None, joints: JointStates | None) -> go.Figure:
@@ -101,14 +146,30 @@ def error_over_time(judgement: Judgement) -> go.Figure:
     """
     s = judgement.series
     so_far = np.cumsum(s.distance**2) / np.arange(1, len(s.distance) + 1)
-    time, distance, along, cross, te = _thinned(s.time, s.distance, s.along, s.cross, so_far)
+    step = float(s.time[1] - s.time[0])
+    smooth = (_smoothed(v, step) for v in (s.distance, s.along, s.cross))
+    time, distance, te, *means = _thinned(s.time, s.distance, so_far, *smooth)
     figure = _figure(rows=2)
-    for name, value, color in (
-        ("distance", distance, VERMILLION),
-        ("along the way", along, GREEN),
-        ("to the left", cross, PURPLE),
+    figure.add_scatter(
+        x=time, y=1e3 * distance, name="distance, as measured", line=_line(GREY, width=0.7),
+        row=1, col=1,
+    )  # fmt: skip
+    for name, value, color in zip(
+        ("distance", "along the way", "to the left"),
+        means,
+        (VERMILLION, GREEN, PURPLE),
+        strict=True,
     ):
-        figure.add_scatter(x=time, y=1e3 * value, name=name, line=_line(color), row=1, col=1)
+        figure.add_scatter(
+            x=time, y=1e3 * value, name=f"{name}, {SMOOTHED:g} s mean", line=_line(color),
+            row=1, col=1,
+        )  # fmt: skip
+    if judgement.noise > 0.0:
+        floor = np.full(2, 1e3 * judgement.noise * np.sqrt(2.0))
+        figure.add_scatter(
+            x=time[[0, -1]], y=floor, name="noise alone, rms of the distance", mode="lines",
+            line=_line(GREY, dash="dash"), row=1, col=1,
+        )  # fmt: skip
     figure.add_scatter(x=time, y=te, name="TE so far", line=_line(BLUE), row=2, col=1)
     figure.update_yaxes(title="deviation / mm", row=1, col=1)
     figure.update_yaxes(title="TE so far / m²", rangemode="tozero", row=2, col=1)
@@ -148,7 +209,7 @@ def indices(plan: Plan) -> go.Figure:
         drawn = list(by_name.values())
         figure.add_bar(
             orientation="h", name=name, marker_color=color,
-            y=[escape(parameter.replace("_", " ")) for parameter in by_name],
+            y=[escape(parameter) for parameter in by_name],
             x=[index.value for index in drawn],
             error_x={
                 "type": "data", "color": GREY, "thickness": 1.5,
@@ -223,35 +284,47 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
     return figure
 
 
-def profiles(found: IdentificationDocument) -> go.Figure:
-    """Return the profile likelihood of each parameter over its range; interval and truth marked.
+def profiles(found: IdentificationDocument) -> tuple[go.Figure, ...]:
+    """Return the profile likelihood of each parameter; interval, its level and truth marked.
 
     Parameters
     ----------
     found : IdentificationDocument
         What `tricycle identify` found.
     """
-    profiled = [
-        (name, p, p.profile) for name, p in found.parameters.items() if p.profile is not None
-    ]
-    columns = min(3, len(profiled))
-    rows = -(-len(profiled) // columns)
-    figure = make_subplots(rows=rows, cols=columns, vertical_spacing=0.32 / rows)
-    figure.update_layout(_layout(60 + 260 * rows), showlegend=False)
     allowed = allowed_rise(found.level)
-    for k, (name, parameter, profile) in enumerate(profiled):
-        where = {"row": k // columns + 1, "col": k % columns + 1}
-        x, y = profile.values, profile.rise
-        figure.add_scatter(x=x, y=y, mode="lines+markers", line=_line(BLUE), **where)
-        figure.add_vrect(parameter.low, parameter.high, fillcolor=BLUE, opacity=0.15, **where)
-        figure.add_hline(allowed, line={"color": GREY, "width": 1}, **where)
+    drawn = []
+    for name, parameter in found.parameters.items():
+        if parameter.profile is None:
+            continue
+        figure = _figure(height=300)
+        figure.update_layout(showlegend=False)
+        x, y = parameter.profile.values, parameter.profile.rise
+        figure.add_scatter(x=x, y=y, mode="lines+markers", line=_line(BLUE))
+        figure.add_vrect(parameter.low, parameter.high, fillcolor=BLUE, opacity=0.15, line_width=0)
+        figure.add_hline(
+            allowed, line={"color": GREY, "width": 1}, annotation_text=f"{allowed:.2f}",
+            annotation_font_size=11, annotation_position="top left",
+        )  # fmt: skip
         if parameter.truth is not None:
-            figure.add_vline(parameter.truth, line={"color": VERMILLION, "dash": "dash"}, **where)
+            figure.add_vline(parameter.truth, line={"color": VERMILLION, "dash": "dash"})
         unit = "" if parameter.unit in ("", "1") else f" / ({parameter.unit})"
-        label = escape(f"{name.replace('_', ' ')}{unit}")
-        figure.update_xaxes(title=label, range=parameter.range, exponentformat="power", **where)
-        figure.update_yaxes(range=(0.0, 3.0 * allowed), **where)
-    return figure
+        figure.update_xaxes(
+            title=escape(f"{name}{unit}"), range=_around(parameter), exponentformat="power",
+            nticks=5,
+        )  # fmt: skip
+        figure.update_yaxes(title="rise of the cost", range=(0.0, 3.0 * allowed))
+        drawn.append(figure)
+    return tuple(drawn)
+
+
+def _around(parameter: ParameterEntry) -> tuple[float, float]:
+    """The interval with half of its width either side, and the truth, within the range."""
+    reach = 0.5 * (parameter.high - parameter.low)
+    seen = [parameter.low - reach, parameter.high + reach]
+    if parameter.truth is not None:
+        seen += [parameter.truth - 0.2 * reach, parameter.truth + 0.2 * reach]
+    return max(min(seen), parameter.range[0]), min(max(seen), parameter.range[1])
 
 
 def _cost_by_axis(

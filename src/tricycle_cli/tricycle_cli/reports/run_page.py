@@ -1,9 +1,9 @@
 """The report of a run: one HTML page, the table first, then figures to zoom into."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from excitation_planner.plan import Plan
-from parameter_identification.identification_file import IdentificationDocument
+from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from tricycle_cli.reports import interactive_figures as figures
 from tricycle_cli.reports.html_page import PlotBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.run_folder import Maneuver, Run, wheel_loads
@@ -12,6 +12,18 @@ from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
 Block = str | TableBlock | PlotBlock
+
+LEGEND = (
+    "x: what the maneuver is made of, in m, m/s, rad, s. TE: trajectory error, the mean squared "
+    "distance from the nominal model's trajectory; less noise: without what the noise of the pose "
+    "adds; rms is its root. Of the variance of TE when the unknown parameters vary, the target "
+    "alone explains the share S, and with its interactions ST. H: the paper's cost of a maneuver, "
+    "small where the target dominates."
+)
+PROFILES = (
+    "Profile likelihood around the estimates: how much worse the fit becomes when a parameter is "
+    "held. Shaded: the interval, where the rise stays below the grey line; dashed: the truth."
+)
 
 
 def run_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) -> str:
@@ -26,16 +38,52 @@ def run_page(run: Run, *, vehicle: Vehicle, progress: Progress | None = None) ->
     progress : callable, optional
         Called with the numbers of maneuvers shown and in all.
     """
-    sections = [Section("Results", tuple(_results(run)))] if run.maneuvers else []
+    return page_of(run, run_sections(run, vehicle=vehicle, progress=progress))
+
+
+def page_of(run: Run, sections: Sequence[Section]) -> str:
+    """Return sections as the text of an HTML file.
+
+    Parameters
+    ----------
+    run : Run
+        What is shown.
+    sections : sequence of Section
+        Of `run_sections`.
+    """
+    return html_page(f"Run {run.folder.resolve().name}", sections, subtitle=_subtitle(run))
+
+
+def run_sections(
+    run: Run, *, vehicle: Vehicle, progress: Progress | None = None
+) -> tuple[Section, ...]:
+    """Return what the report of a run holds.
+
+    Parameters
+    ----------
+    run : Run
+        What to show.
+    vehicle : Vehicle
+        For the wheel loads of plans that were made for it.
+    progress : callable, optional
+        Called with the numbers of maneuvers shown and in all.
+    """
+    results = _results(run) if run.maneuvers else []
+    results += [_estimates(name, found) for name, found in run.identifications]
+    sections = [Section("Results", tuple(results))]
     for done, maneuver in enumerate(run.maneuvers):
         if progress is not None:
             progress(done, len(run.maneuvers))
         sections.append(Section(_title(maneuver), tuple(_blocks(maneuver, vehicle))))
     sections += [
-        Section(f"Identified: {name}", tuple(_identified(found)))
+        Section(
+            f"{name}: profiles of the estimates",
+            (PlotBlock("profiles", figures.profiles(found), PROFILES),),
+        )
         for name, found in run.identifications
+        if any(p.profile is not None for p in found.parameters.values())
     ]
-    return html_page(f"Run {run.folder.resolve().name}", sections, subtitle=_subtitle(run))
+    return tuple(sections)
 
 
 def _subtitle(run: Run) -> str:
@@ -75,7 +123,7 @@ def _results(run: Run) -> list[Block]:
         tuple(headings[k] for k in shown), tuple(tuple(row[k] for k in shown) for row in rows)
     )
     failures = [maneuver.failure for maneuver in run.maneuvers if maneuver.failure]
-    return [table, *failures]
+    return [table, LEGEND, *failures]
 
 
 def _operation(plan: Plan) -> str:
@@ -92,14 +140,16 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
     if plan is not None or judgement is not None:
         blocks.append(
             PlotBlock(
-                figures.trajectories(plan, judgement),
+                "trajectories",
+                (figures.trajectories(plan, judgement),),
                 "Trajectories in the frame of the reference: from the origin, heading +x.",
             )
         )
     if judgement is not None:
         blocks.append(
             PlotBlock(
-                figures.error_over_time(judgement),
+                "error",
+                (figures.error_over_time(judgement),),
                 "Deviation from the nominal trajectory, and the mean of its square up to each "
                 "time; the last one is TE (Eq. 14).",
             )
@@ -107,7 +157,8 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
     if plan is not None or maneuver.joints is not None:
         blocks.append(
             PlotBlock(
-                figures.commands(plan, maneuver.joints),
+                "commands",
+                (figures.commands(plan, maneuver.joints),),
                 "Commands, held until the next one, and what the PLCs measured.",
             )
         )
@@ -116,7 +167,8 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
             loads = figures.wheel_loads(wheel_loads(vehicle, plan))
             blocks.append(
                 PlotBlock(
-                    loads,
+                    "wheel_loads",
+                    (loads,),
                     "Wheel loads of the nominal vehicle; a wheel at 0 has lifted.",
                 )
             )
@@ -124,36 +176,53 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
             blocks.append(f"No wheel loads: {error}")
         blocks += [
             _index_table(plan),
-            PlotBlock(figures.indices(plan), "Sobol' indices of TE with their 95 % intervals."),
+            PlotBlock(
+                "indices",
+                (figures.indices(plan),),
+                "Sobol' indices of TE with their 95 % intervals.",
+            ),
         ]
         if plan.search is not None:
             blocks.append(
                 PlotBlock(
-                    figures.search_path(plan, plan.search),
+                    "search",
+                    (figures.search_path(plan, plan.search),),
                     "Cost of the maneuvers that the search tried, and the best so far.",
                 )
             )
     return blocks
 
 
-def _identified(found: IdentificationDocument) -> list[Block]:
-    rows = tuple(
+def _estimates(name: str, found: IdentificationDocument) -> TableBlock:
+    def truth(p: ParameterEntry) -> str:
+        if p.truth is None:
+            return ""
+        return f"{p.truth:.4g} {'✓' if p.low <= p.truth <= p.high else '✗'}"
+
+    def estimate(p: ParameterEntry) -> str:
+        if not p.identifiable:
+            return "not shown"
+        deviation = p.standard_deviation
+        return f"{p.estimate:.4g}" + ("" if deviation is None else f" ± {deviation:.2g}")
+
+    rows = [
         (
-            name,
-            p.unit,
+            parameter,
+            "" if p.unit == "1" else p.unit,
             f"{p.range[0]:.4g} … {p.range[1]:.4g}",
-            f"{p.estimate:.4g}" if p.identifiable else "not shown",
+            estimate(p),
             f"{p.low:.4g} … {p.high:.4g}",
-            "" if p.truth is None else f"{p.truth:.4g}",
+            truth(p),
         )
-        for name, p in found.parameters.items()
+        for parameter, p in found.parameters.items()
+    ]
+    headings = ["parameter", "unit", "range", "estimate ± σ", f"{100 * found.level:g} %", "truth"]
+    kept = [k for k in range(len(headings)) if any(row[k] for row in rows)]
+    return TableBlock(
+        tuple(headings[k] for k in kept),
+        tuple(tuple(row[k] for k in kept) for row in rows),
+        f"{name}: estimates from the drives; ✗: the interval misses the truth",
     )
-    headings = ("parameter", "unit", "range", "estimate", f"{found.level:.0%}", "truth")
-    blocks: list[Block] = [TableBlock(headings, rows)]
-    if any(p.profile is not None for p in found.parameters.values()):
-        caption = "Profile likelihood; shaded: the interval; grey: its level; dashed: the truth."
-        blocks.append(PlotBlock(figures.profiles(found), caption))
-    return blocks
 
 
 def _index_table(plan: Plan) -> TableBlock:

@@ -248,6 +248,9 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
 
     def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - the steering's begins to hold
         self._holding = False
+        # a stop does not push: it begins at the speed, where the vehicle was slower than wanted
+        low, high = min(self._setpoint, 0.0), max(self._setpoint, 0.0)
+        self._setpoint = min(max(self._measured.speed, low), high)
 
     @property
     def _holds(self) -> bool:

@@ -221,9 +221,24 @@ BRAKES = {
 }
 """Every law by name; the first is the default."""
 
+
+def _axle_share(w: Any) -> Any:
+    """Return the share of a wheel's axle in the torque of an all-wheel drive."""
+    return w.drive_front_share if w.in_front else 1.0 - w.drive_front_share
+
+
 DRIVES = {
     "single": Law(None, {"share": lambda _: 1.0}),
     "differential": Law(None, {"share": lambda _: 0.5}),
+    "all": Law(
+        None,
+        {
+            "share": lambda w: (
+                (w.drive_front_share if w.in_front else 1.0 - w.drive_front_share) / w.abreast
+            )
+        },
+        (between("drive_front_share", "1", 0.0, 1.0, default=0.5),),
+    ),
 }
 """Share of the motor's torque at each driven wheel, by the law's name.
 

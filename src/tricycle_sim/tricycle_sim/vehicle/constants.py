@@ -20,7 +20,7 @@ from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.body import SHORTHANDS, upward
 from tricycle_sim.vehicle.laws import Constant
-from tricycle_sim.vehicle.registry import check_parts, declared, wheel_values
+from tricycle_sim.vehicle.registry import check_parts, declared, reads, wheel_values
 from tricycle_sim.vehicle.wheels import AXLES, TADPOLE, Wheel, check_wheels
 
 UNKNOWN_PARAMETERS: tuple[str, ...] = (
@@ -275,7 +275,12 @@ def _entries(wheels: tuple[Wheel, ...], parts: tuple[tuple[str, str], ...]) -> d
         if not constant.per_wheel:
             entries[constant.name] = constant
             continue
-        names = [name for wheel in wheels for name, _ in wheel.spellings(constant.name)]
+        names = [
+            name
+            for wheel in wheels
+            if reads(wheel, dict(parts), constant)
+            for name, _ in wheel.spellings(constant.name)
+        ]
         for name in sorted(dict.fromkeys(names), key=lambda name: "." in name):
             entries[name] = dataclasses.replace(
                 SHORTHANDS.get(name, constant), default=constant.default
@@ -308,12 +313,13 @@ def missing_entries(
                 if constant.name not in names:
                     yield constant.name
                 continue
+            readers = [wheel for wheel in wheels if reads(wheel, parts, constant)]
             bare = [
                 wheel.spellings(constant.name)
-                for wheel in wheels
+                for wheel in readers
                 if not names & {entry for entry, _ in wheel.spellings(constant.name)}
             ]
-            if len(bare) == len(wheels) and constant.name in entries:
+            if len(bare) == len(readers) and constant.name in entries:
                 yield constant.name
             else:
                 yield from dict.fromkeys(spellings[-1][0] for spellings in bare)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.compilation import compilable, compiled
-from tricycle_sim.vehicle import steering
+from tricycle_sim.vehicle.approximations import arctan
 from tricycle_sim.vehicle.body import BODY, PLACE
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.laws import inlined
@@ -45,7 +45,7 @@ from tricycle_sim.vehicle.parts import (
     structure_of,
 )
 from tricycle_sim.vehicle.registry import PARTS
-from tricycle_sim.vehicle.steering import motor_angle_of, road_angle_of, run_servo
+from tricycle_sim.vehicle.steering import motor_angle_of, road_angle_of, run_servo, turned
 from tricycle_sim.vehicle.tyre import rolling_resistance, slip_slopes, vertical_load
 
 COMMAND = numbered(["speed_mode", "demand", "brake"])
@@ -93,33 +93,6 @@ class Laws(NamedTuple):
 
 
 @inlined
-def _arctan(t: float) -> float:
-    """Return atan(t) for |t| <= 1 to 1e-15, without branches."""
-    # odd polynomial through the Chebyshev nodes of t^2 in [0, 1]
-    z = t * t
-    even = -1.93423475928923e-05
-    even = even * z + 0.00021423810738603946
-    even = even * z - 0.0011252544302234645
-    even = even * z + 0.003751138483965141
-    even = even * z - 0.00899108054265826
-    even = even * z + 0.01671959606350739
-    even = even * z - 0.02556862364437174
-    even = even * z + 0.03387126702700675
-    even = even * z - 0.040811247503178855
-    even = even * z + 0.04668745304848529
-    even = even * z - 0.052374234719188166
-    even = even * z + 0.058768281144872724
-    even = even * z - 0.06665764910689723
-    even = even * z + 0.07692198997458294
-    even = even * z - 0.09090899793217341
-    even = even * z + 0.11111110578002083
-    even = even * z - 0.14285714266926733
-    even = even * z + 0.1999999999964796
-    even = even * z - 0.333333333333307
-    return t * (even * z + 1.0)
-
-
-@inlined
 def _wheel(
     laws: Laws,
     tyre_law: Any,
@@ -163,7 +136,7 @@ def _wheel(
     cosine = math.sqrt(1.0 - s * s)
     reciprocal = 1.0 / (cosine * (1.0 + cosine))
     ic = reciprocal * (1.0 + cosine)  # 1 / cosine
-    lean = -2.0 * _arctan(s * (reciprocal * cosine))  # -asin(s)
+    lean = -2.0 * arctan(s * (reciprocal * cosine))  # -asin(s)
     fx, fy, fz = (ny * ez - nz * ey) * ic, (nz * ex - nx * ez) * ic, (nx * ey - ny * ex) * ic
     lx, ly, lz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
     rho = (g[STATE.z * LANES + i] + px * ex + py * ey + pz * ez) * ic  # loaded radius
@@ -648,9 +621,7 @@ def _advance_tick_with(
 def _wheel_angles_with(
     motor_angle: float, constants: FloatArray
 ) -> tuple[float, float, float, float]:
-    angles: tuple[float, float, float, float] = laws.linkage(
-        constants, steering.BLOCK.linkage, motor_angle
-    )
+    angles: tuple[float, float, float, float] = turned(laws.linkage, constants, motor_angle)
     return angles
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.parts import steering_constants, structure_of
 
 
 class SteeredWheel(NamedTuple):
@@ -27,8 +27,8 @@ class SteeredWheel(NamedTuple):
     angle: float
 
 
-def steered_wheels(vehicle: Vehicle, motor_angle: float) -> list[SteeredWheel]:
-    """Return the steered wheels at an angle of the steering motor.
+def steered_wheels(vehicle: Vehicle, motor_angle: float) -> dict[str, SteeredWheel]:
+    """Return the steered wheels at an angle of the steering motor, by name.
 
     Parameters
     ----------
@@ -41,26 +41,43 @@ def steered_wheels(vehicle: Vehicle, motor_angle: float) -> list[SteeredWheel]:
     servo = np.array([motor_angle, 0.0])
     constants = steering_constants(vehicle, 1.0)  # without set-points there is no step
     functions_for(vehicle).steer(servo, np.empty(0), constants, 1, table, angles)
-    # a row holds the direction of each wheel's axle, three numbers, and its rate
-    return [
-        SteeredWheel(wheelbase(vehicle), y - vehicle.rear_wheel_y, math.atan2(-axle[0], axle[1]))
-        for y, axle in zip(
-            (vehicle.left_wheel_y, vehicle.right_wheel_y),
-            table.reshape(-1, 4).tolist(),
-            strict=True,
+    axles = table.reshape(-1, 4).tolist()  # of each side: the direction of the axle, its rate
+    unsteered = [vehicle.of(wheel) for wheel in vehicle.wheels if not wheel.steered]
+    x, y = (float(np.mean([getattr(own, k) for own in unsteered])) for k in "xy")
+    sides = structure_of(vehicle).sides
+    return {
+        wheel.name: SteeredWheel(
+            vehicle.of(wheel).x - x,
+            vehicle.of(wheel).y - y,
+            math.atan2(-axles[side][0], axles[side][1]),
         )
-    ]
+        for wheel, side in zip(vehicle.wheels, sides, strict=False)
+        if wheel.steered
+    }
 
 
-def wheelbase(vehicle: Vehicle) -> float:
-    """Return the distance of the axles [m].
+def king_pin_angles(vehicle: Vehicle) -> dict[str, tuple[float, float]]:
+    """Return the steered wheels' angles about their king-pins with the motor at 0, by name.
 
     Parameters
     ----------
     vehicle : Vehicle
-        With the places of its wheels.
+        With its law of steering.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        Angle [rad], left positive, and its slope by the motor's angle.
     """
-    return vehicle.com_to_front_axle + vehicle.com_to_rear_axle
+    constants = steering_constants(vehicle, 1.0)
+    *angles, left_slope, right_slope = functions_for(vehicle).wheel_angles(0.0, constants)
+    slopes = left_slope, right_slope
+    sides = structure_of(vehicle).sides
+    return {
+        wheel.name: (angles[side], slopes[side])
+        for wheel, side in zip(vehicle.wheels, sides, strict=False)
+        if wheel.steered
+    }
 
 
 def curvature(wheels: list[SteeredWheel]) -> float:
@@ -97,6 +114,8 @@ def curvature(wheels: list[SteeredWheel]) -> float:
 def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
     """Return the angles on the road [rad] of the one front wheel that would turn the vehicle so.
 
+    The driven wheels then turn as those of a vehicle that is driven at its unsteered axle.
+
     Parameters
     ----------
     vehicle : Vehicle
@@ -104,6 +123,14 @@ def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
     motor_angles : ndarray of float
         Of the steering motor [rad].
     """
-    length = wheelbase(vehicle)
-    curvatures = [curvature(steered_wheels(vehicle, angle)) for angle in motor_angles]
-    return np.arctan(length * np.array(curvatures))
+    found = []
+    for motor_angle in motor_angles:
+        wheels = steered_wheels(vehicle, motor_angle)
+        turn = curvature(list(wheels.values()))
+        paces = [
+            math.hypot(wheels[w.name].x * turn, 1.0 - wheels[w.name].y * turn) if w.steered else 1.0
+            for w in vehicle.wheels
+            if w.driven
+        ]  # of each driven wheel, by that of the unsteered axle; an axle's mean is its middle's
+        found.append(math.atan(vehicle.wheelbase * turn * len(paces) / sum(paces)))
+    return np.array(found)

@@ -1,6 +1,8 @@
 """The structure of a vehicle, which is compiled in, and where its constants stand in a group."""
 
+import math
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -126,7 +128,22 @@ def group_constants(vehicle: Vehicle, values: Mapping[str, Any]) -> dict[int, An
     }
 
 
-def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
+def _steering_values(vehicle: Vehicle, values: Mapping[str, float]) -> SimpleNamespace:
+    """Return the constants as the steering has them, and what follows from the wheels' places."""
+    each = wheel_values(vehicle.wheels, values, vehicle.declared)
+    steered = [own for wheel, own in zip(vehicle.wheels, each, strict=True) if wheel.steered]
+    still = [own for wheel, own in zip(vehicle.wheels, each, strict=True) if not wheel.steered]
+    ahead = sum(own.x for own in steered) / len(steered) - sum(own.x for own in still) / len(still)
+    own = steered[0]
+    own.steering_sign = math.copysign(1.0, ahead)
+    own.wheelbase = abs(ahead)
+    own.left_of_middle = 0.5 * abs(own.y - steered[-1].y)
+    return own
+
+
+def steering_constants(
+    vehicle: Vehicle, half_step: float, values: Mapping[str, float] | None = None
+) -> FloatArray:
     """Return the constants of servo, linkage and caster.
 
     Parameters
@@ -135,6 +152,8 @@ def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
         Of which they are.
     half_step : float
         Length of the servo's steps [s].
+    values : mapping, optional
+        By entry of a vehicle file; by default the vehicle's own.
 
     Returns
     -------
@@ -142,14 +161,15 @@ def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
         See `steering.BLOCK`.
     """
     structure = structure_of(vehicle)
+    v = _steering_values(vehicle, vehicle.values if values is None else values)
     constants = np.zeros(steering.SIZE)
     servo = actuators.SERVOS[structure.servo].rows
     for at, step_formula in enumerate(servo.values(), start=steering.BLOCK.servo):
-        constants[at] = step_formula(vehicle, half_step)
+        constants[at] = step_formula(v, half_step)
     for start, formulas in (
         (steering.BLOCK.linkage, steering.LINKAGES[structure.steering].rows),
         (steering.BLOCK.geometry, steering.GEOMETRY),
     ):
         for at, formula in enumerate(formulas.values(), start=start):
-            constants[at] = formula(vehicle)
+            constants[at] = formula(v)
     return constants

@@ -26,8 +26,11 @@ PARTS: Mapping[str, Mapping[str, Law]] = {
 
 def _default_law(part: str, wheels: Sequence[Wheel]) -> str:
     if part == "drive":
-        driven = sum(wheel.driven for wheel in wheels)
-        return "single" if driven == 1 else "differential"
+        if {wheel.axle for wheel in wheels if wheel.driven} == set(AXLES):
+            return "all"
+        return "single" if sum(wheel.driven for wheel in wheels) == 1 else "differential"
+    if part == "steering" and sum(wheel.steered for wheel in wheels) == 1:
+        return "parallel"
     return next(iter(PARTS[part]))
 
 
@@ -77,13 +80,12 @@ def check_parts(wheels: Sequence[Wheel], parts: Mapping[str, str]) -> None:
             raise VehicleError(f"parts.{entry}: must be one of {', '.join(PARTS)}")
         if name not in PARTS[part]:
             raise VehicleError(f"parts.{entry}: {name!r} must be one of {', '.join(PARTS[part])}")
-    driven = sum(wheel.driven for wheel in wheels)
-    drive = law_name("drive", wheels, parts)
-    if driven != (1 if drive == "single" else 2):
-        raise VehicleError(f"parts.drive: {drive} does not drive {driven} wheels")
+    drive, fits = law_name("drive", wheels, parts), _default_law("drive", wheels)
+    if drive != fits:
+        raise VehicleError(f"parts.drive: {drive} does not fit the driven wheels; {fits} does")
     linkage = law_name("steering", wheels, parts)
-    if linkage == "ratio" and sum(wheel.steered for wheel in wheels) != 2:
-        raise VehicleError("parts.steering: ratio steers two wheels")
+    if linkage != "parallel" and sum(wheel.steered for wheel in wheels) != 2:
+        raise VehicleError(f"parts.steering: {linkage} steers two wheels; parallel fits")
 
 
 def declared(wheels: Sequence[Wheel], parts: Mapping[str, str]) -> dict[str, Constant]:
@@ -119,6 +121,22 @@ def declared(wheels: Sequence[Wheel], parts: Mapping[str, str]) -> dict[str, Con
     return {constant.name: constant for group in groups for constant in group}
 
 
+def reads(wheel: Wheel, parts: Mapping[str, str], constant: Constant) -> bool:
+    """Return whether a wheel reads a constant of wheels: those of a tyre's law only where it is.
+
+    Parameters
+    ----------
+    wheel : Wheel
+        Of the vehicle.
+    parts : mapping
+        Law by part.
+    constant : Constant
+        From `declared`.
+    """
+    own = tyre.LAWS[tyre_name(wheel, parts)].constants
+    return constant in own or not any(constant in law.constants for law in tyre.LAWS.values())
+
+
 def wheel_values(
     wheels: Sequence[Wheel], values: Mapping[str, Any], declarations: Mapping[str, Constant]
 ) -> list[SimpleNamespace]:
@@ -138,7 +156,10 @@ def wheel_values(
     shared["braked_wheels"] = float(sum(wheel.braked for wheel in wheels))
     found = []
     for wheel in wheels:
-        own = {}
+        own: dict[str, Any] = {
+            "in_front": wheel.axle == "front",
+            "abreast": float(sum(other.axle == wheel.axle for other in wheels)),
+        }
         for name, constant in declarations.items():
             if not constant.per_wheel:
                 continue
