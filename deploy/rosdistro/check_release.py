@@ -24,7 +24,7 @@ OWN = {path.name for path in (ROOT / "src").iterdir()}
 KEY_OF = {"serial": "python3-serial", "yaml": "python3-yaml", "rosbags": "python3-rosbags-pip"}
 WITHOUT_KEY = {  # Python modules that rosdep does not know: `pip install` brings them
     *("cobs", "cobyqa", "lazy_loader", "llvmlite", "lz4", "markupsafe", "mcap", "msgspec"),
-    *("plotly", "threadpoolctl", "zstandard"),
+    *("cloudpickle", "loky", "plotly", "threadpoolctl", "zstandard"),
 }
 OPTIONAL = {"pyarrow", "pytest"}  # imported where they are installed
 NOT_IMPORTED = {"robot_state_publisher", "python3-pytest"}  # started, or used by colcon
