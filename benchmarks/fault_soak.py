@@ -10,7 +10,8 @@ Speed, steering, load (up to 30 kg), slope (up to 5 %), unknown parameters and f
 the seed. A drive ends with one of the host's stops. Checked are, in every drive:
 
 - rest within the published distance (tricycle_core/stopping.py) of the tick at which the drive
-  board left ARMED, which it must within a published time of a fault that makes driving impossible;
+  board left ARMED, which it must within a published time of a fault that makes driving impossible
+  (a sensor that stuck only for less is none: it shows the truth again);
 - no movement after rest;
 - the steering motor stays where it was when its board left ARMED, but for its lag, while the
   vehicle moves;
@@ -41,7 +42,7 @@ from tricycle_bridge.command_stream import VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.settings import BridgeSettings
-from tricycle_core.stopping import BRAKED, DETECTION, MAX_PAYLOAD, RAMPED, Cause
+from tricycle_core.stopping import BRAKED, DETECTION, LINE_DETECTION, MAX_PAYLOAD, RAMPED, Cause
 from tricycle_sim.rig.faults import FaultKind, FaultPlan, RigFault
 from tricycle_sim.rig.host import Host
 from tricycle_sim.rig.rig import Rig
@@ -52,6 +53,8 @@ GAIN = 0.5  # m/s above what was wanted
 HELD = 0.15  # rad that the steering motor may move by: its lag behind its set-point at 2 rad/s
 RESTING = 0.5  # s of rest after which nothing may move
 CREEP = 0.05  # m of movement after rest; the tyres creep 1 mm/s on 5 %
+# the board sees that the wire is broken, whatever the wheel does
+LINES = {FaultKind.HALL_OPEN, FaultKind.HALL_SHORT, FaultKind.DIRECTION_OPEN}
 # these must stop the vehicle by themselves
 STOPPING_FAULTS = {
     FaultKind.ESTOP,
@@ -62,16 +65,18 @@ STOPPING_FAULTS = {
     FaultKind.STEER_CABLE,
     FaultKind.DRIVE_CABLE,
     FaultKind.HOST_SILENT,
-    FaultKind.HALL_DEAD,
     FaultKind.POTENTIOMETER_LOW,
     FaultKind.POTENTIOMETER_HIGH,
+    FaultKind.HALL_STUCK,
+    *LINES,
 }
 # with these the motor is dead or misled: in STOPPING only the friction brake counts
 NO_RAMP = {
     FaultKind.MOTOR_DEAD,
-    FaultKind.HALL_DEAD,
+    FaultKind.HALL_STUCK,
     FaultKind.HALL_HALF,
-    FaultKind.HALL_FORWARD,
+    FaultKind.DIRECTION_STUCK,
+    *LINES,
 }
 
 
@@ -211,7 +216,7 @@ class Watch:
         self._look_at_the_stop(state.steering_motor_angle, speed)
 
     def _look_at_the_stop(self, angle: float, speed: float) -> None:
-        rig = self._rig
+        rig, failing = self._rig, self._rig.active_faults
         drive_state = rig.plc_state(Board.DRIVE)
         if self._left is None and drive_state is not PlcState.ARMED:
             self._left = rig.time, self._way, speed, drive_state is PlcState.STOPPING
@@ -231,7 +236,9 @@ class Watch:
                 self.note(f"too far: {self._way - way:.2f} m from {at:.2f} m/s")
         if self._faulted is not None and self._left is None:
             fault, way, at = self._faulted
-            if self._way - way > DETECTION * (at + GAIN) + 0.05:
+            lasts = fault.kind is not FaultKind.HALL_STUCK or fault.kind in failing
+            within = LINE_DETECTION if fault.kind in LINES else DETECTION
+            if lasts and self._way - way > within * (at + GAIN) + 0.05:
                 self.note(f"not stopped: by {fault.kind.value}")
         if speed >= AT_REST:
             self._rest_since = None

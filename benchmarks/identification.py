@@ -34,7 +34,7 @@ from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.layout import LANES, STATE
+from tricycle_sim.vehicle.layout import LANES, STATE, WHEEL_STATES
 from tricycle_sim.vehicle.parts import steering_constants
 
 VEHICLE = load_vehicle()
@@ -149,7 +149,12 @@ def with_wind(commands, truth, force):
         w, x, y, z = states[STATE.q0 : STATE.q3 + 1, 0]
         yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
         record.append(
-            (*states[[STATE.x, STATE.y], 0], yaw, states[STATE.r, 0], states[STATE.spin_rear, 0])
+            (
+                *states[[STATE.x, STATE.y], 0],
+                yaw,
+                states[STATE.r, 0],
+                states[STATE.spin + 2 * WHEEL_STATES, 0],
+            )
         )
         kick = force / VEHICLE.mass * TICK
         states[STATE.u] += kick * np.sin(yaw)

@@ -107,7 +107,7 @@ def drive(simulator: Rig, commands: Commands) -> tuple[NDArray[np.float64], dict
     for row in command_rows(commands):
         tick(float(commands.steering_motor_angle[row]), float(commands.speed[row]))
         state = simulator.state
-        rows.append((state.x, state.y, state.steering_motor_angle, state.rear_wheel_angle))
+        rows.append((state.x, state.y, state.steering_motor_angle, state.drive_angle))
     ticks = {b: link.stats.max_tick for b, link in bridge.links.items() if link.stats is not None}
     return np.array(rows), ticks
 

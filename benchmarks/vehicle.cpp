@@ -1,5 +1,5 @@
 // The equations of tricycle_sim/vehicle/kernel.py by hand in C++, eight vehicles per vector: the yardstick
-// of benchmarks/vehicle.py, which builds and calls it. It reads and writes the same groups, and
+// of benchmarks/vehicle.py, which builds and calls it and puts the rows into its order. It
 // leaves out what the Python kernel does besides (watching for events, ending rolled-over runs).
 #include <cmath>
 
@@ -19,7 +19,7 @@ enum Row {
     TORQUE = ALPHA + 3, INTEGRATOR, STATES, START = STATES, SUM = 2 * STATES, SLOPE = 3 * STATES
 };
 
-// constants, in the order of the blocks of vehicle/parts.py: body, tyre, its law, motor, brake
+// constants: body and places of the wheels, tyre, its law, motor, brake
 enum Constant {
     GRAVITY_Z, INVERSE_MASS, DRAG_PER_MASS, IXX, IYY, IZZ, INVERSE_IXX, INVERSE_IYY, INVERSE_IZZ,
     FRONT_X, REAR_X, LEFT_Y, RIGHT_Y, REAR_Y, WHEEL_Z, IW_FRONT, IW_REAR, INVERSE_IW_FRONT,

@@ -42,11 +42,13 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import Vehicle, load_vehicle
+from tricycle_sim.vehicle.actuators import FRICTION_BRAKE, HUB_MOTOR
 from tricycle_sim.vehicle.batch import PlanarBlock, simulate_planar
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.layout import CONSTANTS, LANES, SLOPE, STATE
-from tricycle_sim.vehicle.parts import ROWS, steering_constants
+from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE
+from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS, steering_constants
+from tricycle_sim.vehicle.tyre import LINEAR, TYRE
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).parent
@@ -82,6 +84,32 @@ def ignore(first: int, block: PlanarBlock) -> None:
 
 def line(what: str, figure: str) -> None:
     print(f"{what:<66} {figure}", flush=True)
+
+
+HAND_WRITTEN_STATES = 24
+
+
+def hand_written_layout(groups: Array) -> Array:
+    """Return groups of the paper's tricycle with the rows in the order of `vehicle.cpp`."""
+    right, rear = WHEEL_ROWS, 2 * WHEEL_ROWS
+    spins = [STATE.spin, STATE.kappa, STATE.alpha]
+    states = [*range(STATE.r + 1), *(row + 3 * wheel for row in spins for wheel in range(3))]
+    x, y, z, inertia, inverse = (WHEEL.place + at for at in range(5))
+    places = [x, x + rear, y, y + right, y + rear, z, inertia, inertia + rear]
+    rows = [
+        *states,
+        *(STATE.torque, STATE.integrator),
+        *3 * HAND_WRITTEN_STATES * [SLOPE],  # room for its own work
+        *range(BLOCK.body, BLOCK.body + 9),
+        *places,
+        *(inverse, inverse + rear),
+        *range(BLOCK.body + 9, BLOCK.motor),
+        *range(WHEEL.tyre, WHEEL.tyre + len(TYRE)),
+        *range(WHEEL.tyre_law, WHEEL.tyre_law + len(LINEAR)),
+        *range(BLOCK.motor, BLOCK.motor + len(HUB_MOTOR)),
+        *range(WHEEL.brake + rear, WHEEL.brake + rear + len(FRICTION_BRAKE)),
+    ]
+    return groups.reshape(len(groups), -1, LANES)[:, rows].reshape(len(groups), -1)
 
 
 class HandWritten:
@@ -120,14 +148,14 @@ class HandWritten:
 
     def run_cpp(self) -> None:
         """Run the C++ one."""
-        groups = self.pack()
+        groups = hand_written_layout(self.pack())
         double, count = ctypes.c_double, ctypes.c_long
         address = [a.ctypes.data_as(ctypes.c_void_p) for a in (groups, self.table, self.drive)]
         self._advance(
             address[0],
             count(len(groups)),
-            count(ROWS * LANES),
-            count(CONSTANTS),
+            count(groups.shape[1]),
+            count(4 * HAND_WRITTEN_STATES),
             *address[1:],
             count(len(self.drive) - 1),
             double(TICK),

@@ -24,8 +24,16 @@ from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.layout import EVALUATED, LANES, STATE, STATES
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.layout import (
+    EVALUATED,
+    LANES,
+    STATE,
+    STATES,
+    WHEEL_EVALUATED,
+    WHEEL_STATES,
+    of_wheels,
+)
+from tricycle_sim.vehicle.parts import ROWS, steering_constants
 from tricycle_sim.vehicle.stability import LIMIT, fastest_mode
 
 Array = NDArray[np.float64]
@@ -64,7 +72,8 @@ def run(
     servo = np.zeros(2)
     constants = steering_constants(vehicle, 0.5 * TICK / substeps)
     functions.steer(servo, steering, constants, 2 * substeps, table, angles)
-    rows = np.array([*range(STATES), *range(EVALUATED.load_left, EVALUATED.load_rear + 1)])
+    loads = of_wheels(EVALUATED.load, WHEEL_EVALUATED, len(vehicle.wheels))
+    rows = np.array([*range(STATES), *range(*loads.indices(ROWS))])
     out = np.empty((len(rows), LANES, ticks + 1))
     functions.advance(
         groups, table, np.zeros(ticks + 1), np.vstack([drive, drive[-1:]]), substeps, 0, rows, out
@@ -83,7 +92,7 @@ def rolling(vehicle: Vehicle, speed: float, *, yaw: float = 0.0) -> dict[int, fl
         )
     )
     start[STATE.u], start[STATE.w] = speed * math.cos(pitch), speed * math.sin(pitch)
-    for row in (STATE.spin_left, STATE.spin_right, STATE.spin_rear):
+    for row in range(STATE.spin, STATES, WHEEL_STATES):
         start[row] = speed / vehicle.tyre_radius
     return start
 
@@ -132,12 +141,12 @@ def steady_yaw_rate(vehicle: Vehicle, speed: float, stiffness: float) -> tuple[f
 def without_camber(vehicle: Vehicle) -> Vehicle:
     """Return the vehicle without camber thrust, which is then no longer unknown."""
     unknown = {n: limits for n, limits in vehicle.unknown.items() if n != "camber_stiffness"}
-    return dataclasses.replace(vehicle, camber_stiffness=0.0, unknown=unknown)
+    return dataclasses.replace(vehicle, unknown=unknown).replace(camber_stiffness=0.0)
 
 
 def mirror_error(vehicle: Vehicle) -> float:
     """Largest deviation [m] of a mirrored drive from the mirror image, on a symmetric track."""
-    vehicle = dataclasses.replace(vehicle, left_wheel_y=0.31, right_wheel_y=-0.31, rear_wheel_y=0.0)
+    vehicle = vehicle.replace(left_wheel_y=0.31, right_wheel_y=-0.31, rear_wheel_y=0.0)
     time = np.arange(0.0, 10.01, 0.02)
     left = simulate(vehicle, Commands(time, 0.2 * np.sin(time), np.minimum(time, 2.0)))
     right = simulate(vehicle, Commands(time, -0.2 * np.sin(time), np.minimum(time, 2.0)))
@@ -209,7 +218,7 @@ def energy(vehicle: Vehicle, states: Array) -> Array:
     total = vehicle.mass * vehicle.gravity * states[STATE.z]
     total += 0.5 * vehicle.mass * np.sum(states[STATE.u : STATE.w + 1] ** 2, axis=0)
     total += 0.5 * np.array(inertia) @ states[STATE.p : STATE.r + 1] ** 2
-    total += 0.5 * np.array(spin_inertia) @ states[STATE.spin_left : STATE.spin_rear + 1] ** 2
+    total += 0.5 * np.array(spin_inertia) @ states[of_wheels(STATE.spin, WHEEL_STATES, 3)] ** 2
     height = vehicle.tyre_radius - vehicle.com_height
     for x, y in (
         (vehicle.com_to_front_axle, vehicle.left_wheel_y),
@@ -243,7 +252,8 @@ def integration_errors(vehicle: Vehicle, *, mean: float = 0.15) -> dict[float, f
     targets = mean + 0.1 * np.sin(math.pi * time)
     steering, _ = slew_all(targets, vehicle.steering_slew)
     speed, _ = slew_all(np.minimum(time, 2.0), vehicle.acceleration)
-    exact = oracle.simulate(vehicle, equilibrium(vehicle).pose, steering, speed, TICK, rtol=1e-12)
+    described, pose = oracle.describe(vehicle), equilibrium(vehicle).pose
+    exact = oracle.simulate(described, pose, steering, speed, TICK, rtol=1e-12)
     errors = {}
     drive = np.column_stack([np.ones(ticks), speed, np.zeros(ticks)])
     for substeps in (1, 2, 4, 8):

@@ -181,6 +181,7 @@ def files_page() -> str:
             "\n```\n\n`pending.csv` lists the simulations to run next: `point`, `sample`, the "
             "operation and the unknown parameters.\n\n## Others\n\n"
             "- Vehicle: [your own vehicle](how-to-vehicle.md).\n"
+            "- Area: [a maneuver that fits the ground](how-to-area.md).\n"
             "- Commands of `tricycle simulate`: CSV with the columns `time`, "
             "`steering_motor_angle`, `speed` in s, rad, m/s.\n"
             "- Bags: rosbag2 directories, [bags](bags.md).\n",
@@ -306,7 +307,21 @@ def _interfaces(node: Any, name: str) -> Iterator[str]:
         yield table(("service", "type"), ((f"`{s}`", k) for s, k in services)) + "\n"
 
 
+def nodes_help() -> str:
+    """What `--help` of the nodes says: by class, the node's name and rows of its parameters."""
+    rows = {}
+    for name, kind in NODES.items():
+        with _node(name) as node:
+            shown = [[cell.strip("`") for cell in row] for row in _parameter_rows(node)]
+            rows[kind] = [name, shown]
+    return json.dumps(rows, indent=1, ensure_ascii=False) + "\n"
+
+
 def _parameters(node: Any) -> Iterator[str]:
+    yield table(("parameter", "default", "range", "set", "meaning"), _parameter_rows(node))
+
+
+def _parameter_rows(node: Any) -> list[tuple[str, ...]]:
     names = sorted(name for name in node._parameters if not name.startswith(OF_EVERY_NODE))
     rows = []
     for name, of in zip(names, node.describe_parameters(names), strict=True):
@@ -316,7 +331,7 @@ def _parameters(node: Any) -> Iterator[str]:
         shown = "" if default in ("", [""]) else f"`{default}`"
         fixed = "at start" if of.read_only else "any time"
         rows.append((f"`{name}`", shown, span, fixed, of.description))
-    yield table(("parameter", "default", "range", "set", "meaning"), rows)
+    return rows
 
 
 PAGES: dict[str, Callable[[], str]] = {
@@ -324,6 +339,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "protocol.md": protocol_page,
     "reference-files.md": files_page,
     "reference-nodes.md": nodes_page,
+    "../src/tricycle_core/tricycle_core/nodes.json": nodes_help,
 }
 
 

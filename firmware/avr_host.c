@@ -17,6 +17,9 @@
 #define FREQUENCY 16000000UL
 #define BYTE_CYCLES 1389 /* of 115200 8N1 */
 #define LINE 16384
+/* of the hall sensor's lines behind the resistors at the sensor */
+#define LINE_LOW_MV 1000
+#define LINE_HIGH_MV 4000
 /* data memory addresses of the ATmega328P */
 #define PIND 0x29
 #define MCUSR 0x54
@@ -31,7 +34,8 @@ struct machine {
 	uint32_t in_head, in_tail, out_length;
 	avr_cycle_count_t hall_period; /* cycles between edges, which are the pulses; 0: the wheel stands */
 	avr_cycle_count_t hall_edge; /* of the newest edge */
-	uint8_t hall_level;
+	uint8_t sensor[2];     /* levels that the hall sensor gives: pulse, direction */
+	int32_t line[2];       /* mV of a broken line of it; negative: it is whole */
 	uint8_t driven, levels; /* pins of port D */
 	uint8_t bootloader;     /* it clears MCUSR at every reset */
 };
@@ -68,6 +72,31 @@ void machine_adc(struct machine *machine, uint8_t channel, uint32_t millivolts)
 	avr_raise_irq(avr_io_getirq(machine->avr, AVR_IOCTL_ADC_GETIRQ, channel), millivolts);
 }
 
+/* The board sees each of the sensor's two lines at a digital and at an analog pin. */
+static void drive_line(struct machine *machine, uint8_t line)
+{
+	static const uint8_t pins[2] = { 2, 4 };
+	int32_t millivolts = machine->line[line];
+	if (millivolts < 0)
+		millivolts = machine->sensor[line] ? LINE_HIGH_MV : LINE_LOW_MV;
+	machine_adc(machine, 2 + line, (uint32_t)millivolts);
+	machine_pin(machine, pins[line], millivolts > 2500);
+}
+
+/* Level of the hall sensor: line 0 the pulse, 1 the direction. */
+void machine_sensor(struct machine *machine, uint8_t line, uint8_t level)
+{
+	machine->sensor[line] = level;
+	drive_line(machine, line);
+}
+
+/* Breaks a line of the hall sensor: its voltage from now on in mV; negative: it is whole. */
+void machine_break(struct machine *machine, uint8_t line, int32_t millivolts)
+{
+	machine->line[line] = millivolts;
+	drive_line(machine, line);
+}
+
 static avr_cycle_count_t feed_uart(avr_t *avr, avr_cycle_count_t when, void *param)
 {
 	(void)avr;
@@ -83,9 +112,8 @@ static avr_cycle_count_t hall_edge(avr_t *avr, avr_cycle_count_t when, void *par
 {
 	(void)avr;
 	struct machine *machine = param;
-	machine->hall_level ^= 1;
 	machine->hall_edge = when;
-	machine_pin(machine, 2, machine->hall_level);
+	machine_sensor(machine, 0, !machine->sensor[0]);
 	return when + machine->hall_period;
 }
 
@@ -150,6 +178,7 @@ struct machine *machine_new(const char *elf)
 	avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_OUTPUT),
 				on_uart_out, machine);
 	avr_cycle_timer_register(avr, BYTE_CYCLES, feed_uart, machine);
+	machine->line[0] = machine->line[1] = -1;
 	machine->io.kind = "machine";
 	machine->io.reset = on_reset;
 	avr_register_io(avr, &machine->io);

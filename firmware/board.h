@@ -46,6 +46,8 @@ struct board {
 	/* inputs */
 	int16_t speed;      /* mm/s */
 	int32_t hall_count; /* pulses */
+	uint16_t hall_adc;      /* counts, of the line's level */
+	uint16_t direction_adc; /* counts */
 	uint16_t current;   /* mA */
 	uint16_t supply;    /* mV */
 	bool estop_input;
@@ -62,6 +64,8 @@ struct board {
 	uint8_t gear;
 	bool command_limited;
 	bool holding; /* armed, at rest with the brake on */
+	int32_t ceiling;    /* 0.01 mm/s, of a motor that holds the vehicle */
+	uint8_t line_ticks; /* in a row in which a line was outside of its bands; saturates */
 	int32_t last_count;
 	int32_t pulses; /* since the last tick */
 	int32_t travel; /* um since the last tick */

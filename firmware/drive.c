@@ -6,6 +6,7 @@
 #define STOPPING_US (1000UL * STOPPING_MS)
 #define FULL_MV 5000L /* of an output that is always on */
 #define EXCESS (100L * STOPPING_EXCESS) /* 0.01 mm/s */
+#define RUNAWAY (100L * RUNAWAY_MARGIN)
 
 const struct setup_field board_setup_fields[SIZE_SETUP / 2] = {
 	{ 1, MAX_SPEED, MAX_SPEED },
@@ -106,12 +107,44 @@ uint16_t drive_throttle(const struct board *board)
 	return (uint16_t)(low + (high - low) * magnitude(board->torque) / MAX_TORQUE);
 }
 
+/* Neither low nor high: resistors at the sensor keep both levels away from ground and supply. */
+static bool line_wrong(uint16_t adc)
+{
+	return adc < LINE_LOW_MIN || adc > LINE_HIGH_MAX ||
+	       (adc > LINE_LOW_MAX && adc < LINE_HIGH_MIN);
+}
+
+static bool line_broken(const struct board *board)
+{
+	return board->line_ticks == LINE_TICKS;
+}
+
 void board_begin_tick(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
 	(void)now;
+	if (!line_wrong(board->hall_adc) && !line_wrong(board->direction_adc))
+		board->line_ticks = 0;
+	else if (!line_broken(board))
+		board->line_ticks++;
+	if (line_broken(board))
+		plc->faults |= FAULT_HALL_LINE;
 	board->pulses = board->hall_count - board->last_count;
 	board->last_count = board->hall_count;
+}
+
+/* Gains speed above its set-point although the motor brakes, which then does not hold it. A set-point
+ * may fall faster than the vehicle, which is then above it but does not gain. */
+static bool runs_away(struct board *board)
+{
+	bool pushes = board->gear == GEAR_REVERSE ? board->torque < 0 : board->torque > 0;
+	int32_t speed = 100L * magnitude(board->speed);
+	int32_t wanted = magnitude(board->setpoint);
+	int32_t pushed = pushes ? wanted + 100L * OVERSHOOT : wanted;
+	int32_t most = pushed > board->ceiling ? pushed : board->ceiling;
+	int32_t reached = speed < most ? speed : most;
+	board->ceiling = reached > wanted ? reached : wanted;
+	return speed > board->ceiling + RUNAWAY;
 }
 
 /* Outputs are still those of the last tick. */
@@ -130,10 +163,14 @@ static bool wheel_wrong(struct board *board)
 uint16_t board_find_fault(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
+	if (line_broken(board))
+		return FAULT_HALL_LINE;
 	if (magnitude(board->speed) > (int32_t)board->in_force.max_speed + OVERSPEED_MARGIN)
 		return FAULT_OVERSPEED;
 	if (wheel_wrong(board))
 		return FAULT_PULSES;
+	if (plc->state == PLC_STATE_ARMED && runs_away(board))
+		return FAULT_OVERSPEED;
 	if (plc->state == PLC_STATE_STOPPING && now - plc->state_since >= STOPPING_US &&
 	    !board_stopped(plc))
 		return FAULT_STOP_TIMEOUT;
@@ -153,13 +190,19 @@ bool board_ready(const struct plc *plc)
 void board_armed(struct plc *plc)
 {
 	plc->board.setpoint = 0;
+	plc->board.ceiling = 0;
 	plc->board.holding = false;
 }
 
 void board_disarmed(struct plc *plc, uint32_t now)
 {
+	struct board *board = &plc->board;
+	int32_t speed = 100L * board->speed;
 	(void)now;
-	plc->board.holding = false;
+	board->holding = false;
+	/* a stop does not push: it begins at the speed, where the vehicle was slower than wanted */
+	board->setpoint = clamp(speed, board->setpoint < 0 ? board->setpoint : 0,
+				board->setpoint > 0 ? board->setpoint : 0);
 }
 
 bool board_holds(const struct plc *plc)

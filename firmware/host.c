@@ -175,24 +175,29 @@ bool host_wheel_fails(struct wheel *wheel, float torque, int32_t pulses, float s
 	return wheel_fails(wheel, torque, pulses, speed, setpoint);
 }
 
-static void tick(struct host *host, uint32_t now, uint16_t current, uint16_t supply, bool estop)
+static void tick(struct host *host, uint32_t now, const uint16_t lines[2], uint16_t current,
+		 uint16_t supply, bool estop)
 {
 	struct board *board = &host->plc.board;
+	board->hall_adc = lines[0];
+	board->direction_adc = lines[1];
 	board->current = current;
 	board->supply = supply;
 	board->estop_input = estop;
 	plc_tick(&host->plc, now);
 }
 
-/* With a measured speed and the motor's torque of the last tick, mN m. */
+/* With a measured speed and the motor's torque of the last tick, mN m; lines: ADC counts of hall and
+ * direction. */
 void host_tick(struct host *host, uint32_t now, int16_t speed, int32_t hall_count, int32_t torque,
-	       uint16_t current, uint16_t supply, bool estop, int32_t outputs[3])
+	       const uint16_t lines[2], uint16_t current, uint16_t supply, bool estop,
+	       int32_t outputs[3])
 {
 	struct board *board = &host->plc.board;
 	board->speed = speed;
 	board->hall_count = hall_count;
 	board->torque = torque;
-	tick(host, now, current, supply, estop);
+	tick(host, now, lines, current, supply, estop);
 	outputs[0] = board->motor_on;
 	outputs[1] = board->setpoint;
 	outputs[2] = board->brake;
@@ -200,11 +205,12 @@ void host_tick(struct host *host, uint32_t now, int16_t speed, int32_t hall_coun
 
 /* As the board itself: the speed from hall pulses, the torque (mN m) from its controller. */
 void host_tick_pulses(struct host *host, uint32_t now, int32_t hall_count, uint32_t edge_at,
-		      uint16_t current, uint16_t supply, bool estop, int32_t outputs[4])
+		      const uint16_t lines[2], uint16_t current, uint16_t supply, bool estop,
+		      int32_t outputs[4])
 {
 	struct board *board = &host->plc.board;
 	drive_measure(&host->plc, hall_count, edge_at, now);
-	tick(host, now, current, supply, estop);
+	tick(host, now, lines, current, supply, estop);
 	drive_push(&host->plc);
 	outputs[0] = board->torque;
 	outputs[1] = board->motor_on;

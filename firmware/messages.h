@@ -29,11 +29,16 @@
 #define ADC_SCALE 435 /* counts per rad */
 #define ADC_LOW 5 /* counts */
 #define ADC_HIGH 1018 /* counts */
+#define LINE_LOW_MIN 102 /* counts */
+#define LINE_LOW_MAX 307 /* counts */
+#define LINE_HIGH_MIN 716 /* counts */
+#define LINE_HIGH_MAX 921 /* counts */
+#define LINE_TICKS 3
 #define HALL_PULSE 15253 /* um */
 #define HALL_PULSE_MIN 1000 /* um */
 #define HALL_PULSE_MAX 60000 /* um */
 #define TYRE_RADIUS 3350 /* 0.1 mm */
-#define TYRE_RADIUS_MIN 500 /* 0.1 mm */
+#define TYRE_RADIUS_MIN 200 /* 0.1 mm */
 #define TYRE_RADIUS_MAX 10000 /* 0.1 mm */
 #define SUPPLY_DIVIDER 11
 #define SERVO_CENTRE 1500 /* us at 0 rad */
@@ -48,10 +53,12 @@
 #define STOPPING_EXCESS 200 /* mm/s */
 #define STOPPING_BRAKE_RATE 10 /* 0.5 % per tick */
 #define OVERSPEED_MARGIN 480 /* mm/s */
+#define OVERSHOOT 200 /* mm/s */
+#define RUNAWAY_MARGIN 220 /* mm/s */
 #define HARDWARE_WATCHDOG_MS 60 /* ms */
 #define MASS_LOW 400 /* 0.1 kg */
 #define MASS_HIGH 1000 /* 0.1 kg */
-#define MASS_MIN 50 /* 0.1 kg */
+#define MASS_MIN 10 /* 0.1 kg */
 #define MASS_MAX 60000 /* 0.1 kg */
 #define RESISTANCE 0.62f /* m/s^2 */
 #define TORQUE_LAG 0.03f /* s */
@@ -82,6 +89,7 @@
 #define FAULT_LIMIT 256
 #define FAULT_SUPPLY 512
 #define FAULT_STOP_TIMEOUT 1024
+#define FAULT_HALL_LINE 2048
 
 #define OP_DISARM 0
 #define OP_ARM 1

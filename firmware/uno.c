@@ -2,11 +2,12 @@
  *
  * Pins of both boards: 0, 1 UART; 3 e-stop (normally closed to ground: open or broken = pressed);
  * 8 alive; A1 supply through a divider by 11. Steer: 9 servo pulse (100 Hz), A0 potentiometer.
- * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 hall pulses, 4 hall direction,
- * A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs.
+ * Drive: 9 motor PWM (20 kHz), 7 motor direction, 10 brake PWM, 2 and A2 hall pulses, 4 and A3 hall
+ * direction, A0 motor current, 100 mV/A. Timer 2 is the clock, timer 1 the outputs.
  *
  * In reset and in the bootloader all of them float: 7, 8 and 9 need a resistor to ground each, 10 one
- * to 5 V (docs/how-to-wiring.md). Inputs have pull-ups from the start of this program. */
+ * to 5 V (docs/how-to-wiring.md). Pin 3 has a pull-up from the start of this program; the hall sensor's
+ * lines have theirs outside, which are weak enough not to hide an unsupplied sensor. */
 #include <avr/eeprom.h>
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -172,6 +173,7 @@ static uint16_t adc(uint8_t channel)
 static void setup_outputs(void)
 {
 	DDRB = _BV(PB0) | _BV(PB1);
+	PORTD |= _BV(PD2) | _BV(PD4); /* pull-ups: nothing is connected */
 	TCCR1B = _BV(CS10); /* 16 MHz: a step of the pulse is 62.5 ns, a tenth of a mrad */
 }
 
@@ -236,6 +238,8 @@ static void read_inputs(void)
 		edge_at = pulse_at;
 	}
 	drive_measure(&plc, count, edge_at, micros()); /* not before the edge */
+	plc.board.hall_adc = adc(2);
+	plc.board.direction_adc = adc(3);
 	plc.board.current = (uint16_t)(adc(0) * 50000UL / 1023);
 }
 
@@ -277,7 +281,7 @@ static void tick(void)
 
 int main(void)
 {
-	PORTD |= _BV(PD2) | _BV(PD3) | _BV(PD4); /* pull-ups */
+	PORTD |= _BV(PD3); /* pull-up */
 	setup_outputs();
 	ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
 	OCR2A = 249;

@@ -52,7 +52,7 @@ class Wheel:
             self.count = count
 
 
-HALL_WIRES = {
+HALL_SENSORS = {
     "no pulses": lambda travel: 0.0 * travel,
     "direction reads forward": abs,
     "direction reads backward": lambda travel: -abs(travel),

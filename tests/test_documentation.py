@@ -150,7 +150,7 @@ def test_generated_pages_are_fresh():
 
 @pytest.mark.ros
 def test_the_generated_page_of_the_nodes_is_fresh():
-    assert_fresh("reference-nodes.md")
+    assert_fresh("reference-nodes.md", "../src/tricycle_core/tricycle_core/nodes.json")
 
 
 def test_a_field_without_a_description_is_told():

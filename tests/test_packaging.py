@@ -82,8 +82,8 @@ def test_the_installed_distribution_is_an_ament_prefix(monkeypatch):
     for installed, folder in (
         (share / "launch", source / "launch"),
         (share / "urdf", source / "urdf"),
+        (share / "foxglove", source / "tricycle_bringup" / "foxglove"),
         (share / "config", source / "tricycle_bringup" / "config"),
-        (share / "foxglove", source / "foxglove"),
         (share / "plotjuggler", source / "plotjuggler"),
         (share / "rviz", source / "rviz"),
     ):

@@ -84,7 +84,7 @@ def _with(document, value, *path):
         (lambda d: _without(d, "target"), "lacks `target`"),
         (lambda d: _without(d, "drift_std"), r"noise\.drift_std: expected `float`, got `null`"),
         (lambda d: _with(d, -1.0, "drift_std"), "drift_std = -1 m must be from 0 to 10"),
-        (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 2"),
+        (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 3"),
         (lambda d: _with(d, "b", "criterion"), "criterion: Invalid enum value 'b'"),
         (
             lambda d: _with(d, None, "predicted_std", "yaw_inertia"),

@@ -1,6 +1,9 @@
 """Every parameter of the launch files and their YAML is one that its node declares."""
 
 import importlib
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 import rclpy
@@ -54,3 +57,14 @@ def test_launch_files_set_only_parameters_that_exist(declared, file):
         for name, value in node["parameters"].items():
             assert name in descriptors, f"{node['executable']}: {name}"
             assert descriptors[name].type == Parameter(name, value=value).type_.value, name
+
+
+@pytest.mark.parametrize("name", ["excitation_planner", "tricycle_bridge", "tricycle_sim"])
+def test_help_of_a_node_tells_its_parameters_and_starts_nothing(name):
+    executable = Path(sys.executable).with_name(name)
+    done = subprocess.run([executable, "--help"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert done.stdout.startswith(f"usage: {name} ")
+    assert "parameters (default; range)" in done.stdout
+    assert "vehicle YAML" in done.stdout or "steer_port (/dev/tricycle_steer)" in done.stdout

@@ -1,5 +1,6 @@
 """Planner, driver and simulation as processes: what they answer, refuse and say at their end."""
 
+import dataclasses
 import signal
 import subprocess
 import sys
@@ -20,9 +21,13 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from excitation_planner.maneuver import Circle
+from excitation_planner.plan import save_plan
+from excitation_planner.planning import PlanRequest, plan_at
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_core.nodes import LATCHED
 from tricycle_core.readiness import Readiness
+from tricycle_sim.vehicle import load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -127,7 +132,27 @@ def test_planner_refuses_an_unknown_target_and_can_be_cancelled(observer, start)
 def test_planner_refuses_an_unknown_criterion(observer, start):
     start("excitation_planner", criterion="e", plan_file="a.json")
     answer = observer.call("excitation_planner/plan")
-    assert (answer.success, answer.message) == (False, "criterion 'e'; one of: h, c, d, a")
+    assert (answer.success, answer.message) == (
+        False,
+        "unknown criterion 'e'; one of: 'h', 'c', 'd', 'a'",
+    )
+
+
+@pytest.mark.parametrize("knowingly", [False, True])
+def test_planner_publishes_the_plan_of_another_vehicle_knowingly_only(
+    observer, start, tmp_path, knowingly
+):
+    request = PlanRequest(load_vehicle(), Circle(duration=2.0), "cornering_stiffness", samples=20)
+    plan = plan_at(request, Circle().operation.from_unit([0.5, 0.5]))
+    other = plan.constants | {"com_to_front_axle": 1.25}
+    save_plan(dataclasses.replace(plan, constants=other), tmp_path / "plan.json")
+    node = start("excitation_planner", plan_file="plan.json", other_vehicle=knowingly)
+    if knowingly:
+        commands = observer.newest(JointTrajectory, "maneuver/commands", LATCHED)
+        observer.wait(lambda: commands, "the plan")
+    else:
+        said = next(line for line in node.stderr if "not published" in line)
+        assert "com_to_front_axle 1.25 instead of" in said
 
 
 def test_planner_refuses_parameters_that_no_plan_can_be_made_of(observer, start):

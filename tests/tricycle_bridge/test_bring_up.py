@@ -13,6 +13,7 @@ from tricycle_sim.plc.pair import PlcPair
 
 pytestmark = pytest.mark.slow
 SETTINGS = BridgeSettings()
+PLUGS = ("Unplug", "Plug", "Pull", "Put")
 
 
 class Engineer:
@@ -25,7 +26,7 @@ class Engineer:
 
     def __call__(self, text):
         self.told.append(text)
-        for word in ("Press", "Release", "left", "right", "Turn the driven", "Pull", "Put"):
+        for word in ("Press", "Release", "left", "right", "Turn the driven", *PLUGS):
             if word in text:
                 name = word.split()[0].lower()
                 self.mistakes.get(name, getattr(self, name))()
@@ -44,6 +45,12 @@ class Engineer:
 
     def turn(self, turns=TURNS):
         self.pair.distance += turns * 2 * math.pi * SETTINGS.tyre_radius
+
+    def unplug(self):
+        self.pair.hall_plugged = False
+
+    def plug(self):
+        self.pair.hall_plugged = True
 
     def pull(self):
         self.pair.unplug(Board.DRIVE)
@@ -78,6 +85,13 @@ def test_every_step_passes_by_what_the_boards_measure(pair):
     )
     assert measured["left end stop (rad)"] == pytest.approx(0.78, abs=0.01)
     assert measured["watchdog (s)"] < 0.4
+
+
+def test_a_hall_sensor_whose_unplugging_is_not_noticed_does_not_pass(pair, monkeypatch):
+    monkeypatch.setattr("tricycle_bridge.bring_up.BY_HAND", 0.5)
+    (result,) = run(pair, Engineer(pair, unplug=lambda: None), only("hall sensor's lines"))
+    assert not result.passed
+    assert "did not notice it" in result.problem
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import pytest
 
 from tricycle_bridge.command_messages import joint_command, limit_refusal, twist_command
 from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.kinematics import TurningGeometry
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
@@ -15,8 +16,7 @@ STEER, WHEEL = STEERING_JOINT, REAR_WHEEL_JOINT
 
 
 def twist(speed, turn_rate):
-    geometry = {"wheelbase": 1.443, "caster_angle": 0.349}
-    return twist_command(speed, turn_rate, SETTINGS, resting_angle=0.2, **geometry)
+    return twist_command(speed, turn_rate, SETTINGS, TurningGeometry(), resting_angle=0.2)
 
 
 def test_joints_in_any_order_among_others():
@@ -44,7 +44,8 @@ def test_a_twist_turns_as_the_steering_does():
     command = twist(1.0, 0.2)
     assert command.speed == 1.0
     assert 0.3 < command.steering_motor_angle < 0.4
-    assert twist(-1.0, 0.2).steering_motor_angle == -command.steering_motor_angle
+    backwards = twist(-1.0, 0.2).steering_motor_angle
+    assert backwards == pytest.approx(-command.steering_motor_angle)
 
 
 def test_at_rest_the_steering_stays():

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tricycle_bridge.kinematics import TurningGeometry
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_bringup.configuration import SIMULATION_CONFIG, VEHICLE_CONFIG, bridge_parameters
 from tricycle_core.errors import VehicleError
@@ -27,10 +28,10 @@ def test_the_bridge_is_told_what_the_vehicle_file_says(tmp_path):
 
 
 def test_the_bridges_defaults_are_the_packaged_vehicles():
-    defaults = {"wheelbase": 1.443, "caster_angle": 0.349}
+    defaults = dataclasses.asdict(TurningGeometry())
     defaults |= dataclasses.asdict(BridgeSettings())
     for name, value in bridge_parameters("").items():
-        assert defaults[name] == pytest.approx(value, rel=1e-3), name
+        assert defaults[name] == pytest.approx(value, rel=1e-3, abs=1e-9), name
 
 
 def test_what_is_no_vehicle_file_is_named(tmp_path):

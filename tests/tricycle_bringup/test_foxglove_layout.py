@@ -6,9 +6,13 @@ import re
 from pathlib import Path
 
 import tricycle_bringup
+from tricycle_bringup.layout import foxglove_layout
+from tricycle_bringup.urdf import tricycle_urdf
+from tricycle_sim.vehicle import load_vehicle
 
-SHARE = Path(tricycle_bringup.__file__).parents[1]
-LAYOUT = json.loads((SHARE / "foxglove" / "tricycle.json").read_text())
+PACKAGED = (Path(tricycle_bringup.__file__).parent / "foxglove" / "tricycle.json").read_text()
+LAYOUT = json.loads(PACKAGED)
+VEHICLE = load_vehicle()
 # /robot_description is robot_state_publisher's, /foxglove_script/* comes from the layout's own
 # scripts; test_two_tricycles finds the others on live nodes
 TOPICS = {
@@ -35,12 +39,16 @@ def test_panels_show_topics_that_exist():
     assert shown <= TOPICS
 
 
-def test_the_model_is_the_urdf():
-    """In the layout itself, because a bag holds no model."""
-    url = LAYOUT["configById"]["3D!tricycle"]["layers"]["model"]["url"]
+def test_the_packaged_layout_has_the_model_of_the_packaged_vehicle():
+    assert foxglove_layout(VEHICLE) == PACKAGED
+
+
+def test_the_model_is_the_vehicles():
+    longer = VEHICLE.replace(com_to_front_axle=1.1, tyre_radius=0.25)
+    url = json.loads(foxglove_layout(longer))["configById"]["3D!tricycle"]["layers"]["model"]["url"]
     kind, _, data = url.partition(",")
     assert kind == "data:application/xml;base64"
-    assert base64.b64decode(data) == (SHARE / "urdf" / "tricycle.urdf").read_bytes()
+    assert base64.b64decode(data).decode() == tricycle_urdf(longer)
 
 
 def test_scripts_make_poses_and_transforms_of_what_is_published():

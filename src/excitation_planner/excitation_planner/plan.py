@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from excitation_planner.area.area import Area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.documents import (
@@ -29,7 +30,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.stopping import Cause, stopping_distance
 from tricycle_sim.commands import Commands
 
-SCHEMA = 2
+SCHEMA = 3
 """Of the file: docs/reference-files.md."""
 
 MAX_BYTES = 64_000_000
@@ -119,6 +120,8 @@ class Plan:
         Name of the family.
     operation : mapping of str to float
         Value of each operation parameter.
+    ranges : mapping of str to (float, float)
+        Range of each operation parameter: the box that was searched.
     target : str
         The unknown parameter that the maneuver is to excite.
     criterion : Criterion
@@ -156,6 +159,9 @@ class Plan:
         Empty, or why the family cannot excite the target.
     vehicle, vehicle_hash : str
         Name of the vehicle, and hash of its values.
+    constants : mapping of str to float
+        Constants of the vehicle that shape the commands: one that differs in them is another
+        vehicle (see `excitation_planner.planning.check_vehicle`).
     tyre_radius : float
         Radius of the rear wheel [m].
     software : str
@@ -168,6 +174,16 @@ class Plan:
         Nominal trajectory of `base_link`.
     search : SearchHistory or None
         How the maneuver was found; None where it was not searched for.
+    area : Area or None
+        Ground that it was planned for; the next four are in its frame, and empty without it.
+    start_pose : (float, float, float) or None
+        Where `base_link` starts: x, y [m] and heading [rad].
+    clearance : float or None
+        Distance between the stopping zone and what bounds the area [m].
+    tube : tuple of ndarray of float, each of shape (n, 2)
+        Outline, then holes, of the ground that vehicles of the ranges cover [m].
+    stopping_zone : tuple of ndarray of float, each of shape (n, 2)
+        The same, with all ground that they need to stop from any point [m].
 
     Raises
     ------
@@ -177,6 +193,7 @@ class Plan:
 
     maneuver: str
     operation: Mapping[str, float]
+    ranges: Mapping[str, tuple[float, float]]
     target: str
     criterion: Criterion
     number: int
@@ -198,12 +215,18 @@ class Plan:
     verdict: str
     vehicle: str
     vehicle_hash: str
+    constants: Mapping[str, float]
     tyre_radius: float
     software: str
     commands: Commands
     path: FloatArray
     reference: Reference
     search: SearchHistory | None = None
+    area: Area | None = None
+    start_pose: tuple[float, float, float] | None = None
+    clearance: float | None = None
+    tube: tuple[FloatArray, ...] = ()
+    stopping_zone: tuple[FloatArray, ...] = ()
 
     def __post_init__(self) -> None:
         _check_array("path", self.path, (None, 2))

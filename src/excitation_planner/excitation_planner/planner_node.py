@@ -19,10 +19,10 @@ from std_srvs.srv import Trigger
 from excitation_planner import planning
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import family_by_name, family_names
+from excitation_planner.maneuver import family_by_name, family_names, parse_ranges, with_ranges
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.planning import PlanRequest
+from excitation_planner.planning import PlanRequest, check_vehicle
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import DesignError, PlanError, VehicleError
 from tricycle_core.nodes import declare, overridable, run_node
@@ -39,20 +39,21 @@ NOISES = {
     "start_heading_std": "rad, of the start heading",
 }
 PLAN_PARAMETERS = (
-    *("vehicle_file", "maneuver", "target", "criterion", "samples", "budget", "seed"),
+    *("vehicle_file", "maneuver", "ranges", "target"),
+    *("criterion", "samples", "budget", "seed"),
     *NOISES,
 )
 Settings = dict[str, Any]  # parameter name -> value, as declared below
 
 
 def _request(settings: Settings) -> PlanRequest:
-    """Request that the parameters describe; raises PlanError or VehicleError."""
+    """Request that the parameters describe; raises DesignError, PlanError or VehicleError."""
     file = settings["vehicle_file"]
-    if settings["criterion"] not in set(Criterion):
-        raise PlanError(f"criterion {settings['criterion']!r}; one of: {', '.join(Criterion)}")
+    ranges = parse_ranges([text for text in settings["ranges"] if text])
+    (family,) = with_ranges([family_by_name(settings["maneuver"])], ranges)
     return PlanRequest(
         vehicle=load_vehicle(Path(file) if file else None),
-        family=family_by_name(settings["maneuver"]),
+        family=family,
         target=settings["target"],
         criterion=Criterion(settings["criterion"]),
         samples=settings["samples"],
@@ -85,7 +86,9 @@ class ExcitationPlanner(Node):
         super().__init__("excitation_planner")
         setting = partial(declare, self, read_only=False)
         setting("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
+        setting("other_vehicle", False, "take plan files of other vehicles than this one")
         setting("maneuver", "circle", f"family: {', '.join(family_names())}")
+        setting("ranges", [""], "search box: NAME=LOW:HIGH of operation parameters, as radius=3:12")
         setting("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
         setting("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
         setting("samples", 100, "for criterion h: simulations per maneuver", (1, 1e6))
@@ -111,11 +114,25 @@ class ExcitationPlanner(Node):
         self.create_timer(POLL, self._watch, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
         if self._file.exists():
-            self._publish(load_plan(self._file))
+            try:
+                self._publish(self._load(self._file))
+            except PlanError as error:  # a new plan will replace it
+                self.get_logger().error(f"not published: {error}")
 
     @property
     def _file(self) -> Path:
         return Path(self.get_parameter("plan_file").value)
+
+    def _load(self, file: Path) -> Plan:
+        """Plan of a file; raises PlanError where it is of another vehicle."""
+        plan = load_plan(file)
+        vehicle = self.get_parameter("vehicle_file").value
+        if not self.get_parameter("other_vehicle").value:
+            try:
+                check_vehicle(plan, load_vehicle(Path(vehicle) if vehicle else None))
+            except PlanError as error:
+                raise PlanError(f"{error}, or set the parameter other_vehicle") from error
+        return plan
 
     def _publish(self, plan: Plan) -> None:
         self._plan = plan
@@ -123,14 +140,14 @@ class ExcitationPlanner(Node):
         self.get_logger().info(f"plan {plan.id}: {plan.maneuver} for {plan.target}")
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Refuse what no plan can be made of, and a plan file that exists but is not a plan."""
+        """Refuse what no plan can be made of, and a plan file that is not one of this vehicle."""
         new = {parameter.name: parameter.value for parameter in parameters}
         try:
             if new.keys() & set(PLAN_PARAMETERS):
                 _request(self._settings() | new)
             if "plan_file" in new and Path(new["plan_file"]).exists():
-                load_plan(Path(new["plan_file"]))
-        except (PlanError, VehicleError, OSError) as error:
+                self._load(Path(new["plan_file"]))
+        except (DesignError, PlanError, VehicleError, OSError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
@@ -139,7 +156,7 @@ class ExcitationPlanner(Node):
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
         if any(parameter.name == "plan_file" for parameter in parameters) and self._file.exists():
-            self._publish(load_plan(self._file))
+            self._publish(self._load(self._file))
 
     def _on_plan(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = False
@@ -149,7 +166,7 @@ class ExcitationPlanner(Node):
         settings = self._settings()
         try:
             _request(settings)
-        except (PlanError, VehicleError, OSError) as error:
+        except (DesignError, PlanError, VehicleError, OSError) as error:
             response.message = str(error)
             return response
         self._connection, theirs = SPAWN.Pipe(duplex=False)

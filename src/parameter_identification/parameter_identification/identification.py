@@ -50,7 +50,7 @@ from parameter_identification.estimation.validation import (
 )
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
-from tricycle_sim.vehicle import Vehicle, constant_fields
+from tricycle_sim.vehicle import Vehicle
 
 __all__ = [
     "Combination", "DriveFit", "Estimate", "GaussianPrior", "HeldOut", "Identification",
@@ -157,7 +157,6 @@ def _common_truth(drives: Sequence[MeasuredDrive]) -> dict[str, float]:
 def _estimates(
     problem: LeastSquares, optimum: Optimum, curves: Mapping[int, ProfileCurve], level: float
 ) -> dict[str, Estimate]:
-    units = {constant.name: constant.metadata["unit"] for constant in constant_fields()}
     model = problem.models[0]
     quantile = float(norm.ppf(0.5 + 0.5 * level))
     std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
@@ -174,7 +173,7 @@ def _estimates(
             profiled = Profile(limits[0] + curves[i].z * model.width[i], curves[i].rise)
         others = [limits[0] + rival[i] * model.width[i] for rival in optimum.rivals]
         found[name] = Estimate(
-            unit=units[name],
+            unit=model.vehicle.unit(name),
             estimate=float(limits[0] + z * model.width[i]),
             standard_deviation=float(std[i] * model.width[i]),
             low=min([low, *others]),

@@ -263,12 +263,9 @@ class Bridge:
         """
         commander = Commander(source, name)
         standstill = VehicleCommand(self.resting_angle(), 0.0)
-        refusal = self.commands.add(standstill, stamp=stamp, now=now, commander=commander)
+        refusal = self.commands.refuse(standstill, stamp=stamp, now=now, commander=commander)
         if refusal is not None:
             return refusal
-        counters = self.commands.counters
-        counters.accepted -= 1
-        counters.refused += 1
         self._send_commands(now)
         return f"{commander} is refused: {reason}; the vehicle is to stand still"
 

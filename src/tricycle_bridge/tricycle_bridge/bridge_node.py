@@ -46,6 +46,7 @@ from tricycle_bridge.command_thread import CommandThread
 from tricycle_bridge.diagnosis import diagnose, vehicle_problem
 from tricycle_bridge.host_clock import HostClock
 from tricycle_bridge.joint_pairing import JointReadings
+from tricycle_bridge.kinematics import TurningGeometry
 from tricycle_bridge.port_bridge import receive_all, send_all
 from tricycle_bridge.protocol.messages import (
     BAUD,
@@ -70,6 +71,7 @@ LOWERED_PARAMETERS = ("max_steering_angle", "max_steering_rate", "max_speed", "m
 # may be set only while the bridge is not configured; the others act at once
 CONFIGURED_PARAMETERS = (
     *("steer_port", "drive_port", "baud", "boot_wait", "bring_up_record", "bring_up_age"),
+    *(field.name for field in dataclasses.fields(TurningGeometry)),
     *(
         field.name
         for field in dataclasses.fields(BridgeSettings)
@@ -89,6 +91,7 @@ class BridgeNode(LifecycleNode):
         self._ports: SerialPorts | None = None
         self._arm_when_ready = False
         self._configured = BridgeSettings()  # when it was configured last
+        self._geometry = TurningGeometry()
         self._last_now = 0.0
         self._reported_at = -math.inf
         self._stated: object = None  # newest on vehicle/state
@@ -161,8 +164,18 @@ class BridgeNode(LifecycleNode):
         for field in dataclasses.fields(BridgeSettings):
             about = field.metadata
             add(field.name, field.default, about["description"], about["range"])
-        add("wheelbase", 1.443, "m, for cmd_vel", (0.1, 10.0))
-        add("caster_angle", 0.349, "rad, of the king-pins, for cmd_vel", (0.0, 1.0))
+        geometry = TurningGeometry()
+        add("wheelbase", geometry.wheelbase, "m, for cmd_vel", (0.1, 10.0))
+        add(
+            "motor_angles",
+            list(geometry.motor_angles),
+            "rad, rising, of the steering motor, for cmd_vel",
+        )
+        add(
+            "road_angles",
+            list(geometry.road_angles),
+            "rad, at motor_angles, of the one front wheel that would turn the vehicle so",
+        )
         add("cmd_vel_stamped", True, "cmd_vel is a TwistStamped; false: a Twist")
         add(
             "bring_up_record",
@@ -203,6 +216,10 @@ class BridgeNode(LifecycleNode):
         names = (field.name for field in dataclasses.fields(BridgeSettings))
         return BridgeSettings(**{name: self.get_parameter(name).value for name in names})
 
+    def _turning_geometry(self) -> TurningGeometry:
+        names = (field.name for field in dataclasses.fields(TurningGeometry))
+        return TurningGeometry(**{name: self.get_parameter(name).value for name in names})
+
     # ---- lifecycle ----
 
     def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
@@ -214,7 +231,7 @@ class BridgeNode(LifecycleNode):
             self.get_parameter(name).value
             for name in ("steer_port", "drive_port", "baud", "boot_wait")
         )
-        self._configured = self._settings()
+        self._configured, self._geometry = self._settings(), self._turning_geometry()
         self._bridge = Bridge(self._configured, rng=random.SystemRandom(), boot_wait=boot_wait)
         if path := self.get_parameter("bring_up_record").value:
             record = read_record(Path(path))
@@ -237,6 +254,7 @@ class BridgeNode(LifecycleNode):
             return f"steer_port and drive_port are both {steer}"
         try:
             self._settings()
+            self._turning_geometry()
             if path := self.get_parameter("bring_up_record").value:
                 read_record(Path(path))
         except LinkError as error:
@@ -415,9 +433,8 @@ class BridgeNode(LifecycleNode):
                 twist.linear.x,
                 twist.angular.z,
                 bridge.settings,
+                self._geometry,
                 resting_angle=bridge.resting_angle(),
-                wheelbase=self.get_parameter("wheelbase").value,
-                caster_angle=self.get_parameter("caster_angle").value,
             )
 
         self._command(command, stamp, Source.CMD_VEL)

@@ -136,6 +136,29 @@ def _check_steering_sensor(stand: PortStand) -> dict[str, float | str]:
     return reached
 
 
+def _check_hall_lines(stand: PortStand) -> dict[str, float | str]:
+    def broken() -> bool:
+        return bool(stand.drive.faults & Fault.HALL_LINE)
+
+    _require(
+        not broken(), "a line of the hall sensor is outside of its bands: its resistors, A2, A3"
+    )
+    _by_hand(
+        stand,
+        "Unplug the hall sensor.",
+        broken,
+        "the drive PLC did not notice it (resistors at the board's end of the cable?)",
+    )
+    stand.say("Plug the hall sensor in again.")
+
+    def mended() -> bool:
+        stand.clear()
+        return stand.wait(0.2, lambda: not broken())
+
+    _require(stand.wait(BY_HAND, mended), f"HALL_LINE stayed for {BY_HAND:g} s")
+    return {}
+
+
 def _check_hall_count(stand: PortStand) -> dict[str, float | str]:
     limits = stand.limits
     circumference = 2.0 * math.pi * limits.tyre_radius * 1e-4
@@ -260,6 +283,7 @@ STEPS = (
     Step("links, set-up and supply", _check_links),
     Step("emergency stop", _check_emergency_stop),
     Step("steering sensor", _check_steering_sensor),
+    Step("hall sensor's lines", _check_hall_lines),
     Step("hall count", _check_hall_count),
     Step("servo centre and ends", _check_servo),
     Step("motor direction", _check_motor),

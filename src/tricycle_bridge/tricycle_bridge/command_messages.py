@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from tricycle_bridge.command_stream import VehicleCommand
-from tricycle_bridge.kinematics import steering_motor_angle, turn_rate
+from tricycle_bridge.kinematics import TurningGeometry
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
@@ -52,10 +52,9 @@ def twist_command(
     speed: float,
     wanted: float,
     settings: BridgeSettings,
+    geometry: TurningGeometry,
     *,
     resting_angle: float,
-    wheelbase: float,
-    caster_angle: float,
 ) -> VehicleCommand:
     """Return the command in a Twist.
 
@@ -67,12 +66,10 @@ def twist_command(
         Turn rate [rad/s], left positive.
     settings : BridgeSettings
         Largest steering angle.
+    geometry : TurningGeometry
+        How the vehicle turns.
     resting_angle : float
         Angle of the steering motor at speed 0 [rad].
-    wheelbase : float
-        Wheelbase [m].
-    caster_angle : float
-        Angle between king-pin and vertical [rad].
 
     Raises
     ------
@@ -82,11 +79,8 @@ def twist_command(
     for name, value in (("speed", speed), ("turn rate", wanted)):
         if not math.isfinite(value):
             raise LinkError(f"{name} is {value}: must be a finite number")
-    largest = abs(
-        turn_rate(
-            speed, settings.max_steering_angle, wheelbase=wheelbase, caster_angle=caster_angle
-        )
-    )
+    side = math.copysign(settings.max_steering_angle, speed * wanted)
+    largest = abs(geometry.turn_rate(speed, side))
     if abs(wanted) > largest * (1.0 + 1e-6):
         raise LinkError(
             f"turn rate {wanted:.4g} rad/s at {speed:.4g} m/s: "
@@ -94,8 +88,7 @@ def twist_command(
         )
     if speed == 0.0:
         return VehicleCommand(resting_angle, 0.0)
-    angle = steering_motor_angle(speed, wanted, wheelbase=wheelbase, caster_angle=caster_angle)
-    return VehicleCommand(angle, speed)
+    return VehicleCommand(geometry.motor_angle(speed, wanted), speed)
 
 
 def limit_refusal(command: VehicleCommand, settings: BridgeSettings) -> str | None:

@@ -205,13 +205,45 @@ class CommandStream:
         refusal : str or None
             Why it is refused; None if it was taken.
         """
+        refusal = self._admit(command, stamp, now, commander)
+        if refusal is None:
+            self.counters.accepted += 1
+        return refusal
+
+    def refuse(
+        self, standstill: VehicleCommand, *, stamp: float, now: float, commander: Commander
+    ) -> str | None:
+        """Take a message that cannot be obeyed as the commander's wish to stand still.
+
+        Parameters
+        ----------
+        standstill : VehicleCommand
+            What is commanded instead.
+        stamp, now : float
+            Time at which the message was sent, time of arrival [s].
+        commander : Commander
+            Who sent it.
+
+        Returns
+        -------
+        refusal : str or None
+            Why not even that is taken from the commander; None if it was.
+        """
+        refusal = self._admit(standstill, stamp, now, commander)
+        if refusal is None:
+            self.counters.refused += 1
+        return refusal
+
+    def _admit(
+        self, command: VehicleCommand, stamp: float, now: float, commander: Commander
+    ) -> str | None:
+        """Make a command the newest one, or count and say why its commander is not heard."""
         if (refusal := _stamp_refusal(now - stamp)) is not None:
             self.counters.stale += 1
             return f"{commander} {'has no time stamp' if not stamp else refusal}"
         if (refusal := self._contradiction(commander, now)) is not None:
             self.counters.refused += 1
             return refusal
-        self.counters.accepted += 1
         self._newest = _Input(command, min(stamp, now), commander)
         return None
 

@@ -74,6 +74,11 @@ def _constants() -> dict[str, tuple[int | float, str]]:
         "ADC_SCALE": (boards.ADC_SCALE, "counts per rad"),
         "ADC_LOW": (boards.ADC_LOW, "counts"),
         "ADC_HIGH": (boards.ADC_HIGH, "counts"),
+        "LINE_LOW_MIN": (_counts(boards.LINE_LOW[0]), "counts"),
+        "LINE_LOW_MAX": (_counts(boards.LINE_LOW[1]), "counts"),
+        "LINE_HIGH_MIN": (_counts(boards.LINE_HIGH[0]), "counts"),
+        "LINE_HIGH_MAX": (_counts(boards.LINE_HIGH[1]), "counts"),
+        "LINE_TICKS": (boards.LINE_TICKS, ""),
         "HALL_PULSE": (round(boards.HALL_PULSE / messages.TRAVEL_UNIT), "um"),
         "HALL_PULSE_MIN": (round(boards.HALL_PULSES[0] / messages.TRAVEL_UNIT), "um"),
         "HALL_PULSE_MAX": (round(boards.HALL_PULSES[1] / messages.TRAVEL_UNIT), "um"),
@@ -96,6 +101,8 @@ def _constants() -> dict[str, tuple[int | float, str]]:
             "0.5 % per tick",
         ),
         "OVERSPEED_MARGIN": (round(boards.OVERSPEED_MARGIN / messages.SPEED_UNIT), "mm/s"),
+        "OVERSHOOT": (round(boards.OVERSHOOT / messages.SPEED_UNIT), "mm/s"),
+        "RUNAWAY_MARGIN": (round(boards.RUNAWAY_MARGIN / messages.SPEED_UNIT), "mm/s"),
         "HARDWARE_WATCHDOG_MS": (round(boards.HARDWARE_WATCHDOG * 1e3), "ms"),
         "MASS_LOW": (round(boards.MASS_LOW / messages.MASS_UNIT), "0.1 kg"),
         "MASS_HIGH": (round(boards.MASS_HIGH / messages.MASS_UNIT), "0.1 kg"),
@@ -108,6 +115,10 @@ def _constants() -> dict[str, tuple[int | float, str]]:
         "NO_PULSE_SPEED": (boards.NO_PULSE_SPEED, "m/s"),
         "NO_PULSE_TIME": (boards.NO_PULSE_TIME, "s"),
     }
+
+
+def _counts(volts: float) -> int:
+    return round(volts / boards.ADC_REFERENCE * boards.ADC_FULL)
 
 
 def _define(name: str, value: float, unit: str) -> str:

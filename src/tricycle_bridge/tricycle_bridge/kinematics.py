@@ -3,67 +3,100 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
-# The inner wheel turns by the motor's angle theta, the outer by theta (0.8 - 0.2 |theta| / 45 deg):
-# their mean is theta (0.9 - 0.1 |theta| / 45 deg).
-_MEAN_RATIO = 0.9
-_MEAN_RATIO_DROP = 0.1 / (math.pi / 4)  # 1/rad
+from tricycle_core.errors import LinkError
 
 
-def steering_motor_angle(
-    speed: float, turn_rate: float, *, wheelbase: float, caster_angle: float
-) -> float:
-    """Return the angle of the steering motor that gives a turn rate without tyre slip.
+@dataclass(frozen=True)
+class TurningGeometry:
+    """How the vehicle turns without tyre slip; the node has a parameter of each name.
 
-    Parameters
+    The defaults are those of the packaged tricycle. Between two angles it interpolates linearly.
+
+    Attributes
     ----------
-    speed : float
-        Speed [m/s], forward positive; not 0.
-    turn_rate : float
-        Yaw rate [rad/s], left positive.
     wheelbase : float
-        Wheelbase [m].
-    caster_angle : float
-        Angle between king-pin and vertical [rad].
+        Distance of the axles [m].
+    motor_angles : sequence of float
+        Angles of the steering motor [rad], rising.
+    road_angles : sequence of float
+        Angle on the road of the one front wheel that would turn the vehicle as each of them does
+        [rad], left positive, rising.
 
-    Returns
-    -------
-    angle : float
-        Angle [rad], left positive; infinite where no angle gives the turn rate.
-
-    Examples
-    --------
-    >>> round(steering_motor_angle(1.0, 0.4, wheelbase=1.443, caster_angle=math.radians(20)), 3)
-    0.677
+    Raises
+    ------
+    LinkError
+        The lists do not belong together or do not rise.
     """
-    road = math.atan(wheelbase * turn_rate / speed)  # angle of the wheels' track on the road
-    wheel = abs(math.atan(math.tan(road) / math.cos(caster_angle)))  # about the king-pin
-    # wheel = theta (0.9 - 0.127 theta): the smaller root
-    discriminant = _MEAN_RATIO**2 - 4.0 * _MEAN_RATIO_DROP * wheel
-    if discriminant < 0.0:
-        return math.copysign(math.inf, road)
-    theta = (_MEAN_RATIO - math.sqrt(discriminant)) / (2.0 * _MEAN_RATIO_DROP)
-    return math.copysign(theta, road)
+
+    wheelbase: float = 1.443
+    motor_angles: Sequence[float] = (
+        *(-0.7461, -0.5969, -0.4477, -0.2985, -0.1492, 0.0),
+        *(0.1492, 0.2985, 0.4477, 0.5969, 0.7461),
+    )
+    road_angles: Sequence[float] = (
+        *(-0.5705, -0.4664, -0.3571, -0.2429, -0.1239, 0.0),
+        *(0.1239, 0.2429, 0.3571, 0.4664, 0.5705),
+    )
+
+    def __post_init__(self) -> None:
+        if len(self.motor_angles) != len(self.road_angles) or len(self.road_angles) < 2:
+            raise LinkError(
+                f"motor_angles has {len(self.motor_angles)} numbers, road_angles "
+                f"{len(self.road_angles)}: must be equally many, at least 2"
+            )
+        for name in ("motor_angles", "road_angles"):
+            angles = getattr(self, name)
+            if not all(-math.pi / 2 < angle < math.pi / 2 for angle in angles):
+                raise LinkError(f"{name}: must be between -pi/2 and pi/2")
+            if not all(low < high for low, high in pairwise(angles)):
+                raise LinkError(f"{name}: each number must be above the one before")
+
+    def turn_rate(self, speed: float, angle: float) -> float:
+        """Return the turn rate [rad/s] that an angle of the steering motor gives.
+
+        Parameters
+        ----------
+        speed : float
+            Speed [m/s], forward positive.
+        angle : float
+            Angle of the steering motor [rad], left positive.
+
+        Examples
+        --------
+        >>> round(TurningGeometry().turn_rate(1.0, 0.677), 2)
+        0.4
+        """
+        road = _interpolate(angle, self.motor_angles, self.road_angles)
+        return speed * math.tan(road) / self.wheelbase
+
+    def motor_angle(self, speed: float, turn_rate: float) -> float:
+        """Return the angle of the steering motor [rad] that gives a turn rate.
+
+        Parameters
+        ----------
+        speed : float
+            Speed [m/s], forward positive; not 0.
+        turn_rate : float
+            Yaw rate [rad/s], left positive; one that the steering cannot give counts as the largest
+            that it can.
+
+        Examples
+        --------
+        >>> round(TurningGeometry().motor_angle(1.0, 0.4), 2)
+        0.68
+        """
+        road = math.atan(self.wheelbase * turn_rate / speed)
+        return _interpolate(road, self.road_angles, self.motor_angles)
 
 
-def turn_rate(speed: float, angle: float, *, wheelbase: float, caster_angle: float) -> float:
-    """Return the turn rate [rad/s] that an angle of the steering motor gives without tyre slip.
-
-    Parameters
-    ----------
-    speed : float
-        Speed [m/s], forward positive.
-    angle : float
-        Angle of the steering motor [rad], left positive.
-    wheelbase : float
-        Wheelbase [m].
-    caster_angle : float
-        Angle between king-pin and vertical [rad].
-
-    Examples
-    --------
-    >>> round(turn_rate(1.0, 0.677, wheelbase=1.443, caster_angle=math.radians(20)), 3)
-    0.4
-    """
-    wheel = angle * (_MEAN_RATIO - _MEAN_RATIO_DROP * abs(angle))
-    return speed * math.tan(wheel) * math.cos(caster_angle) / wheelbase
+def _interpolate(x: float, xs: Sequence[float], ys: Sequence[float]) -> float:
+    """Return y at x between the points; beyond them the value at the end."""
+    x = min(max(x, xs[0]), xs[-1])
+    k = min(bisect_right(xs, x), len(xs) - 1)
+    share = (x - xs[k - 1]) / (xs[k] - xs[k - 1])
+    return ys[k - 1] + share * (ys[k] - ys[k - 1])

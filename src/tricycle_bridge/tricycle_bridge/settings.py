@@ -29,6 +29,7 @@ from tricycle_bridge.protocol.messages import (
     TORQUE_UNIT,
 )
 from tricycle_core.errors import LinkError
+from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
 
 MASS_LIMIT = 1000.0
 """Largest mass and payload [kg]."""
@@ -117,13 +118,21 @@ class BridgeSettings:
         MAX_REGENERATIVE_TORQUE, TORQUE_UNIT, MAX_REGENERATIVE_TORQUE, "N m, of the braking motor"
     )
     motor_power: float = _setting(MAX_POWER, 1.0, MAX_POWER, "W, largest")
-    mass: float = _setting(58.1, 10.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
+    mass: float = _setting(58.1, 1.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
     payload: float = _setting(0.0, 0.0, MASS_LIMIT, "kg, largest load besides")
     mass_tolerance: float = _setting(0.1, 0.0, 0.5, "share by which the mass may be wrong")
-    drive_supply_low: float = _setting(40.0, 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked")
-    drive_supply_high: float = _setting(0.0, 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked")
-    steer_supply_low: float = _setting(10.0, 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked")
-    steer_supply_high: float = _setting(14.0, 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked")
+    drive_supply_low: float = _setting(
+        DRIVE_SUPPLY_THRESHOLDS[0], 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked"
+    )
+    drive_supply_high: float = _setting(
+        DRIVE_SUPPLY_THRESHOLDS[1], 0.0, SUPPLY_LIMIT, "V of the battery; 0: not checked"
+    )
+    steer_supply_low: float = _setting(
+        STEER_SUPPLY_THRESHOLDS[0], 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked"
+    )
+    steer_supply_high: float = _setting(
+        STEER_SUPPLY_THRESHOLDS[1], 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked"
+    )
     throttle_low: float = _setting(0.0, 0.0, MAX_THROTTLE, "V without torque; 0: the board's own")
     throttle_high: float = _setting(
         0.0, 0.0, MAX_THROTTLE, "V with full torque; 0: the board's own"

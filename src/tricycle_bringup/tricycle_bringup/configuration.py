@@ -1,16 +1,39 @@
 """Where the nodes' parameters come from: the packaged YAML files and the vehicle file."""
 
+import dataclasses
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
-from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
+import numpy as np
+
+from tricycle_bridge.kinematics import TurningGeometry
+from tricycle_bridge.protocol.boards import hall_pulse
+from tricycle_bridge.protocol.limits import (
+    MAX_POWER,
+    MAX_REGENERATIVE_TORQUE,
+    MAX_STEERING_ANGLE,
+    MAX_TORQUE,
+)
+from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.errors import LinkError, VehicleError
 from tricycle_sim.vehicle import Vehicle, load_vehicle
+from tricycle_sim.vehicle.kinematics import road_angles
 
 SIMULATION_CONFIG = str(files("tricycle_bringup") / "config" / "simulation.yaml")
 VEHICLE_CONFIG = str(files("tricycle_bringup") / "config" / "vehicle.yaml")
 
+TURNING_POINTS = 11  # of the steering, between which the bridge interpolates
 
-def bridge_parameters(vehicle_file: str) -> dict[str, float]:
+# what a board uses at most of a stronger motor
+_MOST = {
+    "motor_torque": MAX_TORQUE,
+    "regenerative_torque": MAX_REGENERATIVE_TORQUE,
+    "motor_power": MAX_POWER,
+}
+
+
+def bridge_parameters(vehicle_file: str) -> dict[str, Any]:
     """Return the ROS parameters of the bridge that follow from the vehicle.
 
     Parameters
@@ -21,28 +44,93 @@ def bridge_parameters(vehicle_file: str) -> dict[str, float]:
     Raises
     ------
     VehicleError
-        If it is not a valid vehicle file.
+        If it is not a valid vehicle file, or of a vehicle that the boards cannot drive.
     """
     vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
+    bridge_settings(vehicle)
+    return _settings(vehicle) | {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in dataclasses.asdict(turning_geometry(vehicle)).items()
+    }
+
+
+def bridge_settings(vehicle: Vehicle) -> BridgeSettings:
+    """Return the bridge's settings for a vehicle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That it drives.
+
+    Raises
+    ------
+    VehicleError
+        If a constant is beyond what the boards can be set up for.
+    """
+    try:
+        return BridgeSettings(**_settings(vehicle))
+    except LinkError as error:
+        raise VehicleError(f"{vehicle.name}: the boards cannot drive it: {error}") from error
+
+
+def turning_geometry(vehicle: Vehicle) -> TurningGeometry:
+    """Return how the bridge turns a vehicle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its steering.
+    """
+    reach = _steering_reach(vehicle)
+    motor_angles = np.linspace(-reach, reach, TURNING_POINTS)
+    return TurningGeometry(
+        vehicle.wheelbase,
+        tuple(motor_angles.tolist()),
+        tuple(road_angles(vehicle, motor_angles).tolist()),
+    )
+
+
+def beyond_the_boards(vehicle: Vehicle) -> tuple[str, ...]:
+    """Return what of a vehicle the boards' firmware does not use, a line each.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That they drive.
+    """
+    return tuple(
+        f"{name}: {vehicle.values[name]:g} {vehicle.unit(name)}, of which the boards use {most:g}"
+        for name, most in _MOST.items()
+        if vehicle.values.get(name, 0.0) > most
+    )
+
+
+def _settings(vehicle: Vehicle) -> dict[str, float]:
+    """Those of `BridgeSettings` that follow from the vehicle."""
     return {
-        "tyre_radius": vehicle.tyre_radius,
-        "max_steering_angle": min(vehicle.steering_reach, MAX_STEERING_ANGLE),
+        "tyre_radius": vehicle.driven_radius,
+        "hall_pulse": hall_pulse(vehicle.driven_radius),
+        "max_steering_angle": _steering_reach(vehicle),
         "max_steering_rate": vehicle.steering_slew,
         "max_acceleration": vehicle.acceleration,
-        "motor_torque": vehicle.motor_torque,
-        "regenerative_torque": vehicle.regenerative_torque,
-        "motor_power": vehicle.motor_power,
+        **{
+            name: min(vehicle.values[name], most)
+            for name, most in _MOST.items()
+            if name in vehicle.values
+        },
         "mass": _mass_at_the_tread(vehicle),
         "drive_supply_low": vehicle.drive_supply_low,
         "drive_supply_high": vehicle.drive_supply_high,
         "steer_supply_low": vehicle.steer_supply_low,
         "steer_supply_high": vehicle.steer_supply_high,
-        "wheelbase": vehicle.com_to_front_axle + vehicle.com_to_rear_axle,
-        "caster_angle": vehicle.caster_angle,
     }
+
+
+def _steering_reach(vehicle: Vehicle) -> float:
+    return min(vehicle.steering_reach, MAX_STEERING_ANGLE)
 
 
 def _mass_at_the_tread(vehicle: Vehicle) -> float:
     """Mass that the motor accelerates [kg]: the wheels' inertia counts at the tread."""
-    inertia = 2.0 * vehicle.front_wheel_inertia + vehicle.rear_wheel_inertia
-    return vehicle.mass + inertia / vehicle.tyre_radius**2
+    wheels = (vehicle.of(wheel) for wheel in vehicle.wheels)
+    return float(vehicle.mass + sum(own.wheel_inertia / own.tyre_radius**2 for own in wheels))

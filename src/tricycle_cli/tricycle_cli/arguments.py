@@ -1,10 +1,71 @@
 """Values of arguments that several subcommands take."""
 
+from __future__ import annotations
+
 import math
-from argparse import ArgumentTypeError
+from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tricycle_core.errors import PlanError
+
+if TYPE_CHECKING:
+    from excitation_planner.maneuver import ManeuverFamily
+
+
+def add_range_options(parser: ArgumentParser) -> None:
+    """Declare the options that set the search box.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand that searches maneuver families.
+    """
+    parser.add_argument(
+        "--range",
+        nargs="+",
+        default=[],
+        metavar="NAME=LOW:HIGH",
+        help="search box: ranges of operation parameters in place of the families' own, as "
+        "radius=3:12, or circle.speed=0.5:1.5 for one family only",
+    )
+    parser.add_argument(
+        "--ranges", type=Path, metavar="FILE", help="the same from YAML: `radius: [3, 12]`"
+    )
+
+
+def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
+    """Return maneuver families with the search box of the options.
+
+    Parameters
+    ----------
+    names : str
+        Of the families, separated by commas.
+    args : Namespace
+        Parsed arguments, among them those of `add_range_options`.
+
+    Raises
+    ------
+    PlanError
+        If a name or a range is wrong.
+    """
+    from excitation_planner.maneuver import family_by_name, load_ranges, parse_ranges, with_ranges
+
+    ranges = {} if args.ranges is None else load_ranges(args.ranges)
+    families = tuple(family_by_name(name) for name in names.split(","))
+    return with_ranges(families, ranges | parse_ranges(args.range))
+
+
+def search_boxes() -> str:
+    """Return the ranges of all families, a line each, for a help text."""
+    from excitation_planner.maneuver import family_by_name, family_names, shown_ranges
+
+    lines = [
+        f"  {name.replace('_', '-')}: {shown_ranges(family_by_name(name).operation.bounds())}"
+        for name in family_names()
+    ]
+    return "\n".join(["search boxes, in m, m/s, rad and Hz; --range sets others:", *lines, ""])
 
 
 def seed(text: str) -> int:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Collection, Sequence
 from importlib import import_module
 
+from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
 from tricycle_core.errors import ExcitationError
 
@@ -24,7 +25,7 @@ COMMANDS = {
     "report": "one HTML file with the table and the figures of a run",
     "monitor": "show links, maneuver and speeds of a live run",
     "bag": "what a bag holds; recovery of a damaged one",
-    "vehicle": "check a vehicle file",
+    "vehicle": "write a vehicle file, check it, show what follows from it",
     "plc": "what is on a serial port: which PLC, its telemetry, its counters",
 }
 """What each subcommand does, in the order of the help."""
@@ -43,15 +44,34 @@ def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
         prog="tricycle",
         description="Plan, drive, record and judge excitation maneuvers of an X-by-wire tricycle.",
     )
+    top.add_argument(
+        "--completion",
+        choices=SHELLS,
+        action=_Completion,
+        help='print completion of commands and options: eval "$(tricycle --completion bash)"',
+    )
     top.add_argument("--version", action="version", version=__version__)
     subparsers = top.add_subparsers(metavar="COMMAND", required=True)
     for name, summary in COMMANDS.items():
-        command = subparsers.add_parser(
-            name, help=summary, formatter_class=argparse.RawDescriptionHelpFormatter
-        )
+        command = subparsers.add_parser(name, help=summary, formatter_class=HelpFormatter)
         if name in complete:
             import_module(f"tricycle_cli.commands.{name}").add_arguments(command)
     return top
+
+
+class _Completion(argparse.Action):
+    """Prints the completion of a shell, and ends."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, _namespace: object, shell: object, _: object = None
+    ) -> None:
+        words = {}
+        for name in COMMANDS:
+            command = argparse.ArgumentParser()
+            import_module(f"tricycle_cli.commands.{name}").add_arguments(command)
+            words[name] = words_of(command)
+        print(completion_script(str(shell), words), end="")
+        parser.exit()
 
 
 def main(argv: Sequence[str] | None = None) -> int:

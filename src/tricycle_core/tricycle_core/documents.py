@@ -112,6 +112,42 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
         raise error(f"{where}: is not JSON: {problem}") from problem
 
 
+def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
+    """Return the values of a YAML text in UTF-8 without aliases, by which a file can explode.
+
+    Parameters
+    ----------
+    content : bytes
+        Of the file.
+    where : str
+        Named first in the message, usually the file.
+    error : type
+        Raised when the content is not YAML.
+
+    Raises
+    ------
+    ExcitationError
+        Of the type `error`, with the line, if it is not YAML or has aliases.
+    """
+    import yaml  # plans do without
+
+    class Loader(yaml.SafeLoader):
+        def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.YAMLError("aliases are not read")
+            return super().compose_node(parent, index)
+
+    try:
+        return yaml.load(content.decode(), Loader=Loader)  # noqa: S506 - a safe loader
+    except yaml.YAMLError as problem:
+        mark = getattr(problem, "problem_mark", None)
+        line = f":{mark.line + 1}" if mark else ""
+        raise error(f"{where}{line}: is not valid YAML, or has aliases") from problem
+    # numbers beyond all bounds, dates that do not exist, lists a thousand deep
+    except (ValueError, OverflowError, RecursionError) as problem:
+        raise error(f"{where}: is not YAML: {problem}") from problem
+
+
 def check_texts(values: object, where: str, error: type[ExcitationError]) -> None:
     """Refuse JSON values with texts that are not printable: terminal escapes, half characters.
 

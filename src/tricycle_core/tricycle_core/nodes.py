@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import json
 import logging
 import signal
 import sys
 from collections.abc import Callable
 from functools import partial
+from importlib.resources import files
 from types import FrameType
 from typing import Any
 
@@ -32,6 +34,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
+from tricycle_core import __version__
 from tricycle_core.stamps import split_seconds
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -112,7 +115,7 @@ def declare(
         Node that has the parameter.
     name : str
         Of the parameter.
-    default : bool, int, float, str or list of str
+    default : bool, int, float, str, list of float or list of str
         Value unless set; it decides the type.
     description : str
         For `ros2 param describe`, with the unit.
@@ -150,10 +153,24 @@ def _set_possible_time(set_time: Callable[[Clock], None], message: Clock) -> Non
         set_time(message)
 
 
+def _help(factory: Callable[[], Node]) -> str:
+    """Return what the node is, and its parameters as `make reference` has found them."""
+    document = json.loads((files("tricycle_core") / "nodes.json").read_text(encoding="utf-8"))
+    name, parameters = document[factory.__name__]
+    about = (sys.modules[factory.__module__].__doc__ or "").strip()
+    lines = [f"usage: {name} [--ros-args -p NAME:=VALUE ... | --params-file FILE]", "", about, ""]
+    lines.append("parameters (default; range) that can be set at the start, * at any time:")
+    for parameter, default, span, fixed, meaning in parameters:
+        values = "; ".join(text for text in (default, span) if text)
+        star = "" if fixed == "at start" else " *"
+        lines += [f"  {parameter}{f' ({values})' if values else ''}{star}", f"      {meaning}"]
+    return "\n".join([*lines, "", f"topics and services: ros2 node info {name}", ""])
+
+
 def run_node(factory: Callable[[], Node]) -> None:
     """Construct a node, spin it until SIGINT or SIGTERM, and leave no trace of the ending.
 
-    Exits with status 2 and one logged line where the ROS arguments are wrong, or constructing the
+    With `--help` it says what the node is, and its parameters, and starts nothing. Exits with status 2 and one logged line where the ROS arguments are wrong, or constructing the
     node raises what a user's mistake raises: ValueError, OSError, a parameter of the wrong type or
     out of range. A callback may end the process by raising SystemExit.
 
@@ -162,6 +179,9 @@ def run_node(factory: Callable[[], Node]) -> None:
     factory : callable
         Makes the node, after rclpy is initialised.
     """
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(_help(factory), end="")
+        return
     stopped = False
 
     def stop(_signal: int, _frame: FrameType | None) -> None:
@@ -180,6 +200,7 @@ def run_node(factory: Callable[[], Node]) -> None:
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
             executor = SingleThreadedExecutor()
             node = factory()
+            node.get_logger().info(f"runs, version {__version__}")
             ignore_impossible_times(node)
         except _MISTAKES as mistake:
             name = getattr(factory, "__name__", "node")

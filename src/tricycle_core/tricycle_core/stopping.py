@@ -7,6 +7,11 @@ friction brake that works.
 
 import enum
 from dataclasses import dataclass
+from typing import TypeVar
+
+from tricycle_core.quantities import FloatArray
+
+Speed = TypeVar("Speed", float, FloatArray)
 
 
 class Cause(enum.Enum):
@@ -36,12 +41,12 @@ class StoppingLaw:
     deceleration: float
     margin: float = 0.2
 
-    def distance(self, speed: float) -> float:
+    def distance(self, speed: Speed) -> Speed:
         """Return the way to rest [m].
 
         Parameters
         ----------
-        speed : float
+        speed : float or ndarray of float
             At the start [m/s].
         """
         return self.margin + speed * self.delay + speed**2 / (2.0 * self.deceleration)
@@ -55,6 +60,8 @@ RAMPED = StoppingLaw(delay=0.4, deceleration=1.1)
 MAX_PAYLOAD = 30.0  # kg
 DETECTION = 1.0
 """Longest time between a fault that stops the vehicle and the drive board's leaving ARMED [s]."""
+LINE_DETECTION = 0.1
+"""The same for a broken or shorted wire of the hall sensor [s]."""
 
 _LAWS = {
     Cause.ESTOP: (0.05, BRAKED),
@@ -64,14 +71,14 @@ _LAWS = {
 }
 
 
-def stopping_distance(cause: Cause, speed: float) -> float:
+def stopping_distance(cause: Cause, speed: Speed) -> Speed:
     """Return the way from the host's act to rest [m].
 
     Parameters
     ----------
     cause : Cause
         What stops the vehicle.
-    speed : float
+    speed : float or ndarray of float
         At that time [m/s].
     """
     reaction, law = _LAWS[cause]

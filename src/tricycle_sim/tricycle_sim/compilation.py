@@ -8,7 +8,7 @@ process compiles for itself. Processes that start at the same time may compile t
 import hashlib
 import logging
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -43,15 +43,32 @@ def sources() -> list[Path]:
 _FINGERPRINT = hashlib.sha256(b"".join(path.read_bytes() for path in sources())).hexdigest()
 
 
-def inlined(function: Callable[..., Any]) -> Any:
-    """Compile a function into its callers.
+_OPTIONS: dict[str, Any] = {"fastmath": FASTMATH, "error_model": "numpy"}
+
+
+@cache
+def compilable(function: Callable[..., Any]) -> Any:
+    """Return a function that is marked by `tricycle_sim.vehicle.laws.inlined` as numba takes it.
 
     Parameters
     ----------
     function : callable
-        With scalars, tuples and arrays for arguments, or compiled functions.
+        As Python has it; those that it calls may be marked too.
     """
-    return numba.njit(function, forceinline=True, fastmath=FASTMATH, error_model="numpy")
+    if numba.config.DISABLE_JIT:
+        return function
+    return numba.njit(_with(function, {}, function.__qualname__), forceinline=True, **_OPTIONS)
+
+
+def _with(function: Any, names: dict[str, Any], qualname: str) -> FunctionType:
+    """Return a copy of a function with other globals, what it inlines as numba takes it."""
+    scope = {**function.__globals__, **names}
+    for name in function.__code__.co_names:
+        if getattr(scope.get(name), "is_inlined", False):
+            scope[name] = compilable(scope[name])
+    copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
+    copy.__qualname__, copy.__module__ = qualname, function.__module__
+    return copy
 
 
 def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> Any:
@@ -66,15 +83,16 @@ def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> A
     **names : object
         What stands for these global names of the function, instead of its module's.
     """
-    if names:
-        scope = {**function.__globals__, **names}
-        module = function.__module__
-        function = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
-        function.__qualname__ = f"{function.__name__}-{variant}"
-        function.__module__ = module
+    original = function
+    if names or any(
+        getattr(function.__globals__.get(name), "is_inlined", False)
+        for name in function.__code__.co_names
+    ):
+        qualname = f"{function.__name__}-{variant}" if names else function.__qualname__
+        function = _with(function, names, qualname)
     if numba.config.DISABLE_JIT:  # coverage looks into the functions
         return function
-    options = {"nogil": True, "fastmath": FASTMATH, "error_model": "numpy"}
+    options = {"nogil": True, **_OPTIONS}
     try:
         dispatcher = numba.njit(function, cache=True, **options)
     except RuntimeError:  # numba found no folder that it may write to
@@ -85,9 +103,9 @@ def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> A
     # Numba notices changes of the function's own file only; what it calls and the numbers that it
     # imports are compiled in as well.
     numbers = {
-        name: function.__globals__[name]
-        for name in function.__code__.co_names
-        if isinstance(function.__globals__.get(name), int | float)
+        name: original.__globals__[name]
+        for name in original.__code__.co_names
+        if isinstance(original.__globals__.get(name), int | float)
     }
     file = dispatcher._cache._cache_file  # noqa: SLF001 (numba has no public way)
     file._source_stamp = (file._source_stamp, _FINGERPRINT, repr(numbers))  # noqa: SLF001

@@ -14,7 +14,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from tricycle_core.documents import replacing
-from tricycle_core.palette import BLUE, GREEN, VERMILLION
+from tricycle_core.palette import BLUE, GREEN, ORANGE, VERMILLION
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 
@@ -143,8 +143,8 @@ def plot_trajectory(trajectory: Trajectory, path: Path) -> None:
     steering.set_ylabel("steering motor angle [rad]", color=VERMILLION)
     yaw.plot(trajectory.time, trajectory.yaw_rate.T, color=BLUE, alpha=faint)
     yaw.set(xlabel="time [s]", ylabel="yaw rate [rad/s]", title="yaw rate")
-    for name, color in (("left", BLUE), ("right", VERMILLION), ("rear", GREEN)):
-        load = getattr(trajectory, f"load_{name}")
+    colors = (BLUE, VERMILLION, GREEN, ORANGE)
+    for (name, load), color in zip(trajectory.load.items(), colors, strict=False):
         lines = loads.plot(trajectory.time, load.T, color=color, alpha=faint)
         lines[0].set_label(name)
     loads.set(xlabel="time [s]", ylabel="load [N]", title="wheel loads")

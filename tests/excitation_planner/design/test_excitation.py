@@ -2,6 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from threading import Lock
 
 import numpy as np
 import pytest
@@ -113,7 +114,7 @@ def test_infeasible_maneuvers_and_failed_simulations_are_told_apart():
     assert all(e.simulations == 0 for e in design.infeasible)
 
 
-def _always_infeasible(x, P):
+def _always_infeasible(x, P, lock=None):
     raise InfeasibleManeuver("wheel lifts")
 
 
@@ -132,7 +133,9 @@ def _raises(x, P):
         (interior, {"samples": 4}, "samples = 4"),
         (interior, {"budget": 190}, "budget = 190 is too small"),
         (interior, {"noise_variance": -1.0}, "noise variance -1"),
-        (lambda x, P: P[:, 0], {"workers": 2}, "cannot be sent to another process"),
+        (interior, {"criterion": "i"}, "unknown criterion 'i'; one of: 'h', 'c', 'd', 'a'"),
+        (interior, {"search": "best"}, "unknown search 'best'; one of: 'adaptive', 'direct', "),
+        (partial(_always_infeasible, lock=Lock()), {"workers": 2}, "cannot be sent to another"),
     ],
 )
 def test_mistakes_are_named(f, arguments, message):

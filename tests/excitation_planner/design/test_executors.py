@@ -50,6 +50,41 @@ def test_a_worker_that_dies_is_reported():
         design(dies, executor=pool)
 
 
+SCRIPT = """
+import numpy as np
+from excitation_planner import design_excitation
+
+print("run")
+unknown = {"p": (0.0, 1.0), "q": (0.0, 1.0)}
+weight = 0.1
+
+
+def f(x, P):
+    return x[0] * P[:, 0] + (weight + x[0] ** 2) * P[:, 1]
+
+
+design = design_excitation(f, {"x": (0.0, 1.0)}, unknown, "p", samples=10, budget=200, workers=2)
+print(design.verdict)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("notebook", [False, True])
+def test_a_simulator_defined_where_no_worker_can_import_it(tmp_path: Path, notebook):
+    """In a script without ``if __name__ == "__main__"``, or in no file at all."""
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    found = subprocess.run(
+        [sys.executable, "-" if notebook else script],
+        input=SCRIPT if notebook else "",
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.stderr == ""
+    assert found.stdout.splitlines() == ["run", "excites"]
+
+
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # dask's own
 def test_dask_with_a_worker_killed_half_way(tmp_path: Path):

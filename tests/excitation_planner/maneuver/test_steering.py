@@ -1,7 +1,5 @@
 """Steering inputs against their definitions, and as the nominal vehicle drives them."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -76,6 +74,6 @@ def test_steering_into_the_margin_before_the_end_stop_is_infeasible():
 
 
 def test_a_slower_vehicle_steps_more_slowly():
-    slow = dataclasses.replace(VEHICLE, steering_slew=0.5)
+    slow = VEHICLE.replace(steering_slew=0.5)
     run = nominal_run(slow, StepSteer(), np.array([0.3, 1.0]))
     assert np.abs(np.diff(run.commands.steering_motor_angle)).max() <= 0.5 * 0.02 + ANGLE_UNIT

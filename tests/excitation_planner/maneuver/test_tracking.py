@@ -1,7 +1,5 @@
 """Tracking: the nominal vehicle stays on the path, its commands within what PLCs do at once."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -82,7 +80,7 @@ def test_the_vehicle_starts_at_rest_and_reaches_its_speed():
 
 
 def test_another_vehicle_needs_other_commands():
-    slow = dataclasses.replace(VEHICLE, steering_slew=0.3)
+    slow = VEHICLE.replace(steering_slew=0.3)
     drive = Circle().drive(np.array([3.0, 0.8]), slow)
     commands = track(slow, drive).commands
     assert np.abs(np.diff(commands.steering_motor_angle)).max() <= 0.3 * PERIOD + ANGLE_UNIT

@@ -1,7 +1,9 @@
 """Results of an identification: what is derived from them."""
 
 import numpy as np
+import pytest
 from found_identification import FOUND
+from matplotlib.figure import Figure
 
 from parameter_identification.estimation.results import Combination
 
@@ -26,3 +28,26 @@ def test_the_posterior_is_a_prior():
 def test_combinations_are_read_by_people():
     assert str(Combination({"yaw_inertia": 0.98}, 0.9)) == "yaw_inertia"
     assert str(Combination({"a": 0.8, "b": -0.6}, 0.9)) == "+0.80 a -0.60 b"
+
+
+def test_an_identification_is_a_line_per_parameter():
+    assert repr(FOUND).splitlines() == [
+        "Identification of tricycle from first; 95% intervals",
+        "  cornering_stiffness  600 (590 to 611)  N/rad",
+        "  yaw_inertia          not shown  kg m^2",
+    ]
+
+
+def test_an_identification_as_a_table():
+    pytest.importorskip("pandas")
+    table = FOUND.to_dataframe()
+    assert list(table.index) == ["cornering_stiffness", "yaw_inertia"]
+    assert table.loc["cornering_stiffness", ["low", "high", "truth"]].to_list() == [590, 611, 601]
+    assert not table.shown["yaw_inertia"]
+
+
+def test_an_identification_as_a_figure():
+    drawn = FOUND.plot(Figure().add_subplot())
+    first, second = (label.get_text() for label in drawn.get_yticklabels())
+    assert first.startswith("cornering stiffness\n500 to 1500 N/rad")
+    assert "not shown" in second

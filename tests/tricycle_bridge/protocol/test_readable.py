@@ -52,7 +52,7 @@ def test_what_a_newer_minor_version_added_has_a_name_too():
 def test_faults_whose_names_say_little_are_explained():
     assert state_and_faults(PlcState.FAULT, Fault.PULSES) == (
         "FAULT (PULSES): "
-        "motor torque without pulses: wheel blocked, or hall or direction wire broken"
+        "motor torque without pulses: wheel blocked, or hall or direction sensor broken"
     )
     assert state_and_faults(PlcState.FAULT, Fault.SENSOR) == "FAULT (SENSOR)"
     assert state_and_faults(PlcState.SAFE, 0) == "SAFE"

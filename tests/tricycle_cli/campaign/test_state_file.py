@@ -10,7 +10,9 @@ from tricycle_cli.campaign.request import Settings
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_core.errors import PlanError
 
-SETTINGS = Settings("tricycle", "0" * 64, ("circle",), 1, 0.01, 0.005, 0.0, None)
+SETTINGS = Settings(
+    "tricycle", "0" * 64, ("circle",), 1, 0.01, 0.005, 0.0, None, {"circle.radius": (2.0, 6.0)}
+)
 STEP = Step(
     "mass", "plans/01.json", "bags/01", "circle", {"radius": 3.0}, "id", 8.0, {"mass": 2.0}, True
 )  # fmt: skip
@@ -43,8 +45,8 @@ def test_what_was_identified_is_read_with_it(tmp_path):
     [
         ("{", "is not JSON"),
         ("[]", "not the state of a campaign"),
-        (json.dumps({"schema": 9}), "schema 9; this one reads 1"),
-        (json.dumps({"schema": 1, "settings": {}}), "not the state of a campaign"),
+        (json.dumps({"schema": 9}), "schema 9; this one reads 2"),
+        (json.dumps({"schema": 2, "settings": {}}), "not the state of a campaign"),
     ],
 )
 def test_another_file_is_refused_with_its_name(text, message, tmp_path):

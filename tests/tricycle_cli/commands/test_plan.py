@@ -24,6 +24,7 @@ def test_plan_prints_one_json_object_and_writes_plan_and_figure(capsys, tmp_path
     assert {"maneuver", "target", "x", "cost", "main", "total", "variance"} <= set(result)
     assert {"leave_one_out_q2", "simulations", "seconds", "feasible"} <= set(result)
     assert result["x"] == {"radius": 3.0, "speed": 0.8}
+    assert result["ranges"] == {"radius": [2.0, 6.0], "speed": [0.6, 1.0]}
     assert (tmp_path / "p" / "plan.json").exists()
     assert (tmp_path / "p" / "plan.png").read_bytes().startswith(b"\x89PNG")
 
@@ -35,5 +36,32 @@ def test_a_plan_is_shown(capsys, tmp_path, monkeypatch):
     save_plan(plan_at(request, Circle().operation.from_unit([0.5, 0.5])), tmp_path / "plan.json")
     assert main(["plan", "show", "plan.json"]) == 0
     output = capsys.readouterr().out
-    assert "(target)" in output
+    assert "circle for camber_stiffness: radius = 4" in output
     assert (tmp_path / "plan.png").exists()
+
+
+@pytest.mark.slow
+def test_a_plan_is_made_in_the_search_box_that_is_given_and_shown(capsys, tmp_path):
+    (tmp_path / "yard.yaml").write_text("circle: {speed: [0.5, 0.8]}")
+    command = ["plan", "--at", "radius=9", "speed=0.8", "--samples", "20"]
+    command += ["--range", "radius=3:12", "--ranges", str(tmp_path / "yard.yaml")]
+    assert main([*command, "--output", str(tmp_path)]) == 0
+    output = capsys.readouterr().out
+    assert "search box: radius=3:12 speed=0.5:0.8, speed at the end of its range" in output
+
+
+@pytest.mark.slow
+def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
+    for name in ("plan-1.json", "plan-2.json", "notes.json"):
+        (tmp_path / name).write_text("{}")
+    command = ["plan", "--at", "radius=3", "speed=0.8", "--samples", "20", "--output"]
+    assert main([*command, str(tmp_path)]) == 2
+    assert f"{tmp_path / 'plan-1.json'} exists: --overwrite replaces" in capsys.readouterr().err
+    assert main([*command, str(tmp_path), "--overwrite"]) == 0
+    assert {p.name for p in tmp_path.glob("*.json")} == {"plan.json", "notes.json"}
+
+
+def test_help_names_the_search_boxes(capsys):
+    with pytest.raises(SystemExit):
+        main(["plan", "--help"])
+    assert "circle: radius=2:6 speed=0.6:1" in capsys.readouterr().out

@@ -1,15 +1,55 @@
-"""`tricycle vehicle check`: what a vehicle file says, and what is doubtful in it."""
+"""`tricycle vehicle`: what a vehicle file says, what is odd in it, what follows from it."""
 
+import io
 import json
+import sys
 from importlib import resources
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+
+from tricycle_cli.new_vehicle import LAYOUTS, QUESTIONS, ask, from_answers
+from tricycle_core.errors import VehicleError
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import load_vehicle, warnings_about
+from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.registry import PARTS
+from tricycle_sim.vehicle.stability import check_step
 
 CARGO = resources.files("tricycle_sim") / "cargo_tricycle.yaml"
+
+SMALL = {"name": "rc car", "mass": "1.7", "wheelbase": "0.26", "front_track": "0.17",
+         "rear_track": "0.17", "com_height": "0.045", "tyre_radius": "0.033",
+         "motor_torque": "0.4", "battery_voltage": "7.4"}  # fmt: skip
+LARGE = {"name": "golf cart", "mass": "500", "wheelbase": "1.7", "front_track": "0.9",
+         "rear_track": "1.0", "com_height": "0.6", "tyre_radius": "0.23",
+         "motor_torque": "200"}  # fmt: skip
+
+
+def typed(answers):
+    """What `ask` reads: the answer to each question by its text, otherwise an empty line."""
+    by_text = {question.text: answers.get(question.key, "") for question in QUESTIONS}
+
+    def read(prompt):
+        return next(line for text, line in by_text.items() if prompt.startswith(text))
+
+    return read
+
+
+def vehicle_of(answers, folder):
+    if answers["layout"] == "delta" and "parallel" not in PARTS["steering"]:
+        pytest.skip("no law steers one wheel yet")
+    file = folder / "new.yaml"
+    file.write_text(from_answers(ask(typed(answers), pytest.fail)))
+    return load_vehicle(file)
 
 
 def test_another_vehicle_is_described(tricycle, capsys):
     tricycle("vehicle", "check", CARGO, "--json")
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert result["warnings"] == []
+    assert "motor_torque: 45 N m, of which the boards use 35" in result["warnings"]
+    assert all("of which the boards use" in warning for warning in result["warnings"])
     assert next(iter(result["unknown"])) == "cornering_stiffness"
     assert len(result["unknown"]) == 4
 
@@ -19,3 +59,97 @@ def test_vehicle_check_warns_about_the_papers_inertia(tricycle, capsys):
     output = capsys.readouterr().out
     assert "tricycle: valid" in output
     assert "warning: yaw_inertia: 50 kg m^2 is larger" in output
+
+
+def test_the_picture_shows_every_wheel_with_its_load(tricycle, tmp_path):
+    picture = tmp_path / "cargo.svg"
+    assert tricycle("vehicle", "check", CARGO, "--draw", picture) == 0
+    text = picture.read_text()
+    assert ElementTree.fromstring(text).tag.endswith("svg")
+    for shown in ("left", "right", "rear", "driven", "braked", "95 kg", "wheelbase 1.6 m"):
+        assert f"<!-- {shown}" in text or shown in text
+
+
+def test_a_picture_of_another_format_is_refused(tricycle, tmp_path):
+    with pytest.raises(VehicleError, match=r"must end in \.svg, \.png, \.pdf"):
+        tricycle("vehicle", "check", "--draw", tmp_path / "cargo.gif")
+    assert not (tmp_path / "cargo.gif").exists()
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE], ids=lambda size: size["name"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_dozen_answers_make_a_vehicle(tmp_path, layout, size):
+    vehicle = vehicle_of({**size, "layout": layout}, tmp_path)
+    assert vehicle.wheels == LAYOUTS[layout]
+    assert (vehicle.mass, vehicle.wheelbase) == (float(size["mass"]), float(size["wheelbase"]))
+    assert sum(vehicle.static_loads()) == pytest.approx(9.81 * vehicle.mass)
+    assert warnings_about(vehicle) == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("size", [SMALL, LARGE], ids=lambda size: size["name"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_vehicle_of_answers_drives(tmp_path, layout, size):
+    vehicle = vehicle_of({**size, "layout": layout}, tmp_path)
+    check_step(vehicle, 0.01)
+    motion = simulate(vehicle, Commands([0.0, 3.0], [0.1, 0.0], [0.5, 0.0]))
+    assert motion.x[0, -1] > 0.8
+    assert motion.yaw[0, -1] > 0.02
+
+
+def test_a_wrong_answer_is_asked_again():
+    said = []
+    lines = iter(["", "x", "sedan", "delta"])
+    read = typed(LARGE)
+
+    def slips(prompt):
+        first = prompt.startswith(("name", "wheels"))
+        return next(lines) if first else read(prompt)
+
+    answers = ask(slips, said.append)
+    assert (answers["name"], answers["layout"]) == ("x", "delta")
+    assert said == ["needs a text", "'sedan': must be one of tadpole, delta, car"]
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"), [("heavy", "'heavy': needs a number"), ("0", "must be between 0.1 and")]
+)
+def test_numbers_out_of_bounds_are_no_answer(line, problem):
+    (mass,) = [question for question in QUESTIONS if question.key == "mass"]
+    with pytest.raises(ValueError, match=problem):
+        mass.read(line)
+
+
+def test_new_from_a_file_is_the_same_vehicle(tricycle, tmp_path):
+    file = tmp_path / "mine.yaml"
+    assert tricycle("vehicle", "new", file, "--from", CARGO) == 0
+    mine, cargo = load_vehicle(file), load_vehicle(CARGO)
+    assert mine.name == "mine"
+    assert (mine.values, mine.unknown) == (cargo.values, cargo.unknown)
+    assert "# road_grade: {value: 0.0" in file.read_text()
+
+
+def test_a_file_that_is_there_is_kept(tricycle, tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("precious")
+    with pytest.raises(VehicleError, match="exists already; --overwrite replaces it"):
+        tricycle("vehicle", "new", file, "--from", CARGO)
+    assert file.read_text() == "precious"
+    assert tricycle("vehicle", "new", file, "--from", CARGO, "--overwrite") == 0
+    assert load_vehicle(file).name == "mine"
+
+
+def test_without_a_terminal_nothing_is_asked(tricycle, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    with pytest.raises(VehicleError, match="this is no terminal: give --from FILE"):
+        tricycle("vehicle", "new", tmp_path / "mine.yaml")
+
+
+def test_what_follows_from_a_vehicle_is_printed(tricycle, capsys):
+    tricycle("vehicle", "show", "urdf", CARGO)
+    assert ElementTree.fromstring(capsys.readouterr().out).get("name") == "cargo_tricycle"
+    tricycle("vehicle", "show", "foxglove", CARGO)
+    assert "configById" in json.loads(capsys.readouterr().out)
+    tricycle("vehicle", "show", "bridge", CARGO)
+    (section,) = yaml.safe_load(capsys.readouterr().out).values()
+    assert section["ros__parameters"]["wheelbase"] == pytest.approx(1.6)

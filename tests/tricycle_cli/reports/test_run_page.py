@@ -35,7 +35,7 @@ def test_a_bag_that_cannot_be_judged_is_shown_with_its_reason(record_drive, tmp_
 
 def test_loads_carry_the_vehicle_and_belong_to_the_plans_vehicle(plan):
     loads = wheel_loads(VEHICLE, plan)
-    carried = loads.left + loads.right + loads.rear
+    carried = sum(loads.by_wheel.values())
     assert np.mean(carried) == pytest.approx(VEHICLE.mass * VEHICLE.gravity, rel=1e-3)
     other = dataclasses.replace(plan, vehicle_hash="0" * 64)
     run = Run(Path("run"), (Maneuver("other", other),))

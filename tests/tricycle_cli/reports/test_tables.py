@@ -16,19 +16,35 @@ from tricycle_cli.reports.tables import (
 )
 
 
-def text_of(table):
-    console = Console(width=200, file=io.StringIO(), record=True)
+def text_of(table, width=200):
+    console = Console(width=width, file=io.StringIO(), record=True)
     console.print(table)
     return console.export_text()
 
 
 def test_a_plan_shows_its_indices_and_marks_the_target(plan):
     text = text_of(plan_table(plan))
-    assert "circle: radius = 3, speed = 0.8" in text
-    assert "cornering_stiffness (target)" in text
+    assert f"circle for {plan.target}: radius = 3, speed = 0.8" in text
     for name, index in plan.main.items():
         assert name in text
         assert f"{index.value:.4f}" in text
+
+
+@pytest.mark.parametrize("make", [plan_table, prediction_table])
+def test_tables_are_complete_at_80_columns(plan, make):
+    long = "longitudinal_relaxation_length"  # the longest name of a constant
+    index = dataclasses.replace(next(iter(plan.main.values())), value=0.1234)
+    wide = dataclasses.replace(
+        plan,
+        main=plan.main | {long: index},
+        total=plan.total | {long: index},
+        unknown=plan.unknown | {long: (0.0, 1.0)},
+        predicted_std={long: 1.234e-5},
+    )
+    text = text_of(make(wide), width=80)
+    assert "…" not in text.replace(" … ", "")
+    assert long in text
+    assert "1σ" in text or "0.1234" in text
 
 
 def test_a_prediction_is_given_in_units_and_as_shares(plan):

@@ -15,7 +15,7 @@ from plc_bench import (
     DRIVE,
     ENABLE,
     ESTOP,
-    HALL_WIRES,
+    HALL_SENSORS,
     MASS,
     SETUP,
     STANDSTILL,
@@ -54,6 +54,7 @@ class InMemory:
         self.now = start_us
         self._pressed = False
         self._supply = SUPPLY[board]
+        self._lines = {}
         self._sent = b""
         self._tick()
 
@@ -87,6 +88,7 @@ class InMemory:
             self._torque,
             supply=self._supply,
             estop_pressed=self._pressed,
+            **self._lines,
         )
         sent, self._output = self._plc.tick(self.now, drive)
         reverse = self._output.setpoint < 0.0
@@ -98,6 +100,9 @@ class InMemory:
 
     def supply(self, volts):
         self._supply = volts
+
+    def hall_lines(self, **volts):
+        self._lines = volts
 
     def reset(self):
         self._plc.reset()
@@ -127,6 +132,7 @@ class Native(InMemory):
             self.wheel.edge_at,
             supply=self._supply,
             estop_pressed=self._pressed,
+            **self._lines,
         )
         return sent
 
@@ -214,6 +220,9 @@ class OnUno:
 
     def supply(self, volts):
         self._uno.supply(volts)
+
+    def hall_lines(self, *, hall_line=None, direction_line=None):
+        self._uno.hall_lines(hall_line, direction_line)
 
     def reset(self):
         self._uno.reset()
@@ -810,7 +819,7 @@ def test_stopping_gives_up_after_eight_seconds(rolling):
 
 @pytest.mark.parametrize("value", [0.25, 1.0, 4.0])
 @pytest.mark.parametrize(
-    ("wire", "gear"),
+    ("sensor", "gear"),
     [
         ("no pulses", m.Gear.DRIVE),
         ("no pulses", m.Gear.REVERSE),
@@ -818,9 +827,9 @@ def test_stopping_gives_up_after_eight_seconds(rolling):
         ("direction reads backward", m.Gear.DRIVE),
     ],
 )
-def test_a_broken_wire_of_the_hall_sensor_is_found(rolling, wire, gear, value):
+def test_a_stuck_hall_sensor_is_found(rolling, sensor, gear, value):
     wheel = rolling.plc.wheel
-    wheel.sensed = HALL_WIRES[wire]
+    wheel.sensed = HALL_SENSORS[sensor]
     rolling.arm()
     for _ in range(150):  # 3 s
         rolling.stream(0.02, value, gear=gear)
@@ -832,7 +841,7 @@ def test_a_broken_wire_of_the_hall_sensor_is_found(rolling, wire, gear, value):
 
 
 @pytest.mark.parametrize("value", [0.25, 1.0, 4.0])
-def test_a_hall_wire_that_breaks_on_the_way_is_found(rolling, value):
+def test_a_hall_sensor_that_sticks_on_the_way_is_found(rolling, value):
     wheel = rolling.plc.wheel
     rolling.arm()
     rolling.stream(3.0, value)
@@ -841,6 +850,58 @@ def test_a_hall_wire_that_breaks_on_the_way_is_found(rolling, value):
     rolling.stream(3.0, value)
     assert (rolling.state.state, rolling.state.faults) == (State.FAULT, Fault.PULSES)
     assert wheel.fastest < value + 0.8
+
+
+LINES = [
+    {"hall_line": 5.0},  # broken
+    {"hall_line": 0.0},  # shorted to ground
+    {"hall_line": 2.5},  # to the other one, which has the other level
+    {"direction_line": 5.0},
+    {"direction_line": 0.0},
+]
+
+
+@pytest.mark.parametrize("volts", LINES)
+@pytest.mark.parametrize("value", [0.0, 0.25, 4.0])
+def test_a_wire_of_the_hall_sensor_that_breaks_is_found_at_once(rolling, value, volts):
+    rolling.arm()
+    rolling.stream(2.0, value)
+    speed = rolling.plc.wheel.speed
+    rolling.plc.hall_lines(**volts)
+    rolling.received.clear()
+    rolling.stream(0.06, value)
+    assert rolling.state.state == State.FAULT
+    assert rolling.state.faults & Fault.HALL_LINE
+    assert_outputs_are_safe(rolling)
+    assert rolling.plc.wheel.fastest < speed + 0.1
+    assert rolling.control(Op.CLEAR) is Result.OK
+    rolling.stream(0.2)
+    assert (rolling.state.state, rolling.state.faults) == (State.SAFE, Fault.HALL_LINE)
+    assert rolling.control(Op.ARM) is Result.WRONG_STATE
+
+
+@pytest.mark.parametrize("volts", LINES)
+def test_a_broken_wire_of_the_hall_sensor_blocks_arming(rolling, volts):
+    rolling.plc.hall_lines(**volts)
+    rolling.stream(0.2)
+    assert (rolling.state.state, rolling.state.faults) == (State.SAFE, Fault.HALL_LINE)
+    assert rolling.control(Op.ARM) is Result.WRONG_STATE
+    rolling.plc.hall_lines()
+    rolling.stream(0.1)
+    assert rolling.control(Op.CLEAR) is Result.OK
+    rolling.arm()
+
+
+@pytest.mark.parametrize("gear", [m.Gear.DRIVE, m.Gear.REVERSE])
+def test_an_armed_vehicle_that_its_motor_does_not_hold_is_braked(rolling, gear):
+    wheel = rolling.plc.wheel
+    rolling.arm()
+    rolling.stream(2.0, 0.5, gear=gear)
+    wheel.slope = 1.1 if gear is m.Gear.DRIVE else -1.1
+    rolling.stream(3.0, 0.5, gear=gear)
+    assert rolling.state.state == State.FAULT
+    assert rolling.state.faults in (Fault.OVERSPEED, Fault.PULSES)
+    assert wheel.fastest < 1.0
 
 
 @pytest.mark.parametrize("slope", [-0.5, 0.5])

@@ -4,7 +4,7 @@ import pytest
 from plc_bench import (
     DRIVE,
     ENABLE,
-    HALL_WIRES,
+    HALL_SENSORS,
     MASS,
     Fault,
     Op,
@@ -65,18 +65,108 @@ def moving(make_bench, speed, *, gear=1):
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_the_overspeed_is_exact_both_ways(drive, sign):
-    for speed, state in ((5.28, State.ARMED), (5.281, State.FAULT)):
-        drive.command()
+def test_the_overspeed_is_exact_both_ways(make_bench, sign):
+    drive = moving(make_bench, sign, gear=1 if sign == 1 else 2)
+    drive.command(1.0, flags=0)
+    for speed, state in ((5.28, State.STOPPING), (5.281, State.FAULT)):
         assert drive.tick(speed=sign * speed).state == state
     assert drive.state.faults == Fault.OVERSPEED
 
 
 def test_the_overspeed_is_that_of_the_vehicle_s_largest_speed(make_bench):
     drive = make_bench(DRIVE).booted(max_speed=2000).armed()
-    for speed, state in ((2.48, State.ARMED), (2.481, State.FAULT)):
-        drive.command()
+    drive.drive(30, 0.5)
+    drive.command(0.5, flags=0)
+    for speed, state in ((2.48, State.STOPPING), (2.481, State.FAULT)):
         assert drive.tick(speed=speed).state == state
+
+
+@pytest.mark.parametrize("gear", [1, 2])
+def test_an_armed_drive_may_not_gain_while_its_motor_brakes(make_bench, gear):
+    sign = 1 if gear == 1 else -1
+    drive = make_bench(DRIVE).booted().armed()
+    drive.drive(60, 1.0, gear=gear, brake=0.1)  # the pulses are not looked at
+    assert drive.output.setpoint == sign
+    for speed, torque, state in (
+        (1.3, 1.0, State.ARMED),  # pushed so far: the ceiling is 1.2 m/s
+        (1.42, -1.0, State.ARMED),
+        (1.421, -1.0, State.FAULT),
+    ):
+        drive.command(1.0, gear=gear, brake=0.1)
+        assert drive.tick(speed=sign * speed, torque=sign * torque).state == state
+    assert drive.state.faults == Fault.OVERSPEED
+
+
+def test_an_armed_drive_that_slows_down_less_than_its_set_point_is_no_fault(make_bench):
+    drive = make_bench(DRIVE).booted().armed()
+    vehicle = Slope(drive, slope=0.3, mass=95.0)
+    vehicle.run(6.0, 2.0)
+    state = vehicle.run(2.0, 0.5)
+    assert (state.state, state.setpoint) == (State.ARMED, 500)
+    assert vehicle.speed > 1.5
+    vehicle.slope = 0.9  # steeper than the motor holds
+    state = vehicle.run(3.0, 0.5)
+    assert (state.state, state.faults) == (State.FAULT, Fault.OVERSPEED)
+    assert vehicle.fastest < 2.3
+
+
+@pytest.mark.parametrize("gear", [1, 2])
+def test_a_vehicle_whose_motor_does_not_hold_it_is_stopped(make_bench, gear):
+    drive = make_bench(DRIVE).booted().armed()
+    sign = 1 if gear == 1 else -1
+    vehicle = Slope(drive, slope=0.45 * sign, mass=60.0)
+    vehicle.controller.torque = lambda output, speed, *, reverse: 0.0  # its wire is broken
+    state = vehicle.run(6.0, 0.5, gear=gear)
+    assert (state.state, drive.output.brake) == (State.FAULT, 1.0)
+    assert vehicle.fastest < 0.9
+
+
+# ---- the hall sensor's lines ----
+
+
+@pytest.mark.parametrize("line", ["hall_line", "direction_line"])
+@pytest.mark.parametrize(
+    ("volts", "whole"),
+    [
+        (0.0, False),
+        (0.49, False),
+        (0.51, True),
+        (1.49, True),
+        (1.51, False),
+        (2.5, False),
+        (3.49, False),
+        (3.51, True),
+        (4.49, True),
+        (4.51, False),
+        (5.0, False),
+    ],
+)
+def test_a_line_outside_of_its_bands_for_three_ticks_is_a_fault(make_bench, line, volts, whole):
+    drive = make_bench(DRIVE).booted()
+    drive.tick(2, **{line: volts})
+    assert drive.state.faults == 0
+    drive.tick(1, **{line: 1.0})
+    drive.tick(2, **{line: volts})
+    assert drive.state.faults == 0
+    drive.tick()
+    assert (drive.state.state, drive.state.faults) == (
+        State.SAFE,
+        0 if whole else Fault.HALL_LINE,
+    )
+
+
+@pytest.mark.parametrize("gear", [1, 2])
+@pytest.mark.parametrize(("speed", "begins"), [(0.4, 0.4), (1.1, 1.0), (-0.1, 0.0)])
+def test_a_stop_begins_at_the_speed_of_a_vehicle_that_was_slower(make_bench, gear, speed, begins):
+    sign = 1 if gear == 1 else -1
+    drive = make_bench(DRIVE).booted().armed()
+    drive.drive(60, 1.0, gear=gear, brake=0.1)  # the pulses are not looked at
+    drive.command(1.0, gear=gear, brake=0.1)
+    drive.tick(speed=sign * speed)
+    drive.command(1.0, gear=gear, brake=0.1, flags=0)
+    drive.tick(speed=sign * speed)
+    assert drive.state.state == State.STOPPING
+    assert drive.output.setpoint == pytest.approx(sign * max(begins - 0.02, 0.0))
 
 
 def test_an_overspeed_is_found_while_stopping_too(make_bench):
@@ -279,7 +369,7 @@ def weighed(make_bench):
 @pytest.mark.parametrize("slope", [-0.5, 0.5])
 @pytest.mark.parametrize("value", [0.25, 1.0, 4.8])
 @pytest.mark.parametrize(
-    ("wire", "gear"),
+    ("sensor", "gear"),
     [
         ("no pulses", 1),
         ("no pulses", 2),
@@ -287,8 +377,8 @@ def weighed(make_bench):
         ("direction reads backward", 1),
     ],
 )
-def test_a_broken_wire_of_the_hall_sensor_is_found(weighed, wire, gear, value, slope):
-    vehicle = Slope(weighed, sensed=HALL_WIRES[wire], slope=slope)
+def test_a_stuck_hall_sensor_is_found(weighed, sensor, gear, value, slope):
+    vehicle = Slope(weighed, sensed=HALL_SENSORS[sensor], slope=slope)
     state = vehicle.run(6.0, value, gear=gear)
     assert (state.state, state.faults) == (State.FAULT, Fault.PULSES)
     assert (weighed.output.motor_on, weighed.output.brake) == (False, 1.0)
@@ -296,7 +386,7 @@ def test_a_broken_wire_of_the_hall_sensor_is_found(weighed, wire, gear, value, s
 
 
 @pytest.mark.parametrize("value", [0.25, 1.0, 3.0])
-def test_a_wire_that_breaks_on_the_way_is_found(weighed, value):
+def test_a_sensor_that_sticks_on_the_way_is_found(weighed, value):
     vehicle = Slope(weighed)
     assert vehicle.run(4.0, value).state == State.ARMED
     at = vehicle.travel
@@ -355,9 +445,9 @@ def test_two_and_a_half_seconds_without_a_pulse_are_a_fault_where_one_must_come(
 
 @pytest.mark.parametrize("speed", [0.0, -0.5])
 def test_what_is_not_known_of_the_wheel_is_not_a_fault_while_a_brake_acts(drive, speed):
-    for _ in range(400):
+    for tick in range(400):
         drive.command(1.0, brake=0.1)
-        drive.tick(speed=speed, torque=30.0)
+        drive.tick(speed=speed if tick > 50 else 0.0, torque=30.0)
     assert (drive.state.state, drive.state.faults) == (State.ARMED, 0)
 
 

@@ -229,13 +229,21 @@ def test_the_range_of_a_field_of_setup_is_the_one_described(row, make_bench):
         bench.tick()
         bench.hello()
         # what must not be less than the field
-        more = {"mass_low": {"mass_high": 60_000}, "mass_high": {"mass_low": 50}}.get(name, {})
+        more = {"mass_low": {"mass_high": 60_000}, "mass_high": {"mass_low": 10}}.get(name, {})
         result = bench.set_up(**more | {name: value})
         assert result is (Result.OK if value in within else Result.OUT_OF_RANGE), value
 
 
 def test_constants_of_the_boards_are_those_of_both_codes(macros):
     rows = {row[0]: number(row[1]) for row in table("5.9 Boards", "constant", "value")}
+    lines = {row[0]: row[1] for row in table("5.9 Boards", "constant", "value")}
+    bands = {"hall lines, low": boards.LINE_LOW, "hall lines, high": boards.LINE_HIGH}
+    for name, (low, high) in bands.items():
+        assert lines[name] == f"{low} to {high} V"
+        del rows[name]
+    counts = [round(volts / 5 * 1023) for band in bands.values() for volts in band]
+    names = ("LINE_LOW_MIN", "LINE_LOW_MAX", "LINE_HIGH_MIN", "LINE_HIGH_MAX")
+    assert [macros[name] for name in names] == counts
     assert rows == {
         "potentiometer, centre": boards.ADC_CENTRE,
         "potentiometer, scale": boards.ADC_SCALE,
@@ -266,13 +274,15 @@ def test_thresholds_of_faults_are_those_of_both_codes(macros):
     assert found["CMD_TIMEOUT"] == [limits.WATCHDOG * 1e3]
     assert found["TRACKING"] == [boards.TRACKING_ERROR, boards.TRACKING_TIME]
     assert found["SENSOR"] == [boards.ADC_LOW, boards.ADC_HIGH]
-    assert found["OVERSPEED"] == [boards.OVERSPEED_MARGIN]
+    assert found["OVERSPEED"] == [boards.OVERSPEED_MARGIN, boards.RUNAWAY_MARGIN, 5.6]
+    assert found["HALL_LINE"] == [5.8, boards.LINE_TICKS]
     assert found["STOP_TIMEOUT"] == [boards.STOPPING_TIME]
     (at_rest,) = re.findall(r"\*At rest\* is a measured speed below ([\d.]+) m/s", DOCUMENT)
     assert float(at_rest) == boards.AT_REST
     names = ("WATCHDOG_MS", "TRACKING_ERROR", "TRACKING_MS", "ADC_LOW", "ADC_HIGH",
-             "STOPPING_MS", "OVERSPEED_MARGIN", "AT_REST")  # fmt: skip
-    in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 20)
+             "STOPPING_MS", "OVERSPEED_MARGIN", "RUNAWAY_MARGIN", "LINE_TICKS",
+             "AT_REST")  # fmt: skip
+    in_c = (200, 1500, 1000, 5, 1018, 8000, 480, 220, 3, 20)
     assert [macros[name] for name in names] == list(in_c)
 
 
@@ -295,7 +305,13 @@ def test_numbers_in_the_text_are_those_of_the_code(macros):
     assert told("5.5 Limits", r"end stop of its mechanics at ([\d.]+) rad") == [
         limits.STEERING_END_STOP
     ]
+    ceiling = r"or to ([\d.]+) m/s above it while .*? more than ([\d.]+) m/s above the ceiling"
+    assert told("5.6 Set-points", ceiling) == [boards.OVERSHOOT, boards.RUNAWAY_MARGIN]
+    assert macros["OVERSHOOT"] == boards.OVERSHOOT * 1e3
     wheel = "5.8 Does the wheel"
+    bands = r"low is ([\d.]+) to ([\d.]+) V, high ([\d.]+) to ([\d.]+) V"
+    assert told(wheel, bands) == [*boards.LINE_LOW, *boards.LINE_HIGH]
+    assert told(wheel, r"outside of its bands in (\d+) ticks") == [boards.LINE_TICKS]
     assert told(wheel, r"a lag of ([\d.]+) s") == [boards.TORQUE_LAG]
     assert told(wheel, r"within ±([\d.]+) m/s²") == [boards.RESISTANCE]
     assert told(wheel, r"by ([\d.]+) pulses") == [boards.PULSE_MARGIN]
@@ -321,11 +337,12 @@ def test_times_of_a_plc_are_those_of_both_codes(macros):
         "TRACKING": boards.TRACKING_TIME * 1e3,
         "STOP_TIMEOUT": boards.STOPPING_TIME * 1e3,
         "PULSES: no pulse": boards.NO_PULSE_TIME * 1e3,
+        "HALL_LINE": boards.LINE_TICKS * TICK * 1e3,
         "hardware watchdog": boards.HARDWARE_WATCHDOG * 1e3,
     }
     names = ("WATCHDOG_MS", "HOLDING_MS", "TRACKING_MS", "STOPPING_MS", "HARDWARE_WATCHDOG_MS")
     assert [macros["TICK_US"] / 1e3, *(macros[name] for name in names)] == [
-        rows[name] for name in rows if name not in ("stale echo", "PULSES: no pulse")
+        rows[name] for name in rows if name not in ("stale echo", "PULSES: no pulse", "HALL_LINE")
     ]
     (units,) = re.findall(r"& 0xFFFF ≤ (\d+)", section("4 Freshness"))
     assert int(units) == limits.STALE_TICKS == macros["STALE_TICKS"]
@@ -483,6 +500,8 @@ EVENTS = {
     "tick: the wheel does not turn as it should": turn_the_wrong_way,
     "tick: 8 s in this state": never_come_to_rest,
     "tick: wheel too fast": lambda bench: bench.tick(speed=-5.29),
+    "tick: wheel gains speed against the motor": lambda bench: bench.tick(speed=0.7),
+    "tick: a line of the hall sensor is broken": lambda bench: bench.tick(3, hall_line=5.0),
     "CLEAR accepted": lambda bench: bench.control(Op.CLEAR),
     "reset": reset,
 }
@@ -525,7 +544,12 @@ def test_a_row_of_the_transition_table_happens(row, make_bench):
 BRIEF = [event for event in EVENTS if not re.search(r" for |\d s|at rest", event)]
 OF_OTHER_BOARD = {
     DRIVE: {"tick: potentiometer out of range", "tick: a command said STANDSTILL"},
-    STEER: {"tick: wheel too fast", "tick: the wheel does not turn as it should"},
+    STEER: {
+        "tick: wheel too fast",
+        "tick: wheel gains speed against the motor",
+        "tick: a line of the hall sensor is broken",
+        "tick: the wheel does not turn as it should",
+    },
 }
 
 

@@ -56,8 +56,19 @@ def faults(host, board):
     return Fault(host.bridge.links[board].telemetry.faults)
 
 
+@pytest.mark.parametrize(
+    "kind", [FaultKind.HALL_OPEN, FaultKind.HALL_SHORT, FaultKind.DIRECTION_OPEN]
+)
+def test_a_broken_wire_of_the_hall_sensor_is_found_at_once(driven, kind):
+    host = driven(kind, AT + 0.06)
+    assert state(host, DRIVE) is PlcState.FAULT
+    assert faults(host, DRIVE) & Fault.HALL_LINE
+    host.run(2.0)
+    assert abs(host.rig.state.vx) < 0.02
+
+
 def test_without_pulses_the_motor_pushes_until_the_board_notices(driven):
-    host = driven(FaultKind.HALL_DEAD, 0.0, start=0.0)
+    host = driven(FaultKind.HALL_STUCK, 0.0, start=0.0)
     torque = 0.0
     for _ in range(100):
         host.tick()
@@ -77,8 +88,8 @@ def test_half_the_pulses_double_the_speed_unless_odometry_shows_it(driven, odome
     assert host.rig.state.vx == pytest.approx(0.0 if odometry else 2.0, abs=0.1)
 
 
-def test_the_broken_direction_wire_shows_only_when_rolling_backwards(driven):
-    host = driven(FaultKind.HALL_FORWARD, AT + 1.0)
+def test_the_stuck_direction_sensor_shows_only_when_rolling_backwards(driven):
+    host = driven(FaultKind.DIRECTION_STUCK, AT + 1.0)
     assert host.rig.state.vx == pytest.approx(1.0, abs=0.05)
 
 

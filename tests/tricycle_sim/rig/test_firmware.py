@@ -78,7 +78,7 @@ def slalom(drive, seconds):
         drive.target = (0.3 * np.sin(t) * (t > 3.0), min(t, 1.2))
         drive.tick()
         state = drive.rig.state
-        rows.append((state.x, state.y, state.steering_motor_angle, state.rear_wheel_angle * 0.335))
+        rows.append((state.x, state.y, state.steering_motor_angle, state.drive_angle * 0.335))
     return np.split(np.array(rows), [2, 3], axis=1)
 
 

@@ -56,7 +56,7 @@ def test_the_servo_stops_at_the_limit():
 
 def constants_of(formulas):
     """Constants of one vehicle, as they stand in a group."""
-    return np.repeat([formula(VEHICLE) for formula in formulas.values()], LANES)
+    return np.repeat([formula(VEHICLE.of("rear")) for formula in formulas.values()], LANES)
 
 
 def motor(spin=0.0, torque=0.0, integrator=0.0, speed_mode=0.0, demand=0.0):
@@ -83,6 +83,12 @@ def test_torque_is_limited_by_current_power_and_no_load_speed(spin, most):
 def test_regenerative_braking_is_limited():
     _, _, excess = motor(spin=5.0, demand=-40.0)
     assert excess == pytest.approx(-40.0 + VEHICLE.regenerative_torque)
+
+
+def test_a_torque_backwards_is_limited_as_one_forwards_is_unless_it_brakes():
+    for spin, most in ((0.0, 35.0), (-10.0, 25.0), (0.1, VEHICLE.regenerative_torque)):
+        _, _, excess = motor(spin=spin, demand=-40.0)
+        assert excess == pytest.approx(-40.0 + most)
 
 
 def test_the_integrator_unwinds_while_the_motor_saturates():

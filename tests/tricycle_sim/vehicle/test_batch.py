@@ -70,7 +70,7 @@ def test_a_sample_does_not_depend_on_its_companions_or_on_threads():
         for name, column in alone.columns().items():
             if name != "time":
                 assert np.array_equal(column[0], getattr(together, name)[index]), name
-    least = together.feasibility.least_load_left
+    least = together.feasibility.least_load["left"]
     assert np.array_equal(least.value, together.load_left.min(axis=1))
     assert np.array_equal(least.time, together.time[together.load_left.argmin(axis=1)])
     assert np.array_equal(least.x, together.x[np.arange(21), together.load_left.argmin(axis=1)])
@@ -223,7 +223,7 @@ def test_lifted_wheel_is_reported_with_time_and_place():
     trajectory = simulate(VEHICLE, commands)
     feasibility = trajectory.feasibility
     assert feasibility.wheel_lifted[0]
-    lift = feasibility.least_load_left
+    lift = feasibility.least_load["left"]
     tick = round(lift.time[0] * 100)
     assert trajectory.load_left[0, tick] == 0.0
     assert trajectory.load_left[0, :tick].min() > 0.0

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, constant_fields, draw_truth, load_vehicle
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, draw_truth, load_vehicle
 
 
 def test_static_loads_by_moment_balance():
@@ -45,8 +45,7 @@ def test_the_fingerprint_of_the_packaged_vehicle_is_that_of_old_plans():
 
 
 def test_every_unknown_parameter_is_a_constant_with_a_unit():
-    units = {entry.name: entry.metadata["unit"] for entry in constant_fields()}
-    assert all(units[name] for name in UNKNOWN_PARAMETERS)
+    assert all(load_vehicle().unit(name) for name in UNKNOWN_PARAMETERS)
 
 
 def test_importing_and_loading_a_vehicle_compiles_nothing():

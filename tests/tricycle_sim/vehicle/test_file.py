@@ -80,14 +80,25 @@ def test_a_wrong_file_gets_one_line_with_the_place(tmp_path, change, message):
     assert message in str(error.value)
 
 
-def test_a_known_constant_cannot_be_unknown(tmp_path):
+def unknown(name, nominal, low, high):
     def spread(document):
-        entry = document["constants"]["mass"]
+        entry = document["constants"][name]
         del entry["value"]
-        entry.update(nominal=48.3, range=[40.0, 50.0])
+        entry.update(nominal=nominal, range=[low, high])
 
-    with pytest.raises(VehicleError, match="mass: cannot be unknown"):
-        load_vehicle(write(tmp_path / "v.yaml", spread))
+    return spread
+
+
+def test_any_constant_of_the_motion_can_be_unknown(tmp_path):
+    vehicle = load_vehicle(write(tmp_path / "v.yaml", unknown("mass", 48.3, 40.0, 50.0)))
+    assert vehicle.unknown["mass"] == (40.0, 50.0)
+    assert [*vehicle.unknown] == [*load_vehicle().unknown, "mass"]  # the paper's come first
+
+
+def test_a_setting_of_the_boards_cannot_be_unknown(tmp_path):
+    path = write(tmp_path / "v.yaml", unknown("steering_slew", 2.0, 1.0, 3.0))
+    with pytest.raises(VehicleError, match="steering_slew: cannot be unknown"):
+        load_vehicle(path)
 
 
 def test_not_yaml_at_all(tmp_path):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tricycle_sim.commands import Commands
-from tricycle_sim.vehicle import constants, load_vehicle
+from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.groups import equilibrium, pack
-from tricycle_sim.vehicle.layout import LANES, STATE
+from tricycle_sim.vehicle.layout import LANES, STATE, WHEEL_STATES
 
 VEHICLE = load_vehicle()
 
@@ -34,16 +34,14 @@ def test_lanes_beyond_the_samples_repeat_the_last_one():
     rows = states(pack(VEHICLE, points, equilibrium(VEHICLE), speed=np.array([0.0, 1.0, 2.0])))
     assert rows.shape[1] == LANES
     assert rows[STATE.u].tolist() == [0.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0]
-    assert rows[STATE.spin_rear] == pytest.approx(rows[STATE.u] / VEHICLE.tyre_radius)
+    assert rows[STATE.spin + 2 * WHEEL_STATES] == pytest.approx(rows[STATE.u] / VEHICLE.tyre_radius)
     assert np.array_equal(rows[:, 2], rows[:, 7])
 
 
 @pytest.fixture
-def softly_known(monkeypatch):
+def softly_known():
     """A vehicle with unknown parameters that move its equilibrium."""
     moving = ("com_to_front_axle", "vertical_stiffness", "com_height")
-    names = (*constants.UNKNOWN_PARAMETERS, *moving)
-    monkeypatch.setattr(constants, "UNKNOWN_PARAMETERS", names)
     ranges = ((0.6, 0.8), (4e4, 8e4), (0.4, 0.6))
     unknown = dict(zip(moving, ranges, strict=True))
     return dataclasses.replace(VEHICLE, unknown={**VEHICLE.unknown, **unknown})

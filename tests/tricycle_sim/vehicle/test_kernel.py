@@ -15,7 +15,16 @@ from tricycle_core.rotations import attitude_quaternion
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for, position, yaw
-from tricycle_sim.vehicle.layout import EVALUATED, LANES, SLOPE, STATE, STATES
+from tricycle_sim.vehicle.layout import (
+    EVALUATED,
+    LANES,
+    SLOPE,
+    STATE,
+    STATES,
+    WHEEL_EVALUATED,
+    WHEEL_STATES,
+    of_wheels,
+)
 from tricycle_sim.vehicle.parts import steering_constants
 
 VEHICLE = load_vehicle()
@@ -92,15 +101,15 @@ def kernel_slopes(vehicle, s):
     rows[STATE.u : STATE.w + 1] = (rotation.T @ s.dq[:3])[:, np.newaxis]
     rows[STATE.p : STATE.r + 1] = omega[:, np.newaxis]
     spins = s.dq[6:] + axles @ omega
-    rows[STATE.spin_left : STATE.spin_rear + 1] = spins[:, np.newaxis]
-    rows[STATE.kappa_left : STATE.kappa_rear + 1] = s.kappa[:, np.newaxis]
-    rows[STATE.alpha_left : STATE.alpha_rear + 1] = s.alpha[:, np.newaxis]
+    rows[of_wheels(STATE.spin, WHEEL_STATES, 3)] = spins[:, np.newaxis]
+    rows[of_wheels(STATE.kappa, WHEEL_STATES, 3)] = s.kappa[:, np.newaxis]
+    rows[of_wheels(STATE.alpha, WHEEL_STATES, 3)] = s.alpha[:, np.newaxis]
     rows[STATE.torque], rows[STATE.integrator] = s.torque, s.integrator
     speed_mode = s.speed is not None
     drive = np.array([[speed_mode, s.speed if speed_mode else s.demand, s.brake]])
     FUNCTIONS.advance(groups, table, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
     slopes = rows[SLOPE : SLOPE + STATES, 0]
-    return slopes, rows[EVALUATED.load_left : EVALUATED.load_rear + 1, 0]
+    return slopes, rows[of_wheels(EVALUATED.load, WHEEL_EVALUATED, 3), 0]
 
 
 @pytest.mark.slow
@@ -122,18 +131,17 @@ def test_derivatives_agree_with_lagrange(situation, values, load_sensitivity, ai
         road_bank=bank,
     )
     s = situation
-    angles = ORACLE.linkage(vehicle, s.motor_angle)
-    rates = ORACLE.linkage_slopes(vehicle, s.motor_angle) * s.motor_rate
-    truth = ORACLE.derivative(vehicle, s, (angles, rates), (s.speed, s.demand, s.brake))
+    described = ORACLE.describe(vehicle)
+    angles, angle_slopes = described.steering(s.motor_angle)
+    steering = (angles, angle_slopes * s.motor_rate)
+    truth = ORACLE.derivative(described, s, steering, (s.speed, s.demand, s.brake))
     slopes, loads = kernel_slopes(vehicle, s)
     expected = {
         STATE.x: s.dq[:3],
         STATE.u: truth.velocity,
         STATE.p: truth.rate,
-        STATE.spin_left: truth.spin,
-        STATE.kappa_left: truth.kappa,
-        STATE.alpha_left: truth.alpha,
         STATE.torque: [truth.torque, truth.integrator],
+        STATE.spin: np.ravel(np.transpose([truth.spin, truth.kappa, truth.alpha])),
     }
     for row, values in expected.items():
         assert slopes[row : row + len(values)] == pytest.approx(values, rel=1e-9, abs=1e-9)

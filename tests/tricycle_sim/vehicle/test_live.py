@@ -79,7 +79,7 @@ def test_instruments_agree_with_each_other():
     states, _ = drive(VEHICLE, COMMANDS)
     speeds = np.array([state.wheel_speeds[2] for state in states])
     turned = np.concatenate([[0.0], np.cumsum(0.5 * TICK * (speeds[1:] + speeds[:-1]))])
-    assert [state.rear_wheel_angle for state in states] == pytest.approx(turned, abs=1e-9)
+    assert [state.drive_angle for state in states] == pytest.approx(turned, abs=1e-9)
     for state in (states[0], states[400], states[-1]):
         assert np.linalg.norm(state.quaternion) == pytest.approx(1.0, abs=1e-9)
         assert sum(state.loads) == pytest.approx(VEHICLE.mass * 9.81, rel=0.05)
@@ -149,7 +149,7 @@ def test_reverse_gear_is_a_negative_setpoint():
     for tick in range(400):
         state = live.step(steering=0.0, speed=-min(0.01 * tick, 1.0))
     assert state.vx == pytest.approx(-1.0, rel=0.02)
-    assert state.rear_wheel_angle < 0.0
+    assert state.drive_angle < 0.0
 
 
 def test_wrong_number_of_parameters():

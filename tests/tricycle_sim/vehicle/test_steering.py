@@ -31,9 +31,9 @@ ORACLE = load_oracle()
 def test_linkage_agrees_with_the_oracle(motor_angle):
     constants = steering_constants(VEHICLE, 0.005)
     left, right, left_slope, right_slope = FUNCTIONS.wheel_angles(motor_angle, constants)
-    assert (left, right) == pytest.approx(tuple(ORACLE.linkage(VEHICLE, motor_angle)), abs=1e-14)
-    slopes = ORACLE.linkage_slopes(VEHICLE, motor_angle)
-    assert (left_slope, right_slope) == pytest.approx(tuple(slopes), abs=1e-9)
+    angles, slopes = ORACLE.describe(VEHICLE).steering(motor_angle)
+    assert (left, right) == pytest.approx(tuple(angles[:2]), abs=1e-14)
+    assert (left_slope, right_slope) == pytest.approx(tuple(slopes[:2]), abs=1e-9)
 
 
 def test_ratio_of_the_wheel_angles_falls_from_0_8_to_0_6():

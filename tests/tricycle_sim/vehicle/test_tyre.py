@@ -8,23 +8,23 @@ import pytest
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.layout import LANES
 from tricycle_sim.vehicle.tyre import (
-    CONSTANTS,
     LINEAR,
     linear,
     rolling_resistance,
     slip_slopes,
     vertical_load,
 )
+from tricycle_sim.vehicle.tyre import TYRE as TYRE_ROWS
 
 VEHICLE = load_vehicle()
 
 
 def constants_of(formulas, vehicle=VEHICLE):
     """Constants of one vehicle, as they stand in a group."""
-    return np.repeat([formula(vehicle) for formula in formulas.values()], LANES)
+    return np.repeat([formula(vehicle.of("rear")) for formula in formulas.values()], LANES)
 
 
-TYRE = constants_of(CONSTANTS)
+TYRE = constants_of(TYRE_ROWS)
 
 
 def force(load=200.0, kappa=0.0, alpha=0.0, lean=0.0, vx=5.0, slip_speed=0.0, vy=0.0, **values):

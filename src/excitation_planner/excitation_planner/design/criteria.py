@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
 
+from excitation_planner.design.choice import Choice
 from tricycle_core.quantities import FloatArray
 
 
-class Criterion(StrEnum):
+class Criterion(Choice):
     """What a design minimises."""
 
     H = "h"  # cost of exciting the target (Eq. 11), from the Sobol' indices of a scalar output

@@ -11,6 +11,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.executors import Result, running
 from excitation_planner.design.noise import TrajectoryNoise
-from excitation_planner.design.prior import PRIOR_INFORMATION, BoxPrior
+from excitation_planner.design.prior import PRIOR_INFORMATION, SHOWN, BoxPrior
 from excitation_planner.design.problem import (
     VERIFIED,
     DesignProblem,
@@ -33,6 +34,8 @@ from excitation_planner.design.store import Store
 from excitation_planner.indices.sensitivity import Sensitivity
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError
+from tricycle_core.optional import optional, own_axes
+from tricycle_core.palette import BLUE, GREY, VERMILLION
 from tricycle_core.quantities import FloatArray, Progress
 
 
@@ -93,6 +96,72 @@ class Design:
     simulations: int
     failed: int
 
+    def __repr__(self) -> str:
+        low, high = self.cost_interval
+        x = zip(self.operation.names, self.x, strict=True)
+        return (
+            f"Design: {self.verdict} {self.target or 'all'}, criterion {self.criterion} = "
+            f"{self.cost:.4g} ({low:.4g} to {high:.4g}), {self.simulations} simulations\n"
+            f"  at {', '.join(f'{name} {value:.4g}' for name, value in x)}\n"
+            f"  {self.explanation}"
+        )
+
+    def to_dataframe(self) -> Any:
+        """Return the search as a pandas DataFrame, a row per maneuver in the order of evaluation.
+
+        Raises
+        ------
+        ReportError
+            If pandas is not installed.
+        """
+        X = np.array([evaluation.x for evaluation in self.history])
+        columns: dict[str, Any] = dict(zip(self.operation.names, X.T, strict=True))
+        for name in ("cost", "simulations", "failed", "infeasible"):
+            columns[name] = [getattr(evaluation, name) for evaluation in self.history]
+        return optional("pandas", "to_dataframe").DataFrame(columns)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the search in the box: cost over one parameter, or as colour over the first two.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes, optional
+            Drawn on; default: those of a new figure.
+
+        Returns
+        -------
+        axes : matplotlib.axes.Axes
+            Drawn on.
+
+        Raises
+        ------
+        ReportError
+            If matplotlib is not installed.
+        """
+        axes = own_axes() if axes is None else axes
+        X = np.array([evaluation.x for evaluation in self.history])
+        costs = np.array([evaluation.cost for evaluation in self.history])
+        kept, names = np.isfinite(costs), self.operation.names
+        scaled = [self.criterion.search_scale(cost) for cost in costs[kept]]
+        scale = {"h": "ln(1 + H)", "d": "D"}.get(self.criterion, f"ln {self.criterion.upper()}")
+        best: FloatArray = self.x[:2]
+        if len(names) == 1:
+            axes.plot(X[kept, 0], scaled, "o", color=BLUE, markersize=4, label="evaluated")
+            best = np.array([self.x[0], self.criterion.search_scale(self.cost)])
+            axes.set(xlabel=names[0], ylabel=scale)
+        else:
+            points = axes.scatter(*X[kept, :2].T, c=scaled, s=18, cmap="viridis", label="evaluated")
+            axes.figure.colorbar(points, ax=axes, label=scale)
+            axes.set(xlabel=names[0], ylabel=names[1])
+            if not kept.all():
+                left_out = X[~kept, :2].T
+                axes.plot(*left_out, "x", color=GREY, markersize=4, label="cannot be driven")
+        axes.plot(*best, "*", color=VERMILLION, markersize=14, label="the design")
+        axes.set_title(f"{self.verdict} {self.target or 'all parameters'}")
+        axes.legend(fontsize="small")
+        axes.grid(alpha=0.3)
+        return axes
+
     @property
     def main(self) -> FloatArray:
         """Main indices (k,) at x."""
@@ -115,7 +184,7 @@ def design_excitation(
     unknown: Box | Bounds,
     target: str | None,
     *,
-    criterion: Criterion = Criterion.H,
+    criterion: Criterion | str = Criterion.H,
     noise_variance: NoiseVariance = 0.0,
     trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
     samples: int = 100,
@@ -123,7 +192,7 @@ def design_excitation(
     draws: int = 16,
     budget: int = 25_000,
     seed: int = 0,
-    search: Search = Search.ADAPTIVE,
+    search: Search | str = Search.ADAPTIVE,
     executor: Executor | None = None,
     workers: int | None = None,
     store: Path | None = None,
@@ -142,8 +211,8 @@ def design_excitation(
         ``{name: (low, high)}`` of the operation and the unknown parameters.
     target : str or None
         Name of the unknown parameter to excite; the criteria D and A need none.
-    criterion : Criterion
-        What is minimised; H is the paper's.
+    criterion : Criterion or str
+        What is minimised: ``"h"``, the paper's, ``"c"``, ``"d"`` or ``"a"``.
     noise_variance : float or callable
         For H: variance V_n of the output's measurement noise, or that variance as a function of
         the outputs (n,) at one x, e.g. `TrajectoryErrorNoise`; 0 is the paper's cost.
@@ -159,10 +228,11 @@ def design_excitation(
         Most runs of f in all.
     seed : int
         The same seed gives the same design, whatever the executor.
-    search : Search
+    search : Search or str
         How the operation box is searched.
     executor : Executor, optional
-        Where f runs; by default in processes of this machine, made and ended by this call.
+        Where f runs; by default in processes of this machine, made and ended by this call. They
+        get f by value: it may be defined in a notebook or in a script.
     workers : int, optional
         Number of those processes, by default one per core; 1 runs everything in this process.
     store : Path, optional
@@ -173,21 +243,22 @@ def design_excitation(
     Raises
     ------
     DesignError
-        Unknown target, budget too small, f that raises or cannot be sent to another process,
-        no maneuver of the family that can be driven and judged, a store of another design.
+        Unknown target, criterion or search, budget too small, f that raises or cannot be sent to
+        another process, no maneuver of the family that can be driven and judged, a store of
+        another design.
     """
     problem = DesignProblem(
         operation=Box.of(operation),
         unknown=Box.of(unknown),
         target=target,
-        criterion=criterion,
+        criterion=Criterion(criterion),
         noise_variance=noise_variance,
         trajectory_noise=trajectory_noise,
         samples=samples,
         draws=draws,
         budget=budget,
         seed=seed,
-        search=search,
+        search=Search(search),
         prior=prior,
     )
     kept = None if store is None else Store.of(store, problem)
@@ -290,7 +361,7 @@ def _judge(
         left = at_x.posterior_std * math.sqrt(PRIOR_INFORMATION)
         judged = int(np.argmax(left)) if target is None else target
         text = f"the drive leaves {left[judged]:.1%} of the prior deviation of {names[judged]}"
-        learnt = left[judged] ** 2 <= 0.5  # half of its prior variance is gone
+        learnt = left[judged] <= SHOWN
         return (Verdict.EXCITES if learnt else Verdict.CANNOT_EXCITE), text
 
     assert target is not None  # Problem has checked

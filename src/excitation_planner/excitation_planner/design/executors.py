@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-import pickle
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, Future, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+
+import cloudpickle
+from loky import ProcessPoolExecutor
 
 from excitation_planner.design.evaluation import evaluate
 from excitation_planner.design.problem import DesignProblem, Outcome, Simulator, Verified
@@ -56,11 +57,11 @@ def running(
         yield _submitting(f, problem, executor)
     else:
         try:
-            pickle.dumps((f, problem))
+            cloudpickle.dumps((f, problem))
         except Exception as error:
             raise DesignError(
-                "f or noise_variance cannot be sent to another process: define it at the top of a "
-                f"module, or give workers=1 ({error})"
+                "f or noise_variance holds something that cannot be sent to another process: "
+                f"make it inside the function, or give workers=1 ({error})"
             ) from error
         with process_pool(workers) as pool:
             yield _submitting(f, problem, pool)
@@ -68,23 +69,18 @@ def running(
 
 @contextmanager
 def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Give processes of this machine; at the end of the block what waits is cancelled.
+    """Give processes of this machine; the block ends when they have.
+
+    They get functions by value and never import the caller's script, so that functions of a
+    notebook or of a script without ``if __name__ == "__main__"`` run in them too.
 
     Parameters
     ----------
     workers : int, optional
         Their number, by default one per core.
     """
-    pool = ProcessPoolExecutor(
-        workers or os.cpu_count(),
-        # a forked child can hang on the locks of its parent's threads
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_prepare_worker,
-    )
-    try:
+    with ProcessPoolExecutor(workers or os.cpu_count(), initializer=_prepare_worker) as pool:
         yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run:
@@ -98,7 +94,10 @@ def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run
             for future in as_completed(futures):
                 done(index[future], future.result())
         except BrokenProcessPool as error:
-            raise DesignError("a worker process died; was memory short?") from error
+            raise DesignError(
+                "a worker process died: memory was short, f crashed it, or it could not import f "
+                "(processes of an executor of your own do not find what a notebook defines)"
+            ) from error
         finally:
             for future in futures:
                 future.cancel()

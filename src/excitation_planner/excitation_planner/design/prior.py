@@ -13,6 +13,10 @@ PRIOR_INFORMATION = 12.0
 """Information about a parameter that is uniform on its range: 1 / variance, in ranges."""
 
 
+SHOWN = 0.5
+"""Share of the prior's standard deviation that drives may leave of a parameter that they show."""
+
+
 @dataclass(frozen=True)
 class BoxPrior:
     """Normal distribution of the parameters in their unit box, e.g. learnt from earlier drives.

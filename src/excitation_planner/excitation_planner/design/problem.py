@@ -8,10 +8,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from excitation_planner.box import Box
+from excitation_planner.design.choice import Choice
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import BoxPrior
@@ -40,7 +40,7 @@ VERIFICATION = 3
 """Samples of a verification, as a multiple of those of an evaluation during the search."""
 
 
-class Search(StrEnum):
+class Search(Choice):
     """How the second stage looks for the cheapest maneuver."""
 
     ADAPTIVE = "adaptive"  # corners and Sobol' points, then trust regions from the best of them

@@ -90,7 +90,7 @@ class Study:
         samples: int = 100,
         budget: int = 25_000,
         seed: int = 0,
-        search: Search = Search.ADAPTIVE,
+        search: Search | str = Search.ADAPTIVE,
     ) -> Self:
         """Begin a study of the criterion H in a directory.
 
@@ -110,7 +110,7 @@ class Study:
             Largest number of runs.
         seed : int
             The same seed gives the same design.
-        search : Search
+        search : Search or str
             How the operation box is searched.
         """
         if (path / "study.json").exists():
@@ -123,7 +123,7 @@ class Study:
             samples=samples,
             budget=budget,
             seed=seed,
-            search=search,
+            search=Search(search),
         )
         return cls(Store.of(path, problem))
 

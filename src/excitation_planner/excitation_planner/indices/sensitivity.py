@@ -7,16 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from excitation_planner.box import Bounds, Box
+from excitation_planner.indices.figure import draw_indices
 from excitation_planner.indices.infill import Infill, infill_points
 from excitation_planner.indices.kriging import Kriging
 from excitation_planner.indices.sampling import parameter_samples
 from excitation_planner.indices.sobol import Indices, sobol_indices
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError, InfeasibleManeuver
+from tricycle_core.optional import optional, own_axes
 from tricycle_core.quantities import FloatArray
 
 _FOLDS = 5
@@ -59,6 +62,63 @@ class Sensitivity(Indices):
     leave_one_out_q2: float
     simulations: int
     failed: int
+
+    def __repr__(self) -> str:
+        rows = zip(
+            *(self.names, self.main, self.main_interval, self.total, self.total_interval),
+            strict=True,
+        )
+        width = max(map(len, self.names))
+        return "\n".join(
+            [
+                f"Sensitivity from {self.simulations} simulations, Q² = {self.leave_one_out_q2:.4f}"
+                "; index and 95 % interval",
+                *(
+                    f"  {name:{width}}  S {s:.3f} ({a:.3f} to {b:.3f})"
+                    f"  ST {st:.3f} ({c:.3f} to {d:.3f})"
+                    for name, s, (a, b), st, (c, d) in rows
+                ),
+            ]
+        )
+
+    def to_dataframe(self) -> Any:
+        """Return the indices as a pandas DataFrame, a row per unknown parameter.
+
+        Raises
+        ------
+        ReportError
+            If pandas is not installed.
+        """
+        return optional("pandas", "to_dataframe").DataFrame(
+            {
+                "main": self.main,
+                "main_low": self.main_interval[:, 0],
+                "main_high": self.main_interval[:, 1],
+                "total": self.total,
+                "total_low": self.total_interval[:, 0],
+                "total_high": self.total_interval[:, 1],
+            },
+            index=list(self.names),
+        )
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the indices with their intervals; return the matplotlib Axes.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes, optional
+            Drawn on; default: those of a new figure.
+
+        Raises
+        ------
+        ReportError
+            If matplotlib is not installed.
+        """
+        axes = own_axes() if axes is None else axes
+        draw_indices(
+            axes, self.names, (self.main, self.main_interval), (self.total, self.total_interval)
+        )
+        return axes
 
     def predict(self, P: FloatArray) -> FloatArray:
         """Output (n,) that the metamodel predicts at parameters P (n, k)."""

@@ -8,6 +8,12 @@ from excitation_planner.maneuver.family import (
     operation_point,
 )
 from excitation_planner.maneuver.paths import Circle, DoubleLaneChange, Slalom, evenly_spaced
+from excitation_planner.maneuver.ranges import (
+    load_ranges,
+    parse_ranges,
+    shown_ranges,
+    with_ranges,
+)
 from tricycle_core.errors import PlanError
 
 Drive = DrivenPath  # the name that the documentation of version 0.1 showed
@@ -23,5 +29,9 @@ __all__ = [
     "evenly_spaced",
     "family_by_name",
     "family_names",
+    "load_ranges",
     "operation_point",
+    "parse_ranges",
+    "shown_ranges",
+    "with_ranges",
 ]

@@ -126,7 +126,7 @@ class DoubleLaneChange:
         d1, d2 = (float(v) for v in x)
         if self.length < d1 + d2 - np.sqrt(d1 * d2):
             raise PlanError(
-                f"double_lane_change: with d1 = {d1:g} m and d2 = {d2:g} m the path runs "
+                f"with d1 = {d1:g} m and d2 = {d2:g} m the path runs "
                 f"backwards; the length must be at least {d1 + d2 - np.sqrt(d1 * d2):.2f} m"
             )
         run_in, L, W = _run_in_length(self.speed), self.length, self.width

@@ -1,8 +1,10 @@
 from .planner import plan_at, plan_maneuver, plan_set, random_feasible_point
 from .request import PlanRequest
+from .shaping import check_vehicle
 
 __all__ = [
     "PlanRequest",
+    "check_vehicle",
     "plan_at",
     "plan_maneuver",
     "plan_set",

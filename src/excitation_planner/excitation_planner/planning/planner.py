@@ -4,9 +4,13 @@ import dataclasses
 import time
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from excitation_planner.area.polygons import rings_of
+from excitation_planner.area.room import DoesNotFit, Fit, Room
+from excitation_planner.area.tube import footprint_of
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.excitation import Design, Verdict, design_excitation
@@ -15,14 +19,25 @@ from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.prediction import ReplayedTrajectories, predicted_covariance
+from excitation_planner.planning.remedy import closest_fit, nearest_that_fits
 from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run
 from excitation_planner.planning.request import PlanRequest
+from excitation_planner.planning.shaping import shaping_constants
 from tricycle_core import __version__
-from tricycle_core.errors import InfeasibleManeuver, PlanError
+from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray, Progress
 
 RANDOM_TRIES = 1000
 """Draws after which a family has no drivable maneuver."""
+
+
+@dataclass(frozen=True)
+class _Maneuver:
+    """Operation parameters (l,), the Sobol' indices of TE there, and H of the target."""
+
+    x: FloatArray
+    sensitivity: Sensitivity
+    cost: float
 
 
 def plan_maneuver(
@@ -69,9 +84,23 @@ def plan_set(
         If the request cannot be met.
     """
     began = time.monotonic()
+    try:
+        judged, design = _searched(request, executor, progress)
+    except DesignError as error:
+        if (room := _room(request)) is None:
+            raise
+        remedies = (closest_fit(request.vehicle, family, room) for family in request.families)
+        raise PlanError(f"{error}; {'; '.join(dict.fromkeys(remedies))}") from error
+    return _plans(request, judged, design, began)
+
+
+def _searched(
+    request: PlanRequest, executor: Executor | None, progress: Progress | None
+) -> tuple[tuple[_Maneuver, ...], Design]:
+    """The maneuvers that the search found, and the design."""
     if request.criterion is Criterion.H:
         design = design_excitation(
-            ReplayedTrajectoryError(request.vehicle, request.family),
+            ReplayedTrajectoryError(request.vehicle, request.family, _room(request)),
             request.family.operation,
             dict(request.vehicle.unknown),
             request.target,
@@ -83,9 +112,7 @@ def plan_set(
             executor=executor,
             progress=progress,
         )
-        return _plans(
-            request, (_Maneuver(design.x, design.sensitivity, design.cost),), design, began
-        )
+        return (_Maneuver(design.x, design.sensitivity, design.cost),), design
     maneuvers = ManeuverSet(_trajectories(request), tuple(f.operation for f in request.families))
     design = design_excitation(
         maneuvers,
@@ -108,7 +135,13 @@ def plan_set(
         _judge(fresh, family, x)
         for family, x in zip(request.families, maneuvers.split(design.x), strict=True)
     )
-    return _plans(request, judged, design, began)
+    return judged, design
+
+
+def _room(request: PlanRequest) -> Room | None:
+    if request.area is None:
+        return None
+    return Room.measured(request.area, footprint_of(request.vehicle), request.noise)
 
 
 def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
@@ -130,7 +163,12 @@ def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
     try:
         judged = _judge(request, request.family, x)
     except InfeasibleManeuver as error:
-        raise PlanError(f"{request.family.name}: {error}") from error
+        remedy = ""
+        if isinstance(error, DoesNotFit) and (room := _room(request)) is not None:
+            remedy = nearest_that_fits(request.vehicle, request.family, room, x, error.shortage)
+        raise PlanError(
+            ": ".join(filter(None, (request.family.name, str(error), remedy)))
+        ) from error
     (plan,) = _plans(dataclasses.replace(request, others=()), (judged,), None, began)
     return plan
 
@@ -150,7 +188,7 @@ def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Flo
     PlanError
         If no draw can be driven.
     """
-    simulate = ReplayedTrajectoryError(request.vehicle, request.family)
+    simulate = ReplayedTrajectoryError(request.vehicle, request.family, _room(request))
     box = request.family.operation
     for _ in range(RANDOM_TRIES):
         x = box.from_unit(rng.random(len(box)))
@@ -162,26 +200,17 @@ def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Flo
     raise PlanError(f"{request.family.name}: none of {RANDOM_TRIES} random maneuvers is drivable")
 
 
-@dataclass(frozen=True)
-class _Maneuver:
-    """Operation parameters (l,), the Sobol' indices of TE there, and H of the target."""
-
-    x: FloatArray
-    sensitivity: Sensitivity
-    cost: float
-
-
 def _trajectories(request: PlanRequest) -> tuple[ReplayedTrajectories, ...]:
     """What is measured of each maneuver, as a function of x and p."""
     return tuple(
-        ReplayedTrajectories(request.vehicle, family, request.noise.channels)
+        ReplayedTrajectories(request.vehicle, family, request.noise.channels, _room(request))
         for family in request.families
     )
 
 
 def _judge(request: PlanRequest, family: ManeuverFamily, x: FloatArray) -> _Maneuver:
     """Indices of TE and H of the maneuver x (l,)."""
-    simulate = ReplayedTrajectoryError(request.vehicle, family)
+    simulate = ReplayedTrajectoryError(request.vehicle, family, _room(request))
     outputs: list[FloatArray] = []
 
     def simulate_and_keep(parameters: FloatArray) -> FloatArray:
@@ -224,6 +253,7 @@ def _plans(
     """A plan per maneuver of a set; `design` is how they were found, None if they were given."""
     predicted_std = _predicted_std(request, maneuvers)
     vehicle = request.vehicle
+    room = _room(request)
     columns = np.cumsum([0, *(len(maneuver.x) for maneuver in maneuvers)])
     plans = []
     for number, (family, maneuver) in enumerate(zip(request.families, maneuvers, strict=True)):
@@ -239,6 +269,7 @@ def _plans(
             Plan(
                 maneuver=family.name,
                 operation=dict(zip(family.operation.names, maneuver.x.tolist(), strict=True)),
+                ranges=family.operation.bounds(),
                 target=request.target,
                 criterion=request.criterion,
                 number=number + 1,
@@ -264,15 +295,29 @@ def _plans(
                 ),
                 vehicle=vehicle.name,
                 vehicle_hash=vehicle.fingerprint,
+                constants=shaping_constants(vehicle),
                 tyre_radius=vehicle.tyre_radius,
                 software=__version__,
                 commands=run.commands,
                 path=run.path,
                 reference=run.reference,
                 search=searched,
+                **({} if room is None else _on_area(room, room.fit(vehicle, run.commands))),
             )
         )
     return tuple(plans)
+
+
+def _on_area(room: Room, fit: Fit) -> dict[str, Any]:
+    """Fields of a plan that say where on the area it is driven."""
+    placement = fit.placement
+    return {
+        "area": room.area,
+        "start_pose": (placement.x, placement.y, placement.heading),
+        "clearance": placement.clearance,
+        "tube": rings_of(fit.tube.drive),
+        "stopping_zone": rings_of(fit.tube.whole),
+    }
 
 
 def _indices(names: tuple[str, ...], values: FloatArray, intervals: FloatArray) -> dict[str, Index]:

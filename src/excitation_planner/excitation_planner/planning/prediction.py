@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from excitation_planner.area.room import Room
 from excitation_planner.box import Box
 from excitation_planner.design.information import (
     difference_points,
@@ -53,15 +54,18 @@ class ReplayedTrajectories:
         Of the maneuvers.
     columns : tuple of str, length c
         The channels, by their names in `tricycle_sim.vehicle.batch.Trajectory`.
+    room : Room, optional
+        What the maneuvers have to fit.
     """
 
     vehicle: Vehicle
     family: ManeuverFamily
     columns: tuple[str, ...] = ("x", "y")
+    room: Room | None = None
 
     def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
         """Trajectories (n, t, c) of the samples, with the standstill before them."""
-        commands = nominal_run(self.vehicle, self.family, x).commands
+        commands = nominal_run(self.vehicle, self.family, x, self.room).commands
         every = round(PERIOD / TICK)
         rest = round(STANDSTILL / PERIOD)
         blocks = []

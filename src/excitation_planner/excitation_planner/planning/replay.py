@@ -5,13 +5,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from excitation_planner.area.room import Room
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.maneuver.family import kept_margin, steering_lock
 from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
 from excitation_planner.trajectory_error import NominalTrajectory
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
-from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -69,7 +70,9 @@ def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: FloatArray) -
     return errors
 
 
-def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> NominalRun:
+def nominal_run(
+    vehicle: Vehicle, family: ManeuverFamily, x: FloatArray, room: Room | None = None
+) -> NominalRun:
     """Return what the nominal vehicle does in a maneuver; a path is tracked first.
 
     Parameters
@@ -80,13 +83,18 @@ def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> Nomi
         Of the maneuver.
     x : ndarray of float, shape (l,)
         Operation parameters.
+    room : Room, optional
+        What the maneuver has to fit, with all vehicles of the ranges.
 
     Raises
     ------
     InfeasibleManeuver
-        If the nominal vehicle cannot drive it, with the reason.
+        If the nominal vehicle cannot drive it, or it does not fit, with the reason.
     """
-    drive = family.drive(x, vehicle)
+    try:
+        drive = family.drive(x, vehicle)
+    except PlanError as error:  # somewhere in ranges that the user has widened
+        raise InfeasibleManeuver(str(error)) from error
     if isinstance(drive, Commands):
         _check_angles(vehicle, drive)
         commands = _as_sent(drive)
@@ -98,6 +106,8 @@ def nominal_run(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> Nomi
     motion = simulate(vehicle, commands, threads=1)
     if not motion.feasibility.feasible[0]:
         raise InfeasibleManeuver("; ".join(motion.feasibility.reasons(0)))
+    if room is not None:
+        room.check(vehicle, commands)
     reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
     return NominalRun(
         commands=commands,
@@ -155,6 +165,7 @@ class ReplayedTrajectoryError:
 
     vehicle: Vehicle
     family: ManeuverFamily
+    room: Room | None = None
     _runs: OrderedDict[bytes, NominalRun] = field(
         default_factory=OrderedDict, init=False, repr=False, compare=False
     )
@@ -167,7 +178,7 @@ class ReplayedTrajectoryError:
         """The nominal run at x, kept for the next calls."""
         key = np.asarray(x, dtype=float).tobytes()
         if key not in self._runs:
-            self._runs[key] = nominal_run(self.vehicle, self.family, x)
+            self._runs[key] = nominal_run(self.vehicle, self.family, x, self.room)
             if len(self._runs) > KEPT_RUNS:
                 self._runs.popitem(last=False)
         return self._runs[key]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from excitation_planner.area.area import Area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.design.prior import BoxPrior
@@ -39,6 +40,8 @@ class PlanRequest:
         What earlier drives have taught; None: uniform on the ranges of the vehicle.
     search : Search
         How the operation box is searched.
+    area : Area, optional
+        Ground that all vehicles of the ranges stay on, with a margin.
 
     Raises
     ------
@@ -58,6 +61,7 @@ class PlanRequest:
     noise: MeasurementNoise = MeasurementNoise()  # noqa: RUF009  (frozen)
     prior: BoxPrior | None = None
     search: Search = Search.ADAPTIVE
+    area: Area | None = None
 
     def __post_init__(self) -> None:
         if self.target not in self.vehicle.unknown:

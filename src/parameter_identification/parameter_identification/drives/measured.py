@@ -21,7 +21,7 @@ from tricycle_core.joints import JOINTS
 from tricycle_core.quantities import FloatArray
 from tricycle_core.stamps import seconds_of
 from tricycle_sim.commands import Commands
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle
+from tricycle_sim.vehicle import Vehicle
 
 STANDSTILL = 1.0  # s before the start event that are used
 
@@ -244,9 +244,10 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
 def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
     """True values that a simulation left in the bag's record as ``true_<parameter>``."""
     truth = {}
-    for name in UNKNOWN_PARAMETERS:
-        with contextlib.suppress(KeyError, ValueError):
-            truth[name] = float(metadata[f"true_{name}"])
+    for key, value in metadata.items():
+        if key.startswith("true_"):
+            with contextlib.suppress(ValueError):
+                truth[key.removeprefix("true_")] = float(value)
     return truth
 
 

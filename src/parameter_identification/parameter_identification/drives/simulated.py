@@ -107,7 +107,7 @@ class SensedMotion:
         t = trajectory
         return cls(
             t.time,
-            *(v[sample] for v in (t.x, t.y, t.yaw, t.yaw_rate, t.wheel_speed_rear)),
+            *(v[sample] for v in (t.x, t.y, t.yaw, t.yaw_rate, t.drive_speed)),
         )
 
 

@@ -182,7 +182,7 @@ class DriveModel:
 
     def _motion(self, parameters: FloatArray, speeds: FloatArray | None = None) -> "_Motions":
         """Motions of vehicles with parameters (n, k) from start speeds (n,)."""
-        names = ("x", "y", "yaw", "yaw_rate", "wheel_speed_rear")
+        names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
         return _Motions(*self._batch.run(parameters, names, speed=speeds).columns.values())
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:

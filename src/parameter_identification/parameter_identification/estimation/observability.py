@@ -5,11 +5,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.results import Combination
 
-IDENTIFIABLE = 0.5  # of the prior's standard deviation: what the drives must at least reach
 SMALL_WEIGHT = 0.25  # of a parameter that is not named in a combination
 
 
@@ -27,7 +27,7 @@ def identifiable(problem: LeastSquares, optimum: Optimum) -> NDArray[np.bool_]:
     """
     prior_std = np.sqrt(np.diag(np.linalg.inv(problem.information)))
     std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
-    shown: NDArray[np.bool_] = (std <= IDENTIFIABLE * prior_std) & (not optimum.rivals)
+    shown: NDArray[np.bool_] = (std <= SHOWN * prior_std) & (not optimum.rivals)
     return shown
 
 
@@ -48,7 +48,7 @@ def hidden_combinations(problem: LeastSquares, optimum: Optimum) -> tuple[Combin
     share, vectors = np.linalg.eigh(root.T @ optimum.covariance[:k, :k] @ root)
     found = []
     for variance, vector in zip(share[::-1], vectors.T[::-1], strict=True):
-        if variance < IDENTIFIABLE**2:
+        if variance < SHOWN**2:
             break
         direction = np.linalg.solve(root.T, vector)
         direction /= np.linalg.norm(direction)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from parameter_identification.estimation.model import Prediction
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.estimation.whiteness import Whiteness, all_white
+from tricycle_core.optional import optional, own_axes
+from tricycle_core.palette import BLUE, GREY, VERMILLION
 from tricycle_core.quantities import FloatArray
 
 
@@ -209,6 +212,73 @@ class Identification:
     level: float
     seed: int
     seconds: float
+
+    def __repr__(self) -> str:
+        width = max(map(len, self.parameters))
+        drives = ", ".join(drive.name for drive in self.drives)
+        lines = [f"Identification of {self.vehicle} from {drives}; {self.level:.0%} intervals"]
+        for name, e in self.parameters.items():
+            found = f"{e.estimate:.4g} ({e.low:.4g} to {e.high:.4g})"
+            lines.append(f"  {name:{width}}  {found if e.identifiable else 'not shown'}  {e.unit}")
+        return "\n".join(lines)
+
+    def to_dataframe(self) -> Any:
+        """Return the estimates as a pandas DataFrame, a row per parameter.
+
+        Raises
+        ------
+        ReportError
+            If pandas is not installed.
+        """
+        rows = [
+            {
+                "unit": e.unit,
+                "estimate": e.estimate,
+                "standard_deviation": e.standard_deviation,
+                "low": e.low,
+                "high": e.high,
+                "range_low": e.range[0],
+                "range_high": e.range[1],
+                "shown": e.identifiable,
+                "truth": self.truth.get(name, np.nan),
+            }
+            for name, e in self.parameters.items()
+        ]
+        return optional("pandas", "to_dataframe").DataFrame(rows, index=list(self.parameters))
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw estimate and interval of each parameter over its range; return the matplotlib Axes.
+
+        Parameters
+        ----------
+        axes : matplotlib.axes.Axes, optional
+            Drawn on; default: those of a new figure.
+
+        Raises
+        ------
+        ReportError
+            If matplotlib is not installed.
+        """
+        axes = own_axes() if axes is None else axes
+        labels = []
+        for row, (name, e) in enumerate(self.parameters.items()):
+            low, high = e.range
+
+            def share(value: float, low: float = low, high: float = high) -> float:
+                return (value - low) / (high - low)
+
+            color = BLUE if e.identifiable else GREY
+            axes.plot([share(e.low), share(e.high)], [row, row], color=color, linewidth=2)
+            axes.plot(share(e.estimate), row, "o", color=color)
+            if name in self.truth:
+                axes.plot(share(self.truth[name]), row, "x", color=VERMILLION, zorder=3)
+            hidden = "" if e.identifiable else " (not shown)"
+            labels.append(f"{name.replace('_', ' ')}{hidden}\n{low:.4g} to {high:.4g} {e.unit}")
+        axes.set_yticks(range(len(labels)), labels)
+        axes.invert_yaxis()
+        axes.set(xlim=(0, 1), xlabel=f"range; bars: {self.level:.0%} intervals, crosses: truth")
+        axes.grid(alpha=0.3)
+        return axes
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -59,6 +59,23 @@ class Compression(Enum):
     ZSTD = "zstd"
 
 
+def check_new(path: Path) -> None:
+    """Refuse a bag that would overwrite something.
+
+    Parameters
+    ----------
+    path : Path
+        Directory of a bag to be written.
+
+    Raises
+    ------
+    BagError
+        If it exists.
+    """
+    if path.exists():
+        raise BagError(f"{path} exists: a bag is not overwritten, choose another name")
+
+
 class BagWriter(Closing):
     """A rosbag2 directory being written.
 
@@ -100,12 +117,8 @@ class BagWriter(Closing):
         split_duration: float = 0.0,
         metadata: Mapping[str, str] | None = None,
     ) -> None:
-        try:
-            path.mkdir(parents=True)
-        except FileExistsError:
-            raise BagError(
-                f"{path} exists: a bag is not overwritten, choose another name"
-            ) from None
+        check_new(path)
+        path.mkdir(parents=True)
         self.path = path
         self.metadata = dict(metadata or {})
         self.messages = 0

@@ -5,17 +5,27 @@ firmware's C header. The limits that a host meets (angle, rate, speed, accelerat
 in `tricycle_bridge.protocol.limits`.
 """
 
+import math
+
 # Supplies: the drive PLC measures the battery, the steer PLC the servo's regulator behind it.
 DRIVE_SUPPLY = 48.0  # V
 STEER_SUPPLY = 12.0  # V
 
 # Inputs.
+ADC_REFERENCE = 5.0  # V of ...
+ADC_FULL = 1023  # ... so many counts
 ADC_CENTRE = 512  # counts of the potentiometer at 0 rad
 ADC_SCALE = 435  # counts per rad of the steering motor
 ADC_LOW = 5  # counts; less is a broken wire
 ADC_HIGH = 1018  # counts; more is a broken wire
-HALL_PULSE = 0.015253  # m of travel per hall pulse: 23 pole pairs x 6 edges on this wheel:
+PULSES_PER_TURN = 138  # of the hub motor: 23 pole pairs x 6 edges
 TYRE_RADIUS = 0.335  # m
+HALL_PULSE = 0.015253  # m of travel per hall pulse on a wheel of that radius
+LINE_LOW = (0.5, 1.5)  # V of a hall line at low level ...
+LINE_HIGH = (3.5, 4.5)  # V ... and at high level; anything else is a broken or shorted wire ...
+LINE_TICKS = 3  # ... when it lasts for so many ticks: HALL_LINE
+LINE_RESTING = (1.0, 4.0)  # V of a whole line at low and high level
+LINE_OPEN = 5.0  # V of a broken one: the board's pull-up
 SUPPLY_DIVIDER = 11  # of the divider between a supply and its input
 
 # Outputs.
@@ -32,6 +42,8 @@ STOPPING_TIME = 8.0  # s after which a drive PLC in STOPPING gives up: STOP_TIME
 STOPPING_EXCESS = 0.2  # m/s above the ramp in STOPPING at which the friction brake joins ...
 STOPPING_BRAKE_RATE = 0.05  # ... and grows per tick, as a share of the full brake
 OVERSPEED_MARGIN = 0.48  # m/s above the largest speed; more is OVERSPEED
+OVERSHOOT = 0.2  # m/s above the set-point to which an armed motor may push ...
+RUNAWAY_MARGIN = 0.22  # m/s ... and that the vehicle may gain against it; more is OVERSPEED
 HARDWARE_WATCHDOG = 0.06  # s without a tick until the microcontroller resets
 
 # What the wheel must do under the motor's torque (PULSES, section 5.8).
@@ -46,6 +58,22 @@ NO_PULSE_TIME = 2.5  # s ... after so long, whatever the slope
 
 # What SETUP may say of the vehicle: lowest and highest.
 HALL_PULSES = (0.001, 0.06)  # m
-TYRE_RADII = (0.05, 1.0)  # m
-MASSES = (5.0, 6000.0)  # kg
+TYRE_RADII = (0.02, 1.0)  # m
+MASSES = (1.0, 6000.0)  # kg
 MAX_THROTTLE = 5.0  # V
+
+
+def hall_pulse(tyre_radius: float) -> float:
+    """Return the travel per hall pulse [m], in the protocol's unit.
+
+    Parameters
+    ----------
+    tyre_radius : float
+        Radius of the driven wheel [m].
+
+    Examples
+    --------
+    >>> hall_pulse(TYRE_RADIUS)
+    0.015253
+    """
+    return round(2.0 * math.pi * tyre_radius / PULSES_PER_TURN, 6)

@@ -75,6 +75,7 @@ class Fault(enum.IntFlag, boundary=enum.KEEP):
     LIMIT = 1 << 8  # neither latches nor blocks ARM
     SUPPLY = 1 << 9  # does not latch; blocks ARM while it is set
     STOP_TIMEOUT = 1 << 10
+    HALL_LINE = 1 << 11
 
 
 class Op(enum.IntEnum):

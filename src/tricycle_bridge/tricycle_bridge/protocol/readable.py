@@ -86,9 +86,10 @@ def fault_names(faults: int) -> str:
 
 
 _FAULT_CAUSES = {
-    Fault.PULSES: ("motor torque without pulses: wheel blocked, or hall or direction wire broken"),
+    Fault.PULSES: "motor torque without pulses: wheel blocked, or hall or direction sensor broken",
     Fault.SUPPLY: "supply outside its thresholds",
     Fault.STOP_TIMEOUT: "the vehicle did not come to rest in time: brake or hall sensor broken",
+    Fault.HALL_LINE: "hall or direction wire broken or shorted",
 }
 
 

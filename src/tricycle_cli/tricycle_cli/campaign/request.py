@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,8 @@ class Settings:
         Measurement that is planned for, see `MeasurementNoise`.
     true_seed : int, optional
         Of the simulated vehicle's hidden parameters; None: the real vehicle.
+    ranges : mapping of str to (float, float)
+        The search box, by ``FAMILY.NAME``.
     """
 
     vehicle: str
@@ -42,6 +45,7 @@ class Settings:
     yaw_rate_std: float
     drift_std: float
     true_seed: int | None
+    ranges: Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -135,4 +139,9 @@ class CampaignRequest:
             yaw_rate_std=self.noise.yaw_rate_std,
             drift_std=self.noise.drift_std,
             true_seed=self.true_seed,
+            ranges={
+                f"{family.name}.{name}": limits
+                for family in self.families
+                for name, limits in family.operation.bounds().items()
+            },
         )

@@ -2,10 +2,12 @@
 
 import dataclasses
 from collections.abc import Mapping
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
@@ -67,25 +69,32 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
     truth : mapping of str to float, optional
         Hidden true values, where they are known.
     """
+    wanted = f"wanted: ± {100.0 * campaign.request.tolerance:g} %"
     table = Table(
-        title=f"95 % intervals, wanted: ± {100.0 * campaign.request.tolerance:g} % of the estimate"
+        title=f"estimates ± half their 95 % intervals (2σ), {wanted}",
+        box=SIMPLE_HEAD,
+        pad_edge=False,
     )
-    table.add_column("after")
-    for name in campaign.request.targets:
-        table.add_column(name, justify="right")
-        table.add_column("expected", justify="right")
+    # a row per drive and target: the names are what one reads, and stay whole at 80 columns
+    for heading in ("after", "target", "estimate", "expected"):
+        right = heading in ("estimate", "expected")
+        table.add_column(heading, justify="right" if right else "left", no_wrap=True)
     for number in range(len(campaign.steps) + 1):
         known = campaign.known(number)
         step = campaign.steps[number - 1] if number else None
-        cells = []
+        after = f"{number}: {step.maneuver}" if step else "nothing: the ranges"
         for name in campaign.request.targets:
-            cells.append(f"{known[name].estimate:.5g} ± {known[name].share:.2%}")
             expected = step and HALF_WIDTH * step.predicted_std[name] / abs(known[name].estimate)
-            cells.append("" if expected is None else f"± {expected:.2%}")
-        table.add_row(f"{number}: {step.maneuver}" if step else "nothing: the ranges", *cells)
+            table.add_row(
+                after,
+                name,
+                f"{known[name].estimate:.5g} ± {known[name].share:.2%}",
+                "" if expected is None else f"± {expected:.2%}",
+            )
+            after = ""
     if truth is not None:
-        cells = [text for name in campaign.request.targets for text in (f"{truth[name]:.5g}", "")]
-        table.add_row("hidden truth", *cells)
+        for after, name in zip_longest(["hidden truth"], campaign.request.targets, fillvalue=""):
+            table.add_row(after, name, f"{truth[name]:.5g}", "")
     return table
 
 

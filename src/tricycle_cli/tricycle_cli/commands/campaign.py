@@ -10,8 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import family_by_name, family_names
-from tricycle_cli.arguments import real_time_factor, seed
+from excitation_planner.maneuver import family_names
+from tricycle_cli.arguments import (
+    add_range_options,
+    families_of,
+    real_time_factor,
+    search_boxes,
+    seed,
+)
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
@@ -50,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "same command goes on. With --vehicle-nodes it drives the nodes that vehicle.launch.py "
         "has started, and asks for the vehicle to be at its start and armed before every drive."
     )
-    parser.epilog = EXAMPLE
+    parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
     add = parser.add_argument
     add("--targets", required=True, metavar="NAME[,NAME…]", help="unknown parameters to be known")
     add(
@@ -66,6 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME[,NAME…]",
         help=f"families to choose from: {', '.join(family_names())}",
     )
+    add_range_options(parser)
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
@@ -76,7 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--drift-std", "M", "of a slow drift of the position"),
     ):
         default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
-        add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
+        add(option, type=float, default=default, metavar=unit, help=text)
     add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
@@ -106,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.vehicle)
     request = CampaignRequest(
         vehicle,
-        tuple(family_by_name(name) for name in args.maneuver.split(",")),
+        families_of(args.maneuver, args),
         tuple(args.targets.split(",")),
         _share(args.tolerance),
         most_drives=args.most_drives,

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
+from tricycle_core.errors import PlanError
+from tricycle_sim.vehicle import load_vehicle
 
 EXAMPLE = """\
 examples:
@@ -32,13 +34,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("plan", type=Path, metavar="PLAN", help="plan.json of `tricycle plan`")
     add("--bag", type=Path, default=Path("out/bag"), metavar="DIR", help="bag to be recorded")
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add(
+        "--vehicle",
+        type=Path,
+        metavar="FILE",
+        help="vehicle YAML, also of the running nodes (default: the paper's tricycle)",
+    )
     add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
         type=real_time_factor,
         default=1.0,
         help="largest; the nodes set the pace",
+    )
+    add(
+        "--other-vehicle",
+        action="store_true",
+        help="drive a plan of another vehicle: one that differs in what shapes the commands",
     )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
     add("--namespace", type=_namespace, default="", metavar="NAME", help="of those nodes")
@@ -54,9 +66,17 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from excitation_planner.plan import load_plan
+    from excitation_planner.planning import check_vehicle
+    from trajectory_recorder.bag.writer import check_new
     from tricycle_cli.operation.session import running_session, simulated_session
 
+    check_new(args.bag)
     plan = load_plan(args.plan)
+    if not args.other_vehicle:
+        try:
+            check_vehicle(plan, load_vehicle(args.vehicle))
+        except PlanError as error:
+            raise PlanError(f"{error}, give its file (--vehicle), or --other-vehicle") from error
     session = (
         running_session(args.namespace)
         if args.vehicle_nodes

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import family_by_name, family_names, operation_point
+from excitation_planner.maneuver import family_names, operation_point, shown_ranges
 from excitation_planner.planning import PlanRequest
-from tricycle_cli.arguments import parse_assignments, seed
+from tricycle_cli.arguments import (
+    add_range_options,
+    families_of,
+    parse_assignments,
+    search_boxes,
+    seed,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
@@ -27,6 +35,7 @@ examples:
   tricycle plan --maneuver circle --target cornering_stiffness --output out/plan
   tricycle plan --maneuver circle,double-lane-change --target camber_stiffness
   tricycle plan --maneuver circle --maneuvers 2 --criterion a --yaw-rate-std 0.005
+  tricycle plan --maneuver circle --range radius=3:12 speed=0.5:1.5
   tricycle plan --criterion h --noise-std 0 --at radius=3 speed=0.8
   tricycle plan show out/plan/plan.json
 """
@@ -45,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and verifies them with fresh samples. Says beforehand how well each parameter will be "
         "known."
     )
-    parser.epilog = EXAMPLE
+    parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
     add = parser.add_argument
     add("show", nargs="*", metavar="show FILE", help="print and plot a saved plan instead")
     add(
@@ -55,6 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"families, driven one after the other: {', '.join(family_names())}",
     )
     add("--maneuvers", type=int, metavar="N", help="how many to drive, of these families in turn")
+    add_range_options(parser)
     add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
     add(
         "--criterion",
@@ -64,6 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: c; h with --noise-std 0)",
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add(
+        "--area",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of the ground to stay on, see docs/how-to-area.md (default: no limit)",
+    )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
     add("--seed", type=seed, default=0, help="same seed, same plan")
     add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
@@ -82,8 +98,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("--start-heading-std", "RAD", "of the start heading"),
     ):
         default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
-        add(option, type=float, default=default, metavar=unit, help=f"{text} ({default:g})")
-    add("--output", type=Path, default=Path("out/plan"), metavar="DIR")
+        add(option, type=float, default=default, metavar=unit, help=text)
+    add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
+    add("--overwrite", action="store_true", help="replace the plans that are there")
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -109,7 +126,16 @@ def run(args: argparse.Namespace) -> int:
             )
         plans = {Path(args.show[1]): load_plan(Path(args.show[1]))}
     else:
-        plans = _planned(_request(args), args)
+        request = _request(args)
+        earlier = _earlier_plans(args.output)
+        if earlier and not args.overwrite:
+            raise PlanError(
+                f"{earlier[0]} exists: --overwrite replaces it, or give another --output"
+            )
+        plans = _planned(request, args)
+        for file in earlier:  # a set of fewer drives must not leave one of the last set behind
+            file.unlink()
+            file.with_suffix(".png").unlink(missing_ok=True)
         for file, plan in plans.items():
             save_plan(plan, file)
     for file, plan in plans.items():
@@ -132,8 +158,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _earlier_plans(folder: Path) -> list[Path]:
+    return sorted([*folder.glob("plan.json"), *folder.glob("plan-[0-9].json")])
+
+
 def _request(args: argparse.Namespace) -> PlanRequest:
-    families = [family_by_name(name) for name in args.maneuver.split(",")]
+    families = families_of(args.maneuver, args)
     count = len(families) if args.maneuvers is None else args.maneuvers
     if not len(families) <= count <= MOST_MANEUVERS:
         raise PlanError(f"--maneuvers {count}: must be from {len(families)} to {MOST_MANEUVERS}")
@@ -155,6 +185,7 @@ def _request(args: argparse.Namespace) -> PlanRequest:
             start_position_std=args.start_position_std,
             start_heading_std=args.start_heading_std,
         ),
+        area=None if args.area is None else load_area(args.area),
     )
 
 
@@ -182,6 +213,7 @@ def _as_json(plan: Plan) -> dict[str, object]:
         "maneuver": plan.maneuver,
         "target": plan.target,
         "x": dict(plan.operation),
+        "ranges": dict(plan.ranges),
         "cost": plan.cost,
         "criterion": plan.criterion.value,
         "criterion_cost": plan.criterion_cost,
@@ -195,16 +227,31 @@ def _as_json(plan: Plan) -> dict[str, object]:
         "feasible": plan.feasible,
         "verdict": plan.verdict,
         "space": dict(zip(("along", "across", "stop"), plan.space, strict=True)),
+        "start_pose": plan.start_pose,
+        "clearance": plan.clearance,
         "id": plan.id,
     }
 
 
 def _summary(plan: Plan) -> str:
     along, across, stop = plan.space
+    at_limit = [
+        f"{name} at the end of its range"
+        for name, (low, high) in plan.ranges.items()
+        if min(plan.operation[name] - low, high - plan.operation[name]) < 1e-3 * (high - low)
+    ]
+    room = f"needs {along:.1f} m x {across:.1f} m, and up to {stop:.1f} m more to stop"
+    if plan.area is not None and plan.start_pose is not None:
+        x, y, heading = plan.start_pose
+        room = (
+            f"starts at x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading):.1f}° "
+            f"in {plan.area.frame}; {plan.clearance:.2f} m to the border are left, "
+            "whatever stops it where"
+        )
     return (
+        f"search box: {', '.join([shown_ranges(plan.ranges), *at_limit])} (--range sets it)\n"
         f"H = {plan.cost:.4f}, Q² = {plan.leave_one_out_q2:.6f}, "
-        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}\n"
-        f"needs {along:.1f} m x {across:.1f} m, and up to {stop:.1f} m more to stop"
+        f"{plan.commands.duration:.1f} s to drive, plan {plan.id}\n{room}"
     )
 
 

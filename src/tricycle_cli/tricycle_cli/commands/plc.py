@@ -133,11 +133,9 @@ def _check(args: argparse.Namespace) -> int:
     from tricycle_bridge.bring_up import STEPS, bring_up
     from tricycle_bridge.bring_up_record import BringUpRecord, write_record
     from tricycle_bridge.bring_up_stand import PortStand
-    from tricycle_bridge.settings import BridgeSettings
-    from tricycle_bringup.configuration import bridge_parameters
+    from tricycle_bringup.configuration import bridge_settings
+    from tricycle_sim.vehicle import load_vehicle
 
-    names = {field.name for field in dataclasses.fields(BridgeSettings)}
-    values = {k: v for k, v in bridge_parameters(args.vehicle).items() if k in names}
     log = sys.stderr if args.json else sys.stdout
 
     def say(text: str) -> None:
@@ -146,7 +144,7 @@ def _check(args: argparse.Namespace) -> int:
     paths = dict(zip((Board.STEER, Board.DRIVE), args.ports, strict=True))
     print("Are the wheels off the ground? Ctrl-C stops and disarms.", file=log)
     results: list[StepResult] = []
-    settings = BridgeSettings(**values)
+    settings = bridge_settings(load_vehicle(Path(args.vehicle) if args.vehicle else None))
     with PortStand(paths, settings, say, baud=args.baud, boot_wait=args.boot_wait) as stand:
         stand.connect(args.boot_wait + 5.0)
         firmware = [stand.firmware(board) for board in paths]

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from tricycle_cli.arguments import not_negative
 from tricycle_cli.operation.processes import run_in_foreground
-from tricycle_core.errors import BagError
 
 EXAMPLE = """\
 examples:
@@ -57,10 +56,10 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from trajectory_recorder.bag.reader import BagReader
+    from trajectory_recorder.bag.writer import check_new
 
     output = args.output or Path("bags") / datetime.now().astimezone().strftime("%Y-%m-%dT%H-%M-%S")
-    if output.exists():
-        raise BagError(f"{output} exists: a bag is not overwritten, choose another name")
+    check_new(output)
     parameters: dict[str, object] = {
         "record": True,
         "output": str(output),

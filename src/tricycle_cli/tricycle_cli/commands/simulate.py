@@ -161,9 +161,7 @@ def _feasibility(feasibility: Feasibility) -> dict[str, Any]:
             for reason in feasibility.reasons(sample)
         ],
         "least_load": {
-            "left": _worst(feasibility.least_load_left, np.argmin),
-            "right": _worst(feasibility.least_load_right, np.argmin),
-            "rear": _worst(feasibility.least_load_rear, np.argmin),
+            wheel: _worst(event, np.argmin) for wheel, event in feasibility.least_load.items()
         },
         "friction_used": _worst(feasibility.friction),
         "motor_saturated": _worst(feasibility.motor_saturated),

@@ -1,16 +1,31 @@
-"""`tricycle vehicle`: check a vehicle file."""
+"""`tricycle vehicle`: write a vehicle file, check it, show what follows from it."""
 
 import argparse
 import json
+import sys
 from pathlib import Path
+from typing import Any
 
+import yaml
+
+from tricycle_core.documents import write_whole
+from tricycle_core.errors import VehicleError
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle import constant_fields, load_vehicle, warnings_about
+from tricycle_sim.vehicle import Vehicle, load_vehicle, warnings_about
 
 EXAMPLE = """\
-example:
-  tricycle vehicle check my_tricycle.yaml
+examples:
+  tricycle vehicle new my_vehicle.yaml
+  tricycle vehicle check my_vehicle.yaml --draw my_vehicle.svg
+  tricycle vehicle show bridge my_vehicle.yaml > bridge.yaml
 """
+
+SHOWN = {
+    "urdf": "model for RViz and robot_state_publisher",
+    "foxglove": "layout with the model in it",
+    "bridge": "parameter file of the bridge, where no launch file fills it in",
+}
+"""What `vehicle show` prints, by its name."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,21 +38,78 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    check = verbs.add_parser(
-        "check",
-        help="validate a vehicle file and warn about what is physically impossible",
-        epilog=EXAMPLE,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+    new = _verb(verbs, "new", "write a first vehicle file: asks a dozen questions")
+    new.add_argument("output", type=Path, metavar="OUTPUT", help="YAML to write")
+    new.add_argument(
+        "--from",
+        dest="source",
+        type=Path,
+        metavar="FILE",
+        help="take the numbers of this vehicle file instead of asking",
     )
+    new.add_argument("--overwrite", action="store_true", help="replace OUTPUT if it is there")
+    new.set_defaults(run=run_new)
+    check = _verb(verbs, "check", "validate a vehicle file and warn about what is odd")
+    _add_file(check)
     check.add_argument(
-        "file", nargs="?", type=Path, metavar="FILE", help="vehicle YAML (default: the packaged)"
+        "--draw", type=Path, metavar="PICTURE", help="draw it from above, to scale: SVG, PNG or PDF"
     )
     check.add_argument("--json", action="store_true", help="print one JSON object")
-    check.set_defaults(run=run)
+    check.set_defaults(run=run_check)
+    show = _verb(verbs, "show", "print what follows from a vehicle file, for other programs")
+    show.add_argument(
+        "what", choices=SHOWN, help="; ".join(f"{name}: {about}" for name, about in SHOWN.items())
+    )
+    _add_file(show)
+    show.set_defaults(run=run_show)
 
 
-def run(args: argparse.Namespace) -> int:
-    """Validate, and print what is doubtful; a wrong file raises `VehicleError`.
+def _verb(verbs: Any, name: str, summary: str) -> argparse.ArgumentParser:
+    parser: argparse.ArgumentParser = verbs.add_parser(
+        name, help=summary, epilog=EXAMPLE, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    return parser
+
+
+def _add_file(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "file", nargs="?", type=Path, metavar="FILE", help="vehicle YAML (default: the packaged)"
+    )
+
+
+def run_new(args: argparse.Namespace) -> int:
+    """Write a vehicle file.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+
+    Raises
+    ------
+    VehicleError
+        If the file is there already, there is nobody to ask, or the answers make no vehicle.
+    """
+    from tricycle_cli.new_vehicle import ask, from_answers, from_file
+
+    if args.output.exists() and not args.overwrite:
+        raise VehicleError(f"{args.output}: exists already; --overwrite replaces it")
+    if args.source is not None:
+        text = from_file(args.source, args.output.stem)
+    elif not sys.stdin.isatty():
+        raise VehicleError("vehicle new asks questions, and this is no terminal: give --from FILE")
+    else:
+        try:
+            text = from_answers(ask(input, lambda problem: print(f"  {problem}", file=sys.stderr)))
+        except EOFError:
+            raise VehicleError("the questions were not answered: nothing is written") from None
+    write_whole(args.output, text)
+    print(f"{args.output}: written; look at it with: tricycle vehicle check {args.output}")
+    return 0
+
+
+def run_check(args: argparse.Namespace) -> int:
+    """Validate, and print what is odd; a wrong file raises `VehicleError`.
 
     Parameters
     ----------
@@ -51,9 +123,12 @@ def run(args: argparse.Namespace) -> int:
 
     vehicle = load_vehicle(args.file)
     check_step(vehicle, TICK)
+    if args.draw is not None:
+        _draw(vehicle, args.draw)
     fastest, _ = fastest_mode(vehicle)
-    warnings = warnings_about(vehicle)
-    loads = dict(zip(("left", "right", "rear"), vehicle.static_loads(), strict=True))
+    warnings = (*warnings_about(vehicle), *_about_the_boards(vehicle))
+    names = [wheel.name for wheel in vehicle.wheels]
+    loads = dict(zip(names, vehicle.static_loads(), strict=True))
     if args.json:
         result = {
             "name": vehicle.name,
@@ -68,10 +143,10 @@ def run(args: argparse.Namespace) -> int:
         return 0
     console = Console(highlight=False)
     console.print(f"{vehicle.name}: valid (hash {vehicle.fingerprint})")
-    units = {constant.name: constant.metadata["unit"] for constant in constant_fields()}
     table = Table("unknown parameter", "low", "nominal", "high", "unit")
     for name, (low, high) in vehicle.unknown.items():
-        table.add_row(name, f"{low:g}", f"{vehicle.nominal[name]:g}", f"{high:g}", units[name])
+        nominal, unit = vehicle.nominal[name], vehicle.unit(name)
+        table.add_row(name, f"{low:g}", f"{nominal:g}", f"{high:g}", unit)
     console.print(table)
     console.print("wheel loads at rest: " + ", ".join(f"{w} {n:.1f} N" for w, n in loads.items()))
     console.print(
@@ -79,4 +154,45 @@ def run(args: argparse.Namespace) -> int:
     )
     for warning in warnings:
         console.print(f"warning: {warning}", style="yellow", soft_wrap=True)
+    return 0
+
+
+def _draw(vehicle: Vehicle, path: Path) -> None:
+    from tricycle_cli.reports.vehicle_drawing import SUFFIXES, draw_vehicle
+
+    if path.suffix not in SUFFIXES:
+        raise VehicleError(f"{path}: must end in {', '.join(SUFFIXES)}")
+    draw_vehicle(vehicle, path)
+
+
+def _about_the_boards(vehicle: Vehicle) -> tuple[str, ...]:
+    from tricycle_bringup.configuration import beyond_the_boards, bridge_settings
+
+    try:
+        bridge_settings(vehicle)
+    except VehicleError as error:
+        return (str(error),)
+    return beyond_the_boards(vehicle)
+
+
+def run_show(args: argparse.Namespace) -> int:
+    """Print what follows from a vehicle file.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from tricycle_bringup.configuration import bridge_parameters
+    from tricycle_bringup.layout import foxglove_layout
+    from tricycle_bringup.urdf import tricycle_urdf
+
+    vehicle = load_vehicle(args.file)
+    if args.what == "bridge":
+        parameters = bridge_parameters("" if args.file is None else str(args.file))
+        section = {"/**/tricycle_bridge": {"ros__parameters": parameters}}
+        print(yaml.safe_dump(section, sort_keys=False), end="")
+    else:
+        text = {"urdf": tricycle_urdf, "foxglove": foxglove_layout}[args.what](vehicle)
+        print(text, end="")
     return 0

@@ -16,7 +16,7 @@ from parameter_identification.identification_file import IdentificationDocument,
 from parameter_identification.judging.judgement import Judgement
 from tricycle_cli.reports.run_folder import WheelLoads
 from tricycle_cli.reports.tables import allowed_rise
-from tricycle_core.palette import BLUE, GREEN, GREY, PURPLE, VERMILLION
+from tricycle_core.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from tricycle_core.quantities import FloatArray
 
 POINTS = 1000  # of a curve; a screen cannot show more
@@ -185,10 +185,9 @@ def wheel_loads(loads: WheelLoads) -> go.Figure:
         Of the nominal vehicle.
     """
     figure = _figure()
-    time, *values = _thinned(loads.time, loads.left, loads.right, loads.rear)
-    for name, value, color in zip(
-        ("left", "right", "rear"), values, (BLUE, VERMILLION, GREEN), strict=True
-    ):
+    time, *values = _thinned(loads.time, *loads.by_wheel.values())
+    colors = (BLUE, VERMILLION, GREEN, ORANGE)
+    for name, value, color in zip(loads.by_wheel, values, colors, strict=False):
         figure.add_scatter(x=time, y=value, name=name, line=_line(color))
     figure.update_yaxes(title="wheel load / N", rangemode="tozero")
     return _in_time(figure)

@@ -33,14 +33,12 @@ class WheelLoads:
     ----------
     time : ndarray of float, shape (t,)
         Since the start [s].
-    left, right, rear : ndarray of float, shape (t,)
+    by_wheel : mapping of str to ndarray of float, shape (t,)
         Loads [N].
     """
 
     time: FloatArray
-    left: FloatArray
-    right: FloatArray
-    rear: FloatArray
+    by_wheel: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True)
@@ -213,4 +211,4 @@ def wheel_loads(vehicle: Vehicle, plan: Plan) -> WheelLoads:
             "--vehicle"
         )
     motion = simulate(vehicle, plan.commands)
-    return WheelLoads(motion.time, motion.load_left[0], motion.load_right[0], motion.load_rear[0])
+    return WheelLoads(motion.time, {wheel: load[0] for wheel, load in motion.load.items()})

@@ -1,14 +1,21 @@
 """Figures of plans and drives as image files, readable in print and by the colour-blind."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path as MatplotlibPath
 
+from excitation_planner.area.area import Area
+from excitation_planner.area.polygons import placed
 from excitation_planner.plan import Plan
 from parameter_identification.judging.judgement import Judgement
 from tricycle_core.palette import BLUE, VERMILLION
+from tricycle_core.quantities import FloatArray
 
 REFERENCE, MEASURED = BLUE, VERMILLION
 MARKS = 5.0  # s between the lines that join equal times
@@ -33,8 +40,11 @@ def plot_plan(plan: Plan, path: Path) -> None:
     values = ", ".join(f"{name} {value:.3g}" for name, value in plan.operation.items())
     place = f", drive {plan.number} of {plan.drives}" if plan.drives > 1 else ""
     figure.suptitle(f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}{place}")
-    track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
-    track.plot(plan.reference.x, plan.reference.y, color=REFERENCE, label="nominal trajectory")
+    if plan.area is None or plan.start_pose is None:
+        track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
+        track.plot(plan.reference.x, plan.reference.y, color=REFERENCE, label="nominal trajectory")
+    else:
+        _draw_on_area(track, plan, plan.area, plan.start_pose)
     track.set(xlabel="x / m", ylabel="y / m")
     track.set_aspect("equal", adjustable="datalim")
     track.legend(fontsize="small")
@@ -74,6 +84,30 @@ def plot_plan(plan: Plan, path: Path) -> None:
     for axes in panels.values():
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
+
+
+def _draw_on_area(
+    axes: Axes, plan: Plan, area: Area, start_pose: tuple[float, float, float]
+) -> None:
+    """Draw the nominal trajectory on its area, with the ground that it may cover."""
+
+    def fill(rings: Sequence[FloatArray], color: str, label: str) -> None:
+        closed = [np.vstack([ring, ring[:1]]) for ring in rings]
+        outline = MatplotlibPath.make_compound_path(*map(MatplotlibPath, closed))
+        axes.add_patch(PathPatch(outline, facecolor=color, edgecolor="none", label=label))
+
+    fill(plan.stopping_zone, "0.87", "with stops from any point")
+    fill(plan.tube, "0.72", "vehicles of the ranges")
+    for number, corners in enumerate((area.keep_in, *area.keep_out)):
+        closed = np.vstack([corners, corners[:1]])
+        names = {0: "keep in", 1: "keep out"}
+        axes.plot(*closed.T, color=MEASURED if number else "0.2", label=names.get(number))
+    x, y, heading = start_pose
+    reference = np.column_stack([plan.reference.x, plan.reference.y])
+    axes.plot(*placed(reference, x, y, heading).T, color=REFERENCE, label="nominal trajectory")
+    tip = (x + 1.5 * math.cos(heading), y + 1.5 * math.sin(heading))
+    axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE})
+    axes.plot(x, y, "o", color=REFERENCE, label=f"start; {plan.clearance:.2f} m to the border")
 
 
 def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:

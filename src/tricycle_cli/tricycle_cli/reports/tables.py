@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from excitation_planner.plan import Plan
     from parameter_identification.identification import Estimate, Identification
 
-HEADINGS = ("parameter", "unit", "range", "estimate", "interval", "truth")
+HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
 """Of the table of identified parameters."""
 
 
@@ -29,18 +29,20 @@ def plan_table(plan: Plan) -> Table:
         What to show.
     """
     values = ", ".join(f"{name} = {value:.4g}" for name, value in plan.operation.items())
-    table = Table(title=f"{plan.maneuver}: {values}")
-    table.add_column("unknown parameter")
+    title = f"{plan.maneuver} for {plan.target}: {values}"
+    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column("unknown parameter", no_wrap=True)
     for heading in ("S", "95 %", "ST", "95 %"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
     for name, main in plan.main.items():
         total = plan.total[name]
         table.add_row(
-            f"{name}{' (target)' if name == plan.target else ''}",
+            name,
             f"{main.value:.4f}",
-            f"{main.low:.4f} … {main.high:.4f}",
+            f"{main.low:.3f} … {main.high:.3f}",
             f"{total.value:.4f}",
-            f"{total.low:.4f} … {total.high:.4f}",
+            f"{total.low:.3f} … {total.high:.3f}",
+            style="bold" if name == plan.target else None,
         )
     return table
 
@@ -54,10 +56,10 @@ def prediction_table(plan: Plan) -> Table:
         Any plan of the set, with `predicted_std`.
     """
     drives = "the drive" if plan.drives == 1 else f"the {plan.drives} drives"
-    table = Table(title=f"expected after {drives}")
-    table.add_column("unknown parameter")
-    for heading in ("standard deviation", "of the range", "left of its spread"):
-        table.add_column(heading, justify="right")
+    table = Table(title=f"expected after {drives}", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("unknown parameter", no_wrap=True)
+    for heading in ("1σ", "of the range", "left of its spread"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for name, std in plan.predicted_std.items():
         low, high = plan.unknown[name]
         share = std / (high - low)
@@ -193,7 +195,7 @@ def parameter_table(found: Identification, truth: Mapping[str, float] | None = N
     title = f"identified from {drives}; {100 * found.level:g} % intervals"
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("parameter, range", no_wrap=True)  # below each other: it fits 80 columns
-    for heading in ("estimate", "interval", "truth" if any(row[-1] for row in rows) else ""):
+    for heading in ("estimate ± 1σ", "interval", "truth" if any(row[-1] for row in rows) else ""):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, unit, span, *cells in rows:
         table.add_row(f"{name}\n  {span} {unit}", *cells)

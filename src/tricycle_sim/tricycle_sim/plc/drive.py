@@ -9,11 +9,17 @@ from tricycle_bridge.protocol.boards import (
     DRIVE_SUPPLY,
     HALL_PULSE,
     HALL_PULSES,
+    LINE_HIGH,
+    LINE_LOW,
+    LINE_RESTING,
+    LINE_TICKS,
     MASS_HIGH,
     MASS_LOW,
     MASSES,
     MAX_THROTTLE,
+    OVERSHOOT,
     OVERSPEED_MARGIN,
+    RUNAWAY_MARGIN,
     STOPPING_BRAKE_RATE,
     STOPPING_EXCESS,
     STOPPING_TIME,
@@ -64,9 +70,11 @@ class DriveMeasurement:
     speed : float
         Speed at the rear wheel's tread in m/s, forward positive.
     hall_count : int
-        Hall pulses, `HALL_PULSE` of travel each; forward counts up.
+        Hall pulses; forward counts up.
     torque : float
         Torque of the motor in the last tick in N m.
+    hall_line, direction_line : float
+        Voltages of the hall sensor's lines in V.
     current : float
         Current from the supply in A.
     supply : float
@@ -78,6 +86,8 @@ class DriveMeasurement:
     speed: float = 0.0
     hall_count: int = 0
     torque: float = 0.0
+    hall_line: float = LINE_RESTING[0]
+    direction_line: float = LINE_RESTING[1]
     current: float = 0.0
     supply: float = DRIVE_SUPPLY
     estop_pressed: bool = False
@@ -132,6 +142,8 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._brake = 1.0
         self._setpoint = 0.0  # m/s, forward positive
         self._holding = False  # armed and at rest: brake full, motor off
+        self._ceiling = 0.0  # m/s, of a motor that holds the vehicle
+        self._line_ticks = 0  # in a row in which a hall line was outside of its bands
         self._hall_count = 0  # of the last tick
         self._pulses = 0  # since then
 
@@ -165,22 +177,52 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         )
 
     @property
+    def pulse(self) -> float:
+        """Travel per hall pulse that the board counts with [m]."""
+        return round(self._in_force.pulse * TRAVEL_UNIT, 6)
+
+    @property
     def _at_rest(self) -> bool:
         return abs(self._measured.speed) < AT_REST
 
     def _begin_tick(self, now_us: int) -> None:  # noqa: ARG002 - the steering's holding ends
+        lines = self._measured.hall_line, self._measured.direction_line
+        whole = all(_within(line, LINE_LOW) or _within(line, LINE_HIGH) for line in lines)
+        self._line_ticks = 0 if whole else self._line_ticks + 1
+        if self._line_broken:
+            self.faults |= Fault.HALL_LINE
         count = self._measured.hall_count
         self._pulses, self._hall_count = count - self._hall_count, count
 
+    @property
+    def _line_broken(self) -> bool:
+        return self._line_ticks >= LINE_TICKS
+
     def _find_fault(self, now_us: int) -> Fault:
+        if self._line_broken:
+            return Fault.HALL_LINE
         if abs(self._measured.speed) > self._max_speed + OVERSPEED_MARGIN + 1e-9:
             return Fault.OVERSPEED
         if self._wheel_fails():
             return Fault.PULSES
+        if self.state is PlcState.ARMED and self._runs_away():
+            return Fault.OVERSPEED
         late = now_us - self._state_since >= _STOPPING_US
         if self.state is PlcState.STOPPING and late and not self._stopped():
             return Fault.STOP_TIMEOUT
         return Fault(0)
+
+    def _runs_away(self) -> bool:
+        """Whether the vehicle gains speed above its set-point although the motor brakes.
+
+        A set-point may fall faster than the vehicle, which is then above it but does not gain.
+        """
+        speed = abs(self._measured.speed)
+        pushes = _SIGNS[self._gear] * self._measured.torque > 0.0
+        wanted = abs(self._setpoint)
+        pushed = wanted + OVERSHOOT if pushes else wanted
+        self._ceiling = max(wanted, min(speed, max(pushed, self._ceiling)))
+        return speed > self._ceiling + RUNAWAY_MARGIN + 1e-9
 
     def _wheel_fails(self) -> bool:
         """Whether torque and pulses of the last tick do not fit together."""
@@ -202,9 +244,13 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
 
     def _armed(self) -> None:
         self._setpoint = 0.0
+        self._ceiling = 0.0
 
     def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - the steering's begins to hold
         self._holding = False
+        # a stop does not push: it begins at the speed, where the vehicle was slower than wanted
+        low, high = min(self._setpoint, 0.0), max(self._setpoint, 0.0)
+        self._setpoint = min(max(self._measured.speed, low), high)
 
     @property
     def _holds(self) -> bool:

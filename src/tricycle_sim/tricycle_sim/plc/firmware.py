@@ -9,7 +9,12 @@ from __future__ import annotations
 import ctypes
 from pathlib import Path
 
-from tricycle_bridge.protocol.boards import DRIVE_SUPPLY
+from tricycle_bridge.protocol.boards import (
+    ADC_FULL,
+    ADC_REFERENCE,
+    DRIVE_SUPPLY,
+    LINE_RESTING,
+)
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     BRAKE_UNIT,
@@ -194,6 +199,7 @@ class FirmwareDrivePlc(_FirmwarePlc):
             ctypes.c_int16(round(measurement.speed / SPEED_UNIT)),
             ctypes.c_int32(measurement.hall_count),
             ctypes.c_int32(round(measurement.torque * 1e3)),
+            _counts(measurement.hall_line, measurement.direction_line),
             ctypes.c_uint16(round(measurement.current * 1e3)),
             ctypes.c_uint16(round(measurement.supply * 1e3)),
             ctypes.c_bool(measurement.estop_pressed),
@@ -207,6 +213,8 @@ class FirmwareDrivePlc(_FirmwarePlc):
         hall_count: int,
         edge_us: int,
         *,
+        hall_line: float = LINE_RESTING[0],
+        direction_line: float = LINE_RESTING[1],
         supply: float = DRIVE_SUPPLY,
         current: float = 0.0,
         estop_pressed: bool = False,
@@ -221,6 +229,8 @@ class FirmwareDrivePlc(_FirmwarePlc):
             Hall pulses; forward counts up. Where they begin at a reset makes no difference.
         edge_us : int
             PLC time of the newest pulse in us, not after `now_us`.
+        hall_line, direction_line : float
+            Voltages of the hall sensor's lines in V.
         supply : float
             Voltage of the battery in V.
         current : float
@@ -243,6 +253,7 @@ class FirmwareDrivePlc(_FirmwarePlc):
             ctypes.c_uint32(now_us & 0xFFFFFFFF),
             ctypes.c_int32(hall_count),
             ctypes.c_uint32(edge_us & 0xFFFFFFFF),
+            _counts(hall_line, direction_line),
             ctypes.c_uint16(round(current * 1e3)),
             ctypes.c_uint16(round(supply * 1e3)),
             ctypes.c_bool(estop_pressed),
@@ -250,6 +261,10 @@ class FirmwareDrivePlc(_FirmwarePlc):
         )
         torque, *output = outputs
         return self._take(), torque * 1e-3, _drive_output(*output)
+
+
+def _counts(*volts: float) -> ctypes.Array[ctypes.c_uint16]:
+    return (ctypes.c_uint16 * len(volts))(*(round(v / ADC_REFERENCE * ADC_FULL) for v in volts))
 
 
 def _drive_output(motor_on: int, setpoint: int, brake: int) -> DriveOutput:

@@ -8,7 +8,13 @@ import select
 import threading
 import time
 
-from tricycle_bridge.protocol.boards import HALL_PULSE, MASS_LOW, TYRE_RADIUS
+from tricycle_bridge.protocol.boards import (
+    HALL_PULSE,
+    LINE_OPEN,
+    LINE_RESTING,
+    MASS_LOW,
+    TYRE_RADIUS,
+)
 from tricycle_bridge.protocol.messages import Board, ResetCause
 from tricycle_core.closing import Closing
 from tricycle_core.timing import TICK
@@ -41,6 +47,8 @@ class PlcPair(Closing):
         Their serial devices.
     estop_pressed : bool
         Hardware e-stop of both boards; a test may press it.
+    hall_plugged : bool
+        Whether the hall sensor is connected to the drive board; a test may pull it.
     steer_output, drive_output : SteerOutput, DriveOutput
         What the PLCs do to the vehicle.
     steering_angle, speed, distance : float
@@ -58,6 +66,7 @@ class PlcPair(Closing):
         self.drive = DrivePlc()
         self.ports = {Board.STEER: PtyPort(steer_path), Board.DRIVE: PtyPort(drive_path)}
         self.estop_pressed = False
+        self.hall_plugged = True
         self.steer_output = SteerOutput(False, 0.0)
         self.drive_output = DriveOutput(False, 0.0, 1.0)
         self.steering_angle = 0.0
@@ -169,10 +178,13 @@ class PlcPair(Closing):
             data, self.steer_output = self.steer.tick(now, steer)
             self._write(Board.STEER, data)
         if Board.DRIVE not in self._stalled:
+            hall_line, direction_line = LINE_RESTING if self.hall_plugged else 2 * (LINE_OPEN,)
             drive = DriveMeasurement(
                 self.speed,
                 round(self.distance / HALL_PULSE),
                 self._torque,
+                hall_line,
+                direction_line,
                 estop_pressed=self.estop_pressed,
             )
             data, self.drive_output = self.drive.tick(now, drive)

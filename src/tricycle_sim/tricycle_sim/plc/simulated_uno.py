@@ -105,7 +105,8 @@ class SimulatedUno(Closing):
         self._machine = ctypes.c_void_p(self._c.machine_new(str(build / f"{name}.elf").encode()))
         self.supply(DRIVE_SUPPLY if name == "drive" else STEER_SUPPLY)
         self.estop(pressed=False)
-        self._c.machine_pin(self._machine, 2, 0)  # the hall sensor, half a pulse before its edge
+        self._c.machine_sensor(self._machine, 0, 0)  # half a pulse before its edge
+        self._c.machine_sensor(self._machine, 1, 1)
 
     def close(self) -> None:
         """Free the simulation."""
@@ -165,10 +166,30 @@ class SimulatedUno(Closing):
         """Turn the potentiometer (rad)."""
         self._adc(0, (ADC_CENTRE + ADC_SCALE * angle + 0.5) * _MV_PER_COUNT)
 
-    def wheel_speed(self, speed: float) -> None:
-        """Turn the hall sensor's wheel (m/s, forward positive)."""
-        self._c.machine_pin(self._machine, 4, int(speed >= 0.0))
-        self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / HALL_PULSE))
+    def wheel_speed(self, speed: float, pulse: float = HALL_PULSE) -> None:
+        """Turn the hall sensor's wheel.
+
+        Parameters
+        ----------
+        speed : float
+            Of the tread [m/s], forward positive.
+        pulse : float
+            Travel per pulse [m].
+        """
+        self._c.machine_sensor(self._machine, 1, int(speed >= 0.0))
+        self._c.machine_hall(self._machine, ctypes.c_double(abs(speed) / pulse))
+
+    def hall_lines(self, hall: float | None, direction: float | None) -> None:
+        """Break the hall sensor's lines.
+
+        Parameters
+        ----------
+        hall, direction : float or None
+            Their voltages [V]; None: whole.
+        """
+        for line, volts in enumerate((hall, direction)):
+            millivolts = -1 if volts is None else round(volts * 1e3)
+            self._c.machine_break(self._machine, line, ctypes.c_int32(millivolts))
 
     def _adc(self, channel: int, millivolts: float) -> None:
         self._c.machine_adc(self._machine, channel, max(round(millivolts), 0))

@@ -1,10 +1,11 @@
 """The rig with emulated boards: the live vehicle with its two emulated PLCs, tick by tick."""
 
+from tricycle_bridge.protocol.boards import hall_pulse
 from tricycle_bridge.protocol.messages import Board
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerPlc
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.plc_rig import PlcRig, Push
-from tricycle_sim.rig.sensors import measured_speed
+from tricycle_sim.rig.sensors import line_voltages, measured_speed
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.speed_loop import SpeedLoop
 
@@ -30,14 +31,19 @@ class EmulatedRig(PlcRig):
 
     def _tick_drive(self) -> tuple[bytes, Push]:
         state, faults = self._live.state, self._faults
-        speed = state.wheel_speeds[2] * self._vehicle.tyre_radius
-        measured = measured_speed(speed, faults)
+        speed = state.drive_speed * self._vehicle.driven_radius
+        # as a board knows it: from pulses, each as long as it was told
+        told = self._plcs[Board.DRIVE].pulse / hall_pulse(self._vehicle.driven_radius)
+        measured = measured_speed(speed * told, faults)
+        hall_line, direction_line = line_voltages(faults)
         data, output = self._plcs[Board.DRIVE].tick(
             self._plc_time_us(Board.DRIVE),
             DriveMeasurement(
                 speed=measured,
                 hall_count=self._hall.count,
                 torque=state.motor_torque if self._loop is None else self._demand,
+                hall_line=hall_line,
+                direction_line=direction_line,
                 current=max(0.0, state.motor_current),
                 supply=faults.get(FaultKind.DRIVE_SUPPLY, self._vehicle.battery_voltage),
                 estop_pressed=FaultKind.ESTOP in faults,

@@ -11,8 +11,11 @@ from tricycle_core.timing import TICK
 class FaultKind(enum.Enum):
     """What fails."""
 
-    HALL_DEAD = "hall wire broken"  # no pulses
-    HALL_FORWARD = "hall direction wire broken"  # the pull-up reads forward
+    HALL_OPEN = "hall wire broken"  # no pulses; the pull-up's voltage
+    HALL_SHORT = "hall wire shorted to ground"  # no pulses; no voltage
+    HALL_STUCK = "hall sensor stuck"  # no pulses; a valid level
+    DIRECTION_OPEN = "hall direction wire broken"  # the pull-up reads forward
+    DIRECTION_STUCK = "hall direction sensor stuck"  # forward, a valid level
     HALL_HALF = "every second hall pulse lost"
     POTENTIOMETER_LOW = "potentiometer wire broken, reads 0"
     POTENTIOMETER_HIGH = "potentiometer wire broken, reads 1023"

@@ -9,8 +9,8 @@ from pathlib import Path
 from tricycle_bridge.protocol.boards import (
     ADC_CENTRE,
     ADC_SCALE,
-    DRIVE_SUPPLY,
     STEER_SUPPLY,
+    hall_pulse,
 )
 from tricycle_bridge.protocol.framing import FrameDecoder
 from tricycle_bridge.protocol.messages import (
@@ -28,7 +28,7 @@ from tricycle_core.timing import TICK
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.rig import Rig
-from tricycle_sim.rig.sensors import broken_potentiometer, measured_speed
+from tricycle_sim.rig.sensors import broken_lines, broken_potentiometer, measured_speed
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 
@@ -134,9 +134,11 @@ class FirmwareRig(Rig):
         steer.uno.steering_angle(
             state.steering_motor_angle if counts is None else (counts - ADC_CENTRE) / ADC_SCALE
         )
-        drive.uno.wheel_speed(measured_speed(self._hall_speed(state), faults))
+        speed = measured_speed(self._hall_speed(state), faults)
+        drive.uno.wheel_speed(speed, hall_pulse(self._vehicle.driven_radius))
+        drive.uno.hall_lines(*broken_lines(faults))
         steer.uno.supply(faults.get(FaultKind.STEER_SUPPLY, STEER_SUPPLY))
-        drive.uno.supply(faults.get(FaultKind.DRIVE_SUPPLY, DRIVE_SUPPLY))
+        drive.uno.supply(faults.get(FaultKind.DRIVE_SUPPLY, self._vehicle.battery_voltage))
         for board in (steer, drive):
             board.uno.estop(pressed=FaultKind.ESTOP in faults)
         sent = {board: b"" if board in hung else one.step() for board, one in self._boards.items()}
@@ -154,9 +156,9 @@ class FirmwareRig(Rig):
 
         The wheel's, corrected so that the sensor is where the wheel is now by the boards' tick.
         """
-        radius = self._vehicle.tyre_radius
-        speed = state.wheel_speeds[2] * radius
-        wanted = state.rear_wheel_angle * radius - speed * TICK / 2
+        radius = self._vehicle.driven_radius
+        speed = state.drive_speed * radius
+        wanted = state.drive_angle * radius - speed * TICK / 2
         speed += (wanted - self._hall_travel) / TICK
         self._hall_travel += speed * TICK
         return speed

@@ -6,6 +6,7 @@ from tricycle_bridge.protocol.messages import Board
 from tricycle_sim.plc.firmware import FirmwareDrivePlc, FirmwareSteerPlc
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.plc_rig import TICK_US, PlcRig, Push
+from tricycle_sim.rig.sensors import line_voltages
 from tricycle_sim.vehicle import Vehicle
 
 
@@ -36,10 +37,13 @@ class NativeRig(PlcRig):
         state, faults = self._live.state, self._faults
         now = self._plc_time_us(Board.DRIVE)
         edge = round(self._hall.edge_at * 1e6) - (self._ticks * TICK_US - now)
+        hall_line, direction_line = line_voltages(faults)
         data, torque, output = self._plcs[Board.DRIVE].tick_pulses(
             now,
             self._hall.count,
             edge,
+            hall_line=hall_line,
+            direction_line=direction_line,
             supply=faults.get(FaultKind.DRIVE_SUPPLY, self._vehicle.battery_voltage),
             current=max(0.0, state.motor_current),
             estop_pressed=FaultKind.ESTOP in faults,

@@ -3,7 +3,7 @@
 from abc import abstractmethod
 from typing import Any, NamedTuple
 
-from tricycle_bridge.protocol.boards import ADC_CENTRE, ADC_SCALE, STEER_SUPPLY
+from tricycle_bridge.protocol.boards import ADC_CENTRE, ADC_SCALE, STEER_SUPPLY, hall_pulse
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.timing import TICK
 from tricycle_sim.plc import SteerMeasurement, SteerOutput
@@ -72,7 +72,7 @@ class PlcRig(Rig):
         return age == 0
 
     def _rest(self) -> None:
-        self._hall = HallSensor()
+        self._hall = HallSensor(hall_pulse(self._vehicle.driven_radius))
 
     def _reboot(self, board: Board, cause: ResetCause) -> None:
         self._boot_ticks[board] = self._ticks
@@ -89,7 +89,7 @@ class PlcRig(Rig):
             sent[Board.STEER], self._servo = self._plcs[Board.STEER].tick(
                 self._plc_time_us(Board.STEER), self._steer_measurement()
             )
-        travel = state.rear_wheel_angle * self._vehicle.tyre_radius
+        travel = state.drive_angle * self._vehicle.driven_radius
         self._hall.turn(travel, self.time, faults)
         if Board.DRIVE not in hung:
             sent[Board.DRIVE], self._push = self._tick_drive()

@@ -2,12 +2,20 @@
 
 import math
 
-from tricycle_bridge.protocol.boards import HALL_PULSE
+from tricycle_bridge.protocol.boards import LINE_OPEN, LINE_RESTING
 from tricycle_sim.rig.faults import FaultKind
+
+_NO_PULSES = {FaultKind.HALL_OPEN, FaultKind.HALL_SHORT, FaultKind.HALL_STUCK}
+_FORWARD = {FaultKind.DIRECTION_OPEN, FaultKind.DIRECTION_STUCK}
 
 
 class HallSensor:
     """Pulses as the drive board counts them.
+
+    Parameters
+    ----------
+    pulse : float
+        Travel per pulse [m].
 
     Attributes
     ----------
@@ -17,7 +25,8 @@ class HallSensor:
         Time of the newest one [s].
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pulse: float) -> None:
+        self._pulse = pulse
         self.count = 0
         self.edge_at = 0.0
         self._travel = 0.0  # m
@@ -37,7 +46,7 @@ class HallSensor:
             That are there now.
         """
         # half a pulse before its first edge at the start
-        edge = math.floor(travel / HALL_PULSE + 0.5)
+        edge = math.floor(travel / self._pulse + 0.5)
         for number in range(self._edge + 1, edge + 1):
             self._pass(number, 1, travel, time, faults)
         for number in range(self._edge, edge, -1):
@@ -52,12 +61,12 @@ class HallSensor:
         time: float,
         faults: dict[FaultKind, float],
     ) -> None:
-        if FaultKind.HALL_DEAD in faults or (FaultKind.HALL_HALF in faults and number % 2):
+        if _NO_PULSES & faults.keys() or (FaultKind.HALL_HALF in faults and number % 2):
             return
-        place = (number - 0.5) * HALL_PULSE
+        place = (number - 0.5) * self._pulse
         share = (place - self._travel) / (travel - self._travel)
         self.edge_at = self._time + min(max(share, 0.0), 1.0) * (time - self._time)
-        self.count += 1 if FaultKind.HALL_FORWARD in faults else direction
+        self.count += 1 if _FORWARD & faults.keys() else direction
 
 
 def measured_speed(speed: float, faults: dict[FaultKind, float]) -> float:
@@ -70,11 +79,42 @@ def measured_speed(speed: float, faults: dict[FaultKind, float]) -> float:
     faults : dict of FaultKind to float
         That are there now.
     """
-    if FaultKind.HALL_DEAD in faults:
+    if _NO_PULSES & faults.keys():
         return 0.0
     if FaultKind.HALL_HALF in faults:
         speed /= 2.0
-    return abs(speed) if FaultKind.HALL_FORWARD in faults else speed
+    return abs(speed) if _FORWARD & faults.keys() else speed
+
+
+def broken_lines(faults: dict[FaultKind, float]) -> tuple[float | None, float | None]:
+    """Return the voltages of the hall sensor's lines, pulse and direction [V]; None: whole.
+
+    Parameters
+    ----------
+    faults : dict of FaultKind to float
+        That are there now.
+    """
+    hall = None
+    if FaultKind.HALL_OPEN in faults:
+        hall = LINE_OPEN
+    elif FaultKind.HALL_SHORT in faults:
+        hall = 0.0
+    return hall, LINE_OPEN if FaultKind.DIRECTION_OPEN in faults else None
+
+
+def line_voltages(faults: dict[FaultKind, float]) -> tuple[float, float]:
+    """Return the voltages of the hall sensor's lines, pulse and direction [V].
+
+    Parameters
+    ----------
+    faults : dict of FaultKind to float
+        That are there now.
+    """
+    hall, direction = (
+        level if broken is None else broken
+        for level, broken in zip(LINE_RESTING, broken_lines(faults), strict=True)
+    )
+    return hall, direction
 
 
 def broken_potentiometer(faults: dict[FaultKind, float]) -> int | None:

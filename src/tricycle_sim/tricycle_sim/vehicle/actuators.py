@@ -2,6 +2,7 @@
 
 `SERVOS`, `MOTORS` and `BRAKES` list the laws; each is one function, compiled into the equations,
 and the constants that it reads. A vehicle file chooses one under `parts: {motor: NAME}`.
+`DRIVES` says which wheels get which share of the torque.
 """
 
 import cmath
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.compilation import inlined
+from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
+from tricycle_sim.vehicle.laws import Constant, Law, between, inlined, not_negative, positive
 from tricycle_sim.vehicle.layout import LANES, Formulas, StepFormulas, numbered
 
 
@@ -25,6 +27,20 @@ def _transition(v: Any, step: float) -> tuple[float, float, float, float]:
     odd = decay * ((cmath.sinh(root * step) / root).real if root else step)
     return even + decay_rate * odd, odd, -(frequency**2) * odd, even - decay_rate * odd
 
+
+SUPPLY: tuple[Constant, ...] = (
+    not_negative("motor_copper_loss", "W/(N m)^2", setting=True),  # per torque squared
+    positive("battery_voltage", "V", setting=True),
+    # the boards' supplies, outside of which they do not arm; 0: not checked
+    between("drive_supply_low", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[0], setting=True),
+    between("drive_supply_high", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[1], setting=True),
+    between("steer_supply_low", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[0], setting=True),
+    between("steer_supply_high", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[1], setting=True),
+)
+"""Constants of battery and boards, which every motor has."""
+DRIVE_SLEW = (positive("acceleration", "m/s^2", setting=True),)
+STEERING_SLEW = (positive("steering_slew", "rad/s", setting=True),)
+"""Slew of the set-points on the boards: of the speed, of the steering motor's angle."""
 
 SECOND_ORDER: StepFormulas = {
     "angle_by_angle": lambda v, step: _transition(v, step)[0],
@@ -52,10 +68,10 @@ _M = numbered(HUB_MOTOR, step=LANES)
 BRAKE_RATE = 100.0
 """Fastest rate at which the brake takes the last of a wheel's spin [1/s]."""
 FRICTION_BRAKE: Formulas = {
-    "torque": lambda v: v.brake_torque,
+    "torque": lambda w: w.brake_torque / w.braked_wheels,
     # no stiffer than the integration's steps can follow
-    "stiffness": lambda v: np.minimum(
-        v.brake_torque / v.brake_smoothing_speed, BRAKE_RATE * v.rear_wheel_inertia
+    "stiffness": lambda w: np.minimum(
+        w.brake_torque / w.braked_wheels / w.brake_smoothing_speed, BRAKE_RATE * w.wheel_inertia
     ),
 }
 _B = numbered(FRICTION_BRAKE, step=LANES)
@@ -126,7 +142,9 @@ def hub_motor(
     excess : float
         Torque wanted beyond what the motor can give [N m].
     """
-    direction = -1.0 if speed_mode * demand < 0.0 else 1.0  # reverse gear: everything mirrored
+    # reverse gear: everything mirrored; a torque has no gear, but brakes a wheel that turns forward
+    reverse = demand < 0.0 and (speed_mode == 1.0 or spin <= 0.0)
+    direction = -1.0 if reverse else 1.0
     error = demand / g[c + _M.radius] - spin
     wanted = (
         speed_mode * (g[c + _M.proportional] * error + g[c + _M.integral] * integrator)
@@ -169,7 +187,61 @@ def friction_brake(g: FloatArray, c: int, spin: float, share: float, others: flo
     return moment
 
 
-SERVOS = {"second_order": (second_order, SECOND_ORDER)}
-MOTORS = {"hub_motor": (hub_motor, HUB_MOTOR)}
-BRAKES = {"friction_brake": (friction_brake, FRICTION_BRAKE)}
-"""Function and constants of each law by name."""
+SERVOS = {
+    "second_order": Law(
+        second_order,
+        SECOND_ORDER,
+        (positive("servo_natural_frequency", "rad/s"), positive("servo_damping_ratio", "1")),
+    )
+}
+MOTORS = {
+    "hub_motor": Law(
+        hub_motor,
+        HUB_MOTOR,
+        (
+            positive("motor_power", "W"),
+            positive("motor_torque", "N m"),
+            not_negative("regenerative_torque", "N m"),
+            positive("motor_no_load_speed", "rad/s"),
+            positive("motor_slope", "N m s/rad"),
+            positive("motor_lag", "s"),
+            *SUPPLY,
+            positive("speed_gain_proportional", "N m s/rad"),
+            not_negative("speed_gain_integral", "N m/rad"),
+            not_negative("speed_anti_windup", "rad/(N m s)"),
+        ),
+    )
+}
+BRAKES = {
+    "friction_brake": Law(
+        friction_brake,
+        FRICTION_BRAKE,
+        (not_negative("brake_torque", "N m"), positive("brake_smoothing_speed", "rad/s")),
+    )
+}
+"""Every law by name; the first is the default."""
+
+
+def _axle_share(w: Any) -> Any:
+    """Return the share of a wheel's axle in the torque of an all-wheel drive."""
+    return w.drive_front_share if w.in_front else 1.0 - w.drive_front_share
+
+
+DRIVES = {
+    "single": Law(None, {"share": lambda _: 1.0}),
+    "differential": Law(None, {"share": lambda _: 0.5}),
+    "all": Law(
+        None,
+        {
+            "share": lambda w: (
+                (w.drive_front_share if w.in_front else 1.0 - w.drive_front_share) / w.abreast
+            )
+        },
+        (between("drive_front_share", "1", 0.0, 1.0, default=0.5),),
+    ),
+}
+"""Share of the motor's torque at each driven wheel, by the law's name.
+
+The motor turns with the mean of the driven wheels by these shares, and so do the speed loop and the
+hall sensors.
+"""

@@ -6,9 +6,10 @@ The letters of shapes: `n` samples (vehicles), `k` unknown parameters, `t` time 
 
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,9 +23,17 @@ from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import COMMAND, functions_for
-from tricycle_sim.vehicle.layout import EVALUATED, LANES, SLOPE, STATE
-from tricycle_sim.vehicle.parts import ROWS, steering_constants
+from tricycle_sim.vehicle.layout import (
+    EVALUATED,
+    LANES,
+    SLOPE,
+    STATE,
+    WHEEL_EVALUATED,
+    WHEEL_STATES,
+)
+from tricycle_sim.vehicle.parts import ROWS, WHEEL, WHEEL_ROWS, steering_constants, structure_of
 from tricycle_sim.vehicle.stability import check_step
+from tricycle_sim.vehicle.wheels import Wheel
 
 
 @dataclass(frozen=True)
@@ -49,19 +58,30 @@ class Trajectory:
     roll_rate: FloatArray  # rad/s
     pitch_rate: FloatArray
     yaw_rate: FloatArray
-    wheel_speed_left: FloatArray  # rad/s
-    wheel_speed_right: FloatArray
-    wheel_speed_rear: FloatArray
+    wheel_speed: Mapping[str, FloatArray]  # rad/s, by wheel
+    drive_speed: FloatArray  # rad/s, of the motor: mean of the driven wheels
     steering_motor_angle: FloatArray  # rad
-    load_left: FloatArray  # N
-    load_right: FloatArray
-    load_rear: FloatArray
+    load: Mapping[str, FloatArray]  # N, by wheel
     feasibility: Feasibility
 
     def columns(self) -> dict[str, FloatArray]:
-        """Return all columns by name, `time` first, in the order of the class."""
-        names = [entry.name for entry in dataclasses.fields(self) if entry.name != "feasibility"]
-        return {name: getattr(self, name) for name in names}
+        """Return the columns of a file by name, `time` first: `load_left` of the wheel `left`."""
+        columns: dict[str, FloatArray] = {}
+        for entry in dataclasses.fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, Mapping):
+                columns |= {f"{entry.name}_{wheel}": column for wheel, column in value.items()}
+            elif entry.name not in ("drive_speed", "feasibility"):
+                columns[entry.name] = value
+        return columns
+
+    def __getattr__(self, name: str) -> FloatArray:
+        """Return a wheel's column by the name that it has in files: `load_left`."""
+        for kind in ("wheel_speed", "load"):
+            wheel = name.removeprefix(f"{kind}_")
+            if wheel != name and wheel in self.__dict__.get(kind, {}):
+                return self.__dict__[kind][wheel]  # type: ignore[no-any-return]
+        raise AttributeError(f"{name}: a trajectory has no such column")
 
 
 @dataclass(frozen=True)
@@ -115,8 +135,10 @@ def simulate(
     samples = _check_parameters(vehicle, parameters)
     speeds = np.broadcast_to(np.asarray(speed, dtype=float), len(samples))
     batch = CommandedBatch(vehicle, commands)
+    wheels = [wheel.name for wheel in vehicle.wheels]
     names = [entry.name for entry in dataclasses.fields(Trajectory)]
-    names = [name for name in names if name in _ROWS or name in _DERIVED]
+    names = [name for name in names if name in batch.available]
+    names += [f"{kind}_{wheel}" for kind in ("wheel_speed", "load") for wheel in wheels]
     out = {name: np.empty((len(samples), len(batch.time))) for name in names}
     groups = np.empty((-(-len(samples) // LANES), ROWS * LANES))
 
@@ -127,13 +149,17 @@ def simulate(
         groups[first // LANES : -(-last // LANES)] = run.groups
 
     _run_blocks(store, len(samples), threads, progress)
+    columns: dict[str, Any] = {
+        kind: {wheel: out.pop(f"{kind}_{wheel}") for wheel in wheels}
+        for kind in ("wheel_speed", "load")
+    }
     return Trajectory(
         time=batch.time,
-        **out,
+        **columns | out,
         steering_motor_angle=np.broadcast_to(
             batch.steering_motor_angle, (len(samples), len(batch.time))
         ),
-        feasibility=read_feasibility(groups, len(samples)),
+        feasibility=read_feasibility(groups, len(samples), vehicle.wheels),
     )
 
 
@@ -188,24 +214,12 @@ _ROWS = {
     "roll_rate": STATE.p,
     "pitch_rate": STATE.q,
     "yaw_rate": STATE.r,
-    "load_left": EVALUATED.load_left,
-    "load_right": EVALUATED.load_right,
-    "load_rear": EVALUATED.load_rear,
 }
-# columns that follow from several rows: these, and how with the axles (8, t) of the steering
+# columns that follow from several rows: these, and how
 _DERIVED: dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]] = {
-    "roll": (_ATTITUDE, lambda _, *attitude: roll_angle(attitude)),
-    "pitch": (_ATTITUDE, lambda _, *attitude: pitch_angle(attitude)),
-    "yaw": (_ATTITUDE, lambda _, *attitude: np.unwrap(yaw_angle(attitude))),
-    "wheel_speed_left": (
-        (STATE.spin_left, *_RATES),
-        lambda axles, spin, p, q, r: spin - (p * axles[0] + q * axles[1] + r * axles[2]),
-    ),
-    "wheel_speed_right": (
-        (STATE.spin_right, *_RATES),
-        lambda axles, spin, p, q, r: spin - (p * axles[4] + q * axles[5] + r * axles[6]),
-    ),
-    "wheel_speed_rear": ((STATE.spin_rear, STATE.q), lambda _, spin, q: spin - q),
+    "roll": (_ATTITUDE, lambda *attitude: roll_angle(attitude)),
+    "pitch": (_ATTITUDE, lambda *attitude: pitch_angle(attitude)),
+    "yaw": (_ATTITUDE, lambda *attitude: np.unwrap(yaw_angle(attitude))),
 }
 
 
@@ -219,15 +233,19 @@ class Run:
         Those that were asked for.
     groups : ndarray of float, shape (b, ROWS * LANES)
         The vehicles at the end.
+    wheels : tuple of Wheel
+        Of the vehicle.
     """
 
     columns: dict[str, FloatArray]
     groups: FloatArray
+    wheels: tuple[Wheel, ...]
 
     @property
     def feasibility(self) -> Feasibility:
         """What the drive asked of each sample."""
-        return read_feasibility(self.groups, len(next(iter(self.columns.values()))))
+        samples = len(next(iter(self.columns.values())))
+        return read_feasibility(self.groups, samples, self.wheels)
 
 
 class CommandedBatch:
@@ -246,6 +264,8 @@ class CommandedBatch:
         Of all columns [s].
     steering_motor_angle : ndarray of float, shape (t,)
         Of all samples [rad].
+    available : dict
+        Every column that can be recorded, by name: the rows that it needs, and how it follows.
 
     Raises
     ------
@@ -270,6 +290,39 @@ class CommandedBatch:
         self._functions.steer(np.zeros(2), setpoints, constants, 2, self._table, angles)
         self.steering_motor_angle = angles[0]
         self._start = equilibrium(vehicle)
+        self.available = self._columns()
+
+    def _columns(self) -> dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]]:
+        columns = {name: ((row,), lambda signal: signal) for name, row in _ROWS.items()} | _DERIVED
+        axles = self._table[::2].T
+
+        def relative(side: int) -> Callable[..., FloatArray]:
+            if side < 0:
+                return lambda spin, _p, q, _r: spin - q
+            x, y, z = axles[4 * side : 4 * side + 3]
+            return lambda spin, p, q, r: spin - (p * x + q * y + r * z)
+
+        structure = structure_of(self._vehicle)
+        spins: list[int] = []
+        for index, wheel in enumerate(self._vehicle.wheels):
+            spins.append(STATE.spin + index * WHEEL_STATES)
+            needs = (spins[-1], *_RATES)
+            columns[f"wheel_speed_{wheel.name}"] = needs, relative(structure.sides[index])
+            load = EVALUATED.load + index * WHEEL_EVALUATED
+            columns[f"load_{wheel.name}"] = (load,), lambda signal: signal
+
+        driven = [index for index, wheel in enumerate(self._vehicle.wheels) if wheel.driven]
+        shares = [WHEEL.share + index * WHEEL_ROWS for index in driven]
+
+        def mean(p: FloatArray, q: FloatArray, r: FloatArray, *signals: FloatArray) -> FloatArray:
+            speeds = zip(driven, signals[: len(driven)], signals[len(driven) :], strict=True)
+            total = np.zeros(p.shape)
+            for index, spin, share in speeds:
+                total += share * relative(structure.sides[index])(spin, p, q, r)
+            return total
+
+        columns["drive_speed"] = (*_RATES, *(spins[index] for index in driven), *shares), mean
+        return columns
 
     def run(
         self,
@@ -290,9 +343,7 @@ class CommandedBatch:
         speed : ndarray of float, shape (n,), optional
             At which the vehicles roll at the start [m/s]; by default they are at rest.
         """
-        needs = {
-            name: _DERIVED[name][0] if name in _DERIVED else (_ROWS[name],) for name in columns
-        }
+        needs = {name: self.available[name][0] for name in columns}
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
         out = np.empty((len(rows), len(groups) * LANES, len(self.time)))
@@ -300,12 +351,11 @@ class CommandedBatch:
             groups, self._table, self._lag, self._drive, 1, 0, np.array(rows, dtype=np.int64), out
         )
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
-        axles = self._table[::2].T
-        found = {}
-        for name, need in needs.items():
-            signals = [recorded[row] for row in need]
-            found[name] = _DERIVED[name][1](axles, *signals) if name in _DERIVED else signals[0]
-        return Run(found, groups)
+        found = {
+            name: self.available[name][1](*(recorded[row] for row in need))
+            for name, need in needs.items()
+        }
+        return Run(found, groups, self._vehicle.wheels)
 
 
 def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArray:

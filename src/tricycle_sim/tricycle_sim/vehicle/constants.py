@@ -1,4 +1,4 @@
-"""The constants of a tricycle, each with its unit and its bounds.
+"""A vehicle: its wheels, its laws, and every number of them.
 
 Everything that the model of `docs/model.md` needs is one number of a `Vehicle`, in SI units.
 Letters of array shapes: `n` samples, `k` unknown parameters, `t` time points.
@@ -6,17 +6,22 @@ Letters of array shapes: `n` samples, `k` unknown parameters, `t` time points.
 
 import dataclasses
 import difflib
+import functools
 import hashlib
 import json
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle.body import SHORTHANDS, upward
+from tricycle_sim.vehicle.laws import Constant
+from tricycle_sim.vehicle.registry import check_parts, declared, reads, wheel_values
+from tricycle_sim.vehicle.wheels import AXLES, TADPOLE, Wheel, check_wheels
 
 UNKNOWN_PARAMETERS: tuple[str, ...] = (
     "cornering_stiffness",
@@ -28,153 +33,161 @@ UNKNOWN_PARAMETERS: tuple[str, ...] = (
     "road_grade",
     "road_bank",
 )
-"""The constants that a vehicle file may leave unknown, in their order everywhere.
-
-Any constant of `tricycle_sim.vehicle.parts.group_constants` can be listed here.
-"""
-
-
-def _constant(
-    unit: str, *, low: float = 0.0, high: float = math.inf, zero: bool = False
-) -> dict[str, Any]:
-    """Metadata of a field: its unit and its interval, which excludes `low` unless `zero`."""
-    return {"unit": unit, "low": low, "high": high, "zero": zero}
-
-
-def _positive(unit: str, default: Any = dataclasses.MISSING) -> float:
-    value: float = field(default=default, metadata=_constant(unit))
-    return value
-
-
-def _not_negative(unit: str) -> float:
-    value: float = field(metadata=_constant(unit, zero=True))
-    return value
-
-
-def _between(unit: str, low: float, high: float, default: Any = dataclasses.MISSING) -> float:
-    metadata = _constant(unit, low=low, high=high, zero=True)
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
-def _any(unit: str) -> float:
-    value: float = field(metadata=_constant(unit, low=-math.inf))
-    return value
+"""The unknown parameters that come first, in this order; others follow in the file's order."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """A tricycle (two steered wheels in front, one driven behind), validated on creation.
+    """A vehicle with three or four wheels, validated on creation.
 
-    Body frame at the centre of mass (COM): x forward, y left, z up (REP-103). The
-    `UNKNOWN_PARAMETERS` hold their nominal values; those listed in `unknown` are uncertain. The
-    road is a plane, level by default; the world's frame lies in it.
+    Body frame at the centre of mass (COM): x forward, y left, z up (REP-103). The road is a plane,
+    level by default; the world's frame lies in it. Each shared constant is an attribute too:
+    `vehicle.mass`; of an unknown parameter it is the nominal value.
+
+    Attributes
+    ----------
+    name : str
+        Of the vehicle.
+    values : mapping of str to float
+        Every constant by its entry in a vehicle file: `mass`, `front.cornering_stiffness`.
+    unknown : mapping of str to (float, float)
+        Range of each unknown parameter.
+    parts : mapping of str to str
+        Laws that are not the default, by part.
+    wheels : tuple of Wheel
+        Three or four, in their order everywhere.
 
     Raises
     ------
     VehicleError
-        Naming the first constant that is not finite or out of its range.
+        Naming the first entry that is missing, unknown to the vehicle or out of its range.
     """
 
     name: str
-    # body
-    gravity: float = _positive("m/s^2")
-    mass: float = _positive("kg")
-    roll_inertia: float = _positive("kg m^2")
-    pitch_inertia: float = _positive("kg m^2")
-    yaw_inertia: float = _positive("kg m^2")
-    air_drag: float = _not_negative("N s^2/m^2")  # force against u per u |u|
-    rollover_angle: float = _between("rad", 0.2, 1.3)  # tilt at which a run is ended
-    # geometry
-    com_to_front_axle: float = _positive("m")
-    com_to_rear_axle: float = _positive("m")
-    left_wheel_y: float = _positive("m")
-    right_wheel_y: float = field(metadata=_constant("m", low=-math.inf, high=0.0))
-    rear_wheel_y: float = _any("m")
-    com_height: float = _positive("m")  # with unloaded tyres
-    tyre_radius: float = _positive("m")  # unloaded
-    # wheels and tyres; every wheel has the same tyre
-    front_wheel_inertia: float = _positive("kg m^2")  # about the axle, each
-    rear_wheel_inertia: float = _positive("kg m^2")
-    cornering_stiffness: float = _positive("N/rad")
-    camber_stiffness: float = _not_negative("N/rad")
-    self_aligning_stiffness: float = _not_negative("N m/rad")
-    rolling_coefficient_1: float = _not_negative("1")
-    rolling_coefficient_2: float = _not_negative("s^2/m^2")
-    vertical_stiffness: float = _positive("N/m")
-    vertical_damping: float = _not_negative("N s/m")
-    friction_coefficient: float = _positive("1")
-    load_sensitivity: float = _between("1", 0.0, 1.0)  # 0: stiffness per wheel, 1: per load
-    slip_stiffness: float = _positive("N")  # longitudinal, per unit slip
-    longitudinal_relaxation_length: float = _positive("m")
-    lateral_relaxation_length: float = _positive("m")
-    slip_speed_floor: float = _positive("m/s")
-    carcass_damping_speed: float = _positive("m/s")  # the damping fades out above it
-    longitudinal_carcass_damping: float = _not_negative("N s/m")
-    lateral_carcass_damping: float = _not_negative("N s/m")
-    rolling_smoothing_speed: float = _positive("m/s")
-    # steering
-    caster_angle: float = _between("rad", -0.7, 0.7)
-    steering_limit: float = _between("rad", 0.01, 1.2)  # of the motor: its end stop
-    steering_margin: float = _between("1", 0.0, 0.5, 0.05)  # of the limit, kept free by plans
-    steering_ratio_straight: float = _between("1", 0.3, 1.0)  # outer to inner wheel
-    steering_ratio_full: float = _between("1", 0.3, 1.0)  # at the limit
-    steering_ratio_smoothing: float = _positive("rad")
-    servo_natural_frequency: float = _positive("rad/s")
-    servo_damping_ratio: float = _positive("1")
-    steering_slew: float = _positive("rad/s")  # of the set-point, on the PLC
-    # drive
-    acceleration: float = _positive("m/s^2")  # slew of the speed set-point, on the PLC
-    motor_power: float = _positive("W")
-    motor_torque: float = _positive("N m")
-    regenerative_torque: float = _not_negative("N m")
-    motor_no_load_speed: float = _positive("rad/s")
-    motor_slope: float = _positive("N m s/rad")
-    motor_lag: float = _positive("s")
-    motor_copper_loss: float = _not_negative("W/(N m)^2")  # per torque squared
-    battery_voltage: float = _positive("V")
-    # the boards' supplies, outside of which they do not arm; 0: not checked
-    drive_supply_low: float = _between("V", 0.0, 60.0, 40.0)
-    drive_supply_high: float = _between("V", 0.0, 60.0, 0.0)
-    steer_supply_low: float = _between("V", 0.0, 60.0, 10.0)
-    steer_supply_high: float = _between("V", 0.0, 60.0, 14.0)
-    speed_gain_proportional: float = _positive("N m s/rad")
-    speed_gain_integral: float = _not_negative("N m/rad")
-    speed_anti_windup: float = _not_negative("rad/(N m s)")
-    brake_torque: float = _not_negative("N m")
-    brake_smoothing_speed: float = _positive("rad/s")
-    # road: a plane, whose frame is the world's of all trajectories
-    road_grade: float = _between("rad", -0.5, 0.5, 0.0)  # of the x axis above the horizontal
-    road_bank: float = _between("rad", -0.5, 0.5, 0.0)  # of the y axis above the horizontal
-    # what is not known
+    values: Mapping[str, float]
     unknown: Mapping[str, tuple[float, float]]
-    # laws other than the first of `tricycle_sim.vehicle.parts.PARTS`, by part
     parts: Mapping[str, str] = field(default_factory=dict)
+    wheels: tuple[Wheel, ...] = TADPOLE
 
     def __post_init__(self) -> None:
-        for constant in constant_fields():
-            _check_value(constant.name, getattr(self, constant.name), constant.metadata)
-        units = {constant.name: constant.metadata for constant in constant_fields()}
+        entries = constant_entries(self.wheels, self.parts)
+        for name in (*self.values, *self.unknown):
+            if name not in entries:
+                raise VehicleError(f"{name}: is no constant; {suggest_name(name, entries)}")
+        missing = missing_entries(self.wheels, self.parts, self.values)
+        if missing:
+            raise VehicleError("; ".join(missing))
+        defaults = {c.name: c.default for c in self.declared.values() if c.default is not None}
+        values = {
+            name: float(self.values[name]) if name in self.values else defaults[name]
+            for name in entries
+            if name in self.values or name in defaults
+        }
+        object.__setattr__(self, "values", values)
+        for name, value in values.items():
+            entries[name].check(name, value)
         for name, (low, high) in self.unknown.items():
-            if name not in UNKNOWN_PARAMETERS:
-                raise VehicleError(
-                    f"{name}: cannot be unknown; only {', '.join(UNKNOWN_PARAMETERS)} can"
-                )
+            if entries[name].setting:
+                raise VehicleError(f"{name}: cannot be unknown: the motion does not depend on it")
             for value in (low, high):
-                _check_value(f"{name}.range", value, units[name])
+                entries[name].check(f"{name}.range", value)
             if not low < high:
                 raise VehicleError(f"{name}.range: [{low:g}, {high:g}] is upside down or empty")
-            if not low <= getattr(self, name) <= high:
+            if name not in values:
+                raise VehicleError(f"{name}.nominal: is missing")
+            if not low <= values[name] <= high:
                 raise VehicleError(
-                    f"{name}.nominal: {getattr(self, name):g} is outside [{low:g}, {high:g}]"
+                    f"{name}.nominal: {values[name]:g} is outside [{low:g}, {high:g}]"
                 )
-        ordered = {name: self.unknown[name] for name in UNKNOWN_PARAMETERS if name in self.unknown}
+        first = [name for name in UNKNOWN_PARAMETERS if name in self.unknown]
+        rest = [name for name in self.unknown if name not in first]
+        ordered = {name: self.unknown[name] for name in (*first, *rest)}
         object.__setattr__(self, "unknown", ordered)
+        self._check_places()
+
+    def _check_places(self) -> None:
+        places = {wheel.name: self.of(wheel) for wheel in self.wheels}
+        for front in (wheel for wheel in self.wheels if wheel.axle == "front"):
+            for rear in (wheel for wheel in self.wheels if wheel.axle == "rear"):
+                if not places[front.name].x > places[rear.name].x:
+                    raise VehicleError(f"{front.name}.x: is not in front of {rear.name}.x")
+        for axle in AXLES:
+            names = [wheel.name for wheel in self.wheels if wheel.axle == axle]
+            if len(names) == 2 and places[names[0]].y == places[names[1]].y:
+                raise VehicleError(f"{names[0]}.y: is also {names[1]}.y")
+
+    def __getattr__(self, name: str) -> float:
+        values = self.__dict__.get("values", {})
+        if name in values:
+            return float(values[name])
+        raise AttributeError(f"{name}: the vehicle has no such constant for all its wheels")
+
+    @functools.cached_property
+    def declared(self) -> dict[str, Constant]:
+        """Constants that the vehicle's parts read, by name."""
+        check_wheels(self.wheels)
+        check_parts(self.wheels, self.parts)
+        return declared(self.wheels, self.parts)
+
+    @functools.cached_property
+    def _by_wheel(self) -> dict[str, SimpleNamespace]:
+        each = wheel_values(self.wheels, self.values, self.declared)
+        return {wheel.name: own for wheel, own in zip(self.wheels, each, strict=True)}
+
+    def of(self, wheel: Wheel | str) -> SimpleNamespace:
+        """Return the constants as a wheel has them, as attributes: place `x`, `y`, `tyre_radius`.
+
+        Parameters
+        ----------
+        wheel : Wheel or str
+            One of the vehicle's, or its name.
+        """
+        return self._by_wheel[wheel if isinstance(wheel, str) else wheel.name]
+
+    def unit(self, name: str) -> str:
+        """Return the unit of a constant.
+
+        Parameters
+        ----------
+        name : str
+            Entry of a vehicle file: `front.cornering_stiffness`.
+        """
+        return constant_entries(self.wheels, self.parts)[name].unit
+
+    def axle_x(self, axle: str) -> float:
+        """Return where an axle is in front of the centre of mass, in the mean of its wheels [m].
+
+        Parameters
+        ----------
+        axle : str
+            `front` or `rear`.
+        """
+        return float(np.mean([self.of(wheel).x for wheel in self.wheels if wheel.axle == axle]))
+
+    @property
+    def com_to_front_axle(self) -> float:
+        """Distance of the front axle from the centre of mass [m]."""
+        return self.axle_x("front")
+
+    @property
+    def com_to_rear_axle(self) -> float:
+        """Distance of the rear axle from the centre of mass [m]."""
+        return -self.axle_x("rear")
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance of the axles [m]."""
+        return self.axle_x("front") - self.axle_x("rear")
+
+    @property
+    def driven_radius(self) -> float:
+        """Radius [m] of the driven wheels' tyres: that of the boards' speed and travel."""
+        return float(next(self.of(wheel).tyre_radius for wheel in self.wheels if wheel.driven))
 
     @property
     def nominal(self) -> dict[str, float]:
         """Nominal value by name of each unknown parameter, in the order of `unknown`."""
-        return {name: getattr(self, name) for name in self.unknown}
+        return {name: self.values[name] for name in self.unknown}
 
     @property
     def steering_reach(self) -> float:
@@ -184,33 +197,34 @@ class Vehicle:
     @property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits that change with any value, range or law of the vehicle."""
-        values = {
-            constant.name: getattr(self, constant.name)
-            for constant in constant_fields()
-            if getattr(self, constant.name) != constant.default
-        }
-        content = [values, dict(self.unknown), dict(self.parts)]
-        text = json.dumps(content if self.parts else content[:2])
+        entries = constant_entries(self.wheels, self.parts)
+        values = {n: value for n, value in self.values.items() if value != entries[n].default}
+        content: list[Any] = [values, dict(self.unknown)]
+        if self.parts or self.wheels != TADPOLE:
+            content.append(dict(self.parts))
+        if self.wheels != TADPOLE:
+            content.append([dataclasses.astuple(wheel) for wheel in self.wheels])
+        text = json.dumps(content)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def nominal_point(self) -> FloatArray:
         """Nominal values of the unknown parameters, shape (k,)."""
         return np.array(list(self.nominal.values()))
 
-    def static_loads(self) -> tuple[float, float, float]:
-        """Wheel loads left, right, rear at rest [N], by moment balance of the rigid vehicle.
+    def static_loads(self) -> tuple[float, ...]:
+        """Return the load of each wheel at rest [N], in the order of the wheels.
 
-        It heads +x, held by its tyres where the road is not level.
+        By the balance of force and moments of the rigid body; of four wheels the stiffness of the
+        tyres decides. It heads +x, held by its tyres where the road is not level.
         """
-        x, y, z = (self.mass * self.gravity * part for part in upward(self))
-        wheelbase = self.com_to_front_axle + self.com_to_rear_axle
-        rear = (z * self.com_to_front_axle + x * self.com_height) / wheelbase
-        front = z - rear
-        track = self.left_wheel_y - self.right_wheel_y
-        left = (
-            -(front * self.right_wheel_y + rear * self.rear_wheel_y + y * self.com_height) / track
+        x, y, z = (self.mass * self.gravity * float(part) for part in upward(self))
+        each = [self.of(wheel) for wheel in self.wheels]
+        arms = np.array([[1.0, own.x, own.y] for own in each]).T
+        stiffness = np.array([own.vertical_stiffness for own in each])
+        balance = np.array([z, -x * self.com_height, -y * self.com_height])
+        return tuple(
+            (stiffness * (arms.T @ np.linalg.solve(arms * stiffness @ arms.T, balance))).tolist()
         )
-        return left, front - left, rear
 
     def replace(self, **values: float) -> "Vehicle":
         """Return the vehicle with other values.
@@ -225,33 +239,92 @@ class Vehicle:
         VehicleError
             If a name is no constant of a vehicle or a value is out of its range.
         """
-        names = [constant.name for constant in constant_fields()]
+        entries = constant_entries(self.wheels, self.parts)
         for name in values:
-            if name not in names:
+            if name not in entries:
                 raise VehicleError(
-                    f"{name}: is no constant of a vehicle; {suggest_name(name, names)}"
+                    f"{name}: is no constant of a vehicle; {suggest_name(name, entries)}"
                 )
-        return dataclasses.replace(self, **values)  # type: ignore[arg-type]
+        return dataclasses.replace(self, values={**self.values, **values})
 
 
-def constant_fields() -> list[dataclasses.Field[Any]]:
-    """Return the fields of `Vehicle` that are numbers; metadata: unit, low, high, zero.
-
-    A constant with a default may be missing from a vehicle file.
-    """
-    return [entry for entry in dataclasses.fields(Vehicle) if "unit" in entry.metadata]
-
-
-def upward(values: Any) -> tuple[Any, Any, Any]:
-    """Return the upward vertical in the road's frame, a unit vector.
+def constant_entries(wheels: tuple[Wheel, ...], parts: Mapping[str, str]) -> dict[str, Constant]:
+    """Return what a vehicle file may hold, in the order of fingerprints.
 
     Parameters
     ----------
-    values : object
-        With `road_grade` and `road_bank` as attributes; numbers or arrays.
+    wheels : tuple of Wheel
+        Of the vehicle.
+    parts : mapping
+        Law by part.
+
+    Returns
+    -------
+    dict of str to Constant
+        By entry: `tyre_radius`, `front.tyre_radius`, `left.tyre_radius`.
     """
-    x, y = np.sin(values.road_grade), np.sin(values.road_bank)
-    return x, y, np.sqrt(1.0 - x * x - y * y)
+    return _entries(wheels, tuple(parts.items()))
+
+
+@functools.cache
+def _entries(wheels: tuple[Wheel, ...], parts: tuple[tuple[str, str], ...]) -> dict[str, Constant]:
+    check_wheels(wheels)
+    check_parts(wheels, dict(parts))
+    entries: dict[str, Constant] = {}
+    for constant in declared(wheels, dict(parts)).values():
+        if not constant.per_wheel:
+            entries[constant.name] = constant
+            continue
+        names = [
+            name
+            for wheel in wheels
+            if reads(wheel, dict(parts), constant)
+            for name, _ in wheel.spellings(constant.name)
+        ]
+        for name in sorted(dict.fromkeys(names), key=lambda name: "." in name):
+            entries[name] = dataclasses.replace(
+                SHORTHANDS.get(name, constant), default=constant.default
+            )
+    return entries
+
+
+def missing_entries(
+    wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Iterable[str]
+) -> list[str]:
+    """Return what a vehicle still needs, a message each.
+
+    Parameters
+    ----------
+    wheels : tuple of Wheel
+        Of the vehicle.
+    parts : mapping
+        Law by part.
+    given : iterable of str
+        Entries that there are.
+    """
+    names = set(given)
+    entries = constant_entries(wheels, parts)
+
+    def missing() -> Iterator[str]:
+        for constant in declared(wheels, parts).values():
+            if constant.default is not None:
+                continue
+            if not constant.per_wheel:
+                if constant.name not in names:
+                    yield constant.name
+                continue
+            readers = [wheel for wheel in wheels if reads(wheel, parts, constant)]
+            bare = [
+                wheel.spellings(constant.name)
+                for wheel in readers
+                if not names & {entry for entry, _ in wheel.spellings(constant.name)}
+            ]
+            if len(bare) == len(readers) and constant.name in entries:
+                yield constant.name
+            else:
+                yield from dict.fromkeys(spellings[-1][0] for spellings in bare)
+
+    return [f"{name}: is missing ({entries[name].unit})" for name in missing()]
 
 
 def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
@@ -267,23 +340,15 @@ def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:
     return {name: float(rng.uniform(low, high)) for name, (low, high) in vehicle.unknown.items()}
 
 
-def suggest_name(name: str, names: list[str]) -> str:
+def suggest_name(name: str, names: Iterable[str]) -> str:
     """Return a hint at what was meant by a wrong name.
 
     Parameters
     ----------
     name : str
         The wrong one.
-    names : list of str
+    names : iterable of str
         The right ones.
     """
-    close = difflib.get_close_matches(name, names, n=1)
+    close = difflib.get_close_matches(name, list(names), n=1)
     return f"did you mean {close[0]}?" if close else "see tricycle.yaml for the names"
-
-
-def _check_value(where: str, value: float, metadata: Mapping[str, Any]) -> None:
-    low, high, zero = metadata["low"], metadata["high"], metadata["zero"]
-    inside = (low <= value if zero else low < value) and value <= high and math.isfinite(value)
-    if not inside:
-        bounds = f"{'[' if zero else '('}{low:g}, {high:g}]"
-        raise VehicleError(f"{where}: {value:g} {metadata['unit']} is not in {bounds}")

@@ -1,6 +1,7 @@
 """What a drive asked of each vehicle: wheel loads, friction, saturations, roll-over."""
 
 import dataclasses
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.layout import EVENT, EVENT_ROWS, LANES
+from tricycle_sim.vehicle.wheels import Wheel
 
 
 @dataclass(frozen=True)
@@ -33,9 +35,8 @@ class Event:
 class Feasibility:
     """What a drive asked of each of n vehicles, with time and place."""
 
-    least_load_left: Event  # smallest load [N]; 0: the wheel lifted, then time and place of that
-    least_load_right: Event
-    least_load_rear: Event
+    # smallest load by wheel [N]; 0: the wheel lifted, then time and place of that
+    least_load: Mapping[str, Event]
     friction: Event  # largest share of a wheel's friction limit
     steering_saturated: Event  # first time the set-point fell behind the commands [rad]
     motor_saturated: Event  # first time the motor could not give the torque, what was missing [N m]
@@ -44,8 +45,10 @@ class Feasibility:
     @property
     def wheel_lifted(self) -> NDArray[np.bool_]:
         """Which samples lifted a wheel, shape (n,)."""
-        left, right, rear = self.least_load_left, self.least_load_right, self.least_load_rear
-        return (left.value <= 0.0) | (right.value <= 0.0) | (rear.value <= 0.0)
+        lifted: NDArray[np.bool_] = np.any(
+            [event.value <= 0.0 for event in self.least_load.values()], axis=0
+        )
+        return lifted
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
@@ -57,9 +60,10 @@ class Feasibility:
         """Return why a sample is infeasible, a line each with time and place."""
         reasons = [
             ("steering saturated", self.steering_saturated),
-            ("left wheel lifted", _where_lifted(self.least_load_left)),
-            ("right wheel lifted", _where_lifted(self.least_load_right)),
-            ("rear wheel lifted", _where_lifted(self.least_load_rear)),
+            *(
+                (f"{name} wheel lifted", _where_lifted(event))
+                for name, event in self.least_load.items()
+            ),
             ("rolled over", self.rolled_over),
         ]
         return tuple(
@@ -70,7 +74,7 @@ class Feasibility:
         )
 
 
-def read_feasibility(groups: FloatArray, n: int) -> Feasibility:
+def read_feasibility(groups: FloatArray, n: int, wheels: Sequence[Wheel]) -> Feasibility:
     """Return what the groups remember of their runs.
 
     Parameters
@@ -79,6 +83,8 @@ def read_feasibility(groups: FloatArray, n: int) -> Feasibility:
         After `advance`.
     n : int
         Number of samples.
+    wheels : sequence of Wheel
+        Of the vehicle.
     """
     rows = groups.reshape(len(groups), -1, LANES)
 
@@ -87,15 +93,16 @@ def read_feasibility(groups: FloatArray, n: int) -> Feasibility:
             rows[:, row : row + EVENT_ROWS].transpose(1, 0, 2).reshape(EVENT_ROWS, -1)[:, :n]
         )
         # only the least loads start above 0, at infinity, and they always happen
-        never = value == 0.0 if row > EVENT.least_load_rear else np.zeros(n, dtype=bool)
+        never = value == 0.0 if row < EVENT.least_load else np.zeros(n, dtype=bool)
         time, x, y = (np.where(never, np.nan, item) for item in (tick * TICK, x, y))
         return Event(value.copy(), time, x, y)
 
     friction = event(EVENT.friction)
     return Feasibility(
-        least_load_left=event(EVENT.least_load_left),
-        least_load_right=event(EVENT.least_load_right),
-        least_load_rear=event(EVENT.least_load_rear),
+        least_load={
+            wheel.name: event(EVENT.least_load + EVENT_ROWS * index)
+            for index, wheel in enumerate(wheels)
+        },
         friction=dataclasses.replace(friction, value=np.sqrt(friction.value)),
         steering_saturated=event(EVENT.steering),
         motor_saturated=event(EVENT.motor),

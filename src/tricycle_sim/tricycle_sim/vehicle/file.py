@@ -1,23 +1,24 @@
-"""Vehicle files: the constants of a tricycle as documented YAML, validated on load.
+"""Vehicle files: wheels, laws and constants of a vehicle as documented YAML, validated on load.
 
 In the file each number stands with its unit, what it rests on (data, argued, literature,
 interpreted) and why.
 """
 
-import dataclasses
 import enum
 import math
 import reprlib
+from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from tricycle_core.documents import read_bounded
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle.constants import Vehicle, constant_fields, suggest_name
+from tricycle_sim.vehicle.constants import Vehicle, constant_entries, suggest_name
+from tricycle_sim.vehicle.laws import Constant
+from tricycle_sim.vehicle.wheels import TADPOLE, Wheel
 
 MAX_BYTES = 1_000_000  # of a vehicle file
 
@@ -82,45 +83,58 @@ def _parse(text: str, where: str) -> Vehicle:
         raise VehicleError(f"{where}{line}: is not valid YAML, or has aliases") from error
     if not isinstance(document, dict) or not isinstance(document.get("constants"), dict):
         raise VehicleError(f"{where}: needs the keys 'name' and 'constants'")
-    if unexpected := set(document) - {"name", "about", "constants", "parts"}:
+    if unexpected := set(document) - {"name", "about", "wheels", "parts", "constants"}:
         raise VehicleError(f"{where}: {min(map(str, unexpected))}: is no key of a vehicle file")
     if not isinstance(document.get("name"), str) or not document["name"]:
         raise VehicleError(f"{where}: name: needs a text")
     parts = document.get("parts", {})
     if not isinstance(parts, dict) or not all(isinstance(n, str) for i in parts.items() for n in i):
         raise VehicleError(f"{where}: parts: needs names of laws by part")
-    entries = document["constants"]
-    names = [constant.name for constant in constant_fields()]
-    for name in entries:
-        if name not in names:
-            raise VehicleError(f"{where}: {name}: is no constant; {suggest_name(str(name), names)}")
+    if "linkage" in parts:  # the part's name in older files
+        parts = {("steering" if part == "linkage" else part): law for part, law in parts.items()}
     values: dict[str, float] = {}
     unknown: dict[str, tuple[float, float]] = {}
-    for constant in constant_fields():
-        if constant.name not in entries:
-            if constant.default is not dataclasses.MISSING:
-                continue
-            raise VehicleError(
-                f"{where}: {constant.name}: is missing ({constant.metadata['unit']})"
-            )
-        try:
-            value, limits = _parse_entry(constant, entries[constant.name])
-        except VehicleError as error:
-            raise VehicleError(f"{where}: {error}") from error
-        values[constant.name] = value
-        if limits is not None:
-            unknown[constant.name] = limits
     try:
-        return Vehicle(name=document["name"], **values, unknown=unknown, parts=parts)
+        wheels = _parse_wheels(document["wheels"]) if "wheels" in document else TADPOLE
+        constants = constant_entries(wheels, parts)
+        for name, entry in document["constants"].items():
+            values[name], limits = _parse_entry(name, constants, entry)
+            if limits is not None:
+                unknown[name] = limits
+        return Vehicle(
+            name=document["name"], values=values, unknown=unknown, parts=parts, wheels=wheels
+        )
     except VehicleError as error:
         raise VehicleError(f"{where}: {error}") from error
 
 
+def _parse_wheels(entries: object) -> tuple[Wheel, ...]:
+    if not isinstance(entries, list):
+        raise VehicleError("wheels: needs a list of three or four")
+    wheels = []
+    for number, entry in enumerate(entries, start=1):
+        if not isinstance(entry, dict) or not {"name", "axle"} <= set(entry):
+            raise VehicleError(f"wheels: number {number} needs a name and an axle")
+        roles = ("steered", "driven", "braked")
+        for key, value in entry.items():
+            if key not in ("name", "axle", *roles):
+                hint = suggest_name(str(key), ("name", "axle", *roles))
+                raise VehicleError(f"wheels: {entry['name']}.{key}: is no key of a wheel; {hint}")
+            if key in roles and not isinstance(value, bool):
+                raise VehicleError(f"wheels: {entry['name']}.{key}: needs true or false")
+            if key not in roles and not isinstance(value, str):
+                raise VehicleError(f"wheels: number {number}: {key}: needs a text")
+        wheels.append(Wheel(**entry))
+    return tuple(wheels)
+
+
 def _parse_entry(
-    constant: dataclasses.Field[Any], entry: object
+    name: object, constants: Mapping[str, Constant], entry: object
 ) -> tuple[float, tuple[float, float] | None]:
     """Return the value of an entry and, of an unknown parameter, its range."""
-    name, unit = constant.name, constant.metadata["unit"]
+    if not isinstance(name, str) or name not in constants:
+        raise VehicleError(f"{name}: is no constant; {suggest_name(str(name), constants)}")
+    unit = constants[name].unit
     if not isinstance(entry, dict):
         raise VehicleError(f"{name}: needs value (or nominal and range), unit, basis and about")
     if unexpected := set(entry) - {"value", "nominal", "range", "unit", "basis", "about"}:

@@ -1,21 +1,30 @@
 """Vehicles in groups: constants and start of each one, at rest on its tyres or rolling."""
 
 from dataclasses import dataclass
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import attitude_quaternion
-from tricycle_sim.vehicle.constants import Vehicle, constant_fields
+from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for
-from tricycle_sim.vehicle.layout import ALIVE, EVENT, EVENT_ROWS, LANES, SLOPE, STATE
+from tricycle_sim.vehicle.layout import (
+    ALIVE,
+    EVENT,
+    EVENT_ROWS,
+    LANES,
+    SLOPE,
+    STATE,
+    WHEEL_STATES,
+    of_wheels,
+)
 from tricycle_sim.vehicle.parts import ROWS, group_constants
+from tricycle_sim.vehicle.registry import wheel_values
 
 STRAIGHT = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
 """Table of a steering that stands straight ahead."""
 
-_SPINS = slice(STATE.spin_left, STATE.spin_rear + 1)
 _AT_REST = 1e-9  # m/s^2 and rad/s^2: a vehicle with smaller accelerations stands
 
 
@@ -83,21 +92,22 @@ def pack(
     poses = np.array([start.pose])
     if not start.shared:
         poses = np.repeat(poses, len(parameters), axis=0)
-        poses[:, 0] += _constant(vehicle, parameters, "com_height") - vehicle.com_height
+        poses[:, 0] += _values(vehicle, parameters)["com_height"] - vehicle.com_height
         poses = _settle(vehicle, parameters, poses)
     groups = _groups(vehicle, parameters)
     _place(groups, poses)
     if speed is not None:
         groups[:, STATE.u] = _by_lane(speed)
-        spins = speed / _constant(vehicle, parameters, "tyre_radius")
-        groups[:, _SPINS] = _by_lane(spins)[:, np.newaxis]
+        each = wheel_values(vehicle.wheels, _values(vehicle, parameters), vehicle.declared)
+        for wheel, own in enumerate(each):
+            spins = np.broadcast_to(speed / own.tyre_radius, len(parameters))
+            groups[:, STATE.spin + wheel * WHEEL_STATES] = _by_lane(spins)
     return groups.reshape(len(groups), ROWS * LANES)
 
 
-def _constant(vehicle: Vehicle, parameters: FloatArray, name: str) -> FloatArray:
-    """Return a constant of each sample (n,), whether it is known or not."""
-    values = dict(zip(vehicle.unknown, parameters.T, strict=True))
-    return np.broadcast_to(values.get(name, getattr(vehicle, name)), len(parameters))
+def _values(vehicle: Vehicle, parameters: FloatArray) -> dict[str, Any]:
+    """Return the constants of samples by entry: numbers, and arrays (n,) of the unknown ones."""
+    return {**vehicle.values, **dict(zip(vehicle.unknown, parameters.T, strict=True))}
 
 
 def _by_lane(column: FloatArray) -> FloatArray:
@@ -109,14 +119,20 @@ def _by_lane(column: FloatArray) -> FloatArray:
 def _groups(vehicle: Vehicle, parameters: FloatArray, **aside: float) -> FloatArray:
     """Return groups (b, ROWS, LANES) of vehicles (n, k) at rest, with some values set aside."""
     groups = np.zeros((-(-len(parameters) // LANES), ROWS, LANES))
-    values = {entry.name: getattr(vehicle, entry.name) for entry in constant_fields()}
-    columns = zip(vehicle.unknown, parameters.T, strict=True)
-    unknown = {name: _by_lane(column) for name, column in columns}
-    for row, value in group_constants(vehicle, SimpleNamespace(**values | unknown | aside)).items():
+    values = {
+        name: _by_lane(value) if name in vehicle.unknown else value
+        for name, value in _values(vehicle, parameters).items()
+    }
+    values |= {name: value for name in values for end, value in aside.items() if _is(name, end)}
+    for row, value in group_constants(vehicle, values).items():
         groups[:, row] = value
     groups[:, ALIVE] = 1.0
-    groups[:, EVENT.least_load_left : EVENT.friction : EVENT_ROWS] = np.inf
+    groups[:, of_wheels(EVENT.least_load, EVENT_ROWS, len(vehicle.wheels))] = np.inf
     return groups
+
+
+def _is(entry: str, constant: str) -> bool:
+    return entry == constant or entry.endswith(f".{constant}")
 
 
 def _place(groups: FloatArray, poses: FloatArray) -> None:

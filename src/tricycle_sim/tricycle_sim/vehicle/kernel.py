@@ -1,11 +1,12 @@
-"""The equations of motion of the tricycle and their integration, eight vehicles at a time.
+"""The equations of motion of a vehicle and their integration, eight vehicles at a time.
 
 This is the only place where tyre, steering and actuators are put together to a vehicle: batches,
 the live vehicle and the planner's path tracking all run `advance`. `functions_for` gives the
-functions compiled with the laws of a vehicle. `docs/model.md` derives the equations.
+functions compiled for the wheels and laws of a vehicle. `docs/model.md` derives the equations.
 """
 
 import functools
+import hashlib
 import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -15,9 +16,11 @@ from numpy.typing import NDArray
 
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
-from tricycle_sim.compilation import compiled, inlined
-from tricycle_sim.vehicle import steering
+from tricycle_sim.compilation import compilable, compiled
+from tricycle_sim.vehicle.approximations import arctan
+from tricycle_sim.vehicle.body import BODY, PLACE
 from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.laws import inlined
 from tricycle_sim.vehicle.layout import (
     ALIVE,
     EVALUATED,
@@ -27,11 +30,22 @@ from tricycle_sim.vehicle.layout import (
     SLOPE,
     START,
     STATE,
-    STATES,
     SUM,
+    WHEEL_EVALUATED,
+    WHEEL_STATES,
     numbered,
+    states_of,
 )
-from tricycle_sim.vehicle.parts import BLOCK, BODY, PARTS, ROWS, Laws, law_names
+from tricycle_sim.vehicle.parts import (
+    BLOCK,
+    ROWS,
+    WHEEL,
+    WHEEL_ROWS,
+    Structure,
+    structure_of,
+)
+from tricycle_sim.vehicle.registry import PARTS
+from tricycle_sim.vehicle.steering import motor_angle_of, road_angle_of, run_servo, turned
 from tricycle_sim.vehicle.tyre import rolling_resistance, slip_slopes, vertical_load
 
 COMMAND = numbered(["speed_mode", "demand", "brake"])
@@ -43,64 +57,78 @@ NO_ROWS, NO_OUTPUT = np.empty(0, dtype=np.int64), np.empty((0, LANES, 2))
 """`rows` and `out` of `advance` where nothing is to be recorded."""
 
 _C = numbered(BODY, step=LANES)
+_P = numbered(PLACE, step=LANES)
 
 
-@inlined
-def _arctan(t: float) -> float:
-    """Return atan(t) for |t| <= 1 to 1e-15, without branches."""
-    # odd polynomial through the Chebyshev nodes of t^2 in [0, 1]
-    z = t * t
-    even = -1.93423475928923e-05
-    even = even * z + 0.00021423810738603946
-    even = even * z - 0.0011252544302234645
-    even = even * z + 0.003751138483965141
-    even = even * z - 0.00899108054265826
-    even = even * z + 0.01671959606350739
-    even = even * z - 0.02556862364437174
-    even = even * z + 0.03387126702700675
-    even = even * z - 0.040811247503178855
-    even = even * z + 0.04668745304848529
-    even = even * z - 0.052374234719188166
-    even = even * z + 0.058768281144872724
-    even = even * z - 0.06665764910689723
-    even = even * z + 0.07692198997458294
-    even = even * z - 0.09090899793217341
-    even = even * z + 0.11111110578002083
-    even = even * z - 0.14285714266926733
-    even = even * z + 0.1999999999964796
-    even = even * z - 0.333333333333307
-    return t * (even * z + 1.0)
+class Laws(NamedTuple):
+    """What is compiled into the equations: constants for the compiler.
+
+    Attributes
+    ----------
+    wheels : int
+        Three or four.
+    states : int
+        Rows of states that they need.
+    sides, driven, braked : tuple
+        As in `Structure`.
+    tyre_0, tyre_1, tyre_2, tyre_3 : compiled function
+        Law of each wheel's tyre; in a tuple numba would call it through a pointer.
+    motor, brake, servo, linkage : compiled function
+        Law of the part.
+    """
+
+    wheels: int
+    states: int
+    sides: Any
+    driven: Any
+    braked: Any
+    tyre_0: Any
+    tyre_1: Any
+    tyre_2: Any
+    tyre_3: Any
+    motor: Any
+    brake: Any
+    servo: Any
+    linkage: Any
 
 
 @inlined
 def _wheel(
     laws: Laws,
+    tyre_law: Any,
+    side: int,
+    driven: bool,
+    braked: bool,
     g: FloatArray,
     i: int,
     wheel: int,
     e: tuple[float, float, float],
-    n: tuple[float, float, float],
-    steering_rate: float,
-    position: tuple[float, float, float],
-    inertia: float,
-    inverse_inertia: float,
-    drive_torque: float,
+    steering: tuple[float, float, float, float, float, float, float, float],
+    torque: float,
     brake: float,
 ) -> tuple[float, float, float, float, float, float]:
-    """Evaluate one wheel (0 left, 1 right, 2 rear) of vehicle `i`.
+    """Evaluate a wheel of vehicle `i`.
 
     Writes the slopes of its spin and slips, its load and friction share; returns its force and its
     moment about the COM on the body, in the body frame [N, N m].
     """
     ex, ey, ez = e
-    nx, ny, nz = n
-    px, py, pz = position
+    n1x, n1y, n1z, rate1, n2x, n2y, n2z, rate2 = steering
+    if side == 0:
+        nx, ny, nz, steering_rate = n1x, n1y, n1z, rate1
+    elif side == 1:
+        nx, ny, nz, steering_rate = n2x, n2y, n2z, rate2
+    else:
+        nx, ny, nz, steering_rate = 0.0, 1.0, 0.0, 0.0
     u, v, w = g[STATE.u * LANES + i], g[STATE.v * LANES + i], g[STATE.w * LANES + i]
     p, q, r = g[STATE.p * LANES + i], g[STATE.q * LANES + i], g[STATE.r * LANES + i]
-    spin = g[(STATE.spin_left + wheel) * LANES + i]
-    kappa = g[(STATE.kappa_left + wheel) * LANES + i]
-    alpha = g[(STATE.alpha_left + wheel) * LANES + i]
-    body, tyre = BLOCK.body * LANES + i, BLOCK.tyre * LANES + i
+    state, evaluated = wheel * WHEEL_STATES * LANES + i, wheel * WHEEL_EVALUATED * LANES + i
+    spin = g[STATE.spin * LANES + state]
+    kappa = g[STATE.kappa * LANES + state]
+    alpha = g[STATE.alpha * LANES + state]
+    body, own = BLOCK.body * LANES + i, wheel * WHEEL_ROWS * LANES + i
+    place, tyre = WHEEL.place * LANES + own, WHEEL.tyre * LANES + own
+    px, py, pz = g[place + _P.x], g[place + _P.y], g[place + _P.z]
     kx, kz = g[body + _C.king_pin_x], g[body + _C.king_pin_z]
 
     # Kinematics: sine s of the axle's elevation, lean, contact directions forward f and left l
@@ -108,7 +136,7 @@ def _wheel(
     cosine = math.sqrt(1.0 - s * s)
     reciprocal = 1.0 / (cosine * (1.0 + cosine))
     ic = reciprocal * (1.0 + cosine)  # 1 / cosine
-    lean = -2.0 * _arctan(s * (reciprocal * cosine))  # -asin(s)
+    lean = -2.0 * arctan(s * (reciprocal * cosine))  # -asin(s)
     fx, fy, fz = (ny * ez - nz * ey) * ic, (nz * ex - nx * ez) * ic, (nx * ey - ny * ex) * ic
     lx, ly, lz = ey * fz - ez * fy, ez * fx - ex * fz, ex * fy - ey * fx
     rho = (g[STATE.z * LANES + i] + px * ex + py * ey + pz * ez) * ic  # loaded radius
@@ -125,31 +153,43 @@ def _wheel(
     slip_speed = vx - rolling
 
     load = vertical_load(g, tyre, rho, ic, vz)
-    force_x, force_y, aligning, share = laws.tyre(
-        g, BLOCK.tyre_law * LANES + i, load, kappa, alpha, lean, vx, slip_speed, vy
+    force_x, force_y, aligning, share = tyre_law(
+        g, WHEEL.tyre_law * LANES + own, load, kappa, alpha, lean, vx, slip_speed, vy
     )
     kappa_slope, alpha_slope = slip_slopes(g, tyre, vx, slip_speed, vy, kappa, alpha)
     resistance = rolling_resistance(g, tyre, rho, load, rolling)
 
+    drive_torque = g[WHEEL.share * LANES + own] * torque if driven else 0.0
     axle_torque = drive_torque - rho * force_x
-    if wheel == 2:
-        axle_torque -= laws.brake(g, BLOCK.brake * LANES + i, spin, brake, axle_torque - resistance)
-    g[(SLOPE + STATE.spin_left + wheel) * LANES + i] = (axle_torque - resistance) * inverse_inertia
-    g[(SLOPE + STATE.kappa_left + wheel) * LANES + i] = kappa_slope
-    g[(SLOPE + STATE.alpha_left + wheel) * LANES + i] = alpha_slope
-    g[(EVALUATED.load_left + wheel) * LANES + i] = load
-    g[(EVALUATED.share_left + wheel) * LANES + i] = share
+    if braked:
+        axle_torque -= laws.brake(
+            g, WHEEL.brake * LANES + own, spin, brake, axle_torque - resistance
+        )
+    slope = SLOPE * LANES + state
+    g[STATE.spin * LANES + slope] = (axle_torque - resistance) * g[place + _P.inverse_inertia]
+    g[STATE.kappa * LANES + slope] = kappa_slope
+    g[STATE.alpha * LANES + slope] = alpha_slope
+    g[EVALUATED.load * LANES + evaluated] = load
+    g[EVALUATED.share * LANES + evaluated] = share
 
     # On the body: force at the contact, aligning torque, axle torque, gyroscopic torque
     tx = force_x * fx + force_y * lx + load * ex
     ty = force_x * fy + force_y * ly + load * ey
     tz = force_x * fz + force_y * lz + load * ez
-    momentum = inertia * spin
+    momentum = g[place + _P.inertia] * spin
     gx, gy, gz = p + steering_rate * kx, q, r + steering_rate * kz
     mx = cy * tz - cz * ty + aligning * ex - axle_torque * nx - momentum * (gy * nz - gz * ny)
     my = cz * tx - cx * tz + aligning * ey - axle_torque * ny - momentum * (gz * nx - gx * nz)
     mz = cx * ty - cy * tx + aligning * ez - axle_torque * nz - momentum * (gx * ny - gy * nx)
     return tx, ty, tz, mx, my, mz
+
+
+@inlined
+def _driven_spin(g: FloatArray, i: int, wheel: int) -> float:
+    """Return what a driven wheel adds to the motor's spin [rad/s]."""
+    share = g[(WHEEL.share + wheel * WHEEL_ROWS) * LANES + i]
+    spin: float = share * g[(STATE.spin + wheel * WHEEL_STATES) * LANES + i]
+    return spin
 
 
 @inlined
@@ -177,8 +217,16 @@ def _slopes(
         1.0 - 2.0 * (q1 * q1 + q2 * q2),
     )
 
-    # Drive
-    spin = g[STATE.spin_rear * LANES + i]
+    # Drive: the motor turns with the mean of the driven wheels
+    spin = 0.0
+    if laws.driven[0]:
+        spin += _driven_spin(g, i, 0)
+    if laws.driven[1]:
+        spin += _driven_spin(g, i, 1)
+    if laws.driven[2]:
+        spin += _driven_spin(g, i, 2)
+    if laws.driven[3]:
+        spin += _driven_spin(g, i, 3)
     torque = g[STATE.torque * LANES + i]
     integrator = g[STATE.integrator * LANES + i]
     torque_slope, integrator_slope, excess = laws.motor(
@@ -189,22 +237,24 @@ def _slopes(
     g[(SLOPE + STATE.integrator) * LANES + i] = integrator_slope
 
     # Wheels
-    front_x, wheel_z = g[body + _C.front_x], g[body + _C.wheel_z]
-    n1x, n1y, n1z, rate1, n2x, n2y, n2z, rate2 = steering
-    iw, inverse_iw = g[body + _C.spin_inertia_front], g[body + _C.inverse_spin_inertia_front]
-    position = (front_x, g[body + _C.left_y], wheel_z)
+    sides, driven, braked = laws.sides, laws.driven, laws.braked
     ax, ay, az, al, am, an = _wheel(
-        laws, g, i, 0, e, (n1x, n1y, n1z), rate1, position, iw, inverse_iw, 0.0, 0.0
+        laws, laws.tyre_0, sides[0], driven[0], braked[0], g, i, 0, e, steering, torque, brake
     )
-    position = (front_x, g[body + _C.right_y], wheel_z)
     bx, by, bz, bl, bm, bn = _wheel(
-        laws, g, i, 1, e, (n2x, n2y, n2z), rate2, position, iw, inverse_iw, 0.0, 0.0
+        laws, laws.tyre_1, sides[1], driven[1], braked[1], g, i, 1, e, steering, torque, brake
     )
-    iw, inverse_iw = g[body + _C.spin_inertia_rear], g[body + _C.inverse_spin_inertia_rear]
-    position = (g[body + _C.rear_x], g[body + _C.rear_y], wheel_z)
     cx, cy, cz, cl, cm, cn = _wheel(
-        laws, g, i, 2, e, (0.0, 1.0, 0.0), 0.0, position, iw, inverse_iw, torque, brake
+        laws, laws.tyre_2, sides[2], driven[2], braked[2], g, i, 2, e, steering, torque, brake
     )
+    fx, fy, fz = ax + bx + cx, ay + by + cy, az + bz + cz
+    mx, my, mz = al + bl + cl, am + bm + cm, an + bn + cn
+    if laws.wheels == 4:
+        dx, dy, dz, dl, dm, dn = _wheel(
+            laws, laws.tyre_3, sides[3], driven[3], braked[3], g, i, 3, e, steering, torque, brake
+        )
+        fx, fy, fz = fx + dx, fy + dy, fz + dz
+        mx, my, mz = mx + dl, my + dm, mz + dn
 
     # Body: Newton and Euler in the body frame
     ixx, iyy, izz = g[body + _C.ixx], g[body + _C.iyy], g[body + _C.izz]
@@ -225,23 +275,17 @@ def _slopes(
     )
     drag = g[body + _C.drag_per_mass] * u * abs(u)
     g[(SLOPE + STATE.u) * LANES + i] = (
-        (ax + bx + cx) * inverse_mass - gravity_z * ex - drag - q * w + r * v
+        fx * inverse_mass - gravity_z * ex - drag - q * w + r * v
     ) - (gravity_x * xx + gravity_y * yx)
-    g[(SLOPE + STATE.v) * LANES + i] = (
-        (ay + by + cy) * inverse_mass - gravity_z * ey - r * u + p * w
-    ) - (gravity_x * xy + gravity_y * yy)
-    g[(SLOPE + STATE.w) * LANES + i] = (
-        (az + bz + cz) * inverse_mass - gravity_z * ez - p * v + q * u
-    ) - (gravity_x * xz + gravity_y * yz)
-    g[(SLOPE + STATE.p) * LANES + i] = (al + bl + cl - (izz - iyy) * q * r) * g[
-        body + _C.inverse_ixx
-    ]
-    g[(SLOPE + STATE.q) * LANES + i] = (am + bm + cm - (ixx - izz) * r * p) * g[
-        body + _C.inverse_iyy
-    ]
-    g[(SLOPE + STATE.r) * LANES + i] = (an + bn + cn - (iyy - ixx) * p * q) * g[
-        body + _C.inverse_izz
-    ]
+    g[(SLOPE + STATE.v) * LANES + i] = (fy * inverse_mass - gravity_z * ey - r * u + p * w) - (
+        gravity_x * xy + gravity_y * yy
+    )
+    g[(SLOPE + STATE.w) * LANES + i] = (fz * inverse_mass - gravity_z * ez - p * v + q * u) - (
+        gravity_x * xz + gravity_y * yz
+    )
+    g[(SLOPE + STATE.p) * LANES + i] = (mx - (izz - iyy) * q * r) * g[body + _C.inverse_ixx]
+    g[(SLOPE + STATE.q) * LANES + i] = (my - (ixx - izz) * r * p) * g[body + _C.inverse_iyy]
+    g[(SLOPE + STATE.r) * LANES + i] = (mz - (iyy - ixx) * p * q) * g[body + _C.inverse_izz]
     # Pose; the last term of the quaternion's rate keeps its length 1
     g[(SLOPE + STATE.x) * LANES + i] = xx * u + xy * v + xz * w
     g[(SLOPE + STATE.y) * LANES + i] = yx * u + yy * v + yz * w
@@ -289,16 +333,15 @@ def _note(g: FloatArray, i: int, event: int, new: bool, value: float, tick: floa
 
 
 @inlined
-def _watch(g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
+def _watch(laws: Laws, g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
     """Note what happens to vehicle `i` at a tick; end its run if it has rolled over."""
-    for wheel in range(3):
-        load, event = (
-            g[(EVALUATED.load_left + wheel) * LANES + i],
-            EVENT.least_load_left + EVENT_ROWS * wheel,
-        )
+    share = 0.0
+    for wheel in range(laws.wheels):
+        evaluated = wheel * WHEEL_EVALUATED * LANES + i
+        load = g[EVALUATED.load * LANES + evaluated]
+        event = EVENT.least_load + EVENT_ROWS * wheel
         _note(g, i, event, load < g[event * LANES + i], load, tick)
-    share = max(g[EVALUATED.share_left * LANES + i], g[EVALUATED.share_right * LANES + i])
-    share = max(share, g[EVALUATED.share_rear * LANES + i])
+        share = max(share, g[EVALUATED.share * LANES + evaluated])
     _note(g, i, EVENT.friction, share > g[EVENT.friction * LANES + i], share, tick)
     excess = abs(g[EVALUATED.excess * LANES + i])
     first = g[EVENT.motor * LANES + i] == 0.0 and excess > 1e-9
@@ -311,10 +354,10 @@ def _watch(g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
 
 
 @inlined
-def _watch_group(g: FloatArray, lanes: int, tick: float, steering_lag: float) -> bool:
+def _watch_group(laws: Laws, g: FloatArray, lanes: int, tick: float, steering_lag: float) -> bool:
     """Note what happens to a group at a tick; return whether a vehicle has rolled over by now."""
     for i in range(lanes):
-        _watch(g, i, tick, steering_lag)
+        _watch(laws, g, i, tick, steering_lag)
     alive = 0.0
     for i in range(lanes):
         alive += g[ALIVE * LANES + i]
@@ -322,13 +365,13 @@ def _watch_group(g: FloatArray, lanes: int, tick: float, steering_lag: float) ->
 
 
 @inlined
-def _halt(g: FloatArray, lanes: int) -> None:
+def _halt(laws: Laws, g: FloatArray, lanes: int) -> None:
     """Bring the vehicles that have rolled over to rest."""
     for i in range(lanes):
         if g[ALIVE * LANES + i] == 0.0:
-            for row in range(STATE.u, STATES):
+            for row in range(STATE.u, laws.states):
                 g[row * LANES + i] = 0.0
-            for row in range(SLOPE, SLOPE + STATES):
+            for row in range(SLOPE, SLOPE + laws.states):
                 g[row * LANES + i] = 0.0
 
 
@@ -358,31 +401,33 @@ def _advance(
                     _evaluate(laws, g, lanes, table, row + (stage + 1) // 2, drive[k])
                     if stage == 0:
                         if s == 0:
-                            halted = _watch_group(g, lanes, float(first_tick + k), steering_lag[k])
+                            halted = _watch_group(
+                                laws, g, lanes, float(first_tick + k), steering_lag[k]
+                            )
                             if halted:
-                                _halt(g, lanes)
+                                _halt(laws, g, lanes)
                             for m in range(rows.shape[0]):
                                 for i in range(LANES):  # unrolled: scattered stores are slow
                                     out[m, b * LANES + i, k] = g[rows[m] * LANES + i]
                         if k == ticks:
                             break
-                        for j in range(STATES * LANES):
+                        for j in range(laws.states * LANES):
                             g[START * LANES + j] = g[j]
                             g[SUM * LANES + j] = g[j]
                     weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
                     ahead = h if stage == 2 else h / 2.0
-                    for j in range(STATES * LANES):
+                    for j in range(laws.states * LANES):
                         slope = g[SLOPE * LANES + j]
                         g[SUM * LANES + j] += weight * slope
                         g[j] = g[START * LANES + j] + ahead * slope
                 if k == ticks:
                     break
-                for j in range(STATES * LANES):
+                for j in range(laws.states * LANES):
                     g[j] = g[SUM * LANES + j]
                 if halted:  # stay where the step began
                     for i in range(lanes):
                         if g[ALIVE * LANES + i] == 0.0:
-                            for j in range(STATES):
+                            for j in range(laws.states):
                                 g[j * LANES + i] = g[(START + j) * LANES + i]
 
 
@@ -414,7 +459,7 @@ def yaw(groups: FloatArray) -> float:
 
 
 class Functions(NamedTuple):
-    """Compiled functions of all vehicles that have the same laws; their arguments are positional.
+    """Compiled functions of all vehicles of the same structure; their arguments are positional.
 
     Letters of shapes: `b` groups, `t` ticks, `m` recorded rows.
 
@@ -433,12 +478,13 @@ class Functions(NamedTuple):
         set-point [rad], slewed already, NaN for no servo pulse; drive, a tuple in the order of
         `COMMAND`, slewed already; substeps, 1 as in the batch, 2 as live.
     steer : callable
-        `tricycle_sim.vehicle.steering.run` without its first two arguments.
+        `tricycle_sim.vehicle.steering.run_servo` without its first two arguments.
     wheel_angles : callable
         From motor angle [rad] and constants of the steering to the angles of the wheels about
         their king-pins, left and right [rad], and their slopes by the motor angle.
     road_angle, motor_angle_for : callable
-        As in `tricycle_sim.vehicle.steering`, without the first argument.
+        `road_angle_of`, `motor_angle_of` of `tricycle_sim.vehicle.steering` without their first
+        argument.
     """
 
     advance: Any
@@ -450,44 +496,70 @@ class Functions(NamedTuple):
 
 
 def functions_for(vehicle: Vehicle) -> Functions:
-    """Return the functions compiled with the laws of a vehicle.
+    """Return the functions compiled for the structure of a vehicle.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Names laws in `parts`.
-
-    Raises
-    ------
-    VehicleError
-        If it names one that does not exist.
+        With wheels and laws.
     """
-    return _compile(law_names(vehicle))
+    return _compile(structure_of(vehicle))
 
 
 def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
-    """Return a function compiled with the laws of a vehicle.
+    """Return a function compiled for the structure of a vehicle.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Names laws in `parts`.
+        With wheels and laws.
     function : callable
         At the top level of a module; names of `Functions` are global names in it.
     """
-    return _compile_caller(law_names(vehicle), function)
+    return _compile_caller(structure_of(vehicle), function)
+
+
+def laws_of(structure: Structure, take: Callable[[Any], Any] = compilable) -> Laws:
+    """Return what is compiled into the equations of vehicles of a structure.
+
+    Parameters
+    ----------
+    structure : Structure
+        From `structure_of`.
+    take : callable
+        Makes of a law's Python function what the compiler takes.
+    """
+
+    def law(part: str, name: str) -> Any:
+        return take(PARTS[part][name].function)
+
+    return Laws(
+        wheels=structure.wheels,
+        states=states_of(structure.wheels),
+        sides=structure.sides,
+        driven=structure.driven,
+        braked=structure.braked,
+        **{f"tyre_{wheel}": law("tyre", name) for wheel, name in enumerate(structure.tyres)},
+        motor=law("motor", structure.motor),
+        brake=law("brake", structure.brake),
+        servo=law("servo", structure.servo),
+        linkage=law("steering", structure.steering),
+    )
+
+
+def _variant(structure: Structure) -> str:
+    """Return a name of a structure that is short enough for a file's."""
+    return hashlib.sha256(repr(structure).encode()).hexdigest()[:16]
 
 
 @functools.cache
-def _compile_caller(names: tuple[str, ...], function: Callable[..., Any]) -> Any:
-    return compiled(function, "-".join(names), **_compile(names)._asdict())
+def _compile_caller(structure: Structure, function: Callable[..., Any]) -> Any:
+    return compiled(function, _variant(structure), **_compile(structure)._asdict())
 
 
 @functools.cache
-def _compile(names: tuple[str, ...]) -> Functions:
-    named = zip(Laws._fields, names, strict=True)
-    chosen = Laws(**{part: PARTS[part][name][0] for part, name in named})
-    variant = "-".join(names)
+def _compile(structure: Structure) -> Functions:
+    chosen, variant = laws_of(structure), _variant(structure)
     advancing = compiled(_advance_with, variant, laws=chosen)
     steering_ahead = compiled(_steer_with, variant, laws=chosen)
     return Functions(
@@ -527,7 +599,7 @@ def _steer_with(
     table: FloatArray,
     angles: FloatArray,
 ) -> None:
-    steering.run(laws.servo, laws.linkage, servo, setpoints, constants, half_steps, table, angles)
+    run_servo(laws.servo, laws.linkage, servo, setpoints, constants, half_steps, table, angles)
 
 
 def _advance_tick_with(
@@ -549,17 +621,15 @@ def _advance_tick_with(
 def _wheel_angles_with(
     motor_angle: float, constants: FloatArray
 ) -> tuple[float, float, float, float]:
-    angles: tuple[float, float, float, float] = laws.linkage(
-        constants, steering.BLOCK.linkage, motor_angle
-    )
+    angles: tuple[float, float, float, float] = turned(laws.linkage, constants, motor_angle)
     return angles
 
 
 def _road_angle_with(motor_angle: float, constants: FloatArray) -> float:
-    angle: float = steering.road_angle(laws.linkage, motor_angle, constants)
+    angle: float = road_angle_of(laws.linkage, motor_angle, constants)
     return angle
 
 
 def _motor_angle_for_with(angle: float, constants: FloatArray) -> float:
-    motor_angle: float = steering.motor_angle_for(laws.linkage, angle, constants)
+    motor_angle: float = motor_angle_of(laws.linkage, angle, constants)
     return motor_angle

@@ -10,6 +10,8 @@ from collections import namedtuple
 from collections.abc import Callable, Iterable, Mapping, Sized
 from typing import Any
 
+from tricycle_sim.vehicle.wheels import MOST_WHEELS
+
 LANES = 8
 
 Formulas = Mapping[str, Callable[[Any], Any]]
@@ -57,41 +59,63 @@ def blocks(first: int, alternatives: Mapping[str, Iterable[Sized]]) -> tuple[Any
 
 
 STATE = numbered(
-    """x y z  q0 q1 q2 q3  u v w  p q r  spin_left spin_right spin_rear
-    kappa_left kappa_right kappa_rear  alpha_left alpha_right alpha_rear  torque integrator"""
+    "x y z  q0 q1 q2 q3  u v w  p q r  torque integrator  spin kappa alpha",
 )
-"""Rows of the states.
+"""Rows of the states; the last three are those of the first wheel, every other wheel's follow.
 
 COM in the world [m]; unit quaternion body to world, scalar first; velocity [m/s] and angular rate
-[rad/s] in the body frame; absolute spins about the axles [rad/s]; relaxed longitudinal and lateral
-slips; torque of the motor [N m]; integrator of the speed controller [rad].
+[rad/s] in the body frame; torque of the motor [N m]; integrator of the speed controller [rad].
+Of each wheel: absolute spin about the axle [rad/s], relaxed longitudinal and lateral slip.
 """
-STATES = len(STATE)
+WHEEL_STATES = 3
+"""Rows from a state of one wheel to that of the next."""
+STATES = STATE.spin + MOST_WHEELS * WHEEL_STATES
 START, SUM, SLOPE = STATES, 2 * STATES, 3 * STATES
 """First rows of the states at the start of a step, of the weighted sum of slopes, of the slopes."""
 
-EVALUATED = numbered(
-    "load_left load_right load_rear share_left share_right share_rear excess tilt",
-    first=4 * STATES,
-)
-"""Rows of what the last evaluation of the slopes saw.
+EVALUATED = numbered("excess tilt  load share", first=4 * STATES)
+"""Rows of what the last evaluation of the slopes saw; the last two of the first wheel.
 
-Wheel loads [N]; squared shares of the friction limit; motor torque beyond the motor's limits [N m];
-cosine of the body's tilt.
+Motor torque beyond the motor's limits [N m]; cosine of the body's tilt; wheel load [N]; squared
+share of the friction limit.
 """
-ALIVE = EVALUATED[-1] + 1
+WHEEL_EVALUATED = 2
+"""Rows from the load of one wheel to that of the next."""
+ALIVE = EVALUATED.load + MOST_WHEELS * WHEEL_EVALUATED
 """1 until the vehicle has rolled over, then 0."""
 
 EVENT_ROWS = 4
-EVENT = numbered(
-    "least_load_left least_load_right least_load_rear friction motor rollover steering",
-    first=ALIVE + 1,
-    step=EVENT_ROWS,
-)
+EVENT = numbered("friction motor rollover steering  least_load", first=ALIVE + 1, step=EVENT_ROWS)
 """First of four rows of an event: value, tick, x, y.
 
-Least loads, largest friction share, first saturation of the motor, roll-over, first saturation of
-the steering.
+Largest friction share, first saturation of the motor, roll-over, first saturation of the steering,
+least load of the first wheel, which those of the other wheels follow.
 """
-CONSTANTS = EVENT[-1] + EVENT_ROWS
+CONSTANTS = EVENT.least_load + MOST_WHEELS * EVENT_ROWS
 """First row of the constants; each compiled part brings its own block of them."""
+
+
+def states_of(wheels: int) -> int:
+    """Return how many rows of states a vehicle uses.
+
+    Parameters
+    ----------
+    wheels : int
+        That it has.
+    """
+    return int(STATE.spin) + wheels * WHEEL_STATES
+
+
+def of_wheels(first: int, step: int, wheels: int) -> slice:
+    """Return the rows of a number of all wheels.
+
+    Parameters
+    ----------
+    first : int
+        Row of the first wheel's.
+    step : int
+        `WHEEL_STATES`, `WHEEL_EVALUATED` or `EVENT_ROWS`.
+    wheels : int
+        That the vehicle has.
+    """
+    return slice(first, first + wheels * step, step)

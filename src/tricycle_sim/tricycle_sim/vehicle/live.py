@@ -12,12 +12,23 @@ from numpy.typing import ArrayLike
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle.constants import Vehicle, upward
+from tricycle_sim.vehicle.body import upward
+from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import COMMAND, NO_OUTPUT, NO_ROWS, functions_for
-from tricycle_sim.vehicle.layout import ALIVE, EVALUATED, LANES, SLOPE, STATE, STATES
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.layout import (
+    ALIVE,
+    EVALUATED,
+    LANES,
+    SLOPE,
+    STATE,
+    STATES,
+    WHEEL_EVALUATED,
+    WHEEL_STATES,
+    of_wheels,
+)
+from tricycle_sim.vehicle.parts import WHEEL, WHEEL_ROWS, steering_constants, structure_of
 from tricycle_sim.vehicle.stability import check_step
 
 
@@ -40,11 +51,12 @@ class LiveState:
     pitch_rate: float
     yaw_rate: float
     specific_force: tuple[float, float, float]  # m/s^2, body frame: what an accelerometer reads
-    wheel_speeds: tuple[float, float, float]  # rad/s, relative to the body: left, right, rear
-    rear_wheel_angle: float  # rad, turned relative to the body since the start (hall pulses)
+    wheel_speeds: tuple[float, ...]  # rad/s, relative to the body, in the order of the wheels
+    drive_speed: float  # rad/s, of the motor relative to the body: mean of the driven wheels
+    drive_angle: float  # rad, turned by the motor since the start (hall pulses)
     steering_motor_angle: float  # rad
     steering_motor_rate: float  # rad/s
-    loads: tuple[float, float, float]  # N: left, right, rear
+    loads: tuple[float, ...]  # N, in the order of the wheels
     motor_torque: float  # N m
     motor_power: float  # W, electrical, estimated; negative: regenerating
     motor_current: float  # A, at the battery
@@ -90,8 +102,12 @@ class LiveVehicle:
         self._lag = np.zeros(2)
         self._drive = np.zeros((2, 3))
         self._ticks = 0
-        self._rear_wheel_angle = 0.0
-        self._rear_wheel_speed = 0.0
+        self._sides = structure_of(vehicle).sides
+        self._shares = self._rows[
+            of_wheels(WHEEL.share, WHEEL_ROWS, len(vehicle.wheels)), 0
+        ].tolist()
+        self._drive_angle = 0.0
+        self._drive_speed = 0.0
         self._steer(np.empty(0), 0)
         # the first state has its loads and slopes too
         self._advance(self._table[:1], self._drive[:1])
@@ -105,7 +121,7 @@ class LiveVehicle:
     @property
     def feasibility(self) -> Feasibility:
         """What the drive has asked of the vehicle so far; arrays of shape (1,)."""
-        return read_feasibility(self._groups, 1)
+        return read_feasibility(self._groups, 1, self.vehicle.wheels)
 
     def step(
         self,
@@ -162,17 +178,23 @@ class LiveVehicle:
     def _read(self) -> LiveState:
         values: FloatArray = self._rows[:, 0]
         x, y, z, q0, q1, q2, q3, u, v, w, p, q, r = values[: STATE.r + 1].tolist()
-        left, right, rear = values[STATE.spin_left : STATE.spin_rear + 1].tolist()
+        wheels = len(self.vehicle.wheels)
+        spins = values[of_wheels(STATE.spin, WHEEL_STATES, wheels)].tolist()
         slopes = values[SLOPE : SLOPE + STATES]
         du, dv, dw = slopes[STATE.u : STATE.w + 1].tolist()
         axles = self._table[-1].tolist()
-        wheel_speeds = (
-            left - (p * axles[0] + q * axles[1] + r * axles[2]),
-            right - (p * axles[4] + q * axles[5] + r * axles[6]),
-            rear - q,
+        wheel_speeds = tuple(
+            spin
+            - (
+                q
+                if side < 0
+                else p * axles[4 * side] + q * axles[4 * side + 1] + r * axles[4 * side + 2]
+            )
+            for spin, side in zip(spins, self._sides[:wheels], strict=True)
         )
-        self._rear_wheel_angle += 0.5 * TICK * (self._rear_wheel_speed + wheel_speeds[2])
-        self._rear_wheel_speed = wheel_speeds[2]
+        drive_speed = sum(a * b for a, b in zip(self._shares, wheel_speeds, strict=True))
+        self._drive_angle += 0.5 * TICK * (self._drive_speed + drive_speed)
+        self._drive_speed = drive_speed
         attitude = (q0, q1, q2, q3)
         gravity = self.vehicle.gravity
         up_x, up_y, up_z = (gravity * float(part) for part in upward(self.vehicle))
@@ -197,10 +219,7 @@ class LiveVehicle:
             + up_y * 2.0 * (q2 * q3 - q0 * q1),
         )
         torque = float(values[STATE.torque])
-        power = torque * wheel_speeds[2] + self.vehicle.motor_copper_loss * torque**2
-        load_left, load_right, load_rear = values[
-            EVALUATED.load_left : EVALUATED.load_rear + 1
-        ].tolist()
+        power = torque * drive_speed + self.vehicle.motor_copper_loss * torque**2
         return LiveState(
             time=self._ticks * TICK,
             x=x,
@@ -218,10 +237,11 @@ class LiveVehicle:
             yaw_rate=r,
             specific_force=specific_force,
             wheel_speeds=wheel_speeds,
-            rear_wheel_angle=self._rear_wheel_angle,
+            drive_speed=drive_speed,
+            drive_angle=self._drive_angle,
             steering_motor_angle=float(self._servo[0]),
             steering_motor_rate=float(self._servo[1]),
-            loads=(load_left, load_right, load_rear),
+            loads=tuple(values[of_wheels(EVALUATED.load, WHEEL_EVALUATED, wheels)].tolist()),
             motor_torque=torque,
             motor_power=power,
             motor_current=power / self.vehicle.battery_voltage,

@@ -1,134 +1,149 @@
-"""The parts of a vehicle: which laws it has, and where the constants of each stand.
+"""The structure of a vehicle, which is compiled in, and where its constants stand in a group."""
 
-A law is a function that is compiled into the equations, and the constants that it reads. A new one
-is an entry of `tyre.LAWS`, `actuators.MOTORS`, `BRAKES`, `SERVOS` or `steering.LINKAGES`.
-"""
-
+import math
 from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.vehicle import actuators, steering, tyre
-from tricycle_sim.vehicle.constants import Vehicle, upward
-from tricycle_sim.vehicle.layout import CONSTANTS, Formulas, blocks
-
-PARTS: Mapping[str, Mapping[str, tuple[Any, Any]]] = {
-    "tyre": tyre.LAWS,
-    "motor": actuators.MOTORS,
-    "brake": actuators.BRAKES,
-    "servo": actuators.SERVOS,
-    "linkage": steering.LINKAGES,
-}
-"""Function and constants of every law, by part and name; the first law is the default."""
+from tricycle_sim.vehicle import actuators, body, steering, tyre
+from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.layout import CONSTANTS, blocks
+from tricycle_sim.vehicle.registry import PARTS, law_name, tyre_name, wheel_values
+from tricycle_sim.vehicle.wheels import MOST_WHEELS
 
 
-class Laws(NamedTuple):
-    """Functions of the laws that a vehicle has.
+class Structure(NamedTuple):
+    """What is compiled in: vehicles of the same structure share their functions.
 
     Attributes
     ----------
-    tyre, motor, brake, servo, linkage : compiled function
-        Of the part.
+    wheels : int
+        Three or four.
+    sides : tuple of int
+        Of each wheel: 0 steered on the left or alone, 1 steered on the right, -1 not steered.
+    driven, braked : tuple of bool
+        Of each wheel.
+    tyres : tuple of str
+        Law of each wheel's tyre. These tuples have `MOST_WHEELS` entries.
+    motor, brake, servo, steering : str
+        Law of the part.
     """
 
-    tyre: Any
-    motor: Any
-    brake: Any
-    servo: Any
-    linkage: Any
+    wheels: int
+    sides: tuple[int, ...]
+    driven: tuple[bool, ...]
+    braked: tuple[bool, ...]
+    tyres: tuple[str, ...]
+    motor: str
+    brake: str
+    servo: str
+    steering: str
 
 
-BODY: Formulas = {
-    "gravity_z": lambda v: v.gravity * upward(v)[2],  # towards the road
-    "inverse_mass": lambda v: 1.0 / v.mass,
-    "drag_per_mass": lambda v: v.air_drag / v.mass,
-    "ixx": lambda v: v.roll_inertia,
-    "iyy": lambda v: v.pitch_inertia,
-    "izz": lambda v: v.yaw_inertia,
-    "inverse_ixx": lambda v: 1.0 / v.roll_inertia,
-    "inverse_iyy": lambda v: 1.0 / v.pitch_inertia,
-    "inverse_izz": lambda v: 1.0 / v.yaw_inertia,
-    "front_x": lambda v: v.com_to_front_axle,
-    "rear_x": lambda v: -v.com_to_rear_axle,
-    "left_y": lambda v: v.left_wheel_y,
-    "right_y": lambda v: v.right_wheel_y,
-    "rear_y": lambda v: v.rear_wheel_y,
-    "wheel_z": lambda v: v.tyre_radius - v.com_height,
-    "spin_inertia_front": lambda v: v.front_wheel_inertia,
-    "spin_inertia_rear": lambda v: v.rear_wheel_inertia,
-    "inverse_spin_inertia_front": lambda v: 1.0 / v.front_wheel_inertia,
-    "inverse_spin_inertia_rear": lambda v: 1.0 / v.rear_wheel_inertia,
-    "king_pin_x": lambda v: -np.sin(v.caster_angle),
-    "king_pin_z": lambda v: np.cos(v.caster_angle),
-    "rollover_cosine": lambda v: np.cos(v.rollover_angle),
-    "gravity_x": lambda v: v.gravity * upward(v)[0],  # along the road, against its axes
-    "gravity_y": lambda v: v.gravity * upward(v)[1],
-}
-"""Constants of body, wheels and king-pins, which every vehicle has."""
-
-BLOCK, ROWS = blocks(
+BLOCK, _FIRST_WHEEL = blocks(
     CONSTANTS,
+    {"body": [body.BODY], "motor": [law.rows for law in actuators.MOTORS.values()]},
+)
+"""First row of each block of constants of the whole vehicle."""
+
+WHEEL, WHEEL_ROWS = blocks(
+    _FIRST_WHEEL,
     {
-        "body": [BODY],
-        "tyre": [tyre.CONSTANTS],
-        "tyre_law": [constants for _, constants in tyre.LAWS.values()],
-        "motor": [constants for _, constants in actuators.MOTORS.values()],
-        "brake": [constants for _, constants in actuators.BRAKES.values()],
+        "place": [body.PLACE],
+        "share": [law.rows for law in actuators.DRIVES.values()],
+        "tyre": [tyre.TYRE],
+        "tyre_law": [law.rows for law in tyre.LAWS.values()],
+        "brake": [law.rows for law in actuators.BRAKES.values()],
     },
 )
-"""First row of each block of constants in a group; number of rows of a group."""
+WHEEL_ROWS -= _FIRST_WHEEL
+"""First row of each block of the first wheel's constants; rows from one wheel to the next."""
+
+ROWS = _FIRST_WHEEL + MOST_WHEELS * WHEEL_ROWS
+"""Number of rows of a group."""
 
 
-def law_names(vehicle: Vehicle) -> tuple[str, ...]:
-    """Return the names of the vehicle's laws, in the order of `Laws`.
+def structure_of(vehicle: Vehicle) -> Structure:
+    """Return the structure of a vehicle.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Names laws in `parts`; a part that it does not name has the first law.
-
-    Raises
-    ------
-    VehicleError
-        If there is no such part or law.
+        With wheels and laws.
     """
-    for part, name in vehicle.parts.items():
-        if part not in PARTS:
-            raise VehicleError(f"parts.{part}: must be one of {', '.join(PARTS)}")
-        if name not in PARTS[part]:
-            raise VehicleError(f"parts.{part}: {name!r} must be one of {', '.join(PARTS[part])}")
-    return tuple(vehicle.parts.get(part, next(iter(PARTS[part]))) for part in Laws._fields)
+    wheels, parts = vehicle.wheels, vehicle.parts
+    steered = [wheel for wheel in wheels if wheel.steered]
+    steered.sort(key=lambda wheel: -vehicle.of(wheel).y)
+    missing = MOST_WHEELS - len(wheels)
+    tyres = [tyre_name(wheel, parts) for wheel in wheels]
+    return Structure(
+        wheels=len(wheels),
+        sides=(*(steered.index(w) if w.steered else -1 for w in wheels), *missing * (-1,)),
+        driven=(*(wheel.driven for wheel in wheels), *missing * (False,)),
+        braked=(*(wheel.braked for wheel in wheels), *missing * (False,)),
+        tyres=(*tyres, *missing * tyres[:1]),
+        motor=law_name("motor", wheels, parts),
+        brake=law_name("brake", wheels, parts),
+        servo=law_name("servo", wheels, parts),
+        steering=law_name("steering", wheels, parts),
+    )
 
 
-def group_constants(vehicle: Vehicle, values: Any) -> dict[int, Any]:
+def group_constants(vehicle: Vehicle, values: Mapping[str, Any]) -> dict[int, Any]:
     """Return the constants of a group by row.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Names the laws.
-    values : object
-        With the constants of a `Vehicle` as attributes; numbers, or arrays for some of them.
+        Names wheels and laws.
+    values : mapping
+        Number, or array over vehicles, by entry of a vehicle file.
     """
-    names = dict(zip(Laws._fields, law_names(vehicle), strict=True))
-    by_block = {
-        "body": BODY,
-        "tyre": tyre.CONSTANTS,
-        "tyre_law": tyre.LAWS[names["tyre"]][1],
-        "motor": actuators.MOTORS[names["motor"]][1],
-        "brake": actuators.BRAKES[names["brake"]][1],
-    }
+    wheels, parts = vehicle.wheels, vehicle.parts
+    each = wheel_values(wheels, values, vehicle.declared)
+    driven = next(own for wheel, own in zip(wheels, each, strict=True) if wheel.driven)
+    motor = PARTS["motor"][law_name("motor", wheels, parts)].rows
+    share = PARTS["drive"][law_name("drive", wheels, parts)].rows
+    brake = PARTS["brake"][law_name("brake", wheels, parts)].rows
+    sources = [(BLOCK.body, body.BODY, driven), (BLOCK.motor, motor, driven)]
+    for index, (wheel, own) in enumerate(zip(wheels, each, strict=True)):
+        at = index * WHEEL_ROWS
+        law = tyre.LAWS[tyre_name(wheel, parts)].rows
+        sources += [
+            (WHEEL.place + at, body.PLACE, own),
+            (WHEEL.tyre + at, tyre.TYRE, own),
+            (WHEEL.tyre_law + at, law, own),
+        ]
+        if wheel.driven:
+            sources.append((WHEEL.share + at, share, own))
+        if wheel.braked:
+            sources.append((WHEEL.brake + at, brake, own))
     return {
-        row: formula(values)
-        for block, formulas in by_block.items()
-        for row, formula in enumerate(formulas.values(), start=getattr(BLOCK, block))
+        row: formula(own)
+        for first, formulas, own in sources
+        for row, formula in enumerate(formulas.values(), start=first)
     }
 
 
-def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
+def _steering_values(vehicle: Vehicle, values: Mapping[str, float]) -> SimpleNamespace:
+    """Return the constants as the steering has them, and what follows from the wheels' places."""
+    each = wheel_values(vehicle.wheels, values, vehicle.declared)
+    steered = [own for wheel, own in zip(vehicle.wheels, each, strict=True) if wheel.steered]
+    still = [own for wheel, own in zip(vehicle.wheels, each, strict=True) if not wheel.steered]
+    ahead = sum(own.x for own in steered) / len(steered) - sum(own.x for own in still) / len(still)
+    own = steered[0]
+    own.steering_sign = math.copysign(1.0, ahead)
+    own.wheelbase = abs(ahead)
+    own.left_of_middle = 0.5 * abs(own.y - steered[-1].y)
+    return own
+
+
+def steering_constants(
+    vehicle: Vehicle, half_step: float, values: Mapping[str, float] | None = None
+) -> FloatArray:
     """Return the constants of servo, linkage and caster.
 
     Parameters
@@ -137,21 +152,24 @@ def steering_constants(vehicle: Vehicle, half_step: float) -> FloatArray:
         Of which they are.
     half_step : float
         Length of the servo's steps [s].
+    values : mapping, optional
+        By entry of a vehicle file; by default the vehicle's own.
 
     Returns
     -------
     ndarray of float, shape (steering.SIZE,)
         See `steering.BLOCK`.
     """
-    names = dict(zip(Laws._fields, law_names(vehicle), strict=True))
+    structure = structure_of(vehicle)
+    v = _steering_values(vehicle, vehicle.values if values is None else values)
     constants = np.zeros(steering.SIZE)
-    servo = actuators.SERVOS[names["servo"]][1]
+    servo = actuators.SERVOS[structure.servo].rows
     for at, step_formula in enumerate(servo.values(), start=steering.BLOCK.servo):
-        constants[at] = step_formula(vehicle, half_step)
+        constants[at] = step_formula(v, half_step)
     for start, formulas in (
-        (steering.BLOCK.linkage, steering.LINKAGES[names["linkage"]][1]),
+        (steering.BLOCK.linkage, steering.LINKAGES[structure.steering].rows),
         (steering.BLOCK.geometry, steering.GEOMETRY),
     ):
         for at, formula in enumerate(formulas.values(), start=start):
-            constants[at] = formula(vehicle)
+            constants[at] = formula(v)
     return constants

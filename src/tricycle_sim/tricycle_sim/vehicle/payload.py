@@ -54,17 +54,19 @@ def with_payload(vehicle: Vehicle, payload: Payload) -> Vehicle:
         name: (low + yaw, high + yaw) if name == "yaw_inertia" else (low, high)
         for name, (low, high) in vehicle.unknown.items()
     }
-    return dataclasses.replace(
-        vehicle,
-        mass=total,
-        roll_inertia=vehicle.roll_inertia + reduced * (y * y + z * z),
-        pitch_inertia=vehicle.pitch_inertia + reduced * (x * x + z * z),
-        yaw_inertia=vehicle.yaw_inertia + yaw,
-        com_height=vehicle.com_height + share * z,
-        com_to_front_axle=vehicle.com_to_front_axle - share * x,
-        com_to_rear_axle=vehicle.com_to_rear_axle + share * x,
-        left_wheel_y=vehicle.left_wheel_y - share * y,
-        right_wheel_y=vehicle.right_wheel_y - share * y,
-        rear_wheel_y=vehicle.rear_wheel_y - share * y,
-        unknown=unknown,
-    )
+    moved = {
+        entry: value - factor * share * by
+        for wheel in vehicle.wheels
+        for name, by in (("x", x), ("y", y))
+        for entry, factor in wheel.spellings(name)
+        if (value := vehicle.values.get(entry)) is not None
+    }
+    values = {
+        "mass": total,
+        "roll_inertia": vehicle.roll_inertia + reduced * (y * y + z * z),
+        "pitch_inertia": vehicle.pitch_inertia + reduced * (x * x + z * z),
+        "yaw_inertia": vehicle.yaw_inertia + yaw,
+        "com_height": vehicle.com_height + share * z,
+        **moved,
+    }
+    return dataclasses.replace(vehicle, values={**vehicle.values, **values}, unknown=unknown)

@@ -38,23 +38,33 @@ def _inertia(vehicle: Vehicle) -> Iterator[str]:
 
 
 def _loads(vehicle: Vehicle) -> Iterator[str]:
-    for wheel, load in zip(("left", "right", "rear"), vehicle.static_loads(), strict=True):
+    for wheel, load in zip(vehicle.wheels, vehicle.static_loads(), strict=True):
+        name, own = wheel.name, vehicle.of(wheel)
         if load <= 0:
-            yield f"{wheel} wheel: carries {load:.1f} N at rest: the vehicle tips over"
-        if load / vehicle.vertical_stiffness > 0.1 * vehicle.tyre_radius:
-            yield f"vertical_stiffness: the {wheel} tyre sinks by more than a tenth of its radius"
+            yield f"{name} wheel: carries {load:.1f} N at rest: the vehicle tips over"
+        if load / own.vertical_stiffness > 0.1 * own.tyre_radius:
+            yield f"vertical_stiffness: the {name} tyre sinks by more than a tenth of its radius"
 
 
 def _stability(vehicle: Vehicle) -> Iterator[str]:
     """Warn of the unstable linear bicycle: see docs/model.md."""
-    wheelbase = vehicle.com_to_front_axle + vehicle.com_to_rear_axle
-    lowest = min(vehicle.unknown.get("cornering_stiffness", (vehicle.cornering_stiffness,)))
-    understeer = vehicle.com_to_rear_axle * lowest - vehicle.com_to_front_axle * 2 * lowest
-    if understeer < 0:
-        critical = math.sqrt(2 * lowest**2 * wheelbase**2 / (-understeer * vehicle.mass))
-        top = vehicle.motor_no_load_speed * vehicle.tyre_radius
+    lowest = {
+        name: limits[0]
+        for name, limits in vehicle.unknown.items()
+        if name.rpartition(".")[2] == "cornering_stiffness"
+    }
+    softest = vehicle.replace(**lowest)
+    stiffness = {"front": 0.0, "rear": 0.0}
+    for wheel in vehicle.wheels:
+        stiffness[wheel.axle] += softest.of(wheel).cornering_stiffness
+    front, rear = stiffness["front"], stiffness["rear"]
+    understeer = vehicle.com_to_rear_axle * rear - vehicle.com_to_front_axle * front
+    if understeer < 0 and "motor_no_load_speed" in vehicle.values:
+        critical = math.sqrt(front * rear * vehicle.wheelbase**2 / (-understeer * vehicle.mass))
+        top = vehicle.motor_no_load_speed * vehicle.driven_radius
         if critical < top:
             yield (
-                f"cornering_stiffness: at {lowest:g} N/rad the vehicle oversteers and is unstable "
-                f"from {critical:.1f} m/s, below its top speed of {top:.1f} m/s"
+                f"cornering_stiffness: at {front:g} N/rad in front and {rear:g} N/rad behind the "
+                f"vehicle oversteers and is unstable from {critical:.1f} m/s, below its top speed "
+                f"of {top:.1f} m/s"
             )

@@ -5,10 +5,9 @@ from typing import Any
 import numpy as np
 
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle.actuators import MOTORS
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.layout import LANES
-from tricycle_sim.vehicle.parts import Laws, law_names
+from tricycle_sim.vehicle.registry import PARTS, law_name
 
 
 class SpeedLoop:
@@ -25,10 +24,11 @@ class SpeedLoop:
     """
 
     def __init__(self, vehicle: Vehicle, torque: float, setpoint: float, speed: float) -> None:
-        function, formulas = MOTORS[law_names(vehicle)[Laws._fields.index("motor")]]
-        self._law: Any = getattr(function, "py_func", function)  # once a tick: not compiled
-        self._group = np.repeat([float(formula(vehicle)) for formula in formulas.values()], LANES)
-        self._radius = vehicle.tyre_radius
+        law = PARTS["motor"][law_name("motor", vehicle.wheels, vehicle.parts)]
+        self._law: Any = law.function  # once a tick: not compiled
+        driven = vehicle.of(next(wheel for wheel in vehicle.wheels if wheel.driven))
+        self._group = np.repeat([float(row(driven)) for row in law.rows.values()], LANES)
+        self._radius = vehicle.driven_radius
         self._lag = vehicle.motor_lag
         error = (setpoint - speed) / self._radius
         wanted = torque - vehicle.speed_gain_proportional * error

@@ -12,7 +12,7 @@ from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.groups import STRAIGHT, equilibrium, pack
 from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for
-from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE, STATES
+from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE, WHEEL_STATES, states_of
 
 LIMIT = 2.5
 """Largest rate times step: RK4 is stable to 2.78 for decay and to 2.83 for oscillation."""
@@ -20,10 +20,10 @@ LIMIT = 2.5
 # what to change, by the state that takes the largest part in a mode
 _CAUSES = {
     STATE.x: "vertical_stiffness, vertical_damping, mass or inertia",
-    STATE.spin_left: "slip_stiffness, rolling_smoothing_speed or the wheels' inertia",
-    STATE.kappa_left: "longitudinal_relaxation_length or slip_stiffness",
-    STATE.alpha_left: "lateral_relaxation_length or cornering_stiffness",
     STATE.torque: "motor_lag or the gains of the speed controller",
+    STATE.spin: "slip_stiffness, rolling_smoothing_speed or the wheels' inertia",
+    STATE.kappa: "longitudinal_relaxation_length or slip_stiffness",
+    STATE.alpha: "lateral_relaxation_length or cornering_stiffness",
 }
 
 _checked: set[tuple[str, float]] = set()
@@ -49,6 +49,8 @@ def check_step(vehicle: Vehicle, step: float) -> None:
         return
     rate, state = fastest_mode(vehicle)
     if not rate * step < LIMIT:
+        if state > STATE.spin:  # of any wheel
+            state = STATE.spin + (state - STATE.spin) % WHEEL_STATES
         cause = next(_CAUSES[first] for first in sorted(_CAUSES, reverse=True) if first <= state)
         raise VehicleError(
             f"{vehicle.name}: moves at rates of up to {rate:.0f} rad/s, steps of {1e3 * step:g} ms "
@@ -77,17 +79,18 @@ def fastest_mode(vehicle: Vehicle) -> tuple[float, int]:
 
 def _fastest_at(vehicle: Vehicle, speed: float) -> tuple[float, int]:
     variation = 1e-6
-    samples = np.tile(vehicle.nominal_point(), (2 * STATES, 1))
+    states = states_of(len(vehicle.wheels))
+    samples = np.tile(vehicle.nominal_point(), (2 * states, 1))
     speeds = np.full(len(samples), speed)
     groups = pack(vehicle, samples, equilibrium(vehicle), speeds)
     rows = groups.reshape(len(groups), -1, LANES)
-    for state in range(STATES):  # central differences in neighbouring lanes
+    for state in range(states):  # central differences in neighbouring lanes
         for sample, sign in ((2 * state, 1.0), (2 * state + 1, -1.0)):
             rows[sample // LANES, state, sample % LANES] += sign * variation
     drive = np.array([[1.0, speed, 0.0]])
     advance = functions_for(vehicle).advance
     advance(groups, STRAIGHT, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
-    slopes = rows[:, SLOPE : SLOPE + STATES].transpose(1, 0, 2).reshape(STATES, 2 * STATES)
+    slopes = rows[:, SLOPE : SLOPE + states].transpose(1, 0, 2).reshape(states, -1)[:, : 2 * states]
     jacobian = (slopes[:, ::2] - slopes[:, 1::2]) / (2.0 * variation)
     # not `scipy.linalg.eig`, which has both vectors: importing SciPy takes longer than all the rest
     rates, right = np.linalg.eig(jacobian)

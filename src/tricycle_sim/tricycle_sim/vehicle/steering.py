@@ -4,15 +4,15 @@ The servo is stiff: the tyres do not move it. Its history follows from the set-p
 exact at every half step, whatever the vehicles of a batch do: one table holds it for all of them.
 
 `LINKAGES` lists the laws of the linkage; each is one function, compiled into the steering, and the
-constants that it reads. A vehicle file chooses one under `parts: {linkage: NAME}`.
+constants that it reads. A vehicle file chooses one under `parts: {steering: NAME}`.
 """
 
 import math
 from typing import Any
 
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.compilation import inlined
 from tricycle_sim.vehicle.actuators import SERVOS
+from tricycle_sim.vehicle.laws import Law, between, inlined, positive
 from tricycle_sim.vehicle.layout import Formulas, blocks, numbered
 
 RATIO: Formulas = {
@@ -23,12 +23,24 @@ RATIO: Formulas = {
 }
 _R = numbered(RATIO)
 
+CONSTANTS = (
+    between("caster_angle", "rad", -0.7, 0.7),
+    between("steering_limit", "rad", 0.01, 1.2),  # of the motor: its end stop
+    between("steering_offset", "rad", -0.5, 0.5, default=0.0),  # added to the motor's angle
+    # share of the limit that plans keep free
+    between("steering_margin", "1", 0.0, 0.5, default=0.05, setting=True),
+)
+"""What every linkage has."""
+
 GEOMETRY: Formulas = {
     "limit": lambda v: v.steering_limit,
     "sine": lambda v: math.sin(v.caster_angle),
     "cosine": lambda v: math.cos(v.caster_angle),
+    "offset": lambda v: v.steering_offset,
+    "sign": lambda v: v.steering_sign,
 }
-"""Of every linkage: largest motor angle, caster angle of the king-pins."""
+"""Of every linkage: largest motor angle, caster angle of the king-pins, angle added to the motor's,
+-1 behind, where wheels turn right for a turn to the left."""
 _G = numbered(GEOMETRY)
 
 
@@ -90,14 +102,97 @@ def axle(constants: FloatArray, c: int, angle: float) -> tuple[float, float, flo
     )
 
 
-LINKAGES = {"ratio": (ratio, RATIO)}
-"""Function and constants of each law by name."""
+PARALLEL: Formulas = {"gain": lambda v: v.steering_gain}
+_PARALLEL = numbered(PARALLEL)
+
+
+@inlined
+def parallel(
+    constants: FloatArray, c: int, motor_angle: float
+) -> tuple[float, float, float, float]:
+    """Return the wheels' angles where all turn alike, also where there is one.
+
+    Parameters
+    ----------
+    constants : ndarray of float
+        Of the steering.
+    c : int
+        Where the linkage's constants start in it.
+    motor_angle : float
+        Of the steering motor [rad].
+
+    Returns
+    -------
+    left, right, left_slope, right_slope : float
+        As of `ratio`.
+    """
+    gain = constants[c + _PARALLEL.gain]
+    return gain * motor_angle, gain * motor_angle, gain, gain
+
+
+ACKERMANN: Formulas = {
+    "base": lambda v: v.wheelbase,
+    "left": lambda v: v.left_of_middle,
+    "right": lambda v: -v.left_of_middle,
+}
+_A = numbered(ACKERMANN)
+
+
+@inlined
+def ackermann(
+    constants: FloatArray, c: int, motor_angle: float
+) -> tuple[float, float, float, float]:
+    """Return the wheels' angles with which all wheels roll about one centre.
+
+    The motor's angle is that of a wheel in the middle of the steered axle.
+
+    Parameters
+    ----------
+    constants : ndarray of float
+        Of the steering.
+    c : int
+        Where the linkage's constants start in it.
+    motor_angle : float
+        Of the steering motor [rad].
+
+    Returns
+    -------
+    left, right, left_slope, right_slope : float
+        As of `ratio`.
+    """
+    base, tangent = constants[c + _A.base], math.tan(motor_angle)
+    across = base * tangent
+    left = base - constants[c + _A.left] * tangent
+    right = base - constants[c + _A.right] * tangent
+    rise = base * base * (1.0 + tangent * tangent)
+    return (
+        math.atan2(across, left),
+        math.atan2(across, right),
+        rise / (left * left + across * across),
+        rise / (right * right + across * across),
+    )
+
+
+LINKAGES = {
+    "ratio": Law(
+        ratio,
+        RATIO,
+        (
+            between("steering_ratio_straight", "1", 0.3, 1.0),  # outer to inner wheel
+            between("steering_ratio_full", "1", 0.3, 1.0),  # at the limit
+            positive("steering_ratio_smoothing", "rad"),
+        ),
+    ),
+    "parallel": Law(parallel, PARALLEL, (positive("steering_gain", "1", default=1.0),)),
+    "ackermann": Law(ackermann, ACKERMANN),
+}
+"""Every law by name; the first is the default."""
 
 BLOCK, SIZE = blocks(
     0,
     {
-        "servo": [constants for _, constants in SERVOS.values()],
-        "linkage": [constants for _, constants in LINKAGES.values()],
+        "servo": [law.rows for law in SERVOS.values()],
+        "linkage": [law.rows for law in LINKAGES.values()],
         "geometry": [GEOMETRY],
     },
 )
@@ -105,8 +200,30 @@ BLOCK, SIZE = blocks(
 
 
 @inlined
-def road_angle(linkage: Any, motor_angle: float, constants: FloatArray) -> float:
-    """Return the angle on the road [rad] of the one front wheel that would do for both.
+def turned(
+    linkage: Any, constants: FloatArray, motor_angle: float
+) -> tuple[float, float, float, float]:
+    """Return the wheels' angles about their king-pins, left and right [rad], and their slopes.
+
+    Parameters
+    ----------
+    linkage : compiled function
+        Law of the linkage.
+    constants : ndarray of float, shape (SIZE,)
+        Of the steering.
+    motor_angle : float
+        Of the steering motor [rad].
+    """
+    left, right, left_slope, right_slope = linkage(
+        constants, BLOCK.linkage, motor_angle + constants[BLOCK.geometry + _G.offset]
+    )
+    sign = constants[BLOCK.geometry + _G.sign]
+    return sign * left, sign * right, sign * left_slope, sign * right_slope
+
+
+@inlined
+def road_angle_of(linkage: Any, motor_angle: float, constants: FloatArray) -> float:
+    """Return the angle on the road [rad] of the one steered wheel that would do, in front.
 
     Parameters
     ----------
@@ -117,15 +234,17 @@ def road_angle(linkage: Any, motor_angle: float, constants: FloatArray) -> float
     constants : ndarray of float, shape (SIZE,)
         Of the steering.
     """
-    left, right, _, _ = linkage(constants, BLOCK.linkage, motor_angle)
+    left, right, _, _ = turned(linkage, constants, motor_angle)
+    sign = constants[BLOCK.geometry + _G.sign]
     cosine = constants[BLOCK.geometry + _G.cosine]
-    angle: float = 0.5 * (math.atan(cosine * math.tan(left)) + math.atan(cosine * math.tan(right)))
+    both = math.atan(cosine * math.tan(left)) + math.atan(cosine * math.tan(right))
+    angle: float = sign * 0.5 * both
     return angle
 
 
 @inlined
-def motor_angle_for(linkage: Any, angle: float, constants: FloatArray) -> float:
-    """Return the motor angle [rad] within its limit whose `road_angle` comes closest to an angle.
+def motor_angle_of(linkage: Any, angle: float, constants: FloatArray) -> float:
+    """Return the motor angle [rad] within its limit whose `road_angle_of` comes closest.
 
     Parameters
     ----------
@@ -138,9 +257,9 @@ def motor_angle_for(linkage: Any, angle: float, constants: FloatArray) -> float:
     """
     limit = constants[BLOCK.geometry + _G.limit]
     low, high = -limit, limit
-    for _ in range(50):  # road_angle rises with the motor angle: halve to round-off
+    for _ in range(50):  # road_angle_of rises with the motor angle: halve to round-off
         middle = 0.5 * (low + high)
-        if road_angle(linkage, middle, constants) < angle:
+        if road_angle_of(linkage, middle, constants) < angle:
             low = middle
         else:
             high = middle
@@ -151,7 +270,7 @@ def motor_angle_for(linkage: Any, angle: float, constants: FloatArray) -> float:
 def _write_axles(
     linkage: Any, table: FloatArray, row: int, angle: float, rate: float, constants: FloatArray
 ) -> None:
-    left, right, left_slope, right_slope = linkage(constants, BLOCK.linkage, angle)
+    left, right, left_slope, right_slope = turned(linkage, constants, angle)
     table[row, 0], table[row, 1], table[row, 2] = axle(constants, BLOCK.geometry, left)
     table[row, 3] = left_slope * rate
     table[row, 4], table[row, 5], table[row, 6] = axle(constants, BLOCK.geometry, right)
@@ -159,7 +278,7 @@ def _write_axles(
 
 
 @inlined
-def run(
+def run_servo(
     servo_law: Any,
     linkage: Any,
     servo: FloatArray,

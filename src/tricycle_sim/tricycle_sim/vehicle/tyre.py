@@ -7,10 +7,33 @@ that it reads. A vehicle file chooses one under `parts: {tyre: NAME}`.
 import math
 
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.compilation import inlined
+from tricycle_sim.vehicle.approximations import arctan_positive, sine
+from tricycle_sim.vehicle.laws import Constant, Law, between, inlined, not_negative, positive
 from tricycle_sim.vehicle.layout import LANES, Formulas, numbered
 
-CONSTANTS: Formulas = {
+CONSTANTS: tuple[Constant, ...] = (
+    positive("cornering_stiffness", "N/rad", per_wheel=True),
+    not_negative("camber_stiffness", "N/rad", per_wheel=True),
+    not_negative("self_aligning_stiffness", "N m/rad", per_wheel=True),
+    not_negative("rolling_coefficient_1", "1", per_wheel=True),
+    not_negative("rolling_coefficient_2", "s^2/m^2", per_wheel=True),
+    positive("vertical_stiffness", "N/m", per_wheel=True),
+    not_negative("vertical_damping", "N s/m", per_wheel=True),
+    positive("friction_coefficient", "1", per_wheel=True),
+    # 0: stiffness per wheel, 1: per load
+    between("load_sensitivity", "1", 0.0, 1.0, per_wheel=True),
+    positive("slip_stiffness", "N", per_wheel=True),  # longitudinal, per unit slip
+    positive("longitudinal_relaxation_length", "m", per_wheel=True),
+    positive("lateral_relaxation_length", "m", per_wheel=True),
+    positive("slip_speed_floor", "m/s", per_wheel=True),
+    positive("carcass_damping_speed", "m/s", per_wheel=True),  # the damping fades out above it
+    not_negative("longitudinal_carcass_damping", "N s/m", per_wheel=True),
+    not_negative("lateral_carcass_damping", "N s/m", per_wheel=True),
+    positive("rolling_smoothing_speed", "m/s", per_wheel=True),
+)
+"""What every law reads: the slopes at the origin and the friction limit are the same for all."""
+
+TYRE: Formulas = {
     "vertical_stiffness": lambda v: v.vertical_stiffness,
     "vertical_damping": lambda v: v.vertical_damping,
     "radius": lambda v: v.tyre_radius,
@@ -22,7 +45,7 @@ CONSTANTS: Formulas = {
     "rolling_smoothing_squared": lambda v: v.rolling_smoothing_speed**2,
 }
 """What every tyre has, whatever its law."""
-_C = numbered(CONSTANTS, step=LANES)
+_C = numbered(TYRE, step=LANES)
 
 LINEAR: Formulas = {
     "c_kappa": lambda v: v.slip_stiffness,
@@ -31,7 +54,7 @@ LINEAR: Formulas = {
     "aligning": lambda v: v.self_aligning_stiffness,
     "friction": lambda v: v.friction_coefficient,
     "stiffness_unloaded": lambda v: 1.0 - v.load_sensitivity,
-    "stiffness_per_load": lambda v: v.load_sensitivity / (v.mass * v.gravity / 3.0),
+    "stiffness_per_load": lambda v: v.load_sensitivity / v.mean_load,
     "damping_speed_squared": lambda v: v.carcass_damping_speed**2,
     "damping_x": lambda v: v.longitudinal_carcass_damping,
     "damping_y": lambda v: v.lateral_carcass_damping,
@@ -120,6 +143,46 @@ def rolling_resistance(g: FloatArray, c: int, radius: float, load: float, rollin
 
 
 @inlined
+def unlimited(
+    g: FloatArray,
+    c: int,
+    load: float,
+    kappa: float,
+    alpha: float,
+    lean: float,
+    vx: float,
+    slip_speed: float,
+    vy: float,
+) -> tuple[float, float]:
+    """Return the forces that a tyre would have without a friction limit, forward and left [N].
+
+    Parameters
+    ----------
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the law's constants of the vehicle start in `g`.
+    load : float
+        Of the wheel [N].
+    kappa, alpha : float
+        Relaxed slips, longitudinal and lateral.
+    lean : float
+        Positive with the top to the left [rad].
+    vx, slip_speed, vy : float
+        As for `slip_slopes`.
+    """
+    fade_speed = g[c + _L.damping_speed_squared]
+    fade = fade_speed / (vx * vx + fade_speed)
+    x0 = g[c + _L.c_kappa] * kappa - g[c + _L.damping_x] * fade * slip_speed
+    stiffness = g[c + _L.stiffness_unloaded] + g[c + _L.stiffness_per_load] * load
+    y0 = (
+        stiffness * (g[c + _L.c_alpha] * alpha + g[c + _L.c_gamma] * lean)
+        - g[c + _L.damping_y] * fade * vy
+    )
+    return x0, y0
+
+
+@inlined
 def linear(
     g: FloatArray,
     c: int,
@@ -157,14 +220,7 @@ def linear(
     share : float
         Square of the force before limiting over the friction limit's.
     """
-    fade_speed = g[c + _L.damping_speed_squared]
-    fade = fade_speed / (vx * vx + fade_speed)
-    x0 = g[c + _L.c_kappa] * kappa - g[c + _L.damping_x] * fade * slip_speed
-    stiffness = g[c + _L.stiffness_unloaded] + g[c + _L.stiffness_per_load] * load
-    y0 = (
-        stiffness * (g[c + _L.c_alpha] * alpha + g[c + _L.c_gamma] * lean)
-        - g[c + _L.damping_y] * fade * vy
-    )
+    x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
     limit = g[c + _L.friction] * load
     limit2 = limit * limit
     force2 = x0 * x0 + y0 * y0
@@ -173,5 +229,121 @@ def linear(
     return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * grip, force2 * inverse * inverse
 
 
-LAWS = {"linear": (linear, LINEAR)}
-"""Function and constants of each law by name."""
+@inlined
+def fiala(
+    g: FloatArray,
+    c: int,
+    load: float,
+    kappa: float,
+    alpha: float,
+    lean: float,
+    vx: float,
+    slip_speed: float,
+    vy: float,
+) -> tuple[float, float, float, float]:
+    """Return the forces of a brush tyre with a parabolic pressure: it slides from behind.
+
+    Parameters
+    ----------
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the law's constants of the vehicle start in `g`.
+    load, kappa, alpha, lean, vx, slip_speed, vy : float
+        As for `linear`.
+
+    Returns
+    -------
+    force_x, force_y, aligning, share : float
+        As of `linear`.
+    """
+    x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
+    slides = max(3.0 * g[c + _L.friction] * load, 1e-12)
+    theta = math.sqrt(x0 * x0 + y0 * y0) / slides  # 1: the whole contact slides
+    sliding = min(theta, 1.0)
+    grip = (1.0 - sliding + sliding * sliding / 3.0) / max(theta, 1.0)
+    adhering = (1.0 - sliding) * (1.0 - sliding) * (1.0 - sliding)
+    share = (1.0 - adhering) * (1.0 - adhering)
+    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * adhering, share
+
+
+MAGIC_FORMULA: Formulas = {
+    **LINEAR,
+    "shape_x": lambda v: v.shape_longitudinal,
+    "curvature_x": lambda v: v.curvature_longitudinal,
+    "shape_y": lambda v: v.shape_lateral,
+    "curvature_y": lambda v: v.curvature_lateral,
+    "inverse_mean_load": lambda v: 1.0 / v.mean_load,
+    "friction_load_slope": lambda v: v.friction_load_slope,
+}
+_F = numbered(MAGIC_FORMULA, step=LANES)
+
+
+@inlined
+def _shape(s: float, c: float, e: float) -> float:
+    """Return the force over its limit at a slip s that is normalised to slope and limit 1."""
+    argument = s / c
+    return sine(c * arctan_positive(argument - e * (argument - arctan_positive(argument))))
+
+
+@inlined
+def magic_formula(
+    g: FloatArray,
+    c: int,
+    load: float,
+    kappa: float,
+    alpha: float,
+    lean: float,
+    vx: float,
+    slip_speed: float,
+    vy: float,
+) -> tuple[float, float, float, float]:
+    """Return the forces by Pacejka's formula, combined by the similarity of both directions.
+
+    Parameters
+    ----------
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the law's constants of the vehicle start in `g`.
+    load, kappa, alpha, lean, vx, slip_speed, vy : float
+        As for `linear`.
+
+    Returns
+    -------
+    force_x, force_y, aligning, share : float
+        As of `linear`; the share after limiting.
+    """
+    x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
+    excess = load * g[c + _F.inverse_mean_load] - 1.0
+    friction = g[c + _F.friction] * max(0.1, 1.0 - g[c + _F.friction_load_slope] * excess)
+    limit = friction * load
+    inverse = 1.0 / max(limit, 1e-9)
+    sx, sy = x0 * inverse, y0 * inverse
+    s2 = sx * sx + sy * sy + 1e-24
+    s = math.sqrt(s2)
+    px = _shape(s, g[c + _F.shape_x], g[c + _F.curvature_x])
+    py = _shape(s, g[c + _F.shape_y], g[c + _F.curvature_y])
+    force = (sx * sx * px + sy * sy * py) / s2
+    grip = limit * force / s
+    aligning = -g[c + _F.aligning] * alpha * py / s
+    return grip * sx, grip * sy, aligning, force * force
+
+
+LAWS = {
+    "linear": Law(linear, LINEAR),
+    "fiala": Law(fiala, LINEAR),
+    "magic_formula": Law(
+        magic_formula,
+        MAGIC_FORMULA,
+        (
+            between("shape_longitudinal", "1", 0.5, 2.0, per_wheel=True),
+            Constant("curvature_longitudinal", "1", low=-100.0, high=1.0, per_wheel=True),
+            between("shape_lateral", "1", 0.5, 2.0, per_wheel=True),
+            Constant("curvature_lateral", "1", low=-100.0, high=1.0, per_wheel=True),
+            # of the friction coefficient, by load over the mean load of the wheels
+            between("friction_load_slope", "1", 0.0, 1.0, default=0.0, per_wheel=True),
+        ),
+    ),
+}
+"""Every law by name; the first is the default."""

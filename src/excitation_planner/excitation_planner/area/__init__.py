@@ -1,0 +1,1 @@
+"""The ground that a vehicle may use, and whether a maneuver fits on it."""

@@ -1,0 +1,210 @@
+"""The area: where a vehicle may drive, where not, and where it may start; its YAML file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from excitation_planner.area.polygons import signed_distance
+from tricycle_core.documents import decode, parse_yaml, read_bounded
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
+
+MAX_BYTES = 1_000_000  # of an area file
+MAX_CORNERS = 2_000  # of all polygons together
+FARTHEST = 100_000.0  # from the frame's origin [m]: beyond it metres are degrees by mistake
+
+Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class StartRegion:
+    """Where a maneuver may begin: pose of `base_link` in the area's frame, from and to.
+
+    Attributes
+    ----------
+    x, y : (float, float)
+        Lowest and highest [m]; infinite: anywhere in the area.
+    heading : (float, float)
+        From, and counter-clockwise to [rad]; a whole turn: any.
+    """
+
+    x: Span = (-math.inf, math.inf)
+    y: Span = (-math.inf, math.inf)
+    heading: Span = (-math.pi, math.pi)
+
+    def __post_init__(self) -> None:
+        for name in ("x", "y", "heading"):
+            low, high = getattr(self, name)
+            if not low <= high:
+                raise PlanError(f"start.{name}: needs [low, high], not [{low:g}, {high:g}]")
+        low, high = self.heading
+        if not (math.isfinite(low) and math.isfinite(high) and high - low <= 2 * math.pi + 1e-9):
+            raise PlanError(f"start.heading: [{low:g}, {high:g}] is no part of a turn, in rad")
+
+
+@dataclass(frozen=True)
+class Area:
+    """The ground that maneuvers may use.
+
+    Attributes
+    ----------
+    keep_in : ndarray of float, shape (n, 2)
+        Corners of the polygon that no part of the vehicle leaves [m].
+    keep_out : tuple of ndarray of float, each of shape (m, 2)
+        Corners of polygons that no part of the vehicle enters [m].
+    margin : float
+        Distance kept from all of them [m].
+    start : StartRegion
+        Where a maneuver may begin.
+    frame : str
+        Frame of all coordinates.
+    datum : (float, float) or None
+        Latitude and longitude [deg] of the frame's origin, its x axis to the east; None: the origin
+        is that of `frame`.
+
+    Raises
+    ------
+    PlanError
+        A polygon that is none, a negative margin, a start outside, or a datum that is no place.
+    """
+
+    keep_in: FloatArray
+    keep_out: tuple[FloatArray, ...] = ()
+    margin: float = 0.5
+    start: StartRegion = StartRegion()
+    frame: str = "odom"
+    datum: Span | None = None
+
+    def __post_init__(self) -> None:
+        named = {"keep_in": self.keep_in}
+        named |= {f"keep_out[{i}]": polygon for i, polygon in enumerate(self.keep_out)}
+        for name, polygon in named.items():
+            _check_polygon(name, polygon)
+        if sum(map(len, named.values())) > MAX_CORNERS:
+            raise PlanError(f"the polygons have more than {MAX_CORNERS} corners")
+        if not 0.0 <= self.margin < math.inf:
+            raise PlanError(f"margin: needs a number of at least 0 m, not {self.margin:g}")
+        if self.datum is not None:
+            latitude, longitude = self.datum
+            if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+                raise PlanError("datum: needs [latitude, longitude] in degrees")
+        x, y = self.start.x, self.start.y
+        if x[0] == x[1] and y[0] == y[1]:
+            place = np.array([x[0], y[0]])
+            if self.clearance(place) < 0.0:
+                raise PlanError(
+                    f"start: ({x[0]:g}, {y[0]:g}) m is outside of keep_in or in a keep_out"
+                )
+
+    def clearance(self, points: FloatArray) -> FloatArray:
+        """Return the distance of points to what bounds the area [m], without the margin.
+
+        Parameters
+        ----------
+        points : ndarray of float, shape (..., 2)
+            In the area's frame [m].
+
+        Returns
+        -------
+        clearance : ndarray of float, shape (...)
+            Negative outside of `keep_in` and in a `keep_out`.
+        """
+        clearance = signed_distance(points, (self.keep_in,))
+        for polygon in self.keep_out:
+            clearance = np.minimum(clearance, -signed_distance(points, (polygon,)))
+        return clearance
+
+
+@dataclass(frozen=True)
+class _Start:
+    x: float | Span | None = None
+    y: float | Span | None = None
+    heading: float | Span | None = None
+
+
+@dataclass(frozen=True)
+class _File:
+    keep_in: FloatArray
+    keep_out: tuple[FloatArray, ...] = ()
+    margin: float = 0.5
+    start: _Start = _Start()
+    frame: str = "odom"
+    datum: Span | None = None
+
+
+_KEYS = ("keep_in", "keep_out", "margin", "start", "frame", "datum", "about")
+
+
+def load_area(path: Path) -> Area:
+    """Read an area file.
+
+    Parameters
+    ----------
+    path : Path
+        YAML file, see docs/how-to-area.md.
+
+    Raises
+    ------
+    PlanError
+        One line that names the file and the entry that is wrong.
+    OSError
+        If the file cannot be read.
+    """
+    where = str(path)
+    document = parse_yaml(read_bounded(path, MAX_BYTES, "an area", PlanError), where, PlanError)
+    if not isinstance(document, dict):
+        raise PlanError(f"{where}: needs keep_in: [[x, y], ...], and may have {_listed(_KEYS[1:])}")
+    for name, allowed, values in (
+        ("", _KEYS, document),
+        ("start.", ("x", "y", "heading"), document.get("start")),
+    ):
+        if isinstance(values, dict) and (unknown := [key for key in values if key not in allowed]):
+            raise PlanError(f"{where}: {name}{unknown[0]}: is no key; there are {_listed(allowed)}")
+    file = decode(
+        _File, {key: document[key] for key in document if key != "about"}, where, PlanError
+    )
+    try:
+        return Area(
+            file.keep_in,
+            file.keep_out,
+            file.margin,
+            _start_region(file.start),
+            file.frame,
+            file.datum,
+        )
+    except PlanError as error:
+        raise PlanError(f"{where}: {error}") from error
+
+
+def _start_region(start: _Start) -> StartRegion:
+    given: dict[str, Any] = {
+        name: value if isinstance(value, tuple) else (value, value)
+        for name, value in vars(start).items()
+        if value is not None
+    }
+    return StartRegion(**given)
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return ", ".join(names)
+
+
+def _check_polygon(name: str, polygon: FloatArray) -> None:
+    import shapely  # only who reads an area needs it
+
+    if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3:
+        raise PlanError(f"{name}: needs three corners or more: [[x, y], ...] in m")
+    far = ~(np.abs(polygon) <= FARTHEST)
+    if far.any():
+        corner = int(np.argmax(far.any(axis=1)))
+        raise PlanError(
+            f"{name}[{corner}]: needs metres within {FARTHEST / 1e3:g} km of the origin"
+        )
+    reason = shapely.is_valid_reason(shapely.Polygon(polygon))
+    if reason != "Valid Geometry":
+        raise PlanError(f"{name}: crosses or touches itself ({reason.lower()})")

@@ -1,0 +1,84 @@
+"""Distances to polygons, in NumPy alone: the fence asks for them at every tick.
+
+A polygon is a tuple of rings, each an array (n, 2) of its corners without the first repeated: the
+outline, then the holes. Which way round a ring goes does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tricycle_core.quantities import FloatArray
+
+if TYPE_CHECKING:  # the fence does without
+    import shapely
+
+Rings = Sequence[FloatArray]
+
+
+def signed_distance(points: FloatArray, rings: Rings) -> FloatArray:
+    """Return the distance of points to the border of a polygon [m], positive inside.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (..., 2)
+        Points [m].
+    rings : sequence of ndarray of float, each of shape (n, 2)
+        Outline and holes [m].
+
+    Returns
+    -------
+    distance : ndarray of float, shape (...)
+        Negative outside of the outline and in a hole.
+    """
+    x, y = points[..., 0, None], points[..., 1, None]
+    start = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    (ax, ay), (bx, by) = start.T, end.T
+    dx, dy = bx - ax, by - ay
+    length2 = np.maximum(dx * dx + dy * dy, 1e-300)
+    along = np.clip(((x - ax) * dx + (y - ay) * dy) / length2, 0.0, 1.0)
+    squared = (x - ax - along * dx) ** 2 + (y - ay - along * dy) ** 2
+    # a ray towards +x crosses an odd number of edges from inside
+    spans = (ay > y) != (by > y)
+    crossing = ax + (y - ay) * dx / np.where(dy == 0.0, 1.0, dy)
+    inside = np.count_nonzero(spans & (x < crossing), axis=-1) % 2 == 1
+    distance: FloatArray = np.where(inside, 1.0, -1.0) * np.sqrt(squared.min(axis=-1))
+    return distance
+
+
+def placed(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -> FloatArray:
+    """Return points fixed to a body at one or many poses.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (m, 2)
+        In the body frame [m].
+    x, y, heading : float or ndarray of float, shape (...)
+        Poses of the body [m, m, rad].
+
+    Returns
+    -------
+    points : ndarray of float, shape (..., m, 2)
+        In the frame of the poses [m].
+    """
+    c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
+    px, py = points.T
+    x, y = np.asarray(x)[..., None], np.asarray(y)[..., None]
+    return np.stack([x + c * px - s * py, y + s * px + c * py], axis=-1)
+
+
+def rings_of(polygon: shapely.Polygon) -> tuple[FloatArray, ...]:
+    """Return outline and holes of a polygon, each (n, 2) without the first corner repeated.
+
+    Parameters
+    ----------
+    polygon : shapely.Polygon
+        Simple.
+    """
+    rings = (polygon.exterior, *polygon.interiors)
+    return tuple(np.asarray(ring.coords)[:-1] for ring in rings)

@@ -1,0 +1,151 @@
+"""Whether a maneuver fits an area: its tube, the best start pose, and what is lacking."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from excitation_planner.area.area import Area
+from excitation_planner.area.placement import Placement, at_pose, best_placement
+from excitation_planner.area.tube import Tube, tube_of
+from excitation_planner.design.noise import MeasurementNoise
+from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+
+START_POSITION_TOLERANCE = 0.05
+"""Distance from the planned start pose at which a vehicle may start [m]."""
+
+START_HEADING_TOLERANCE = math.radians(1.0)
+"""Deviation from the planned heading at which a vehicle may start [rad]."""
+
+
+class DoesNotFit(InfeasibleManeuver):
+    """A maneuver does not fit the area.
+
+    Attributes
+    ----------
+    shortage : float
+        By how much the border is too close [m].
+    """
+
+    def __init__(self, shortage: float) -> None:
+        super().__init__(f"needs {shortage:.2f} m more room in the area")
+        self.shortage = shortage
+
+    def __reduce__(self) -> tuple[type[DoesNotFit], tuple[float]]:
+        """Pickle by the shortage: workers raise it."""
+        return type(self), (self.shortage,)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A maneuver on its area.
+
+    Attributes
+    ----------
+    placement : Placement
+        Start pose with the largest clearance.
+    tube : Tube
+        In the area's frame.
+    needed : float
+        Clearance that is asked for [m].
+    """
+
+    placement: Placement
+    tube: Tube
+    needed: float
+
+    @property
+    def shortage(self) -> float:
+        """By how much the border is too close [m]; negative: what is left over."""
+        return self.needed - self.placement.clearance
+
+
+@dataclass(frozen=True)
+class Room:
+    """What a maneuver has to fit.
+
+    Attributes
+    ----------
+    area : Area
+        The ground.
+    footprint : ndarray of float, shape (m, 2)
+        Corners of the vehicle in its body frame [m].
+    position_std : float
+        Standard deviation of the localisation [m]; three of it are kept beside the margin.
+    """
+
+    area: Area
+    footprint: FloatArray
+    position_std: float = 0.0
+
+    @classmethod
+    def measured(cls, area: Area, footprint: FloatArray, noise: MeasurementNoise) -> Room:
+        """Room for drives whose position is measured with a noise.
+
+        Parameters
+        ----------
+        area : Area
+            The ground.
+        footprint : ndarray of float, shape (m, 2)
+            Corners of the vehicle in its body frame [m].
+        noise : MeasurementNoise
+            Has the deviations of the position.
+        """
+        return cls(area, footprint, math.hypot(noise.noise_std, noise.drift_std))
+
+    def fit(self, vehicle: Vehicle, commands: Commands) -> Fit:
+        """Return how a maneuver fits, at its best start pose.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            With the ranges of its unknown parameters.
+        commands : Commands
+            Of the maneuver.
+
+        Raises
+        ------
+        InfeasibleManeuver
+            If a vehicle of the ranges rolls over.
+        """
+        tube = tube_of(vehicle, commands, self.footprint)
+        best = best_placement(tube.whole, self.area)
+        farthest = float(np.hypot(*np.asarray(tube.whole.exterior.coords).T).max())
+        needed = (
+            self.area.margin
+            + 3.0 * self.position_std
+            + START_POSITION_TOLERANCE
+            + START_HEADING_TOLERANCE * farthest
+        )
+        x, y, heading = best.x, best.y, best.heading
+        return Fit(
+            best,
+            Tube(at_pose(tube.drive, x, y, heading), at_pose(tube.whole, x, y, heading)),
+            needed,
+        )
+
+    def check(self, vehicle: Vehicle, commands: Commands) -> None:
+        """Refuse a maneuver that does not fit.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            With the ranges of its unknown parameters.
+        commands : Commands
+            Of the maneuver.
+
+        Raises
+        ------
+        DoesNotFit
+            With what is lacking.
+        InfeasibleManeuver
+            If a vehicle of the ranges rolls over.
+        """
+        shortage = self.fit(vehicle, commands).shortage
+        if shortage > 0.0:
+            raise DoesNotFit(shortage)

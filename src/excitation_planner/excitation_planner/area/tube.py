@@ -1,0 +1,186 @@
+"""The tube of a maneuver: all ground that a vehicle may cover in it, stops from any point included.
+
+n: vehicles, t: time points, m: corners of the footprint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from excitation_planner.area.polygons import placed
+from excitation_planner.indices.sampling import sobol_sequence
+from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.quantities import FloatArray
+from tricycle_core.stopping import Cause, stopping_distance
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.kinematics import road_angles, wheelbase
+
+VEHICLES = 64
+"""Vehicles of the ranges, beside the nominal one: half of them at corners."""
+
+EVERY = 0.1
+"""Time between footprints [s]; the hull of two covers the time between."""
+
+STOP_EVERY = 0.3
+"""Time between the points from which a stop is looked at [s]."""
+
+ARC_POINTS = 6
+"""Footprints along the path of a stop."""
+
+SLOWEST = 0.02
+"""Speed below which nothing is to be stopped [m/s]."""
+
+TOLERANCE = 0.01
+"""By which outlines are simplified, outwards [m]."""
+
+WHEEL_WIDTH = 0.1
+"""Of the tyre and what stands out beside it, each side [m]."""
+
+_ANGLES = np.arange(32) * np.pi / 16
+_DIRECTIONS = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+
+def footprint_of(vehicle: Vehicle) -> FloatArray:
+    """Return the corners of the rectangle around the wheels, (4, 2) [m].
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its body frame is that of the corners.
+    """
+    wheels = [vehicle.of(wheel) for wheel in vehicle.wheels]
+    front = max(wheel.x + wheel.tyre_radius for wheel in wheels)
+    back = min(wheel.x - wheel.tyre_radius for wheel in wheels)
+    left = max(wheel.y for wheel in wheels) + WHEEL_WIDTH
+    right = min(wheel.y for wheel in wheels) - WHEEL_WIDTH
+    return np.array([[front, left], [back, left], [back, right], [front, right]])
+
+
+@dataclass(frozen=True)
+class Tube:
+    """Ground that a maneuver may cover, from its start pose.
+
+    Attributes
+    ----------
+    drive : shapely.Polygon
+        Covered by the footprint of any of the vehicles in the undisturbed maneuver.
+    whole : shapely.Polygon
+        The same, and where the vehicles come to rest when they are stopped at any time.
+    """
+
+    drive: shapely.Polygon
+    whole: shapely.Polygon
+
+
+def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed: int = 0) -> Tube:
+    """Return the ground that vehicles of the ranges may cover under the same commands.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the ranges of its unknown parameters.
+    commands : Commands
+        Of the maneuver.
+    footprint : ndarray of float, shape (m, 2)
+        Corners in the body frame [m].
+    seed : int
+        Of the vehicles drawn.
+
+    Raises
+    ------
+    InfeasibleManeuver
+        If one of the vehicles rolls over.
+    """
+    motion = simulate(vehicle, commands, _vehicles(vehicle, seed), threads=1)
+    if (over := motion.feasibility.rolled_over.happened).any():
+        reason = "; ".join(motion.feasibility.reasons(int(np.argmax(over))))
+        raise InfeasibleManeuver(f"a vehicle of the ranges: {reason}")
+
+    def thinned(column: FloatArray, seconds: float) -> FloatArray:
+        every = round(seconds / TICK)
+        return np.concatenate([column[:, :-1:every], column[:, -1:]], axis=1)
+
+    poses = placed(footprint, *(thinned(c, EVERY) for c in (motion.x, motion.y, motion.yaw)))
+    drive = _hulls(poses[:, :-1], poses[:, 1:])
+    columns = (motion.x, motion.y, motion.yaw, motion.vx, motion.vy, motion.yaw_rate)
+    x, y, yaw, u, v, r = (thinned(column, STOP_EVERY) for column in columns)
+    angle = thinned(motion.steering_motor_angle[:1], STOP_EVERY)  # the same for all
+    speed, slip = np.hypot(u, v), np.arctan2(v, u)
+    # the curvature of a stop lies between that of the drive and that of a crawl
+    crawl = np.broadcast_to(_crawl_curvature(vehicle, angle), speed.shape)
+    curvatures = (r / np.maximum(speed, SLOWEST), crawl)
+    arcs = [
+        placed(footprint, *_stopping_path(x, y, yaw, slip, speed, curvature))
+        for curvature in curvatures
+    ]
+    whole = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
+    return Tube(_outline(drive), _outline([*drive, *whole.ravel()]))
+
+
+def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
+    """Values (n, k) of the unknown parameters: the nominal ones, and draws from the ranges."""
+    nominal = vehicle.nominal_point()[None]
+    if not vehicle.unknown:
+        return nominal
+    low, high = np.array(list(vehicle.unknown.values())).T
+    U = sobol_sequence(VEHICLES, len(low), seed=seed)
+    U[::2] = U[::2] > 0.5  # corners of the ranges: there the paths differ most
+    return np.vstack([nominal, low + U * (high - low)])
+
+
+def _crawl_curvature(vehicle: Vehicle, angle: FloatArray) -> FloatArray:
+    """Curvature of the path [1/m] at a steering motor angle [rad] without slip."""
+    curvature: FloatArray = np.tan(road_angles(vehicle, angle.ravel())) / wheelbase(vehicle)
+    return curvature.reshape(angle.shape)
+
+
+def _stopping_path(
+    x: FloatArray,
+    y: FloatArray,
+    yaw: FloatArray,
+    slip: FloatArray,
+    speed: FloatArray,
+    curvature: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Poses (n, t, ARC_POINTS) from each pose (n, t) to rest, on an arc of the longest stop."""
+    way = np.where(speed > SLOWEST, _longest_stop(speed), 0.0)
+    s = way[..., None] * np.linspace(0.0, 1.0, ARC_POINTS)
+    turn = curvature[..., None] * s
+    # chord of the arc, at half of its turn
+    chord, course = s * np.sinc(turn / (2.0 * np.pi)), (yaw + slip)[..., None] + 0.5 * turn
+    return (
+        x[..., None] + chord * np.cos(course),
+        y[..., None] + chord * np.sin(course),
+        yaw[..., None] + turn,
+    )
+
+
+def _longest_stop(speed: FloatArray) -> FloatArray:
+    """Way to rest [m] of the published stop that is longest."""
+    longest: FloatArray = np.max([stopping_distance(cause, speed) for cause in Cause], axis=0)
+    return longest
+
+
+def _hulls(*corners: FloatArray) -> NDArray[np.object_]:
+    """Convex hulls of the corners (n, ..., m, 2) of all vehicles, shape (...)."""
+    together = np.concatenate([np.moveaxis(c, 0, -2) for c in corners], axis=-2)  # (..., m, n, 2)
+    points = together.reshape(*together.shape[:-3], -1, 2)
+    # the outermost points by direction: a hundredth of them makes the same hull, within millimetres
+    outermost = np.argmax(points @ _DIRECTIONS, axis=-2)
+    kept = np.take_along_axis(points, outermost[..., None], axis=-2)
+    return np.asarray(shapely.convex_hull(shapely.multipoints(kept)))
+
+
+def _outline(polygons: Iterable[shapely.Polygon]) -> shapely.Polygon:
+    """One polygon around all, simplified outwards."""
+    return shapely.simplify(
+        shapely.buffer(shapely.unary_union(list(polygons)), TOLERANCE), TOLERANCE
+    )

@@ -1,0 +1,179 @@
+"""The search box: ranges of operation parameters other than those that a family brings."""
+
+import reprlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from excitation_planner.box import Bounds, Box
+from excitation_planner.maneuver.family import DrivenPath, ManeuverFamily
+from tricycle_core.documents import read_bounded
+from tricycle_core.errors import DesignError, PlanError
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+
+MAX_BYTES = 100_000
+"""Largest file of ranges that is read."""
+
+
+@dataclass(frozen=True)
+class RangedFamily:
+    """A maneuver family whose operation parameters have other ranges than its own.
+
+    Attributes
+    ----------
+    family : ManeuverFamily
+        Gives the maneuvers.
+    operation : Box
+        Ranges, with the names of the family's.
+    """
+
+    family: ManeuverFamily
+    operation: Box
+
+    @property
+    def name(self) -> str:
+        """Name of the family."""
+        return self.family.name
+
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> DrivenPath | Commands:
+        """Return what the family drives at x.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        vehicle : Vehicle
+            Its nominal values.
+        """
+        return self.family.drive(x, vehicle)
+
+
+def parse_ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return ranges by the name of the operation parameter.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        ``NAME=LOW:HIGH``, or ``FAMILY.NAME=LOW:HIGH`` for one family only.
+
+    Raises
+    ------
+    PlanError
+        If a text has another form, or a name comes twice.
+
+    Examples
+    --------
+    >>> parse_ranges(["radius=3:12", "circle.speed=0.5:1.5"])
+    {'radius': (3.0, 12.0), 'circle.speed': (0.5, 1.5)}
+    """
+    ranges: dict[str, tuple[float, float]] = {}
+    for text in texts:
+        name, _, limits = text.partition("=")
+        try:
+            low, high = map(float, limits.split(":"))
+        except ValueError:
+            raise PlanError(f"range {text!r}: want NAME=LOW:HIGH, as in radius=3:12") from None
+        if name in ranges:
+            raise PlanError(f"range {text!r}: {name} is given twice")
+        ranges[name] = low, high
+    return ranges
+
+
+def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
+    """Read ranges from YAML: ``radius: [3, 12]``, or ``circle: {radius: [3, 12]}``.
+
+    Parameters
+    ----------
+    path : Path
+        File.
+
+    Raises
+    ------
+    PlanError
+        If it holds anything else; names the entry.
+    OSError
+        If it cannot be read.
+    """
+    content = read_bounded(path, MAX_BYTES, "a file of ranges", PlanError)
+    try:
+        document = yaml.safe_load(content)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        line = " ".join(str(error).split())
+        raise PlanError(f"{path}: is not valid YAML: {line}") from error
+    if not isinstance(document, dict):
+        raise PlanError(f"{path}: want entries like radius: [3, 12]")
+    entries: dict[str, Any] = {}
+    for name, value in document.items():
+        inner = value.items() if isinstance(value, dict) else [(None, value)]
+        entries |= {f"{name}.{key}" if key else str(name): limits for key, limits in inner}
+    ranges: dict[str, tuple[float, float]] = {}
+    for name, limits in entries.items():
+        if not (
+            isinstance(limits, list)
+            and len(limits) == 2
+            and all(isinstance(n, int | float) and not isinstance(n, bool) for n in limits)
+        ):
+            raise PlanError(f"{path}: {name}: {reprlib.repr(limits)}: want [low, high]")
+        ranges[name] = float(limits[0]), float(limits[1])
+    return ranges
+
+
+def with_ranges(families: Sequence[ManeuverFamily], ranges: Bounds) -> tuple[ManeuverFamily, ...]:
+    """Return the families with these ranges in place of their own.
+
+    Parameters
+    ----------
+    families : sequence of ManeuverFamily
+        Some have the parameters named.
+    ranges : mapping of str to (float, float)
+        By ``NAME``, of every family that has it, or by ``FAMILY.NAME``.
+
+    Raises
+    ------
+    PlanError
+        If a name belongs to none of the families, or a range is impossible.
+    """
+    known = {
+        key: None
+        for family in families
+        for name in family.operation.names
+        for key in (name, f"{family.name}.{name}")
+    }
+    for name in ranges:
+        if name not in known:
+            raise PlanError(f"range of {name!r}: the parameters are {', '.join(known)}")
+    return tuple(_with_own_ranges(family, ranges) for family in families)
+
+
+def _with_own_ranges(family: ManeuverFamily, ranges: Bounds) -> ManeuverFamily:
+    bounds = {
+        name: ranges.get(f"{family.name}.{name}", ranges.get(name, limits))
+        for name, limits in family.operation.bounds().items()
+    }
+    if bounds == family.operation.bounds():
+        return family
+    try:
+        return RangedFamily(family, Box.of(bounds))
+    except DesignError as error:
+        raise PlanError(f"{family.name}: {error}") from error
+
+
+def shown_ranges(bounds: Mapping[str, tuple[float, float]]) -> str:
+    """Return ranges as a text that `parse_ranges` reads, word by word.
+
+    Parameters
+    ----------
+    bounds : mapping of str to (float, float)
+        Ranges by name.
+
+    Examples
+    --------
+    >>> shown_ranges({"radius": (2.0, 6.0), "speed": (0.6, 1.0)})
+    'radius=2:6 speed=0.6:1'
+    """
+    return " ".join(f"{name}={low:g}:{high:g}" for name, (low, high) in bounds.items())

@@ -1,0 +1,118 @@
+"""What would make a maneuver fit an area that is too small for it."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from excitation_planner.area.room import Room
+from excitation_planner.indices.sampling import sobol_sequence
+from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.planning.replay import nominal_run
+from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle import Vehicle
+
+_INSIDE = 12  # points of the operation box that are tried beside its corners
+_STEPS = 5  # to each end of an operation parameter's range
+_HALVINGS = 4  # of the last of them
+
+
+def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
+    """Return what a family lacks that does not fit an area at all, and what would be enough.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the ranges of its unknown parameters.
+    family : ManeuverFamily
+        Of the maneuver.
+    room : Room
+        What it has to fit.
+    """
+    box = family.operation
+    corners = np.array(list(itertools.product((0.0, 1.0), repeat=min(len(box), 4))))
+    corners = np.pad(corners, ((0, 0), (0, len(box) - corners.shape[1])), constant_values=0.5)
+    tried = box.from_unit(np.vstack([corners, sobol_sequence(_INSIDE, len(box))]))
+    found = [(shortage, x) for x in tried if (shortage := _shortage(vehicle, family, room, x))]
+    if not found:
+        return f"none of {len(tried)} maneuvers of {family.name} can be driven"
+    shortage, x = min(found, key=lambda pair: pair[0])
+    return (
+        f"the {family.name} that comes closest ({_named(family, x)}) needs {shortage:.2f} m more: "
+        f"{_larger(room, shortage)}"
+    )
+
+
+def nearest_that_fits(
+    vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray, shortage: float
+) -> str:
+    """Return what would make one maneuver fit.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the ranges of its unknown parameters.
+    family : ManeuverFamily
+        Of the maneuver.
+    room : Room
+        What it has to fit.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    shortage : float
+        By how much it does not fit [m].
+    """
+    box = family.operation
+    fitting = []
+    for axis, (name, low, high) in enumerate(zip(box.names, box.low, box.high, strict=True)):
+        for end in (low, high):
+            value = _first_that_fits(vehicle, family, room, x, axis, end)
+            if value is not None:
+                fitting.append(f"{name} {value:.3g}")
+    changes = [f"{' or '.join(fitting)} fits"] if fitting else []
+    return "; ".join([*changes, _larger(room, shortage)])
+
+
+def _larger(room: Room, shortage: float) -> str:
+    """What change of the area makes up for a shortage [m]."""
+    margin = room.area.margin
+    smaller = f", or margin {margin - shortage:.2f} instead of {margin:.2f} m"
+    return (
+        f"keep_in {shortage:.2f} m further out on every side would do"
+        f"{smaller if shortage < margin else ''}"
+    )
+
+
+def _shortage(vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray) -> float | None:
+    """What a maneuver lacks [m]; None if the vehicle cannot drive it."""
+    try:
+        return room.fit(vehicle, nominal_run(vehicle, family, x).commands).shortage
+    except InfeasibleManeuver:
+        return None
+
+
+def _first_that_fits(
+    vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray, axis: int, end: float
+) -> float | None:
+    """Value of one operation parameter, nearest to that of x, with which it fits, if any does."""
+    other = x.copy()
+
+    def fits(value: float) -> bool:
+        other[axis] = value
+        shortage = _shortage(vehicle, family, room, other)
+        return shortage is not None and shortage <= 0.0
+
+    steps = np.linspace(x[axis], end, _STEPS + 1)
+    good = next((i for i in range(1, _STEPS + 1) if fits(steps[i])), None)
+    if good is None:
+        return None
+    bad, value = steps[good - 1], steps[good]
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (value + bad)
+        value, bad = (middle, bad) if fits(middle) else (value, middle)
+    return float(value)
+
+
+def _named(family: ManeuverFamily, x: FloatArray) -> str:
+    return ", ".join(f"{n} {v:.3g}" for n, v in zip(family.operation.names, x, strict=True))

@@ -1,0 +1,62 @@
+"""Which vehicle a plan is for: the constants that shape its commands.
+
+A plan holds commands that were found with one vehicle. Where another one differs in geometry,
+steering or limits, they drive another path and may not be feasible. What drives identify, and
+effects such as tyres and losses, may differ: the drive is there to find them.
+"""
+
+from math import isclose
+from typing import TYPE_CHECKING
+
+from tricycle_core.errors import PlanError
+from tricycle_sim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from excitation_planner.plan import Plan
+
+SHAPING = (
+    *("com_to_front_axle", "com_to_rear_axle", "left_wheel_y", "right_wheel_y", "rear_wheel_y"),
+    *("com_height", "tyre_radius", "caster_angle", "steering_limit", "steering_margin"),
+    *("steering_ratio_straight", "steering_ratio_full", "steering_ratio_smoothing"),
+    *("steering_slew", "acceleration"),
+)
+"""Constants on which path tracking, the run-in and the commands' units depend."""
+
+
+def shaping_constants(vehicle: Vehicle) -> dict[str, float]:
+    """Return the constants that shape commands, by name; those that are unknown do not.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Has the values.
+    """
+    return {name: getattr(vehicle, name) for name in SHAPING if name not in vehicle.unknown}
+
+
+def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
+    """Refuse a plan of a vehicle that differs in what shapes its commands.
+
+    Parameters
+    ----------
+    plan : Plan
+        To be driven.
+    vehicle : Vehicle
+        That is to drive it.
+
+    Raises
+    ------
+    PlanError
+        Names the constants with both values.
+    """
+    here = shaping_constants(vehicle)
+    differing = [
+        f"{name} {planned:.6g} instead of {here[name]:.6g}"
+        for name, planned in plan.constants.items()
+        if name in here and not isclose(planned, here[name], rel_tol=1e-9)
+    ]
+    if differing:
+        raise PlanError(
+            f"plan {plan.id} is for another vehicle ({plan.vehicle}) than {vehicle.name}: "
+            f"{', '.join(differing)}; plan again for this vehicle"
+        )

@@ -1,0 +1,136 @@
+"""How a vehicle turns at walking pace, from the places and the angles of its wheels."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle.constants import Vehicle
+from tricycle_sim.vehicle.kernel import functions_for
+from tricycle_sim.vehicle.parts import steering_constants, structure_of
+
+
+class SteeredWheel(NamedTuple):
+    """A steered wheel on the road.
+
+    Attributes
+    ----------
+    x, y : float
+        Place, ahead of the middle of the unsteered axle and left of it [m].
+    angle : float
+        On the road [rad], left positive.
+    """
+
+    x: float
+    y: float
+    angle: float
+
+
+def steered_wheels(vehicle: Vehicle, motor_angle: float) -> dict[str, SteeredWheel]:
+    """Return the steered wheels at an angle of the steering motor, by name.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its law of steering.
+    motor_angle : float
+        Of the steering motor [rad].
+    """
+    table, angles = np.empty((1, 8)), np.empty((2, 1))
+    servo = np.array([motor_angle, 0.0])
+    constants = steering_constants(vehicle, 1.0)  # without set-points there is no step
+    functions_for(vehicle).steer(servo, np.empty(0), constants, 1, table, angles)
+    axles = table.reshape(-1, 4).tolist()  # of each side: the direction of the axle, its rate
+    unsteered = [vehicle.of(wheel) for wheel in vehicle.wheels if not wheel.steered]
+    x, y = (float(np.mean([getattr(own, k) for own in unsteered])) for k in "xy")
+    sides = structure_of(vehicle).sides
+    return {
+        wheel.name: SteeredWheel(
+            vehicle.of(wheel).x - x,
+            vehicle.of(wheel).y - y,
+            math.atan2(-axles[side][0], axles[side][1]),
+        )
+        for wheel, side in zip(vehicle.wheels, sides, strict=False)
+        if wheel.steered
+    }
+
+
+def king_pin_angles(vehicle: Vehicle) -> dict[str, tuple[float, float]]:
+    """Return the steered wheels' angles about their king-pins with the motor at 0, by name.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its law of steering.
+
+    Returns
+    -------
+    dict of str to (float, float)
+        Angle [rad], left positive, and its slope by the motor's angle.
+    """
+    constants = steering_constants(vehicle, 1.0)
+    *angles, left_slope, right_slope = functions_for(vehicle).wheel_angles(0.0, constants)
+    slopes = left_slope, right_slope
+    sides = structure_of(vehicle).sides
+    return {
+        wheel.name: (angles[side], slopes[side])
+        for wheel, side in zip(vehicle.wheels, sides, strict=False)
+        if wheel.steered
+    }
+
+
+def curvature(wheels: list[SteeredWheel]) -> float:
+    """Return the curvature of the unsteered axle's way [rad/m], left positive.
+
+    Wheels that do not agree on one turn slide a little; their side forces, in proportion to their
+    slip angles, then have no moment about the middle of the unsteered axle.
+
+    Parameters
+    ----------
+    wheels : list of SteeredWheel
+        Of one vehicle at one angle of its motor.
+    """
+
+    def moment(turn: float) -> float:
+        return sum(
+            (w.x * math.cos(w.angle) + w.y * math.sin(w.angle))
+            * (w.angle - math.atan2(w.x * turn, 1.0 - w.y * turn))
+            for w in wheels
+        )
+
+    # the centre of the turn is not between the wheels
+    high = min(1.0 / max(abs(w.y), 1e-3 * abs(w.x)) for w in wheels)
+    low = -high
+    while high - low > 1e-9:
+        middle = 0.5 * (low + high)
+        if moment(middle) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
+    """Return the angles on the road [rad] of the one front wheel that would turn the vehicle so.
+
+    The driven wheels then turn as those of a vehicle that is driven at its unsteered axle.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its law of steering.
+    motor_angles : ndarray of float
+        Of the steering motor [rad].
+    """
+    found = []
+    for motor_angle in motor_angles:
+        wheels = steered_wheels(vehicle, motor_angle)
+        turn = curvature(list(wheels.values()))
+        paces = [
+            math.hypot(wheels[w.name].x * turn, 1.0 - wheels[w.name].y * turn) if w.steered else 1.0
+            for w in vehicle.wheels
+            if w.driven
+        ]  # of each driven wheel, by that of the unsteered axle; an axle's mean is its middle's
+        found.append(math.atan(vehicle.wheelbase * turn * len(paces) / sum(paces)))
+    return np.array(found)

@@ -1,0 +1,145 @@
+"""What a part of a vehicle is made of: the constants it reads, their rows in a group, a function.
+
+Each part declares the constants that it reads, with unit and bounds; a vehicle file has exactly
+those that its parts read.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from tricycle_core.errors import VehicleError
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number of a vehicle: its name, unit, and the interval it lies in.
+
+    Attributes
+    ----------
+    name, unit : str
+        As in a vehicle file.
+    low, high : float
+        Bounds; `low` itself is excluded unless `zero`.
+    default : float or None
+        Where a file does not give it; None: every file has to.
+    per_wheel : bool
+        Whether wheels or axles may have their own: `front.tyre_radius`.
+    setting : bool
+        Of the boards or of plans: the motion of a vehicle under given set-points does not depend on
+        it, and it cannot be unknown.
+    """
+
+    name: str
+    unit: str
+    low: float = 0.0
+    high: float = math.inf
+    zero: bool = False
+    default: float | None = None
+    per_wheel: bool = False
+    setting: bool = False
+
+    def check(self, where: str, value: float) -> None:
+        """Raise a `VehicleError` unless a value lies between the bounds.
+
+        Parameters
+        ----------
+        where : str
+            Entry of the vehicle, for the message.
+        value : float
+            In the constant's unit.
+        """
+        low, high = self.low, self.high
+        inside = (low <= value if self.zero else low < value) and value <= high
+        if not inside or not math.isfinite(value):
+            bounds = f"{'[' if self.zero else '('}{low:g}, {high:g}]"
+            raise VehicleError(f"{where}: {value:g} {self.unit} is not in {bounds}")
+
+
+def positive(name: str, unit: str, **how: Any) -> Constant:
+    """Return a constant above 0.
+
+    Parameters
+    ----------
+    name, unit : str
+        As of `Constant`.
+    **how : object
+        Further attributes of it.
+    """
+    return Constant(name, unit, **how)
+
+
+def not_negative(name: str, unit: str, **how: Any) -> Constant:
+    """Return a constant of 0 or more.
+
+    Parameters
+    ----------
+    name, unit : str
+        As of `Constant`.
+    **how : object
+        Further attributes of it.
+    """
+    return Constant(name, unit, zero=True, **how)
+
+
+def between(name: str, unit: str, low: float, high: float, **how: Any) -> Constant:
+    """Return a constant of a closed interval.
+
+    Parameters
+    ----------
+    name, unit : str
+        As of `Constant`.
+    low, high : float
+        The interval.
+    **how : object
+        Further attributes of it.
+    """
+    return Constant(name, unit, low=low, high=high, zero=True, **how)
+
+
+def any_number(name: str, unit: str, **how: Any) -> Constant:
+    """Return a constant without bounds.
+
+    Parameters
+    ----------
+    name, unit : str
+        As of `Constant`.
+    **how : object
+        Further attributes of it.
+    """
+    return Constant(name, unit, low=-math.inf, **how)
+
+
+@dataclass(frozen=True)
+class Law:
+    """One way in which a part of a vehicle may behave.
+
+    Attributes
+    ----------
+    function : callable or None
+        Compiled into the equations; None: the numbers say it all.
+    rows : mapping of str to callable
+        Each number that the function reads, as it follows from the constants of a vehicle; of the
+        servo also from the length of its steps.
+    constants : tuple of Constant
+        Those that the law reads, beyond what its part always does.
+    """
+
+    function: Callable[..., Any] | None
+    rows: Mapping[str, Callable[..., Any]]
+    constants: tuple[Constant, ...] = ()
+
+
+def inlined(function: _Function) -> _Function:
+    """Mark a function that `tricycle_sim.compilation` compiles into its callers.
+
+    Parameters
+    ----------
+    function : callable
+        With scalars, tuples and arrays for arguments, or other such functions.
+    """
+    function.is_inlined = True  # type: ignore[attr-defined]
+    return function

@@ -1,0 +1,79 @@
+"""Area files: what they hold, and one line for what is wrong with them."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from excitation_planner.area.area import Area, load_area
+from tricycle_core.errors import PlanError
+
+YARD = "keep_in: [[0, 0], [12, 0], [12, 25], [0, 25]]\n"
+
+
+def test_a_whole_file(tmp_path: Path) -> None:
+    file = tmp_path / "yard.yaml"
+    file.write_text(
+        YARD + "about: behind hall 3\n"
+        "keep_out: [[[1, 10], [2, 10], [2, 11]], [[9, 1], [9, 2], [8, 1]]]\n"
+        "margin: 1\nframe: map\ndatum: [48.2, 11.6]\n"
+        "start: {x: 6, y: [3, 20], heading: [-0.1, 0.1]}\n"
+    )
+    area = load_area(file)
+    np.testing.assert_array_equal(area.keep_in, [[0, 0], [12, 0], [12, 25], [0, 25]])
+    assert [len(corners) for corners in area.keep_out] == [3, 3]
+    assert (area.margin, area.frame, area.datum) == (1.0, "map", (48.2, 11.6))
+    assert (area.start.x, area.start.y, area.start.heading) == ((6, 6), (3, 20), (-0.1, 0.1))
+
+
+def test_what_may_be_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "yard.yaml"
+    file.write_text(YARD)
+    area = load_area(file)
+    assert area.keep_out == ()
+    assert area.start.heading == (-math.pi, math.pi)
+    assert area.start.x == (-math.inf, math.inf)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "needs keep_in"),
+        ("keep_in: [[0, 0], [1, 0]]", "keep_in: needs three corners or more"),
+        ("keep_in: [[0, 0], [1, 0], [a, 1]]", "keep_in: expected a list of numbers"),
+        ("keep_in: [[0, 0], [4, 4], [4, 0], [0, 4]]", "keep_in: crosses or touches itself"),
+        ("keep_in: [[0, 0], [1, 0], [.inf, 1]]", "keep_in[2]: needs metres within 100 km"),
+        ("keep_in: [[0, 0], [1, 0], [500000, 1]]", "keep_in[2]: needs metres within 100 km"),
+        (YARD + "keep_out: [[[0, 0], [1, 1]]]", "keep_out[0]: needs three corners"),
+        (YARD + "margin: -1", "margin: needs a number of at least 0 m, not -1"),
+        (YARD + "margins: 1", "margins: is no key; there are keep_in, keep_out, margin"),
+        (YARD + "start: {theta: 1}", "start.theta: is no key; there are x, y, heading"),
+        (YARD + "start: {heading: 90}\n", None),
+        (YARD + "start: {heading: [0, 90]}", "start.heading: [0, 90] is no part of a turn, in rad"),
+        (YARD + "start: {x: [3, 2]}", "start.x: needs [low, high], not [3, 2]"),
+        (YARD + "start: {x: 13, y: 1}", "start: (13, 1) m is outside of keep_in"),
+        (YARD + "datum: [200, 11]", "datum: needs [latitude, longitude] in degrees"),
+        (YARD + "frame: [odom]", "frame: expected `str`"),
+        ("keep_in: &a [[0, 0]]\nkeep_out: [*a]", "is not valid YAML, or has aliases"),
+        ("keep_in: [", "is not valid YAML"),
+    ],
+)
+def test_what_is_wrong_is_one_line(tmp_path: Path, text: str, message: str | None) -> None:
+    file = tmp_path / "yard.yaml"
+    file.write_text(text)
+    if message is None:
+        load_area(file)
+        return
+    with pytest.raises(PlanError) as caught:
+        load_area(file)
+    assert str(caught.value).startswith(str(file))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_clearance_counts_outline_and_obstacles() -> None:
+    square = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
+    area = Area(square, (np.array([[4.0, 4.0], [6.0, 4.0], [6.0, 6.0], [4.0, 6.0]]),))
+    points = np.array([[1.0, 5.0], [3.5, 5.0], [5.0, 5.0], [-2.0, 5.0]])
+    np.testing.assert_allclose(area.clearance(points), [1.0, 0.5, -1.0, -2.0])

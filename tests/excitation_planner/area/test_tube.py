@@ -1,0 +1,46 @@
+"""The tube holds vehicles that it was not made of, also when they are stopped on the way."""
+
+import numpy as np
+import pytest
+import shapely
+
+from excitation_planner.area.polygons import placed
+from excitation_planner.area.tube import footprint_of, tube_of
+from excitation_planner.maneuver import family_by_name
+from excitation_planner.planning.replay import nominal_run
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+
+@pytest.mark.parametrize(("name", "x"), [("circle", [3.0, 0.8]), ("double-lane-change", None)])
+def test_other_vehicles_of_the_ranges_stay_inside_driving_and_stopped(name, x) -> None:
+    vehicle, family = load_vehicle(), family_by_name(name)
+    point = np.array(family.operation.high) if x is None else np.array(x)
+    commands = nominal_run(vehicle, family, point).commands
+    footprint = footprint_of(vehicle)
+    tube = tube_of(vehicle, commands, footprint)
+    assert tube.whole.area > tube.drive.area
+    rng = np.random.default_rng(7)
+    low, high = np.array(list(vehicle.unknown.values())).T
+    parameters = rng.uniform(low, high, (20, len(low)))
+    _inside(tube.drive, simulate(vehicle, commands, parameters), footprint)
+    for at in (0.3, 0.6, 0.9):  # standstill commanded, as by the fence; the steering is held
+        row = int(at * len(commands.time))
+        stopped = Commands(
+            np.append(commands.time[:row], commands.time[row] + np.array([0.0, 4.0])),
+            np.append(
+                commands.steering_motor_angle[:row], commands.steering_motor_angle[[row] * 2]
+            ),
+            np.append(commands.speed[:row], [0.0, 0.0]),
+        )
+        _inside(tube.whole, simulate(vehicle, stopped, parameters), footprint)
+
+
+def _inside(polygon, motion, footprint) -> None:
+    every = round(0.2 / TICK)
+    poses = (motion.x[:, ::every], motion.y[:, ::every], motion.yaw[:, ::every])
+    footprints = shapely.polygons(placed(footprint, *poses).reshape(-1, len(footprint), 2))
+    outside = shapely.area(shapely.difference(footprints, polygon))
+    assert outside.max() == 0.0, f"{outside.max()} m^2 outside"

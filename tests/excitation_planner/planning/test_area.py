@@ -1,0 +1,72 @@
+"""Plans for an area: they fit, or the refusal names a change with which they do."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+from excitation_planner.area.area import Area
+from excitation_planner.area.room import Room
+from excitation_planner.area.tube import footprint_of
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.maneuver import Circle
+from excitation_planner.plan import load_plan, save_plan
+from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver
+from excitation_planner.planning.replay import nominal_run
+from tricycle_core.errors import PlanError
+from tricycle_sim.vehicle import load_vehicle
+
+
+def yard(width: float, height: float, margin: float = 0.5) -> Area:
+    corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
+    return Area(corners, margin=margin)
+
+
+def request(area: Area) -> PlanRequest:
+    return PlanRequest(load_vehicle(), Circle(), "cornering_stiffness", samples=20, area=area)
+
+
+def shortage(area: Area, x: ArrayLike) -> float:
+    vehicle = load_vehicle()
+    room = Room.measured(area, footprint_of(vehicle), MeasurementNoise())
+    return room.fit(vehicle, nominal_run(vehicle, Circle(), np.asarray(x)).commands).shortage
+
+
+@pytest.mark.slow
+def test_a_plan_says_where_on_the_area_it_is_driven(tmp_path: Path) -> None:
+    area = yard(12.0, 25.0)
+    plan = plan_at(request(area), np.array([3.0, 0.8]))
+    save_plan(plan, tmp_path / "plan.json")
+    plan = load_plan(tmp_path / "plan.json")
+    assert plan.start_pose is not None
+    assert plan.clearance is not None
+    assert plan.area is not None
+    np.testing.assert_array_equal(plan.area.keep_in, area.keep_in)
+    outline = plan.stopping_zone[0]
+    assert area.clearance(outline).min() == pytest.approx(plan.clearance, abs=0.02)
+    assert plan.clearance > area.margin
+
+
+@pytest.mark.slow
+def test_a_refusal_names_changes_that_are_enough() -> None:
+    x = np.array([6.0, 1.0])
+    with pytest.raises(PlanError, match=r"needs .* m more room in the area") as caught:
+        plan_at(request(yard(9.0, 16.0)), x)
+    message = str(caught.value)
+    (radius,) = map(float, re.findall(r"radius ([\d.]+)", message))
+    assert shortage(yard(9.0, 16.0), [radius - 0.01, 1.0]) <= 0.0  # it is rounded
+    (further,) = map(float, re.findall(r"keep_in ([\d.]+) m further out", message))
+    more = 2.0 * (further + 0.01)
+    assert shortage(yard(9.0 + more, 16.0 + more), x) <= 0.0
+
+
+@pytest.mark.slow
+def test_a_search_that_finds_nothing_says_what_comes_closest() -> None:
+    asked = replace(request(yard(4.0, 4.0)), budget=600)
+    with pytest.raises(PlanError) as caught:
+        plan_maneuver(asked)
+    assert "the circle that comes closest (radius 2" in str(caught.value)
+    assert "keep_in" in str(caught.value)

@@ -1,0 +1,59 @@
+"""`tricycle drive`: what it refuses before it starts a node."""
+
+import pytest
+
+from excitation_planner.plan import save_plan
+from tricycle_cli.main import main
+from tricycle_cli.operation import session
+from tricycle_core.errors import NodeError
+from tricycle_sim.vehicle import load_vehicle
+
+
+@pytest.fixture
+def start(monkeypatch):
+    """Has `tricycle drive` fail with "started" where it would start nodes."""
+
+    def started(**_):
+        raise NodeError("started")
+
+    monkeypatch.setattr(session, "simulated_session", started)
+
+
+@pytest.fixture
+def line(plan, tmp_path, monkeypatch, start):
+    """Drives the plan on a vehicle that differs from its own in some values."""
+    save_plan(plan, tmp_path / "plan.json")
+
+    def drive(*options, **values):
+        vehicle = load_vehicle().replace(**values)
+        monkeypatch.setattr("tricycle_cli.commands.drive.load_vehicle", lambda _: vehicle)
+        return main(
+            ["drive", str(tmp_path / "plan.json"), "--bag", str(tmp_path / "bag"), *options]
+        )
+
+    return drive
+
+
+def test_a_plan_of_another_vehicle_is_refused_by_what_shapes_it(line, capsys):
+    assert line(com_to_front_axle=1.25, mass=150.0) == 2
+    errors = capsys.readouterr().err
+    assert "com_to_front_axle" in errors
+    assert "instead of 1.25" in errors
+    assert "mass" not in errors
+    assert "--other-vehicle" in errors
+
+
+def test_estimates_and_effects_may_differ(line, capsys):
+    assert line(cornering_stiffness=900.0, air_drag=0.9) == 2
+    assert "started" in capsys.readouterr().err
+
+
+def test_another_vehicle_is_taken_knowingly(line, capsys):
+    assert line("--other-vehicle", com_to_front_axle=1.25) == 2
+    assert "started" in capsys.readouterr().err
+
+
+def test_a_bag_that_exists_is_refused_at_once(line, tmp_path, capsys):
+    (tmp_path / "bag").mkdir()
+    assert line() == 2
+    assert f"{tmp_path / 'bag'} exists" in capsys.readouterr().err
