@@ -23,7 +23,18 @@ KEYS = {
 OWN = {path.name for path in (ROOT / "src").iterdir()}
 KEY_OF = {"serial": "python3-serial", "yaml": "python3-yaml", "rosbags": "python3-rosbags-pip"}
 WITHOUT_KEY = {  # Python modules that rosdep does not know: `pip install` brings them
-    *("cobs", "cobyqa", "lazy_loader", "llvmlite", "lz4", "markupsafe", "mcap", "msgspec"),
+    *(
+        "cloudpickle",
+        "cobs",
+        "cobyqa",
+        "lazy_loader",
+        "llvmlite",
+        "loky",
+        "lz4",
+        "markupsafe",
+        "mcap",
+        "msgspec",
+    ),
     *("plotly", "threadpoolctl", "zstandard"),
 }
 OPTIONAL = {"pyarrow", "pytest"}  # imported where they are installed
