@@ -21,7 +21,7 @@ from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
-from tricycle_sim.vehicle.kinematics import road_angles, wheelbase
+from tricycle_sim.vehicle.kinematics import road_angles
 
 VEHICLES = 64
 """Vehicles of the ranges, beside the nominal one: half of them at corners."""
@@ -138,7 +138,7 @@ def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
 
 def _crawl_curvature(vehicle: Vehicle, angle: FloatArray) -> FloatArray:
     """Curvature of the path [1/m] at a steering motor angle [rad] without slip."""
-    curvature: FloatArray = np.tan(road_angles(vehicle, angle.ravel())) / wheelbase(vehicle)
+    curvature: FloatArray = np.tan(road_angles(vehicle, angle.ravel())) / vehicle.wheelbase
     return curvature.reshape(angle.shape)
 
 
