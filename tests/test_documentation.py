@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -36,18 +37,60 @@ def generator():
     return module
 
 
-@pytest.mark.slow
-def test_the_site_builds_without_a_warning(tmp_path):
-    line = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", tmp_path]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """The site, built as `make docs` builds it."""
+    folder = tmp_path_factory.mktemp("site")
     done = subprocess.run(
-        line,
-        cwd=ROOT,
-        env=os.environ | {"NO_MKDOCS_2_WARNING": "1"},
-        capture_output=True,
-        text=True,
-    )
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", folder],
+        cwd=ROOT, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "index.html").exists()
+    return folder
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(site):
+    assert (site / "index.html").exists()
+
+
+@pytest.mark.slow
+def test_a_broken_link_fails_the_build_as_the_makefile_starts_it(tmp_path):
+    (line,) = re.findall(r"mkdocs build.*", (ROOT / "Makefile").read_text())
+    plain = re.sub(
+        r"(?s)plugins:.*?(?=exclude_docs)|nav:\n.*", "", (ROOT / "mkdocs.yml").read_text()
+    )
+    (tmp_path / "mkdocs.yml").write_text(re.sub(r"extra(_\w+)?:.*\n( .*\n)?", "", plain))
+    (tmp_path / "docs").mkdir()
+    status = {}
+    for page in ("[there](index.md)", "[nowhere](missing.md)", "[there](index.md#missing)"):
+        (tmp_path / "docs" / "index.md").write_text(f"# Page\n\n{page}\n")
+        done = subprocess.run(
+            [sys.executable, "-m", *shlex.split(line)],
+            cwd=tmp_path, env=os.environ | {"NO_MKDOCS_2_WARNING": "1"}, capture_output=True,
+        )  # fmt: skip
+        status[page] = done.returncode
+    assert list(status.values()) == [0, 1, 1], status
+
+
+@pytest.mark.slow
+def test_search_and_equations_work_from_a_folder_without_a_network(site):
+    """The site's own scripts only; the search index is a script, which a page may load."""
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        pytest.skip("no Chromium on PATH (Debian: apt-get install chromium)")
+    sync_api = pytest.importorskip("playwright.sync_api")
+    requests = []
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page()
+        page.on("request", lambda request: requests.append(request.url))
+        page.goto((site / "method.html").as_uri())
+        page.wait_for_selector(".arithmatex .katex-html")
+        page.fill("input[name=query]", "watchdog")
+        page.wait_for_selector(".md-search-result__item")
+        browser.close()
+    assert {url.partition(":")[0] for url in requests} <= {"file", "data", "blob", "about"}
 
 
 def test_every_package_has_a_page_of_its_interface():
