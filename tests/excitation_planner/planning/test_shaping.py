@@ -15,5 +15,5 @@ def test_plans_of_vehicles_of_other_wheels_are_told_apart(name):
     vehicle = load_vehicle(files("tricycle_sim") / f"{name}.yaml")
     plan = SimpleNamespace(id="0", vehicle=name, constants=shaping_constants(vehicle))
     check_vehicle(plan, vehicle)
-    with pytest.raises(PlanError, match="com_to_front_axle .* instead of 0.724"):
+    with pytest.raises(PlanError, match=r"com_to_front_axle .* instead of 0\.724"):
         check_vehicle(plan, load_vehicle())
