@@ -18,9 +18,9 @@ SHAPING = (
     *("com_to_front_axle", "com_to_rear_axle", "left_wheel_y", "right_wheel_y", "rear_wheel_y"),
     *("com_height", "tyre_radius", "caster_angle", "steering_limit", "steering_margin"),
     *("steering_ratio_straight", "steering_ratio_full", "steering_ratio_smoothing"),
-    *("steering_slew", "acceleration"),
+    *("steering_slew", "acceleration", "x", "y", "steering_gain", "steering_offset"),
 )
-"""Constants on which path tracking, the run-in and the commands' units depend."""
+"""Constants, of a vehicle, an axle or a wheel, on which the commands depend."""
 
 
 def shaping_constants(vehicle: Vehicle) -> dict[str, float]:
@@ -31,7 +31,11 @@ def shaping_constants(vehicle: Vehicle) -> dict[str, float]:
     vehicle : Vehicle
         Has the values.
     """
-    return {name: getattr(vehicle, name) for name in SHAPING if name not in vehicle.unknown}
+    return {
+        name: float(value)
+        for name, value in vehicle.values.items()
+        if name.rpartition(".")[2] in SHAPING and name not in vehicle.unknown
+    }
 
 
 def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
@@ -52,8 +56,11 @@ def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
     here = shaping_constants(vehicle)
     differing = [
         f"{name} {planned:.6g} instead of {here[name]:.6g}"
+        if name in here
+        else f"{name} {planned:.6g}, which it does not have"
         for name, planned in plan.constants.items()
-        if name in here and not isclose(planned, here[name], rel_tol=1e-9)
+        if name not in vehicle.unknown
+        and not (name in here and isclose(planned, here[name], rel_tol=1e-9))
     ]
     if differing:
         raise PlanError(
