@@ -250,11 +250,11 @@ static void follow(struct plc *plc)
 	board->brake = board->holding ? MAX_BRAKE : board->commanded_brake;
 }
 
-/* Ramps down; the brake joins where the motor cannot follow the ramp, and stays. */
+/* Ramps down; the brake joins where the motor cannot follow the ramp or the ramp is over, and stays. */
 static void stop(struct board *board)
 {
 	board->setpoint = slew(board->setpoint, 0, board->in_force.max_acceleration);
-	if (magnitude(100L * board->speed - board->setpoint) > EXCESS)
+	if (board->setpoint == 0 || magnitude(100L * board->speed - board->setpoint) > EXCESS)
 		board->brake = (uint8_t)clamp(board->brake + STOPPING_BRAKE_RATE, 0, MAX_BRAKE);
 }
 

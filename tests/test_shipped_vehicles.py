@@ -62,6 +62,7 @@ def driven_on_boards(vehicle, commands):
     return SensedMotion(time, x, y, np.unwrap(heading), *rest)
 
 
+@pytest.mark.slow  # this and the next ones compile each structure
 @pytest.mark.parametrize("name", TARGETS)
 def test_it_stands_on_all_wheels_and_is_not_too_stiff(name):
     vehicle = shipped(name)

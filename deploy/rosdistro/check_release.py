@@ -23,19 +23,8 @@ KEYS = {
 OWN = {path.name for path in (ROOT / "src").iterdir()}
 KEY_OF = {"serial": "python3-serial", "yaml": "python3-yaml", "rosbags": "python3-rosbags-pip"}
 WITHOUT_KEY = {  # Python modules that rosdep does not know: `pip install` brings them
-    *(
-        "cloudpickle",
-        "cobs",
-        "cobyqa",
-        "lazy_loader",
-        "llvmlite",
-        "loky",
-        "lz4",
-        "markupsafe",
-        "mcap",
-        "msgspec",
-    ),
-    *("plotly", "threadpoolctl", "zstandard"),
+    *("cobs", "cobyqa", "lazy_loader", "llvmlite", "lz4", "markupsafe", "mcap", "msgspec"),
+    *("cloudpickle", "loky", "plotly", "threadpoolctl", "zstandard"),
 }
 OPTIONAL = {"pyarrow", "pytest"}  # imported where they are installed
 NOT_IMPORTED = {"robot_state_publisher", "python3-pytest"}  # started, or used by colcon

@@ -6,7 +6,7 @@ NAME = "tricycle_bridge"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(include=[f"{NAME}*"]),
     package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
     data_files=[

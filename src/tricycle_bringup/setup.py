@@ -8,7 +8,7 @@ NAME = "tricycle_bringup"
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     packages=find_packages(include=[f"{NAME}*"]),
     package_data={"": ["py.typed", "*.xml", "config/*.yaml", "foxglove/*.json"]},
     data_files=[

@@ -59,12 +59,19 @@ def test_launch_files_set_only_parameters_that_exist(declared, file):
             assert descriptors[name].type == Parameter(name, value=value).type_.value, name
 
 
-@pytest.mark.parametrize("name", ["excitation_planner", "tricycle_bridge", "tricycle_sim"])
-def test_help_of_a_node_tells_its_parameters_and_starts_nothing(name):
+@pytest.mark.parametrize(
+    ("name", "parameter"),
+    [
+        ("excitation_planner", "criterion (c)"),
+        ("tricycle_bridge", "steer_port (/dev/tricycle_steer)"),
+        ("tricycle_sim", "true_seed (-1"),
+    ],
+)
+def test_help_of_a_node_tells_its_parameters_and_starts_nothing(name, parameter):
     executable = Path(sys.executable).with_name(name)
     done = subprocess.run([executable, "--help"], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0
     assert done.stderr == ""
     assert done.stdout.startswith(f"usage: {name} ")
     assert "parameters (default; range)" in done.stdout
-    assert "vehicle YAML" in done.stdout or "steer_port (/dev/tricycle_steer)" in done.stdout
+    assert parameter in done.stdout

@@ -45,7 +45,14 @@ _tricycle; printf '%s\\n' "${{COMPREPLY[@]}}"
         ("plan", ["(default: circle)", "(default: 100)", "(default: out/plan)", "(default: 0.02)"]),
         ("drive", ["(default: out/bag)", "(default: 1.0)"]),
         ("judge", ["(default: maneuver/reference)", "(default: standstill)"]),
-        ("campaign", ["(default: 6000)", "(default: circle,double_lane_change)"]),
+        (
+            "campaign",
+            [
+                "(default: 6000)",
+                "(default: 0.002, with --vehicle-nodes 0)",
+                "(default: circle,double_lane_change)",
+            ],
+        ),
     ],
 )
 def test_help_tells_defaults(command, texts, capsys, monkeypatch):

@@ -169,7 +169,7 @@ class Plan:
     commands : Commands
         What the maneuver driver plays.
     path : ndarray of float, shape (m, 2)
-        Path of the rear axle's ground point from the start pose [m].
+        Path of the unsteered axle's ground point from the start pose [m].
     reference : Reference
         Nominal trajectory of `base_link`.
     search : SearchHistory or None

@@ -33,6 +33,9 @@ DIAGNOSTICS_PERIOD = 1.0  # s
 SPAWN = multiprocessing.get_context("spawn")  # a fork would inherit the middleware's threads
 NOISES = {
     "noise_std": "m, of the measured position per axis",
+    "heading_std": "rad, of the measured heading; 0: it is not measured",
+    "pose_rate": "Hz, of position and heading",
+    "gyro_rate": "Hz, of the gyro",
     "yaw_rate_std": "rad/s, of a yaw-rate gyro; 0: there is none",
     "drift_std": "m, of a slow drift of the position",
     "start_position_std": "m, of the start position per axis",

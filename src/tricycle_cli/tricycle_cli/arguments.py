@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tricycle_core.errors import PlanError
 
 if TYPE_CHECKING:
+    from excitation_planner.design.noise import MeasurementNoise
     from excitation_planner.maneuver import ManeuverFamily
 
 
@@ -33,6 +35,46 @@ def add_range_options(parser: ArgumentParser) -> None:
     parser.add_argument(
         "--ranges", type=Path, metavar="FILE", help="the same from YAML: `radius: [3, 12]`"
     )
+
+
+def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, MeasurementNoise]) -> None:
+    """Declare the options that say how a drive is measured.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand that plans.
+    defaults : mapping of str to MeasurementNoise
+        What holds where an option is left out, by the condition, for the help.
+    """
+    group = parser.add_argument_group("how the drive is measured", "deviations of white noise")
+    for option, unit, text in (
+        ("--noise-std", "M", "of the position per axis; 0: the paper's cost"),
+        ("--heading-std", "RAD", "of the heading; 0: it is not measured"),
+        ("--pose-rate", "HZ", "rate of position and heading"),
+        ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
+        ("--gyro-rate", "HZ", "rate of the gyro"),
+        ("--drift-std", "M", "of a slow drift of the position"),
+        ("--start-position-std", "M", "of the start position per axis"),
+        ("--start-heading-std", "RAD", "of the start heading"),
+    ):
+        name = option[2:].replace("-", "_")
+        told = ", ".join(f"{when}{getattr(noise, name):g}" for when, noise in defaults.items())
+        group.add_argument(option, type=float, metavar=unit, help=f"{text} (default: {told})")
+
+
+def noise_of(args: Namespace, default: MeasurementNoise) -> MeasurementNoise:
+    """Return how the drive is measured.
+
+    Parameters
+    ----------
+    args : Namespace
+        Parsed arguments, among them those of `add_noise_options`.
+    default : MeasurementNoise
+        Values of the options that are left out.
+    """
+    given = {name: getattr(args, name, None) for name in vars(default)}
+    return replace(default, **{name: value for name, value in given.items() if value is not None})
 
 
 def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:

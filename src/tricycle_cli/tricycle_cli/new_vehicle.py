@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -194,13 +195,19 @@ def from_answers(answers: Answers) -> str:
     return _text(answers["name"], about, wheels, parts, entries)
 
 
-def from_file(path: Path, name: str) -> str:
+def shipped_vehicles() -> dict[str, Path]:
+    """Return the vehicle files that come with the suite, by name."""
+    folder = Path(str(resources.files("tricycle_sim")))
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def from_file(source: str, name: str) -> str:
     """Return the text of a vehicle file with the numbers of another one.
 
     Parameters
     ----------
-    path : Path
-        The other one.
+    source : str
+        Path of the other one, or its name in `shipped_vehicles`.
     name : str
         Of the new vehicle.
 
@@ -209,6 +216,7 @@ def from_file(path: Path, name: str) -> str:
     VehicleError
         If the other one is no valid vehicle file.
     """
+    path = shipped_vehicles().get(source, Path(source))
     vehicle = load_vehicle(path)
     document = yaml.safe_load(path.read_text(encoding="utf-8"))
     about = f"from {vehicle.name} by tricycle vehicle new"

@@ -170,7 +170,9 @@ def _help(factory: Callable[[], Node]) -> str:
 def run_node(factory: Callable[[], Node]) -> None:
     """Construct a node, spin it until SIGINT or SIGTERM, and leave no trace of the ending.
 
-    With `--help` it says what the node is, and its parameters, and starts nothing. Exits with status 2 and one logged line where the ROS arguments are wrong, or constructing the
+    With `--help` it says what the node is, and its parameters, and starts nothing.
+
+    Exits with status 2 and one logged line where the ROS arguments are wrong, or constructing the
     node raises what a user's mistake raises: ValueError, OSError, a parameter of the wrong type or
     out of range. A callback may end the process by raising SystemExit.
 

@@ -59,3 +59,13 @@ def test_impossible_measurements_are_refused(arguments, message):
 def test_failed_simulations_have_no_part_in_the_noise():
     noise = TrajectoryErrorNoise(0.1)
     assert noise(np.array([1.0, np.nan])) == noise(np.array([1.0]))
+
+
+def test_a_heading_and_faster_sensors_tell_more():
+    noise = MeasurementNoise(
+        noise_std=0.02, heading_std=0.004, pose_rate=80.0, yaw_rate_std=0.006, gyro_rate=180.0
+    )
+    assert noise.channels == ("x", "y", "yaw", "yaw_rate")
+    # four and nine times the samples of 20 Hz: half and a third of the deviation
+    assert noise.of_trajectory.std == pytest.approx((0.01, 0.01, 0.002, 0.002))
+    assert noise.of_trajectory.heading_channel == 2

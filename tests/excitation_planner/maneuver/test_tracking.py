@@ -7,8 +7,10 @@ from excitation_planner.maneuver.paths import Circle, DoubleLaneChange
 from excitation_planner.maneuver.tracking import COMMAND_TICKS, track
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.constants import constant_entries
+from tricycle_sim.vehicle.wheels import Wheel
 
 VEHICLE = load_vehicle()
 PERIOD = COMMAND_TICKS * TICK
@@ -23,6 +25,35 @@ MANEUVERS = [
 def tracked(family, x):
     drive = family.drive(np.array(x), VEHICLE)
     return drive, track(VEHICLE, drive)
+
+
+def steered_behind():
+    """The tricycle driven the other way round: front wheels driven, the rear one steered."""
+    wheels = (
+        Wheel("left", "front", driven=True, braked=True),
+        Wheel("right", "front", driven=True, braked=True),
+        Wheel("rear", "rear", steered=True),
+    )
+    parts = {"steering": "parallel"}
+    known = constant_entries(wheels, parts)
+    values = {name: value for name, value in VEHICLE.values.items() if name in known}
+    return Vehicle(name="rear", values=values, unknown={}, parts=parts, wheels=wheels)
+
+
+@pytest.mark.slow
+def test_the_unsteered_axle_stays_on_the_path_where_the_rear_one_is_steered():
+    vehicle = steered_behind()
+    drive = Circle().drive(np.array([4.0, 0.8]), vehicle)
+    tracking = track(vehicle, drive)
+    assert tracking.infeasible == ""
+    motion = simulate(vehicle, tracking.commands)
+    a = vehicle.com_to_front_axle
+    front = np.column_stack(
+        [motion.x[0] + a * np.cos(motion.yaw[0]), motion.y[0] + a * np.sin(motion.yaw[0])]
+    )
+    path = np.column_stack([drive.x, drive.y])
+    distance = np.min(np.linalg.norm(front[::10, None] - path[None], axis=2), axis=1)
+    assert distance.max() < 0.25
 
 
 @pytest.mark.parametrize(("family", "x"), MANEUVERS)

@@ -1,11 +1,15 @@
 """What a campaign can be asked for."""
 
+import json
+from importlib.resources import files
+
 import pytest
 
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import Circle
-from tricycle_cli.campaign.request import CampaignRequest
+from tricycle_cli.campaign.request import SIMULATED, CampaignRequest
 from tricycle_core.errors import PlanError
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -31,3 +35,12 @@ def test_impossible_requests_are_refused(changes, message):
 def test_what_may_change_while_a_campaign_goes_on_is_no_setting():
     assert request(0.02, most_drives=3, budget=100).settings() == request().settings()
     assert request(seed=1).settings() != request().settings()
+
+
+def test_a_simulated_campaign_is_planned_for_what_the_simulation_measures():
+    nodes = json.loads((files("tricycle_core") / "nodes.json").read_text())
+    defaults = {name: default for name, default, *_ in nodes["TricycleSim"][1]}
+    assert SIMULATED.noise_std == float(defaults["position_noise"])
+    assert SIMULATED.heading_std == float(defaults["yaw_noise"])
+    assert SIMULATED.yaw_rate_std == float(defaults["yaw_rate_noise"])
+    assert SIMULATED.pose_rate == SIMULATED.gyro_rate == 1.0 / TICK

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
-from tricycle_cli.campaign.request import Settings
+from tricycle_cli.campaign.request import SIMULATED, Settings
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_core.errors import PlanError
 
 SETTINGS = Settings(
-    "tricycle", "0" * 64, ("circle",), 1, 0.01, 0.005, 0.0, None, {"circle.radius": (2.0, 6.0)}
+    "tricycle", "0" * 64, ("circle",), 1, SIMULATED, None, {"circle.radius": (2.0, 6.0)}
 )
 STEP = Step(
     "mass", "plans/01.json", "bags/01", "circle", {"radius": 3.0}, "id", 8.0, {"mass": 2.0}, True

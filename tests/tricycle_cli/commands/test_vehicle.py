@@ -129,6 +129,12 @@ def test_new_from_a_file_is_the_same_vehicle(tricycle, tmp_path):
     assert "# road_grade: {value: 0.0" in file.read_text()
 
 
+def test_new_from_a_shipped_vehicle(tricycle, tmp_path):
+    file = tmp_path / "mine.yaml"
+    assert tricycle("vehicle", "new", file, "--from", "tricycle") == 0
+    assert load_vehicle(file).values == load_vehicle().values
+
+
 def test_a_file_that_is_there_is_kept(tricycle, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("precious")

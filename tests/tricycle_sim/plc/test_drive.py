@@ -169,6 +169,15 @@ def test_a_stop_begins_at_the_speed_of_a_vehicle_that_was_slower(make_bench, gea
     assert drive.output.setpoint == pytest.approx(sign * max(begins - 0.02, 0.0))
 
 
+def test_the_brake_joins_a_stop_whose_ramp_is_over(make_bench):
+    drive = moving(make_bench, 0.1)
+    drive.command(0.1, flags=0)
+    drive.roll(4, 0.1)
+    assert (drive.state.state, drive.output.brake) == (State.STOPPING, 0.0)
+    drive.roll(20, 0.1)
+    assert (drive.state.state, drive.output.brake) == (State.STOPPING, pytest.approx(1.0))
+
+
 def test_an_overspeed_is_found_while_stopping_too(make_bench):
     drive = moving(make_bench, 1.0)
     drive.command(1.0, flags=0)

@@ -1,4 +1,4 @@
-"""What vehicles of any structure show, against closed forms: loads, steady turns, stability, energy."""
+"""Vehicles of any structure against closed forms: loads, steady turns, stability, energy."""
 
 import importlib.util
 import math
@@ -20,6 +20,7 @@ def load(name):
 
 MADE_UP = load("structures")
 SIDES = ("left", "right")
+SOFTER = {"front_left.vertical_stiffness": 40000.0, "rear.vertical_stiffness": 90000.0}
 
 
 def plain(**constants):
@@ -42,16 +43,20 @@ def four_springs(vehicle):
     return stiffness * compression
 
 
+def test_static_loads_of_four_wheels_are_those_of_four_springs():
+    vehicle = plain(**SOFTER, road_grade=0.05, road_bank=-0.1)
+    assert vehicle.static_loads() == pytest.approx(four_springs(vehicle), rel=1e-9)
+
+
+@pytest.mark.slow  # this and the next ones compile a structure
 @pytest.mark.parametrize("road", [{}, {"road_grade": 0.05, "road_bank": -0.1}])
 def test_four_wheels_carry_what_four_springs_carry(road):
-    softer = {"front_left.vertical_stiffness": 40000.0, "rear.vertical_stiffness": 90000.0}
-    vehicle = plain(**softer, **road)
+    vehicle = plain(**SOFTER, **road, lateral_carcass_damping=60.0)  # or it swings on its tyres
     live = LiveVehicle(vehicle)
     for _ in range(300):
         live.step(brake=1.0)
     assert sum(live.state.loads) == pytest.approx(sum(four_springs(vehicle)), rel=1e-3)
-    assert live.state.loads == pytest.approx(four_springs(vehicle), abs=1.5)
-    assert vehicle.static_loads() == pytest.approx(four_springs(vehicle), rel=1e-9)
+    assert live.state.loads == pytest.approx(four_springs(vehicle), abs=0.5)
 
 
 def turned(vehicle, speed, angle, seconds=6.0):
@@ -59,12 +64,11 @@ def turned(vehicle, speed, angle, seconds=6.0):
     live = LiveVehicle(vehicle)
     ticks = round((speed + seconds) / TICK)
     for tick in range(ticks):
-        state = live.step(
-            steering=angle * min(1.0, tick * TICK), speed=min(speed, tick * TICK)
-        )
+        state = live.step(steering=angle * min(1.0, tick * TICK), speed=min(speed, tick * TICK))
     return state.yaw_rate, state.vx
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("front", "rear"), [(1200.0, 1500.0), (1500.0, 1500.0)], ids=["understeer", "neutral"]
 )
@@ -97,6 +101,7 @@ def growth(vehicle, setpoint):
     return state.vx, math.log(rates[-1] / rates[-201]) / (200 * TICK)
 
 
+@pytest.mark.slow
 def test_critical_speed_is_that_of_the_bicycle():
     """An oversteering vehicle turns by itself from the speed at which its gain is infinite."""
     front, rear, a, b = 500.0, 150.0, 1.0, 0.5
@@ -141,7 +146,7 @@ def losses(vehicle, state):
     return power
 
 
-@pytest.mark.slow  # compiles each structure
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MADE_UP.STRUCTURES)
 def test_the_motors_work_is_energy_and_losses(name):
     """Straight uphill under torque, then coasting: stiff tyres take hardly any."""

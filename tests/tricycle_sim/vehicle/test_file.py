@@ -95,6 +95,79 @@ def test_any_constant_of_the_motion_can_be_unknown(tmp_path):
     assert [*vehicle.unknown] == [*load_vehicle().unknown, "mass"]  # the paper's come first
 
 
+CART = """
+name: cart
+wheels:
+  - {name: front_left, axle: front, steered: true}
+  - {name: front_right, axle: front, steered: true}
+  - {name: rear_left, axle: rear, driven: true, braked: true}
+  - {name: rear_right, axle: rear, driven: true, braked: true}
+parts: {steering: ackermann, front.tyre: magic_formula}
+constants: {}
+"""
+NUMBERS = {
+    "front.x": 0.9, "rear.x": -0.7, "front_left.y": 0.4, "front_right.y": -0.4, "rear_left.y": 0.4,
+    "rear_right.y": -0.4, "wheel_inertia": 0.2, "rear.cornering_stiffness": 1500.0,
+    "front.shape_longitudinal": 1.6, "front.curvature_longitudinal": 0.3,
+    "front.shape_lateral": 1.3, "front.curvature_lateral": -0.8,
+}  # fmt: skip
+TADPOLES = ("com_to_", "wheel_y", "front_wheel", "rear_wheel", "steering_ratio")
+
+
+def cart(path, change=lambda document: None):
+    """Write a file of a cart with four wheels, with a change, and return its path."""
+    document = yaml.safe_load(CART)
+    entries = yaml.safe_load(TEXT)["constants"]
+    entries = {n: e for n, e in entries.items() if not any(part in n for part in TADPOLES)}
+    wheel_names = {"x": "m", "y": "m", "inertia": "kg m^2", "stiffness": "N/rad"}
+    for name, value in NUMBERS.items():
+        unit = next((u for end, u in wheel_names.items() if name.endswith(end)), "1")
+        entries[name] = {"value": value, "unit": unit, "basis": "argued", "about": "made up"}
+    document["constants"] = entries
+    change(document)
+    path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def test_a_file_may_list_its_wheels_and_laws(tmp_path):
+    vehicle = load_vehicle(cart(tmp_path / "cart.yaml"))
+    assert [wheel.name for wheel in vehicle.wheels][2:] == ["rear_left", "rear_right"]
+    assert vehicle.wheelbase == pytest.approx(1.6)
+    assert vehicle.of("rear_left").cornering_stiffness == 1500.0
+    assert vehicle.of("front_left").cornering_stiffness == vehicle.cornering_stiffness
+    front, _, rear, _ = vehicle.static_loads()
+    assert front / rear == pytest.approx(0.7 / 0.9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(wheels=d["wheels"][:2]), "wheels: needs three or four, not 2"),
+        (lambda d: d["wheels"][0].update(axle="middle"), "front_left.axle: needs front or rear"),
+        (
+            lambda d: d["wheels"][0].update(stered=True),
+            "is no key of a wheel; did you mean steered",
+        ),
+        (lambda d: d["wheels"][0].update(steered="yes"), "front_left.steered: needs true or false"),
+        (lambda d: d["wheels"][0].update(steered=False), "have to be all of one axle"),
+        (lambda d: d["parts"].update(steering="akermann"), "parts.steering: 'akermann' must be"),
+        (lambda d: d["parts"].update(drive="single"), "single does not fit the driven wheels"),
+        (lambda d: d["constants"].pop("wheel_inertia"), "wheel_inertia: is missing (kg m^2)"),
+        (lambda d: d["constants"].pop("rear_left.y"), "rear_left.y: is missing (m)"),
+        (
+            lambda d: d["constants"].update({"rear.shape_lateral": {}}),
+            "rear.shape_lateral: is no constant of this vehicle; the tyre magic_formula reads it",
+        ),
+        (lambda d: d["constants"].update({"frnt.x": {}}), "did you mean front.x"),
+    ],
+)
+def test_a_wrong_structure_gets_one_line_with_the_place(tmp_path, change, message):
+    path = cart(tmp_path / "cart.yaml", change)
+    with pytest.raises(VehicleError, match=r"^[^\n]*$") as error:
+        load_vehicle(path)
+    assert message in str(error.value)
+
+
 def test_a_setting_of_the_boards_cannot_be_unknown(tmp_path):
     path = write(tmp_path / "v.yaml", unknown("steering_slew", 2.0, 1.0, 3.0))
     with pytest.raises(VehicleError, match="steering_slew: cannot be unknown"):

@@ -46,9 +46,13 @@ def situation(vehicle, rng):
     speed_mode = rng.uniform() < 0.6
     return SimpleNamespace(
         q=np.array([*rng.uniform(-50.0, 50.0, 2), height, *angles, *np.zeros(n)]),
-        dq=np.array(
-            [*rng.uniform(-4.0, 4.0, 2), rng.uniform(-1.0, 1.0), *rng.uniform(-2.0, 2.0, 3)]
-            + rng.uniform(-16.0, 16.0, n).tolist()
+        dq=np.concatenate(
+            [
+                rng.uniform(-4.0, 4.0, 2),
+                rng.uniform(-1.0, 1.0, 1),
+                rng.uniform(-2.0, 2.0, 3),
+                rng.uniform(-16.0, 16.0, n),
+            ]
         ),
         kappa=rng.uniform(-0.3, 0.3, n) * rng.choice([0.1, 1.0]),
         alpha=rng.uniform(-0.3, 0.3, n) * rng.choice([0.1, 1.0]),

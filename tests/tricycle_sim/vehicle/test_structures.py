@@ -149,3 +149,33 @@ def test_a_vehicle_stands_drives_and_turns(name):
     assert trajectory.yaw_rate[0, -1] > 0.1  # to the left, also with the rear wheels
     state = LiveVehicle(vehicle).step(speed=0.5)
     assert len(state.wheel_speeds) == len(vehicle.wheels)
+
+
+@pytest.mark.slow  # compiles
+def test_every_constant_can_be_unknown_and_moves_each_sample_alone():
+    unknown = {
+        "front.cornering_stiffness": (800.0, 2000.0),
+        "steering_offset": (-0.05, 0.05),
+        "com_height": (0.3, 0.5),
+        "rear.tyre_radius": (0.34, 0.37),
+        "servo_natural_frequency": (10.0, 40.0),
+        "caster_angle": (0.0, 0.3),
+    }
+    nominal = {"front.cornering_stiffness": 1000.0, "servo_natural_frequency": 25.0}
+    vehicle = made("car", unknown, com_height=0.45, steering_offset=0.0, **nominal)
+    assert [*vehicle.unknown] == [*unknown]
+    time = np.arange(0.0, 3.01, 0.02)
+    commands = Commands(time, 0.3 * np.sin(2.0 * time), np.minimum(time, 1.5))
+    low, high = np.array([*unknown.values()]).T
+    points = low + (high - low) * np.random.default_rng(3).random((9, len(low)))
+    together = simulate(vehicle, commands, points)
+    for sample in (0, 8):
+        alone = vehicle.replace(**dict(zip(unknown, points[sample].tolist(), strict=True)))
+        expected = simulate(alone, commands).columns()
+        for name, column in together.columns().items():
+            found = column if name == "time" else column[sample]
+            assert found == pytest.approx(np.ravel(expected[name]), abs=1e-5), name
+    live = LiveVehicle(vehicle, parameters=points[0])
+    for _ in range(200):
+        state = live.step(steering=0.0, speed=1.0)
+    assert np.sign(state.yaw_rate) == np.sign(points[0, 1])  # of the offset

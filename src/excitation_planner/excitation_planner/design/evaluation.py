@@ -170,7 +170,8 @@ def _assess(
     if callable(noise_variance):
         noise_variance = float(noise_variance(m[np.isfinite(m)]))
     noise_share, target = noise_variance / indices.variance, problem.target_index
-    assert target is not None  # Problem has checked
+    if target is None:
+        raise DesignError("criterion h needs a target")
     evaluation = Evaluation(
         x=x,
         cost=excitation_cost(indices.main, indices.total, target, noise_share=noise_share),

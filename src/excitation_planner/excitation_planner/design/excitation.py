@@ -356,7 +356,7 @@ def _judge(
     problem: DesignProblem, at_x: Evaluation, history: list[Evaluation]
 ) -> tuple[Verdict, str]:
     target, names = problem.target_index, problem.unknown.names
-    if problem.criterion is not Criterion.H:
+    if problem.criterion is not Criterion.H or target is None:
         # what is left of the prior's deviation; of the worst parameter when all are meant
         left = at_x.posterior_std * math.sqrt(PRIOR_INFORMATION)
         judged = int(np.argmax(left)) if target is None else target
@@ -364,7 +364,6 @@ def _judge(
         learnt = left[judged] <= SHOWN
         return (Verdict.EXCITES if learnt else Verdict.CANNOT_EXCITE), text
 
-    assert target is not None  # Problem has checked
     share = float(at_x.main[target])
     rivals = dict(zip(names, at_x.main.tolist(), strict=True))
     del rivals[names[target]]

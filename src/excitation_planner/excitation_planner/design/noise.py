@@ -109,8 +109,14 @@ class MeasurementNoise:
     ----------
     noise_std : float
         White noise of the measured position per axis [m]; 0 is the paper's cost.
+    heading_std : float
+        White noise of the measured heading [rad]; 0: it is not measured.
+    pose_rate : float
+        Of position and heading [Hz].
     yaw_rate_std : float
         White noise of a yaw-rate gyro [rad/s]; 0: there is none.
+    gyro_rate : float
+        Of the gyro [Hz].
     drift_std, drift_time : float
         Standard deviation [m] and correlation time [s] of a slow drift of the position.
     start_position_std, start_heading_std : float
@@ -120,11 +126,14 @@ class MeasurementNoise:
     Raises
     ------
     PlanError
-        A deviation that is not from 0 to 10, or a correlation time that is not above 0.
+        A deviation that is not from 0 to 10, or a correlation time or rate that is not above 0.
     """
 
     noise_std: float = 0.01
+    heading_std: float = 0.0
+    pose_rate: float = 20.0
     yaw_rate_std: float = 0.0
+    gyro_rate: float = 20.0
     drift_std: float = 0.0
     drift_time: float = 5.0
     start_position_std: float = 0.02
@@ -132,25 +141,39 @@ class MeasurementNoise:
 
     def __post_init__(self) -> None:
         for name, unit in (
-            *(("noise_std", "m"), ("yaw_rate_std", "rad/s"), ("drift_std", "m")),
+            *(("noise_std", "m"), ("heading_std", "rad")),
+            *(("yaw_rate_std", "rad/s"), ("drift_std", "m")),
             *(("start_position_std", "m"), ("start_heading_std", "rad")),
         ):
             if not 0.0 <= getattr(self, name) < 10.0:
                 raise PlanError(f"{name} = {getattr(self, name):g} {unit} must be from 0 to 10")
+        for name in ("pose_rate", "gyro_rate"):
+            if not 0.0 < getattr(self, name) <= 1e4:
+                raise PlanError(f"{name} = {getattr(self, name):g} Hz must be above 0, at most 1e4")
         if not 0.0 < self.drift_time < 1e4:
             raise PlanError(f"drift_time = {self.drift_time:g} s must be above 0")
 
     @property
     def channels(self) -> tuple[str, ...]:
         """What is measured, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
-        return ("x", "y", "yaw_rate") if self.yaw_rate_std else ("x", "y")
+        heading = ("yaw",) if self.heading_std else ()
+        return ("x", "y", *heading, *(("yaw_rate",) if self.yaw_rate_std else ()))
 
     @property
     def of_trajectory(self) -> TrajectoryNoise:
         """Noise of these channels, for the criteria C, D and A."""
-        position = (self.noise_std, self.noise_std)
+        # white noise of samples at another rate than the trajectory's points: the same information
+        period = TrajectoryNoise.period
+        pose, gyro = (1.0 / math.sqrt(rate * period) for rate in (self.pose_rate, self.gyro_rate))
+        std = {
+            "x": pose * self.noise_std,
+            "y": pose * self.noise_std,
+            "yaw": pose * self.heading_std,
+            "yaw_rate": gyro * self.yaw_rate_std,
+        }
         return TrajectoryNoise(
-            std=(*position, self.yaw_rate_std) if self.yaw_rate_std else position,
+            std=tuple(std[channel] for channel in self.channels),
+            heading_channel=2 if self.heading_std else None,
             drift_std=self.drift_std,
             drift_time=self.drift_time,
             start_position_std=self.start_position_std,

@@ -1,7 +1,8 @@
 """Maneuver families: their interface, the paths that they give, and the search by name.
 
 A family maps its operation parameters x (the design variables) either to a `DrivenPath`, the path
-that the rear axle's ground point follows and the speed along it, or to the `Commands` themselves.
+that the ground point of the unsteered axle follows and the speed along it, or to the `Commands`
+themselves.
 Each maneuver begins at rest with a straight run-in, so that the vehicle has settled when the
 maneuver proper begins.
 
@@ -73,7 +74,7 @@ class DrivenPath:
     ----------
     x, y : ndarray of float, shape (m,)
         Points of the path [m], frame `odom`, evenly spaced along it; the first is the start of the
-        rear axle's ground point.
+        unsteered axle's ground point.
     speed : float
         Cruise speed [m/s], reached from rest with `ACCELERATION`.
     length : float
@@ -120,7 +121,7 @@ class ManeuverFamily(Protocol):
     def drive(self, x: FloatArray, vehicle: Vehicle) -> DrivenPath | Commands:
         """Return what to drive, from rest.
 
-        A path starts where the rear axle is, at (-vehicle.com_to_rear_axle, 0), along +x.
+        A path starts where the vehicle's own point is, at (path_point(vehicle), 0), along +x.
 
         Parameters
         ----------
@@ -130,6 +131,19 @@ class ManeuverFamily(Protocol):
             Its nominal values.
         """
         ...
+
+
+def path_point(vehicle: Vehicle) -> float:
+    """Return where on the vehicle the point is that follows paths [m], ahead of its COM.
+
+    It is the middle of the axle that is not steered: on most vehicles the rear one.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its wheels.
+    """
+    return vehicle.axle_x(next(wheel.axle for wheel in vehicle.wheels if not wheel.steered))
 
 
 def family_names() -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from excitation_planner.maneuver.family import (
     PATH_SPACING,
     SETTLING_TIME,
     DrivenPath,
+    path_point,
 )
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
@@ -80,7 +81,7 @@ class Circle:
         radius, speed = (float(v) for v in x)
         run_in = _run_in_length(speed)
         arc = np.arange(0.0, speed * self.duration + LEAD_OUT, PATH_SPACING / 4)
-        start = -vehicle.com_to_rear_axle
+        start = path_point(vehicle)
         px = np.concatenate(([start], start + run_in + radius * np.sin(arc / radius)))
         py = np.concatenate(([0.0], radius * (1.0 - np.cos(arc / radius))))
         return DrivenPath(*evenly_spaced(px, py), speed, run_in + speed * self.duration)
@@ -140,7 +141,7 @@ class DoubleLaneChange:
                 [(2 * L + self.lead_out + LEAD_OUT, 0.0)],
             )
         )
-        points[:, 0] += run_in - vehicle.com_to_rear_axle
+        points[:, 0] += run_in + path_point(vehicle)
         px, py = evenly_spaced(points[:, 0], points[:, 1])
         return DrivenPath(px, py, self.speed, (px.size - 1) * PATH_SPACING - LEAD_OUT)
 
@@ -183,7 +184,7 @@ class Slalom:
         gate = np.linspace(0.0, self.gates + 1.0, 400 * (self.gates + 1))
         from_end = np.minimum(gate, self.gates + 1.0 - gate)
         fade = 0.5 * (1.0 - np.cos(np.pi * np.minimum(from_end, 1.0)))
-        start, run_in = -vehicle.com_to_rear_axle, _run_in_length(self.speed)
+        start, run_in = path_point(vehicle), _run_in_length(self.speed)
         end = start + run_in + spacing * (self.gates + 1.0) + self.lead_out
         px = np.concatenate(([start], start + run_in + spacing * gate, [end + LEAD_OUT]))
         py = np.concatenate(([0.0], -offset * fade * np.cos(np.pi * gate), [0.0]))

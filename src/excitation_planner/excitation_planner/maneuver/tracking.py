@@ -1,6 +1,6 @@
 """Path tracking: the steer and drive commands with which the nominal vehicle follows a path.
 
-Pure pursuit of the rear axle's ground point, every 20 ms, on the compiled vehicle model.
+Pure pursuit of the unsteered axle's ground point, every 20 ms, on the compiled vehicle model.
 Commands change no faster than the PLCs slew their set-points, so that no limiter acts when they are
 replayed. The steering keeps its margin before the end stop; a path that the vehicle cannot hold so
 makes the drive infeasible.
@@ -18,6 +18,7 @@ from excitation_planner.maneuver.family import (
     PATH_SPACING,
     DrivenPath,
     kept_margin,
+    path_point,
     steering_lock,
 )
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
@@ -65,7 +66,7 @@ def _track(
     path_y: FloatArray,
     length: float,
     wheelbase: float,
-    com_to_rear_axle: float,
+    point: float,
     speed: float,
     slew_rate: float,
     acceleration: float,
@@ -82,6 +83,7 @@ def _track(
     vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
     servo : shape (2,), see `advance_tick`
     steering : `steering_constants` of the batch's step
+    point : `path_point` [m]
     lock : `steering_lock` [rad]
     commands : shape (c, 2), receives steering motor angle [rad] and speed [m/s]
     """
@@ -93,11 +95,11 @@ def _track(
         heading = yaw(vehicle)
         c, s = math.cos(heading), math.sin(heading)
         x, y = position(vehicle)
-        rear_x, rear_y = x - com_to_rear_axle * c, y - com_to_rear_axle * s
+        own_x, own_y = x + point * c, y + point * s
         # the nearest point of the path, forward of the last one
-        distance = math.hypot(path_x[near] - rear_x, path_y[near] - rear_y)
+        distance = math.hypot(path_x[near] - own_x, path_y[near] - own_y)
         while near + 1 < path_x.shape[0]:
-            following = math.hypot(path_x[near + 1] - rear_x, path_y[near + 1] - rear_y)
+            following = math.hypot(path_x[near + 1] - own_x, path_y[near + 1] - own_y)
             if following > distance:
                 break
             near, distance = near + 1, following
@@ -107,7 +109,7 @@ def _track(
             return row, saturated, row
         ahead = (LOOK_AHEAD + LOOK_AHEAD_TIME * target) / PATH_SPACING
         goal = min(near + int(ahead), path_x.shape[0] - 1)
-        dx, dy = path_x[goal] - rear_x, path_y[goal] - rear_y
+        dx, dy = path_x[goal] - own_x, path_y[goal] - own_y
         lateral = -s * dx + c * dy
         wanted = math.atan(wheelbase * 2.0 * lateral / (dx * dx + dy * dy))
         if distance > AT_LOCK and abs(angle) > lock - 0.5 * ANGLE_UNIT and saturated < 0:
@@ -135,7 +137,7 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
     vehicle : Vehicle
         Its nominal values are driven, from rest at the origin heading +x.
     path : DrivenPath
-        Path of the rear axle's ground point, starting where that point is.
+        Path of the unsteered axle's ground point, starting where that point is.
     """
     acceleration = min(ACCELERATION, vehicle.acceleration)
     duration = path.length / path.speed + path.speed / acceleration
@@ -149,8 +151,8 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
         path.x,
         path.y,
         path.length,
-        vehicle.com_to_front_axle + vehicle.com_to_rear_axle,
-        vehicle.com_to_rear_axle,
+        vehicle.wheelbase,
+        path_point(vehicle),
         path.speed,
         vehicle.steering_slew,
         acceleration,

@@ -296,7 +296,7 @@ def _plans(
                 vehicle=vehicle.name,
                 vehicle_hash=vehicle.fingerprint,
                 constants=shaping_constants(vehicle),
-                tyre_radius=vehicle.tyre_radius,
+                tyre_radius=vehicle.driven_radius,
                 software=__version__,
                 commands=run.commands,
                 path=run.path,

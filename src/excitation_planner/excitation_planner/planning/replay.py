@@ -7,7 +7,7 @@ import numpy as np
 
 from excitation_planner.area.room import Room
 from excitation_planner.maneuver import ManeuverFamily
-from excitation_planner.maneuver.family import kept_margin, steering_lock
+from excitation_planner.maneuver.family import kept_margin, path_point, steering_lock
 from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
 from excitation_planner.trajectory_error import NominalTrajectory
@@ -31,7 +31,7 @@ class NominalRun:
     commands : Commands
         Steer and drive commands of the family, or of the tracked path.
     path : ndarray of float, shape (m, 2)
-        Path of the rear axle's ground point [m].
+        Path of the unsteered axle's ground point [m].
     reference : Reference
         Trajectory of the nominal vehicle replaying the commands.
     nominal : NominalTrajectory
@@ -111,7 +111,7 @@ def nominal_run(
     reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
     return NominalRun(
         commands=commands,
-        path=_rear_axle_path(vehicle, reference)
+        path=_driven_path(vehicle, reference)
         if isinstance(drive, Commands)
         else np.column_stack([drive.x, drive.y]),
         reference=reference,
@@ -138,10 +138,10 @@ def _as_sent(commands: Commands) -> Commands:
     )
 
 
-def _rear_axle_path(vehicle: Vehicle, motion: Reference) -> FloatArray:
-    """Path (m, 2) of the rear axle's ground point, a point every 0.1 s."""
-    b = vehicle.com_to_rear_axle
-    path = np.column_stack([motion.x - b * np.cos(motion.yaw), motion.y - b * np.sin(motion.yaw)])
+def _driven_path(vehicle: Vehicle, motion: Reference) -> FloatArray:
+    """Path (m, 2) of the unsteered axle's ground point, a point every 0.1 s."""
+    b = path_point(vehicle)
+    path = np.column_stack([motion.x + b * np.cos(motion.yaw), motion.y + b * np.sin(motion.yaw)])
     return path[::10]
 
 

@@ -166,7 +166,8 @@ class PoseCollector:
                 self._other_frames.add(child_frame)
 
     def _fix(self, message: Any) -> tuple[float, float]:
-        assert self._datum is not None
+        if self._datum is None:
+            raise JudgeError("positions of satellites need a datum")
         return east_north(message.latitude, message.longitude, message.altitude, self._datum)
 
 

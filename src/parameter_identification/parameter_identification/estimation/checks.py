@@ -101,7 +101,7 @@ def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
         {Sensor.POSITION: Signal(reference.time, position)},
         start=StartPose(0.0, 0.0, 0.0, position_std=1e-6, heading_std=1e-6),
     )
-    wide = {name: (low / WIDER, high * WIDER) for name, (low, high) in vehicle.unknown.items()}
+    wide = {name: _wider(vehicle, name) for name in vehicle.unknown}
     any_such = dataclasses.replace(vehicle, unknown=wide)
     mean, information = prior_in_ranges(any_such, None)
     with LeastSquares([DriveModel(any_such, planned)], mean, information, Loss.SQUARED) as problem:
@@ -115,3 +115,11 @@ def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
             f"{vehicle.name} comes no closer than {distance:.2g} m (rms) to the plan's reference; "
             "give the vehicle file of the drive"
         )
+
+
+def _wider(vehicle: Vehicle, name: str) -> tuple[float, float]:
+    """Return a range of an unknown parameter that is wider, within what any vehicle may have."""
+    low, high = vehicle.unknown[name]
+    least, most = vehicle.bounds(name)
+    low = low / WIDER if low > 0.0 else max(least, low * WIDER)
+    return low, min(most, high * WIDER if high > 0.0 else high / WIDER)

@@ -185,7 +185,8 @@ class Campaign:
         if not self.steps:
             return None
         found = self.steps[-1].identification
-        assert found is not None  # a plan is made after an identification
+        if found is None:
+            raise PlanError("a campaign plans after the identification of the last drive")
         low, high = np.array([self.request.vehicle.unknown[name] for name in found.parameters]).T
         estimates = np.array([entry.estimate for entry in found.parameters.values()])
         covariance = found.covariance / np.outer(high - low, high - low)

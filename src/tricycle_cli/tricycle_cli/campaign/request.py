@@ -17,6 +17,12 @@ if TYPE_CHECKING:
     from excitation_planner.design.prior import BoxPrior
 
 
+SIMULATED = MeasurementNoise(
+    noise_std=0.01, heading_std=0.002, pose_rate=100.0, yaw_rate_std=0.005, gyro_rate=100.0
+)
+"""What the simulation's `odom` and `imu` measure unless their parameters are set."""
+
+
 @dataclass(frozen=True)
 class Settings:
     """What must stay the same while a campaign goes on.
@@ -29,8 +35,8 @@ class Settings:
         Names of the maneuver families.
     seed : int
         Of the plans.
-    noise_std, yaw_rate_std, drift_std : float
-        Measurement that is planned for, see `MeasurementNoise`.
+    noise : MeasurementNoise
+        Measurement that is planned for.
     true_seed : int, optional
         Of the simulated vehicle's hidden parameters; None: the real vehicle.
     ranges : mapping of str to (float, float)
@@ -41,9 +47,7 @@ class Settings:
     vehicle_hash: str
     families: tuple[str, ...]
     seed: int
-    noise_std: float
-    yaw_rate_std: float
-    drift_std: float
+    noise: MeasurementNoise
     true_seed: int | None
     ranges: Mapping[str, tuple[float, float]]
 
@@ -135,9 +139,7 @@ class CampaignRequest:
             vehicle_hash=self.vehicle.fingerprint,
             families=tuple(family.name for family in self.families),
             seed=self.seed,
-            noise_std=self.noise.noise_std,
-            yaw_rate_std=self.noise.yaw_rate_std,
-            drift_std=self.noise.drift_std,
+            noise=self.noise,
             true_seed=self.true_seed,
             ranges={
                 f"{family.name}.{name}": limits

@@ -12,13 +12,15 @@ from typing import TYPE_CHECKING
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_names
 from tricycle_cli.arguments import (
+    add_noise_options,
     add_range_options,
     families_of,
+    noise_of,
     real_time_factor,
     search_boxes,
     seed,
 )
-from tricycle_cli.campaign.request import CampaignRequest
+from tricycle_cli.campaign.request import SIMULATED, CampaignRequest
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
@@ -77,13 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
     add("--seed", type=seed, default=0, help="of the plans")
-    for option, unit, text in (
-        ("--noise-std", "M", "of the measured position per axis"),
-        ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
-        ("--drift-std", "M", "of a slow drift of the position"),
-    ):
-        default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
-        add(option, type=float, default=default, metavar=unit, help=text)
+    add_noise_options(parser, {"": SIMULATED, "with --vehicle-nodes ": MeasurementNoise()})
     add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
@@ -119,11 +115,7 @@ def run(args: argparse.Namespace) -> int:
         most_drives=args.most_drives,
         budget=args.budget,
         seed=args.seed,
-        noise=MeasurementNoise(
-            noise_std=args.noise_std,
-            yaw_rate_std=args.yaw_rate_std,
-            drift_std=args.drift_std,
-        ),
+        noise=noise_of(args, MeasurementNoise() if args.vehicle_nodes else SIMULATED),
         true_seed=None if args.vehicle_nodes else args.true_seed,
     )
     campaign = Campaign(args.output, request)

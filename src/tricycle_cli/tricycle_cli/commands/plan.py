@@ -15,8 +15,10 @@ from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_names, operation_point, shown_ranges
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import (
+    add_noise_options,
     add_range_options,
     families_of,
+    noise_of,
     parse_assignments,
     search_boxes,
     seed,
@@ -84,21 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=seed, default=0, help="same seed, same plan")
     add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
     add("--budget", type=int, default=PlanRequest.budget, help="largest number of simulations")
-    add(
-        "--noise-std",
-        type=float,
-        default=MeasurementNoise.noise_std,
-        metavar="M",
-        help="standard deviation of the measured position per axis; 0: the paper's cost",
-    )
-    for option, unit, text in (
-        ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
-        ("--drift-std", "M", "of a slow drift of the position"),
-        ("--start-position-std", "M", "of the start position per axis"),
-        ("--start-heading-std", "RAD", "of the start heading"),
-    ):
-        default = getattr(MeasurementNoise, option[2:].replace("-", "_"))
-        add(option, type=float, default=default, metavar=unit, help=text)
+    add_noise_options(parser, {"": MeasurementNoise()})
     add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
     add("--overwrite", action="store_true", help="replace the plans that are there")
     add("--json", action="store_true", help="print one JSON object")
@@ -168,7 +156,8 @@ def _request(args: argparse.Namespace) -> PlanRequest:
     if not len(families) <= count <= MOST_MANEUVERS:
         raise PlanError(f"--maneuvers {count}: must be from {len(families)} to {MOST_MANEUVERS}")
     first, *others = (families[i % len(families)] for i in range(count))
-    default = Criterion.C if args.noise_std > 0.0 else Criterion.H
+    noise = noise_of(args, MeasurementNoise())
+    default = Criterion.C if noise.noise_std > 0.0 else Criterion.H
     return PlanRequest(
         load_vehicle(args.vehicle),
         first,
@@ -178,13 +167,7 @@ def _request(args: argparse.Namespace) -> PlanRequest:
         samples=args.samples,
         budget=args.budget,
         seed=args.seed,
-        noise=MeasurementNoise(
-            noise_std=args.noise_std,
-            yaw_rate_std=args.yaw_rate_std,
-            drift_std=args.drift_std,
-            start_position_std=args.start_position_std,
-            start_heading_std=args.start_heading_std,
-        ),
+        noise=noise,
         area=None if args.area is None else load_area(args.area),
     )
 

@@ -43,9 +43,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     new.add_argument(
         "--from",
         dest="source",
-        type=Path,
         metavar="FILE",
-        help="take the numbers of this vehicle file instead of asking",
+        help="take the numbers of this vehicle file, or of the shipped vehicle of this name, "
+        "instead of asking",
     )
     new.add_argument("--overwrite", action="store_true", help="replace OUTPUT if it is there")
     new.set_defaults(run=run_new)

@@ -86,15 +86,16 @@ def profiles_figure(found: Identification) -> Figure:
     found : Identification
         What `identify` found.
     """
-    profiled = {name: e for name, e in found.parameters.items() if e.profile is not None}
+    profiled = [
+        (name, e, e.profile) for name, e in found.parameters.items() if e.profile is not None
+    ]
     columns = min(3, len(profiled))
     rows = math.ceil(len(profiled) / columns)
     figure = Figure(figsize=(3.7 * columns, 2.9 * rows), layout="constrained")
     allowed = allowed_rise(found.level)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, (name, e) in zip(grid, profiled.items(), strict=False):
-        assert e.profile is not None
-        axes.plot(e.profile.values, e.profile.rise, "o-", color=BLUE, markersize=3)
+    for axes, (name, e, profile) in zip(grid, profiled, strict=False):
+        axes.plot(profile.values, profile.rise, "o-", color=BLUE, markersize=3)
         axes.axhline(allowed, color="0.6", linewidth=0.8)
         axes.annotate(
             f"{allowed:.2f}", (0.01, allowed), xycoords=("axes fraction", "data"), va="bottom",

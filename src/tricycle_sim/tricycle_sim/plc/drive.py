@@ -276,7 +276,8 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
             self._follow_command()
         elif self.state is PlcState.STOPPING:
             self._setpoint = slew(self._setpoint, 0.0, self._max_acceleration)
-            if abs(self._measured.speed - self._setpoint) > STOPPING_EXCESS:
+            excess = abs(self._measured.speed - self._setpoint)
+            if self._setpoint == 0.0 or excess > STOPPING_EXCESS:
                 self._brake = min(self._brake + STOPPING_BRAKE_RATE, 1.0)
         else:
             self._setpoint, self._brake, self._gear = 0.0, 1.0, Gear.NEUTRAL

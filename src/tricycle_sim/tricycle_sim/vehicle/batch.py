@@ -21,7 +21,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
-from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.groups import equilibrium, pack, sample_values
 from tricycle_sim.vehicle.kernel import COMMAND, functions_for
 from tricycle_sim.vehicle.layout import (
     EVALUATED,
@@ -31,7 +31,14 @@ from tricycle_sim.vehicle.layout import (
     WHEEL_EVALUATED,
     WHEEL_STATES,
 )
-from tricycle_sim.vehicle.parts import ROWS, WHEEL, WHEEL_ROWS, steering_constants, structure_of
+from tricycle_sim.vehicle.parts import (
+    ROWS,
+    WHEEL,
+    WHEEL_ROWS,
+    steering_constants,
+    steering_varies,
+    structure_of,
+)
 from tricycle_sim.vehicle.stability import check_step
 from tricycle_sim.vehicle.wheels import Wheel
 
@@ -140,12 +147,14 @@ def simulate(
     names = [name for name in names if name in batch.available]
     names += [f"{kind}_{wheel}" for kind in ("wheel_speed", "load") for wheel in wheels]
     out = {name: np.empty((len(samples), len(batch.time))) for name in names}
+    angles = np.empty((len(samples), len(batch.time)))
     groups = np.empty((-(-len(samples) // LANES), ROWS * LANES))
 
     def store(first: int, last: int) -> None:
         run = batch.run(samples[first:last], names, speed=speeds[first:last])
         for name, column in run.columns.items():
             out[name][first:last] = column
+        angles[first:last] = run.steering_motor_angle
         groups[first // LANES : -(-last // LANES)] = run.groups
 
     _run_blocks(store, len(samples), threads, progress)
@@ -156,9 +165,7 @@ def simulate(
     return Trajectory(
         time=batch.time,
         **columns | out,
-        steering_motor_angle=np.broadcast_to(
-            batch.steering_motor_angle, (len(samples), len(batch.time))
-        ),
+        steering_motor_angle=angles,
         feasibility=read_feasibility(groups, len(samples), vehicle.wheels),
     )
 
@@ -215,11 +222,17 @@ _ROWS = {
     "pitch_rate": STATE.q,
     "yaw_rate": STATE.r,
 }
-# columns that follow from several rows: these, and how
+
+
+def _itself(_: FloatArray, signal: FloatArray) -> FloatArray:
+    return signal
+
+
+# columns that follow from several rows: these, and how with the axles of the steering
 _DERIVED: dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]] = {
-    "roll": (_ATTITUDE, lambda *attitude: roll_angle(attitude)),
-    "pitch": (_ATTITUDE, lambda *attitude: pitch_angle(attitude)),
-    "yaw": (_ATTITUDE, lambda *attitude: np.unwrap(yaw_angle(attitude))),
+    "roll": (_ATTITUDE, lambda _, *attitude: roll_angle(attitude)),
+    "pitch": (_ATTITUDE, lambda _, *attitude: pitch_angle(attitude)),
+    "yaw": (_ATTITUDE, lambda _, *attitude: np.unwrap(yaw_angle(attitude))),
 }
 
 
@@ -231,6 +244,8 @@ class Run:
     ----------
     columns : dict of str to ndarray of float, shape (n, t)
         Those that were asked for.
+    steering_motor_angle : ndarray of float, shape (n, t)
+        Of the steering motor [rad].
     groups : ndarray of float, shape (b, ROWS * LANES)
         The vehicles at the end.
     wheels : tuple of Wheel
@@ -238,6 +253,7 @@ class Run:
     """
 
     columns: dict[str, FloatArray]
+    steering_motor_angle: FloatArray
     groups: FloatArray
     wheels: tuple[Wheel, ...]
 
@@ -263,7 +279,7 @@ class CommandedBatch:
     time : ndarray of float, shape (t,)
         Of all columns [s].
     steering_motor_angle : ndarray of float, shape (t,)
-        Of all samples [rad].
+        Of the nominal vehicle [rad].
     available : dict
         Every column that can be recorded, by name: the rows that it needs, and how it follows.
 
@@ -289,18 +305,26 @@ class CommandedBatch:
         constants = steering_constants(vehicle, 0.5 * TICK)
         self._functions.steer(np.zeros(2), setpoints, constants, 2, self._table, angles)
         self.steering_motor_angle = angles[0]
+        self._setpoints, self._own_steering = setpoints, steering_varies(vehicle)
+        self._advance = functions_for(vehicle, own_steering=self._own_steering).advance
         self._start = equilibrium(vehicle)
         self.available = self._columns()
 
     def _columns(self) -> dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]]:
-        columns = {name: ((row,), lambda signal: signal) for name, row in _ROWS.items()} | _DERIVED
-        axles = self._table[::2].T
+        """Return `available`; a column follows from the axles (8, t) or (8, n, t) and rows."""
+        columns = {name: ((row,), _itself) for name, row in _ROWS.items()} | _DERIVED
 
         def relative(side: int) -> Callable[..., FloatArray]:
-            if side < 0:
-                return lambda spin, _p, q, _r: spin - q
-            x, y, z = axles[4 * side : 4 * side + 3]
-            return lambda spin, p, q, r: spin - (p * x + q * y + r * z)
+            def speed(
+                axles: FloatArray, spin: FloatArray, p: FloatArray, q: FloatArray, r: FloatArray
+            ) -> FloatArray:
+                if side < 0:
+                    return spin - q
+                x, y, z = axles[4 * side : 4 * side + 3]
+                relative: FloatArray = spin - (p * x + q * y + r * z)
+                return relative
+
+            return speed
 
         structure = structure_of(self._vehicle)
         spins: list[int] = []
@@ -309,16 +333,18 @@ class CommandedBatch:
             needs = (spins[-1], *_RATES)
             columns[f"wheel_speed_{wheel.name}"] = needs, relative(structure.sides[index])
             load = EVALUATED.load + index * WHEEL_EVALUATED
-            columns[f"load_{wheel.name}"] = (load,), lambda signal: signal
+            columns[f"load_{wheel.name}"] = (load,), _itself
 
         driven = [index for index, wheel in enumerate(self._vehicle.wheels) if wheel.driven]
         shares = [WHEEL.share + index * WHEEL_ROWS for index in driven]
 
-        def mean(p: FloatArray, q: FloatArray, r: FloatArray, *signals: FloatArray) -> FloatArray:
+        def mean(
+            axles: FloatArray, p: FloatArray, q: FloatArray, r: FloatArray, *signals: FloatArray
+        ) -> FloatArray:
             speeds = zip(driven, signals[: len(driven)], signals[len(driven) :], strict=True)
             total = np.zeros(p.shape)
             for index, spin, share in speeds:
-                total += share * relative(structure.sides[index])(spin, p, q, r)
+                total += share * relative(structure.sides[index])(axles, spin, p, q, r)
             return total
 
         columns["drive_speed"] = (*_RATES, *(spins[index] for index in driven), *shares), mean
@@ -347,15 +373,36 @@ class CommandedBatch:
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
         out = np.empty((len(rows), len(groups) * LANES, len(self.time)))
-        self._functions.advance(
-            groups, self._table, self._lag, self._drive, 1, 0, np.array(rows, dtype=np.int64), out
+        table, axles, angles = self._steering(parameters)
+        self._advance(
+            groups, table, self._lag, self._drive, 1, 0, np.array(rows, dtype=np.int64), out
         )
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
         found = {
-            name: self.available[name][1](*(recorded[row] for row in need))
+            name: self.available[name][1](axles, *(recorded[row] for row in need))
             for name, need in needs.items()
         }
-        return Run(found, groups, self._vehicle.wheels)
+        angles = np.broadcast_to(angles, (len(parameters), len(self.time)))
+        return Run(found, angles, groups, self._vehicle.wheels)
+
+    def _steering(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the table for `advance`, the axles at the ticks, the angles of the motor."""
+        if not self._own_steering:
+            return self._table, self._table[::2].T, self.steering_motor_angle
+        samples = len(parameters)
+        count = -(-samples // LANES)
+        table = np.empty((count, len(self._table), 8, LANES))
+        axles = np.empty((8, samples, len(self.time)))
+        angles = np.empty((samples, len(self.time)))
+        own, both = np.empty_like(self._table), np.empty((2, len(self.time)))
+        for sample, point in enumerate(parameters):
+            values = sample_values(self._vehicle, point)
+            constants = steering_constants(self._vehicle, 0.5 * TICK, values)
+            self._functions.steer(np.zeros(2), self._setpoints, constants, 2, own, both)
+            axles[:, sample], angles[sample] = own[::2].T, both[0]
+            table[sample // LANES, :, :, sample % LANES] = own
+        table[-1, :, :, samples - (count - 1) * LANES :] = own[..., np.newaxis]
+        return table.reshape(-1, 8 * LANES), axles, angles
 
 
 def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArray:

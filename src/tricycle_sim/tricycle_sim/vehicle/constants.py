@@ -20,7 +20,13 @@ from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.body import SHORTHANDS, upward
 from tricycle_sim.vehicle.laws import Constant
-from tricycle_sim.vehicle.registry import check_parts, declared, reads, wheel_values
+from tricycle_sim.vehicle.registry import (
+    check_parts,
+    declared,
+    other_owner,
+    reads,
+    wheel_values,
+)
 from tricycle_sim.vehicle.wheels import AXLES, TADPOLE, Wheel, check_wheels
 
 UNKNOWN_PARAMETERS: tuple[str, ...] = (
@@ -72,8 +78,7 @@ class Vehicle:
     def __post_init__(self) -> None:
         entries = constant_entries(self.wheels, self.parts)
         for name in (*self.values, *self.unknown):
-            if name not in entries:
-                raise VehicleError(f"{name}: is no constant; {suggest_name(name, entries)}")
+            check_entry(name, entries)
         missing = missing_entries(self.wheels, self.parts, self.values)
         if missing:
             raise VehicleError("; ".join(missing))
@@ -143,6 +148,17 @@ class Vehicle:
             One of the vehicle's, or its name.
         """
         return self._by_wheel[wheel if isinstance(wheel, str) else wheel.name]
+
+    def bounds(self, name: str) -> tuple[float, float]:
+        """Return the interval in which a constant of any vehicle lies.
+
+        Parameters
+        ----------
+        name : str
+            Entry of a vehicle file: `front.cornering_stiffness`.
+        """
+        constant = constant_entries(self.wheels, self.parts)[name]
+        return constant.low, constant.high
 
     def unit(self, name: str) -> str:
         """Return the unit of a constant.
@@ -241,10 +257,7 @@ class Vehicle:
         """
         entries = constant_entries(self.wheels, self.parts)
         for name in values:
-            if name not in entries:
-                raise VehicleError(
-                    f"{name}: is no constant of a vehicle; {suggest_name(name, entries)}"
-                )
+            check_entry(name, entries)
         return dataclasses.replace(self, values={**self.values, **values})
 
 
@@ -288,6 +301,25 @@ def _entries(wheels: tuple[Wheel, ...], parts: tuple[tuple[str, str], ...]) -> d
     return entries
 
 
+def check_entry(name: str, entries: Mapping[str, Constant]) -> None:
+    """Raise a `VehicleError` unless a vehicle has a constant, saying what may be meant.
+
+    Parameters
+    ----------
+    name : str
+        Entry of a vehicle file.
+    entries : mapping
+        From `constant_entries`.
+    """
+    if name in entries:
+        return
+    hint = suggest_name(name, entries)
+    owner = other_owner(name)
+    if owner is not None:
+        hint = f"{owner} reads it, which is no part of this vehicle there"
+    raise VehicleError(f"{name}: is no constant of this vehicle; {hint}")
+
+
 def missing_entries(
     wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Iterable[str]
 ) -> list[str]:
@@ -315,16 +347,29 @@ def missing_entries(
                 continue
             readers = [wheel for wheel in wheels if reads(wheel, parts, constant)]
             bare = [
-                wheel.spellings(constant.name)
+                wheel
                 for wheel in readers
                 if not names & {entry for entry, _ in wheel.spellings(constant.name)}
             ]
             if len(bare) == len(readers) and constant.name in entries:
                 yield constant.name
             else:
-                yield from dict.fromkeys(spellings[-1][0] for spellings in bare)
+                yield from dict.fromkeys(
+                    _entry_for(constant, wheel, bare, wheels) for wheel in bare
+                )
 
     return [f"{name}: is missing ({entries[name].unit})" for name in missing()]
+
+
+def _entry_for(
+    constant: Constant, wheel: Wheel, bare: list[Wheel], wheels: tuple[Wheel, ...]
+) -> str:
+    """Return the entry to ask for where a wheel lacks a constant."""
+    own, axle, *shorthands = wheel.spellings(constant.name)
+    if wheels == TADPOLE:
+        return shorthands[0][0]
+    whole = all(other in bare for other in wheels if other.axle == wheel.axle)
+    return axle[0] if whole and constant.name != "y" else own[0]
 
 
 def draw_truth(vehicle: Vehicle, rng: np.random.Generator) -> dict[str, float]:

@@ -16,7 +16,7 @@ import yaml
 
 from tricycle_core.documents import read_bounded
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle.constants import Vehicle, constant_entries, suggest_name
+from tricycle_sim.vehicle.constants import Vehicle, check_entry, constant_entries, suggest_name
 from tricycle_sim.vehicle.laws import Constant
 from tricycle_sim.vehicle.wheels import TADPOLE, Wheel
 
@@ -132,8 +132,8 @@ def _parse_entry(
     name: object, constants: Mapping[str, Constant], entry: object
 ) -> tuple[float, tuple[float, float] | None]:
     """Return the value of an entry and, of an unknown parameter, its range."""
-    if not isinstance(name, str) or name not in constants:
-        raise VehicleError(f"{name}: is no constant; {suggest_name(str(name), constants)}")
+    name = str(name)
+    check_entry(name, constants)
     unit = constants[name].unit
     if not isinstance(entry, dict):
         raise VehicleError(f"{name}: needs value (or nominal and range), unit, basis and about")

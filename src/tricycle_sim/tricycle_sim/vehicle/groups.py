@@ -1,5 +1,6 @@
 """Vehicles in groups: constants and start of each one, at rest on its tyres or rolling."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,13 +20,27 @@ from tricycle_sim.vehicle.layout import (
     WHEEL_STATES,
     of_wheels,
 )
-from tricycle_sim.vehicle.parts import ROWS, group_constants
+from tricycle_sim.vehicle.parts import ROWS, group_constants, steering_constants, steering_varies
 from tricycle_sim.vehicle.registry import wheel_values
 
-STRAIGHT = np.array([[0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0]])
-"""Table of a steering that stands straight ahead."""
-
 _AT_REST = 1e-9  # m/s^2 and rad/s^2: a vehicle with smaller accelerations stands
+
+
+def motor_in_the_middle(vehicle: Vehicle, point: FloatArray | None = None) -> FloatArray:
+    """Return the table (1, 8) of a steering whose motor stands at 0.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its law of steering.
+    point : ndarray of float, shape (k,), optional
+        Values of `vehicle.unknown`, in its order; by default the nominal ones.
+    """
+    table, angles = np.empty((1, 8)), np.empty((2, 1))
+    values = sample_values(vehicle, vehicle.nominal_point() if point is None else point)
+    constants = steering_constants(vehicle, 1.0, values)  # without set-points there is no step
+    functions_for(vehicle).steer(np.zeros(2), np.empty(0), constants, 1, table, angles)
+    return table
 
 
 @dataclass(frozen=True)
@@ -55,10 +70,11 @@ def equilibrium(vehicle: Vehicle) -> Equilibrium:
         With wheels that touch the ground.
     """
     nominal = vehicle.nominal_point()[np.newaxis]
-    (pose,) = _settle(vehicle, nominal, np.array([[vehicle.com_height, 0.0, 0.0]]))
+    (pose,) = _settle(vehicle, nominal)
     extremes = np.array([*vehicle.unknown.values()]).reshape(-1, 2).T
-    groups = _groups(vehicle, np.vstack([nominal, extremes]), camber_stiffness=0.0)
-    accelerations = _accelerations(vehicle, groups, np.tile(pose, (3, 1)))
+    points = np.vstack([nominal, extremes])
+    groups = _groups(vehicle, points, camber_stiffness=0.0)
+    accelerations = _accelerations(_standing(vehicle, points), groups, np.tile(pose, (3, 1)))
     height, roll, pitch = pose.tolist()
     shared = bool(np.abs(accelerations).max() < _AT_REST)
     return Equilibrium((height, roll, pitch), shared)
@@ -91,22 +107,33 @@ def pack(
     parameters = np.asarray(parameters, dtype=float)
     poses = np.array([start.pose])
     if not start.shared:
-        poses = np.repeat(poses, len(parameters), axis=0)
-        poses[:, 0] += _values(vehicle, parameters)["com_height"] - vehicle.com_height
-        poses = _settle(vehicle, parameters, poses)
+        poses = _settle(vehicle, parameters)
     groups = _groups(vehicle, parameters)
     _place(groups, poses)
     if speed is not None:
         groups[:, STATE.u] = _by_lane(speed)
-        each = wheel_values(vehicle.wheels, _values(vehicle, parameters), vehicle.declared)
+        each = wheel_values(vehicle.wheels, sample_values(vehicle, parameters), vehicle.declared)
         for wheel, own in enumerate(each):
             spins = np.broadcast_to(speed / own.tyre_radius, len(parameters))
             groups[:, STATE.spin + wheel * WHEEL_STATES] = _by_lane(spins)
     return groups.reshape(len(groups), ROWS * LANES)
 
 
-def _values(vehicle: Vehicle, parameters: FloatArray) -> dict[str, Any]:
-    """Return the constants of samples by entry: numbers, and arrays (n,) of the unknown ones."""
+def sample_values(vehicle: Vehicle, parameters: FloatArray) -> dict[str, Any]:
+    """Return the constants of samples by entry of a vehicle file.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Of which they are samples.
+    parameters : ndarray of float, shape (n, k) or (k,)
+        Values of `vehicle.unknown`, in its order.
+
+    Returns
+    -------
+    dict of str to float or ndarray of float, shape (n,)
+        Arrays of the unknown ones.
+    """
     return {**vehicle.values, **dict(zip(vehicle.unknown, parameters.T, strict=True))}
 
 
@@ -121,7 +148,7 @@ def _groups(vehicle: Vehicle, parameters: FloatArray, **aside: float) -> FloatAr
     groups = np.zeros((-(-len(parameters) // LANES), ROWS, LANES))
     values = {
         name: _by_lane(value) if name in vehicle.unknown else value
-        for name, value in _values(vehicle, parameters).items()
+        for name, value in sample_values(vehicle, parameters).items()
     }
     values |= {name: value for name in values for end, value in aside.items() if _is(name, end)}
     for row, value in group_constants(vehicle, values).items():
@@ -143,24 +170,51 @@ def _place(groups: FloatArray, poses: FloatArray) -> None:
         groups[:, row] = _by_lane(column)
 
 
-def _accelerations(vehicle: Vehicle, groups: FloatArray, poses: FloatArray) -> FloatArray:
+def _standing(vehicle: Vehicle, parameters: FloatArray) -> Callable[[FloatArray], None]:
+    """Return what writes the slopes of vehicles at rest, whose motors stand at 0, into groups."""
+    own = steering_varies(vehicle)
+    if own:
+        tables = np.concatenate([motor_in_the_middle(vehicle, point) for point in parameters])
+        lanes = [_by_lane(column) for column in tables.T]
+        table = np.stack(lanes, axis=1).reshape(-1, len(lanes) * LANES)
+    else:
+        table = motor_in_the_middle(vehicle)
+    advance = functions_for(vehicle, own_steering=own).advance
+
+    def evaluate(groups: FloatArray) -> None:
+        flat = groups.reshape(len(groups), ROWS * LANES)
+        advance(flat, table, np.zeros(1), np.zeros((1, 3)), 1, 0, NO_ROWS, NO_OUTPUT)
+
+    return evaluate
+
+
+def _accelerations(
+    evaluate: Callable[[FloatArray], None], groups: FloatArray, poses: FloatArray
+) -> FloatArray:
     """Return vertical, roll and pitch acceleration (n, 3) of vehicles at rest in poses (n, 3)."""
     _place(groups, poses)
-    flat = groups.reshape(len(groups), ROWS * LANES)
-    advance = functions_for(vehicle).advance
-    advance(flat, STRAIGHT, np.zeros(1), np.zeros((1, 3)), 1, 0, NO_ROWS, NO_OUTPUT)
+    evaluate(groups)
     slopes = groups[:, [SLOPE + STATE.w, SLOPE + STATE.p, SLOPE + STATE.q]]
     return np.moveaxis(slopes, 1, 2).reshape(-1, 3)[: len(poses)]
 
 
-def _settle(vehicle: Vehicle, parameters: FloatArray, poses: FloatArray) -> FloatArray:
-    """Return the poses (n, 3) of vehicles at rest, from poses close to them."""
+def _settle(vehicle: Vehicle, parameters: FloatArray) -> FloatArray:
+    """Return the poses (n, 3) of vehicles (n, k) at rest."""
+    values = sample_values(vehicle, parameters)
+    stiffness = sum(
+        own.vertical_stiffness for own in wheel_values(vehicle.wheels, values, vehicle.declared)
+    )
+    # with all wheels on the ground: where one is lifted, its stiffness does not show
+    poses = np.zeros((len(parameters), 3))
+    poses[:, 0] = values["com_height"] - values["mass"] * values["gravity"] / stiffness
     steps = 1e-7 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     n, m = len(poses), len(steps)
-    groups = _groups(vehicle, np.repeat(parameters, m, axis=0), camber_stiffness=0.0)
+    repeated = np.repeat(parameters, m, axis=0)
+    groups = _groups(vehicle, repeated, camber_stiffness=0.0)
+    evaluate = _standing(vehicle, repeated)
     for _ in range(8):  # Newton's method, Jacobian by central differences
         varied = (poses[:, np.newaxis] + steps).reshape(-1, 3)
-        residuals = _accelerations(vehicle, groups, varied).reshape(n, m, 3)
+        residuals = _accelerations(evaluate, groups, varied).reshape(n, m, 3)
         jacobian = np.swapaxes(residuals[:, 1:4] - residuals[:, 4:], 1, 2) / 2e-7
         poses = poses - np.linalg.solve(jacobian, residuals[:, 0, :, np.newaxis])[..., 0]
     return poses

@@ -69,6 +69,8 @@ class Laws(NamedTuple):
         Three or four.
     states : int
         Rows of states that they need.
+    own_steering : bool
+        Whether each vehicle of a group has its own table of the steering.
     sides, driven, braked : tuple
         As in `Structure`.
     tyre_0, tyre_1, tyre_2, tyre_3 : compiled function
@@ -79,6 +81,7 @@ class Laws(NamedTuple):
 
     wheels: int
     states: int
+    own_steering: bool
     sides: Any
     driven: Any
     braked: Any
@@ -299,10 +302,37 @@ def _slopes(
 
 
 @inlined
+def _evaluate_each(
+    laws: Laws, g: FloatArray, lanes: int, table: FloatArray, row: int, drive: FloatArray
+) -> None:
+    """Likewise, where each column of the table holds one number of each vehicle."""
+    speed_mode, demand, brake = (
+        drive[COMMAND.speed_mode],
+        drive[COMMAND.demand],
+        drive[COMMAND.brake],
+    )
+    for i in range(lanes):
+        steering = (
+            table[row, i],
+            table[row, LANES + i],
+            table[row, 2 * LANES + i],
+            table[row, 3 * LANES + i],
+            table[row, 4 * LANES + i],
+            table[row, 5 * LANES + i],
+            table[row, 6 * LANES + i],
+            table[row, 7 * LANES + i],
+        )
+        _slopes(laws, g, i, steering, speed_mode, demand, brake)
+
+
+@inlined
 def _evaluate(
     laws: Laws, g: FloatArray, lanes: int, table: FloatArray, row: int, drive: FloatArray
 ) -> None:
     """Write the slopes of a whole group, with row `row` of the steering table."""
+    if laws.own_steering:
+        _evaluate_each(laws, g, lanes, table, row, drive)
+        return
     steering = (
         table[row, 0],
         table[row, 1],
@@ -391,12 +421,13 @@ def _advance(
     lanes = groups.shape[1] // ROWS
     ticks = drive.shape[0] - 1
     h = TICK / substeps
+    rows_of_group = table.shape[0] // groups.shape[0] if laws.own_steering else 0
     for b in range(groups.shape[0]):
         g = groups[b]
         halted = False
         for k in range(ticks + 1):
             for s in range(substeps):
-                row = 2 * (k * substeps + s)
+                row = b * rows_of_group + 2 * (k * substeps + s)
                 for stage in range(4):  # of the classical Runge-Kutta method
                     _evaluate(laws, g, lanes, table, row + (stage + 1) // 2, drive[k])
                     if stage == 0:
@@ -468,7 +499,8 @@ class Functions(NamedTuple):
     advance : callable
         Advances groups by t ticks under the same commands; with 0 ticks it evaluates the slopes.
         Arguments: groups (b, ROWS * LANES), advanced in place; table (2 * substeps * t + 1, 8) from
-        `steer`; steering lag (t + 1,), set-point behind the command beyond what one tick of slew
+        `steer`, or of each group one after the other, with LANES numbers for each of the 8 (own
+        steering); steering lag (t + 1,), set-point behind the command beyond what one tick of slew
         makes up for [rad], else 0; drive (t + 1, 3), columns of `COMMAND`, the last row for the
         slopes at the end; substeps, Runge-Kutta steps per tick; first tick, its number in the
         events; rows (m,) of a group to record at every tick; out (m, b * LANES, t + 1) for them.
@@ -495,15 +527,17 @@ class Functions(NamedTuple):
     motor_angle_for: Any
 
 
-def functions_for(vehicle: Vehicle) -> Functions:
+def functions_for(vehicle: Vehicle, *, own_steering: bool = False) -> Functions:
     """Return the functions compiled for the structure of a vehicle.
 
     Parameters
     ----------
     vehicle : Vehicle
         With wheels and laws.
+    own_steering : bool
+        Whether each vehicle of a group has its own table of the steering.
     """
-    return _compile(structure_of(vehicle))
+    return _compile(structure_of(vehicle), own_steering)
 
 
 def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
@@ -519,13 +553,17 @@ def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
     return _compile_caller(structure_of(vehicle), function)
 
 
-def laws_of(structure: Structure, take: Callable[[Any], Any] = compilable) -> Laws:
+def laws_of(
+    structure: Structure, own_steering: bool = False, take: Callable[[Any], Any] = compilable
+) -> Laws:
     """Return what is compiled into the equations of vehicles of a structure.
 
     Parameters
     ----------
     structure : Structure
         From `structure_of`.
+    own_steering : bool
+        As for `functions_for`.
     take : callable
         Makes of a law's Python function what the compiler takes.
     """
@@ -536,6 +574,7 @@ def laws_of(structure: Structure, take: Callable[[Any], Any] = compilable) -> La
     return Laws(
         wheels=structure.wheels,
         states=states_of(structure.wheels),
+        own_steering=own_steering,
         sides=structure.sides,
         driven=structure.driven,
         braked=structure.braked,
@@ -558,8 +597,9 @@ def _compile_caller(structure: Structure, function: Callable[..., Any]) -> Any:
 
 
 @functools.cache
-def _compile(structure: Structure) -> Functions:
-    chosen, variant = laws_of(structure), _variant(structure)
+def _compile(structure: Structure, own_steering: bool = False) -> Functions:
+    chosen = laws_of(structure, own_steering)
+    variant = _variant(structure) + ("-own" if own_steering else "")
     advancing = compiled(_advance_with, variant, laws=chosen)
     steering_ahead = compiled(_steer_with, variant, laws=chosen)
     return Functions(

@@ -15,7 +15,7 @@ from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.body import upward
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
-from tricycle_sim.vehicle.groups import equilibrium, pack
+from tricycle_sim.vehicle.groups import equilibrium, pack, sample_values
 from tricycle_sim.vehicle.kernel import COMMAND, NO_OUTPUT, NO_ROWS, functions_for
 from tricycle_sim.vehicle.layout import (
     ALIVE,
@@ -95,7 +95,9 @@ class LiveVehicle:
         self._functions = functions_for(vehicle)
         self._groups = pack(vehicle, point[np.newaxis], equilibrium(vehicle))
         self._rows = self._groups.reshape(-1, LANES)
-        self._constants = steering_constants(vehicle, 0.5 * TICK / substeps)
+        self._constants = steering_constants(
+            vehicle, 0.5 * TICK / substeps, sample_values(vehicle, point)
+        )
         self._servo = np.zeros(2)
         self._table = np.empty((2 * substeps + 1, 8))
         self._angles = np.empty((2, 2))

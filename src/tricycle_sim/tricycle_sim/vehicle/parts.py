@@ -141,6 +141,22 @@ def _steering_values(vehicle: Vehicle, values: Mapping[str, float]) -> SimpleNam
     return own
 
 
+def steering_varies(vehicle: Vehicle) -> bool:
+    """Return whether the unknown parameters of a vehicle change how it steers.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With ranges of its unknown parameters.
+    """
+    nominal = steering_constants(vehicle, 1.0)
+    return any(
+        not np.array_equal(steering_constants(vehicle, 1.0, {**vehicle.values, name: end}), nominal)
+        for name, ends in vehicle.unknown.items()
+        for end in ends
+    )
+
+
 def steering_constants(
     vehicle: Vehicle, half_step: float, values: Mapping[str, float] | None = None
 ) -> FloatArray:

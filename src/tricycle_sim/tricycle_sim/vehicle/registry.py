@@ -121,6 +121,22 @@ def declared(wheels: Sequence[Wheel], parts: Mapping[str, str]) -> dict[str, Con
     return {constant.name: constant for group in groups for constant in group}
 
 
+def other_owner(name: str) -> str | None:
+    """Return which law that a vehicle may have reads a constant, for a message; None: no one does.
+
+    Parameters
+    ----------
+    name : str
+        Entry of a vehicle file that this vehicle does not read.
+    """
+    plain = name.rpartition(".")[2]
+    for part, laws in PARTS.items():
+        for law, content in laws.items():
+            if any(constant.name == plain for constant in content.constants):
+                return f"the {part} {law}"
+    return None
+
+
 def reads(wheel: Wheel, parts: Mapping[str, str], constant: Constant) -> bool:
     """Return whether a wheel reads a constant of wheels: those of a tyre's law only where it is.
 

@@ -10,7 +10,7 @@ import numpy as np
 from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle.constants import Vehicle
-from tricycle_sim.vehicle.groups import STRAIGHT, equilibrium, pack
+from tricycle_sim.vehicle.groups import equilibrium, motor_in_the_middle, pack
 from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for
 from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE, WHEEL_STATES, states_of
 
@@ -89,7 +89,7 @@ def _fastest_at(vehicle: Vehicle, speed: float) -> tuple[float, int]:
             rows[sample // LANES, state, sample % LANES] += sign * variation
     drive = np.array([[1.0, speed, 0.0]])
     advance = functions_for(vehicle).advance
-    advance(groups, STRAIGHT, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
+    advance(groups, motor_in_the_middle(vehicle), np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
     slopes = rows[:, SLOPE : SLOPE + states].transpose(1, 0, 2).reshape(states, -1)[:, : 2 * states]
     jacobian = (slopes[:, ::2] - slopes[:, 1::2]) / (2.0 * variation)
     # not `scipy.linalg.eig`, which has both vectors: importing SciPy takes longer than all the rest
