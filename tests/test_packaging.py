@@ -109,6 +109,7 @@ def test_package_xml_is_what_bloom_and_the_build_farm_want(package):
     check = importlib.util.module_from_spec(specification)
     specification.loader.exec_module(check)
     assert check.problems(package) == []
+    assert setup_arguments(package)["extras_require"] == {"test": ["pytest"]}  # colcon test asks
 
 
 def test_the_workspace_links_every_package():

@@ -14,7 +14,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     zip_safe=False,
-    tests_require=["pytest"],
+    extras_require={"test": ["pytest"]},  # colcon test then runs it
     maintainer="The tricycle excitation maintainers",
     maintainer_email="maintainers@example.org",
     description="JUDGE and IDENTIFY: trajectory error of bags, parameter estimates",

@@ -22,7 +22,7 @@ setup(
         (f"share/{NAME}/rviz", ["rviz/tricycle.rviz"]),
     ],
     zip_safe=False,
-    tests_require=["pytest"],
+    extras_require={"test": ["pytest"]},  # colcon test then runs it
     maintainer="The tricycle excitation maintainers",
     maintainer_email="maintainers@example.org",
     description="Launch files, configuration, robot description and Foxglove layout",
