@@ -14,7 +14,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
 from tricycle_bridge.command_stream import VehicleCommand
-from tricycle_bringup.configuration import beyond_the_boards, bridge_settings, turning_geometry
+from tricycle_bringup.configuration import bridge_settings
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host
