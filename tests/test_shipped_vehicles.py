@@ -14,6 +14,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
 from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bringup.configuration import bridge_settings
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host
@@ -43,7 +44,7 @@ def shipped(name):
 
 def driven_on_boards(vehicle, commands):
     """The motion of a vehicle whose boards get the commands, after they have armed."""
-    host = Host(rig := EmulatedRig(vehicle))
+    host = Host(rig := EmulatedRig(vehicle), bridge_settings(vehicle))
     host.arm()
     start, rows = rig.time, []
 
