@@ -14,6 +14,7 @@ from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "x"), [("circle", [3.0, 0.8]), ("double-lane-change", None)])
 def test_other_vehicles_of_the_ranges_stay_inside_driving_and_stopped(name, x) -> None:
     vehicle, family = load_vehicle(), family_by_name(name)

@@ -89,8 +89,11 @@ class Campaign:
 
     def _read(self) -> tuple[Step, ...]:
         state = CampaignState.read(self._state)
-        wanted, found = vars(self.request.settings()), vars(state.settings)
-        different = [name for name in wanted if found[name] != wanted[name]]
+        wanted, found = (
+            vars(settings) | vars(settings.noise)
+            for settings in (self.request.settings(), state.settings)
+        )
+        different = [name for name in wanted if name != "noise" and found[name] != wanted[name]]
         if different:
             raise PlanError(
                 f"{self.folder}: is a campaign with other settings (different: "
