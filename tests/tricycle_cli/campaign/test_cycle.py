@@ -108,7 +108,7 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
 def test_other_settings_do_not_continue_a_campaign(tmp_path):
     Campaign(tmp_path / "c", request())
     noise = MeasurementNoise(noise_std=0.02, yaw_rate_std=0.005)
-    with pytest.raises(PlanError, match=r"other settings \(different: noise_std, true_seed\)"):
+    with pytest.raises(PlanError, match=r"other settings \(different: true_seed, noise_std\)"):
         Campaign(tmp_path / "c", request(noise=noise, true_seed=4))
 
 
