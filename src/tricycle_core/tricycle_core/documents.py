@@ -145,7 +145,7 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
         raise error(f"{where}{line}: is not valid YAML, or has aliases") from problem
     # numbers beyond all bounds, dates that do not exist, lists a thousand deep
     except (ValueError, OverflowError, RecursionError) as problem:
-        raise error(f"{where}: is not YAML: {problem}") from problem
+        raise error(f"{where}: is not valid YAML: {problem}") from problem
 
 
 def check_texts(values: object, where: str, error: type[ExcitationError]) -> None:

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from excitation_planner.box import Bounds, Box
 from excitation_planner.maneuver.family import DrivenPath, ManeuverFamily
-from tricycle_core.documents import read_bounded
+from tricycle_core.documents import parse_yaml, read_bounded
 from tricycle_core.errors import DesignError, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
@@ -100,11 +98,7 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
         If it cannot be read.
     """
     content = read_bounded(path, MAX_BYTES, "a file of ranges", PlanError)
-    try:
-        document = yaml.safe_load(content)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        line = " ".join(str(error).split())
-        raise PlanError(f"{path}: is not valid YAML: {line}") from error
+    document = parse_yaml(content, str(path), PlanError)
     if not isinstance(document, dict):
         raise PlanError(f"{path}: want entries like radius: [3, 12]")
     entries: dict[str, Any] = {}

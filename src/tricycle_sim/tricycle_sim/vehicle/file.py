@@ -12,9 +12,7 @@ from functools import cache
 from importlib import resources
 from pathlib import Path
 
-import yaml
-
-from tricycle_core.documents import read_bounded
+from tricycle_core.documents import parse_yaml, read_bounded
 from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle.constants import Vehicle, check_entry, constant_entries, suggest_name
 from tricycle_sim.vehicle.laws import Constant
@@ -51,36 +49,19 @@ def load_vehicle(path: Path | None = None) -> Vehicle:
         return _packaged()
     content = read_bounded(path, MAX_BYTES, "a vehicle file", VehicleError)
     try:
-        return _parse(content.decode(), str(path))
-    except VehicleError:
-        raise
-    # numbers beyond all bounds, dates that do not exist, lists a thousand deep
-    except (ValueError, OverflowError, RecursionError) as error:
+        return _parse(content, str(path))
+    except OverflowError as error:  # an integer beyond all bounds
         raise VehicleError(f"{path}: is not a vehicle file: {error}") from error
 
 
 @cache
 def _packaged() -> Vehicle:
     source = resources.files("tricycle_sim") / "tricycle.yaml"
-    return _parse(source.read_text(encoding="utf-8"), "tricycle.yaml")
+    return _parse(source.read_bytes(), "tricycle.yaml")
 
 
-class _Loader(yaml.SafeLoader):
-    """YAML without aliases, by which a small file describes an enormous document."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases are not read")
-        return super().compose_node(parent, index)
-
-
-def _parse(text: str, where: str) -> Vehicle:
-    try:
-        document = yaml.load(text, Loader=_Loader)  # noqa: S506 - a safe loader
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = f":{mark.line + 1}" if mark else ""
-        raise VehicleError(f"{where}{line}: is not valid YAML, or has aliases") from error
+def _parse(content: bytes, where: str) -> Vehicle:
+    document = parse_yaml(content, where, VehicleError)
     if not isinstance(document, dict) or not isinstance(document.get("constants"), dict):
         raise VehicleError(f"{where}: needs the keys 'name' and 'constants'")
     if unexpected := set(document) - {"name", "about", "wheels", "parts", "constants"}:
