@@ -167,7 +167,10 @@ def test_planner_refuses_parameters_that_no_plan_can_be_made_of(observer, start)
         ).results
         return result.successful, result.reason
 
-    for name, value in (("criterion", "e"), ("target", "weight"), ("maneuver", "loop")):
+    for name, value in (
+        *(("criterion", "e"), ("target", "weight"), ("maneuver", "loop")),
+        ("area_file", "nowhere.yaml"),
+    ):
         accepted, reason = change(name, value)
         assert not accepted
         assert repr(value) in reason or value in reason

@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from excitation_planner import planning
+from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_by_name, family_names, parse_ranges, with_ranges
@@ -42,7 +43,7 @@ NOISES = {
     "start_heading_std": "rad, of the start heading",
 }
 PLAN_PARAMETERS = (
-    *("vehicle_file", "maneuver", "ranges", "target"),
+    *("vehicle_file", "area_file", "maneuver", "ranges", "target"),
     *("criterion", "samples", "budget", "seed"),
     *NOISES,
 )
@@ -63,6 +64,7 @@ def _request(settings: Settings) -> PlanRequest:
         budget=settings["budget"],
         seed=settings["seed"],
         noise=MeasurementNoise(**{name: settings[name] for name in NOISES}),
+        area=load_area(Path(settings["area_file"])) if settings["area_file"] else None,
     )
 
 
@@ -89,6 +91,7 @@ class ExcitationPlanner(Node):
         super().__init__("excitation_planner")
         setting = partial(declare, self, read_only=False)
         setting("vehicle_file", "", "vehicle YAML; empty: the packaged tricycle")
+        setting("area_file", "", "YAML of the ground that plans stay on; empty: no limit")
         setting("other_vehicle", False, "take plan files of other vehicles than this one")
         setting("maneuver", "circle", f"family: {', '.join(family_names())}")
         setting("ranges", [""], "search box: NAME=LOW:HIGH of operation parameters, as radius=3:12")
