@@ -20,14 +20,10 @@ from tricycle_sim.vehicle import actuators, body, load_vehicle, steering, tyre
 from tricycle_sim.vehicle.constants import constant_entries
 from tricycle_sim.vehicle.laws import Constant, Law
 from tricycle_sim.vehicle.registry import PARTS
-from tricycle_sim.vehicle.wheels import Wheel
+from tricycle_sim.vehicle.wheels import TADPOLE, Wheel
 
 LAYOUTS: Mapping[str, tuple[Wheel, ...]] = {
-    "tadpole": (
-        Wheel("left", "front", steered=True),
-        Wheel("right", "front", steered=True),
-        Wheel("rear", "rear", driven=True, braked=True),
-    ),
+    "tadpole": TADPOLE,
     "delta": (
         Wheel("front", "front", steered=True),
         Wheel("left", "rear", driven=True, braked=True),
