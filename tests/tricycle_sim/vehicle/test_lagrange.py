@@ -167,4 +167,5 @@ def test_a_drive_agrees_with_the_oracle(name):
     held = (np.append(values, values[-1]) for values in (steering, speed))
     found = simulate(vehicle, Commands(TICK * np.arange(ticks + 1), *held))
     for column, place in (("x", 0), ("y", 1), ("yaw", 3)):
-        assert getattr(found, column)[0, -1] == pytest.approx(exact[-1, place], abs=2e-6)
+        # what steps of 10 ms lose on jumps of the set-points; slopes agree to 1e-9 above
+        assert getattr(found, column)[0, -1] == pytest.approx(exact[-1, place], abs=2e-5)

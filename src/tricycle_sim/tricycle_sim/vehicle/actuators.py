@@ -143,8 +143,9 @@ def hub_motor(
         Torque wanted beyond what the motor can give [N m].
     """
     # reverse gear: everything mirrored; a torque has no gear, but brakes a wheel that turns forward
-    reverse = demand < 0.0 and (speed_mode == 1.0 or spin <= 0.0)
-    direction = -1.0 if reverse else 1.0
+    # (one comparison: with several the lanes are not evaluated at once)
+    forward = 1e30 * (1.0 - speed_mode) * max(spin, 0.0)
+    direction = -1.0 if demand + forward < 0.0 else 1.0
     error = demand / g[c + _M.radius] - spin
     wanted = (
         speed_mode * (g[c + _M.proportional] * error + g[c + _M.integral] * integrator)
