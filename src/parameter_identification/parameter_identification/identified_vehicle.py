@@ -1,14 +1,13 @@
 """Vehicle files with the estimates of an identification."""
 
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import yaml
 
 from parameter_identification.estimation.results import Estimate, Identification
 from tricycle_core import __version__
+from tricycle_sim.vehicle import vehicle_document
 
 RANGE = 3.0  # standard deviations either side that the file leaves possible
 
@@ -31,12 +30,7 @@ def identified_vehicle(
     bags : sequence of str, optional
         That the estimates come from. Default: the names of the drives.
     """
-    text = (
-        (resources.files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")
-        if source is None
-        else source.read_text(encoding="utf-8")
-    )
-    document: dict[str, Any] = yaml.safe_load(text)
+    document = vehicle_document(source)
     where = ", ".join(bags or [drive.name for drive in found.drives])
     for name, estimate in found.parameters.items():
         entry = document["constants"][name]

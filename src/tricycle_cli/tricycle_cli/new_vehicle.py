@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle import actuators, body, load_vehicle, steering, tyre
+from tricycle_sim.vehicle import actuators, body, load_vehicle, steering, tyre, vehicle_document
 from tricycle_sim.vehicle.constants import constant_entries
 from tricycle_sim.vehicle.laws import Constant, Law
 from tricycle_sim.vehicle.registry import PARTS
@@ -214,9 +214,8 @@ def from_file(source: str, name: str) -> str:
     """
     path = shipped_vehicles().get(source, Path(source))
     vehicle = load_vehicle(path)
-    document = yaml.safe_load(path.read_text(encoding="utf-8"))
     about = f"from {vehicle.name} by tricycle vehicle new"
-    return _text(name, about, vehicle.wheels, vehicle.parts, document["constants"])
+    return _text(name, about, vehicle.wheels, vehicle.parts, vehicle_document(path)["constants"])
 
 
 class _Estimate(NamedTuple):

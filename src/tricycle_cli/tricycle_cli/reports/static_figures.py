@@ -12,7 +12,8 @@ from matplotlib.path import Path as MatplotlibPath
 
 from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
-from excitation_planner.plan import Plan
+from excitation_planner.indices.figure import Spread, draw_indices
+from excitation_planner.plan import Index, Plan
 from parameter_identification.judging.judgement import Judgement
 from tricycle_core.palette import BLUE, VERMILLION
 from tricycle_core.quantities import FloatArray
@@ -48,19 +49,8 @@ def plot_plan(plan: Plan, path: Path) -> None:
     track.set(xlabel="x / m", ylabel="y / m")
     track.set_aspect("equal", adjustable="datalim")
     track.legend(fontsize="small")
-    names = list(plan.main)
-    for offset, color, label, by_name in (
-        (-0.2, REFERENCE, "main index S", plan.main),
-        (0.2, MEASURED, "total index ST", plan.total),
-    ):
-        drawn = [by_name[name] for name in names]
-        spread = [[i.value - i.low for i in drawn], [i.high - i.value for i in drawn]]
-        at = [k + offset for k in range(len(names))]
-        indices.barh(at, [i.value for i in drawn], 0.38, xerr=spread, color=color, label=label)
-    indices.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
-    indices.invert_yaxis()
-    indices.set(xlabel="share of the variance of TE", title=f"H = {plan.cost:.3g}", xlim=(0, 1))
-    indices.legend(fontsize="small")
+    draw_indices(indices, list(plan.main), _spread(plan.main), _spread(plan.total))
+    indices.set(xlabel="share of the variance of TE", title=f"H = {plan.cost:.3g}")
     commands = plan.commands
     angle.step(commands.time, commands.steering_motor_angle, where="post", color=REFERENCE)
     angle.set(xlabel="time / s", ylabel="steering motor angle / rad")
@@ -84,6 +74,12 @@ def plot_plan(plan: Plan, path: Path) -> None:
     for axes in panels.values():
         axes.grid(alpha=0.3)
     figure.savefig(path, dpi=150)
+
+
+def _spread(indices: Mapping[str, Index]) -> Spread:
+    """Indices (k,) and their intervals (k, 2)."""
+    drawn = list(indices.values())
+    return np.array([i.value for i in drawn]), np.array([[i.low, i.high] for i in drawn])
 
 
 def _draw_on_area(

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from tricycle_core.documents import parse_yaml, read_bounded
 from tricycle_core.errors import VehicleError
@@ -47,21 +48,40 @@ def load_vehicle(path: Path | None = None) -> Vehicle:
     """
     if path is None:
         return _packaged()
-    content = read_bounded(path, MAX_BYTES, "a vehicle file", VehicleError)
     try:
-        return _parse(content, str(path))
+        return _parse(vehicle_document(path), str(path))
     except OverflowError as error:  # an integer beyond all bounds
         raise VehicleError(f"{path}: is not a vehicle file: {error}") from error
 
 
+def vehicle_document(path: Path | None = None) -> Any:
+    """Return what a vehicle file holds, not validated, to write another one from it.
+
+    Parameters
+    ----------
+    path : Path, optional
+        YAML file; by default the tricycle that comes with the package.
+
+    Raises
+    ------
+    VehicleError
+        If the file is no YAML.
+    OSError
+        If the file cannot be read.
+    """
+    if path is None:
+        path = Path(str(resources.files("tricycle_sim") / "tricycle.yaml"))
+    return parse_yaml(
+        read_bounded(path, MAX_BYTES, "a vehicle file", VehicleError), str(path), VehicleError
+    )
+
+
 @cache
 def _packaged() -> Vehicle:
-    source = resources.files("tricycle_sim") / "tricycle.yaml"
-    return _parse(source.read_bytes(), "tricycle.yaml")
+    return _parse(vehicle_document(), "tricycle.yaml")
 
 
-def _parse(content: bytes, where: str) -> Vehicle:
-    document = parse_yaml(content, where, VehicleError)
+def _parse(document: Any, where: str) -> Vehicle:
     if not isinstance(document, dict) or not isinstance(document.get("constants"), dict):
         raise VehicleError(f"{where}: needs the keys 'name' and 'constants'")
     if unexpected := set(document) - {"name", "about", "wheels", "parts", "constants"}:
