@@ -117,6 +117,7 @@ def test_vehicle_document(tmp_path, document):
     survives(load_vehicle, VehicleError, tmp_path / "vehicle.yaml", content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content",
     [

@@ -54,6 +54,7 @@ def test_without_noise_the_truth_comes_back(commands):
     assert start["start heading"].estimate == pytest.approx(2.5, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_and_agree_with_the_linear_ones(pair):
     found = identify(pair, VEHICLE, profiles=True)
     assert found.white

@@ -33,6 +33,7 @@ def drive(rig, vehicle, speed, turn_rate, seconds):
     return host
 
 
+@pytest.mark.slow
 def test_cmd_vel_turns_it_as_fast_as_it_says(rig):
     drive(rig, LONG, 1.0, -0.25, 5.0)
     assert rig.state.yaw_rate == pytest.approx(-0.25, rel=0.04)

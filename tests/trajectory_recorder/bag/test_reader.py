@@ -128,6 +128,7 @@ def test_files_of_mcaps_own_writer_are_read(
         }  # fmt: skip
 
 
+@pytest.mark.slow
 @given(data=st.data(), compression=st.sampled_from(Compression))
 def test_a_bag_torn_at_any_byte_is_read_up_to_there(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, compression: Compression
@@ -149,6 +150,7 @@ def test_a_bag_torn_at_any_byte_is_read_up_to_there(
         assert found
 
 
+@pytest.mark.slow
 @given(data=st.data())
 def test_damage_is_told_or_harmless(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -181,6 +181,7 @@ def test_full_disk_leaves_what_was_flushed(tmp_path: Path) -> None:
     assert read_with_mcap(tmp_path / "bag") == expected
 
 
+@pytest.mark.slow
 @given(
     payloads=st.lists(st.tuples(st.integers(0, 2**63 - 1), st.binary(max_size=300)), max_size=30),
     chunk_size=st.integers(1, 2000),

@@ -14,6 +14,7 @@ def test_the_command_writes_one_file_and_says_where(folder, capsys):
     assert {p.name for p in folder.iterdir()} == {"plans", "bags", "result.json", "report.html"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["", "bags", "bags/recorded", "plans/.."])
 def test_any_directory_of_a_run_will_do(folder, where, capsys):
     assert main(["report", str(folder / where), "--output", str(folder / "r.html")]) == 0

@@ -53,6 +53,7 @@ def test_an_identification_is_shown_with_its_profiles(identified, tmp_path):
     assert 'class="miss">700 ✗</td>' in run_page(read_run(tmp_path), vehicle=VEHICLE)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["svg", "pdf"])
 def test_every_figure_is_a_file_on_demand(folder, tmp_path, suffix):
     sections = run_sections(read_run(folder), vehicle=VEHICLE)

@@ -98,6 +98,12 @@ def test_rest_reads_gravity_and_nothing_else():
     assert (state.x, state.y, state.yaw, state.vx, state.motor_torque) == zero
 
 
+def test_rest_does_not_depend_on_what_the_memory_held(monkeypatch):
+    expected = LiveVehicle(load_vehicle()).state
+    monkeypatch.setattr(np, "empty", lambda shape, dtype=float: np.full(shape, math.nan, dtype))
+    assert LiveVehicle(load_vehicle()).state == expected
+
+
 def test_off_means_no_torque_and_a_held_steering_angle():
     _, live = drive(VEHICLE, COMMANDS)
     angle, speed = live.state.steering_motor_angle, live.state.vx

@@ -185,6 +185,22 @@ class Operator(Closing):
         if self._simulated:
             self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
 
+    def pace(self, real_time_factor: float) -> None:
+        """Set how fast the simulation runs.
+
+        Parameters
+        ----------
+        real_time_factor : float
+            Largest ratio of simulated to wall time; 0: as fast as it can.
+
+        Raises
+        ------
+        NodeError
+            If it does not answer.
+        """
+        self._patience = SERVICE_TIMEOUT
+        self._set_parameter("tricycle_sim", "real_time_factor", real_time_factor)
+
     def _hand_over(self, plan: Plan) -> None:
         self._plans.publish(plan)
         waiting = {"plan_id": plan.id, "state": PlaybackState.WAITING.value}
@@ -271,7 +287,7 @@ class Operator(Closing):
         if not answer.success:
             raise NodeError(f"{service}: {answer.message}")
 
-    def _set_parameter(self, node: str, name: str, value: str) -> None:
+    def _set_parameter(self, node: str, name: str, value: str | float) -> None:
         request = SetParameters.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg()]
         )

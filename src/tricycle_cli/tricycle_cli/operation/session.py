@@ -16,6 +16,9 @@ from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 DrivePlan = Callable[[Plan, Path, Progress], None]
 """`drive(plan, bag, progress)` drives a plan and records the bag; progress is in ms."""
 
+IDLE_PACE = 1.0
+"""Real-time factor between the drives: what plans and identifies meanwhile needs the processor."""
+
 
 @contextmanager
 def simulated_session(
@@ -35,7 +38,8 @@ def simulated_session(
     true_seed : int
         Of the hidden true parameters; negative: the nominal ones.
     real_time_factor : float
-        Largest ratio of simulated to wall time; an armed simulation also waits for its host.
+        Largest ratio of simulated to wall time during a drive; an armed simulation also waits for
+        its host.
     folder : Path
         For logs and the links to the ptys.
     firmware : Path, optional
@@ -72,7 +76,7 @@ def simulated_session(
                 **ports,
                 "vehicle_file": file,
                 "true_seed": true_seed,
-                "real_time_factor": real_time_factor,
+                "real_time_factor": IDLE_PACE,
                 **({"plc": "firmware", "firmware": str(firmware.absolute())} if firmware else {}),
             },
         )
@@ -89,7 +93,9 @@ def simulated_session(
         with Operator(domain=domain, check=nodes.check) as operator:
 
             def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+                operator.pace(real_time_factor)
                 operator.drive(plan, bag.absolute(), progress=progress)
+                operator.pace(IDLE_PACE)
 
             yield drive
 

@@ -111,6 +111,7 @@ class LiveVehicle:
         self._drive_angle = 0.0
         self._drive_speed = 0.0
         self._steer(np.empty(0), 0)
+        self._table[1:] = self._table[0]  # the last row is read at rest too
         # the first state has its loads and slopes too
         self._advance(self._table[:1], self._drive[:1])
         self._state = self._read()
