@@ -12,6 +12,7 @@ from types import ModuleType
 from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
 from tricycle_core.errors import ExcitationError
+from tricycle_core.optional import EXTRAS, missing
 
 COMMANDS = {
     "demo": "plan a maneuver, drive it and a random one on emulated PLCs, judge, identify",
@@ -108,6 +109,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("tricycle: interrupted", file=sys.stderr)
         return 130
+    except ModuleNotFoundError as error:
+        if error.name is None or (name := error.name.partition(".")[0]) not in EXTRAS:
+            raise
+        print(f"tricycle: {missing(name, 'this command')}", file=sys.stderr)
+        return 2
     except (ExcitationError, OSError) as error:
         # what files say of themselves may hold line breaks or terminal escapes
         line = "".join(c if c.isprintable() else " " for c in str(error))
