@@ -6,6 +6,8 @@ import signal
 import sys
 from collections.abc import Collection, Sequence
 from importlib import import_module
+from keyword import iskeyword
+from types import ModuleType
 
 from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
@@ -22,6 +24,7 @@ COMMANDS = {
     "record": "record topics to a bag until Ctrl-C",
     "replay": "publish a bag's messages as they were recorded",
     "judge": "trajectory error of recorded drives, from their bags alone",
+    "import": "write a table (CSV) that another system recorded as a bag",
     "identify": "estimate the unknown parameters from recorded drives",
     "report": "one HTML file with the table and the figures of a run",
     "monitor": "show links, maneuver and speeds of a live run",
@@ -56,8 +59,13 @@ def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
     for name, summary in COMMANDS.items():
         command = subparsers.add_parser(name, help=summary, formatter_class=HelpFormatter)
         if name in complete:
-            import_module(f"tricycle_cli.commands.{name}").add_arguments(command)
+            _module(name).add_arguments(command)
     return top
+
+
+def _module(name: str) -> ModuleType:
+    """Module of a subcommand; one that is called as a keyword has a line behind its name."""
+    return import_module(f"tricycle_cli.commands.{name}{'_' if iskeyword(name) else ''}")
 
 
 class _Completion(argparse.Action):
@@ -69,7 +77,7 @@ class _Completion(argparse.Action):
         words = {}
         for name in COMMANDS:
             command = argparse.ArgumentParser()
-            import_module(f"tricycle_cli.commands.{name}").add_arguments(command)
+            _module(name).add_arguments(command)
             words[name] = words_of(command)
         print(completion_script(str(shell), words), end="")
         parser.exit()
