@@ -72,6 +72,27 @@ def placed(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -
     return np.stack([x + c * px - s * py, y + s * px + c * py], axis=-1)
 
 
+def seen_from(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -> FloatArray:
+    """Return fixed points as a body sees them, at one or many poses.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (m, 2)
+        In the frame of the poses [m].
+    x, y, heading : float or ndarray of float, shape (...)
+        Poses of the body [m, m, rad].
+
+    Returns
+    -------
+    points : ndarray of float, shape (..., m, 2)
+        In the body frame [m].
+    """
+    c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
+    px, py = points.T
+    dx, dy = px - np.asarray(x)[..., None], py - np.asarray(y)[..., None]
+    return np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)
+
+
 def rings_of(polygon: shapely.Polygon) -> tuple[FloatArray, ...]:
     """Return outline and holes of a polygon, each (n, 2) without the first corner repeated.
 
