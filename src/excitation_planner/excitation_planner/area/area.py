@@ -139,8 +139,10 @@ class Area:
         """
         import shapely  # only who reads an area needs it
 
-        obstacles = [shapely.Polygon(corners).buffer(distance) for corners in self.keep_out]
-        ground = shapely.Polygon(self.keep_in).buffer(-distance)
+        obstacles = [
+            shapely.Polygon(corners).buffer(distance, quad_segs=4) for corners in self.keep_out
+        ]
+        ground = shapely.Polygon(self.keep_in).buffer(-distance, quad_segs=4)
         parts = shapely.get_parts(ground.difference(shapely.unary_union(obstacles)))
         rings = [ring for part in parts if not part.is_empty for ring in rings_of(part)]
         if not rings:

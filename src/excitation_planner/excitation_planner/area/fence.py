@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from excitation_planner.area.polygons import Rings, placed, seen_from, signed_distance
+from excitation_planner.area.polygons import Rings, contains, placed, seen_from, signed_distance
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.localisation import PlanarState
 from tricycle_core.errors import PlanError
@@ -28,7 +28,7 @@ CREEP = 0.05
 """Speed below which a localisation's noise tells no direction [m/s]: the command does."""
 
 SPACING = 0.25
-"""Between the poses on a stop, and between the points of the footprint that are looked at [m]."""
+"""Between the poses on a stop [m]; from tick to tick they move by far less."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Fence:
     footprint: FloatArray
     curvature: FloatArray
     start: tuple[float, float, float]
-    _outline: FloatArray = field(init=False, repr=False)
+    _border: FloatArray = field(init=False, repr=False)  # corners of the ground
     _reach: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -68,13 +68,7 @@ class Fence:
                 raise PlanError(f"{name}: needs polygons of three finite corners or more")
         if not (np.isfinite(self.curvature).all() and np.isfinite(self.start).all()):
             raise PlanError("curvature and start of an area must be finite numbers")
-        sides = zip(self.footprint, np.roll(self.footprint, -1, axis=0), strict=True)
-        outline = [
-            a + (b - a) * np.arange(n)[:, None] / n
-            for a, b in sides
-            for n in [max(1, math.ceil(math.dist(a, b) / SPACING))]
-        ]
-        object.__setattr__(self, "_outline", np.concatenate(outline))
+        object.__setattr__(self, "_border", np.concatenate(self.ground))
         object.__setattr__(self, "_reach", float(np.hypot(*self.footprint.T).max()))
 
     def off_start(self, state: PlanarState) -> str:
@@ -117,45 +111,41 @@ class Fence:
             return f"the area is in frame '{self.frame}', the pose on odom in '{state.frame}'"
         if not (math.isfinite(state.yaw_rate) and math.isfinite(state.slip)):
             return "odom has no turn rate, without which no stop can be predicted"
-        poses, ways = self._stops(state, max(age, 0.0) + TICK, curvature, push)
-        if self._clear(state, float(ways[-1])):
-            return ""
-        # the lesser of two: points of the footprint to the border, and corners of the border to
-        # the footprint, which may be smaller than it
-        clearance = signed_distance(placed(self._outline, *poses), self.ground).min(axis=-1)
-        corners = seen_from(np.concatenate(self.ground), *poses)
-        inward = signed_distance(corners, (self.footprint,)).max(axis=-1)
-        least = np.minimum(clearance, -inward).min(axis=0)
-        if least.min() >= 0.0:
-            return ""
-        depth, way = -float(least.min()), float(ways[int(np.argmax(least < 0.0))])
-        if way == 0.0:
-            return f"fence: {depth:.2f} m out of the area less its margin"
-        return f"fence: would come {depth:.2f} m out of the area less its margin in {way:.1f} m"
-
-    def _stops(
-        self, state: PlanarState, delay: float, curvature: float, push: float
-    ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], FloatArray]:
-        """Poses (2, p) on both arcs to rest, and the way to each (p,)."""
-        speed = state.speed
-        if speed > CREEP:
-            slip, arcs = state.slip, [state.yaw_rate / speed]
-        else:
-            slip, arcs = (0.0 if push >= 0.0 else math.pi), [0.0]
-        arcs.append(curvature if math.cos(slip) >= 0.0 else -curvature)
-        moves = speed > CREEP or push != 0.0
-        way = speed * delay + float(longest_stop(np.array(speed))) if moves else 0.0
+        creeps = state.speed <= CREEP
+        delay = max(age, 0.0) + TICK
+        way = 0.0
+        if not creeps or push != 0.0:
+            way = state.speed * delay + float(longest_stop(np.array(state.speed)))
+        here = np.array([[state.x, state.y]])
+        if signed_distance(here, self.ground)[0] > way + self._reach:
+            return ""  # whatever the direction
+        slip = (0.0 if push >= 0.0 else math.pi) if creeps else state.slip
+        arcs = [
+            0.0 if creeps else state.yaw_rate / state.speed,
+            math.copysign(1.0, math.cos(slip)) * curvature,
+        ]
         points = 1 + math.ceil(way / SPACING)
-        one = np.ones(2)
+        ways = np.linspace(0.0, way, points)
         poses = stopping_path(
-            state.x * one, state.y * one, state.yaw * one, slip * one, way * one, arcs, points
+            *np.broadcast_to([[state.x], [state.y], [state.yaw], [slip], [way]], (5, 2)),
+            np.array(arcs),
+            points,
         )
-        return poses, np.linspace(0.0, way, points)
-
-    def _clear(self, state: PlanarState, way: float) -> bool:
-        """Whether no stop comes near the border whatever its direction."""
-        room = signed_distance(np.array([[state.x, state.y]]), self.ground)
-        return float(room[0]) > way + self._reach
+        corners, border = placed(self.footprint, *poses), seen_from(self._border, *poses)
+        # a corner of the footprint outside, or one of the border in the footprint
+        outside = ~contains(corners, self.ground).all(axis=-1)
+        outside |= contains(border, (self.footprint,)).any(axis=-1)
+        out = outside.any(axis=0)
+        if not out.any():
+            return ""
+        ahead = float(ways[int(np.argmax(out))])
+        depth = max(
+            -float(signed_distance(corners, self.ground).min()),
+            float(signed_distance(border, (self.footprint,)).max()),
+        )
+        if ahead == 0.0:
+            return f"fence: {depth:.2f} m out of the area less its margin"
+        return f"fence: would come {depth:.2f} m out of the area less its margin in {ahead:.1f} m"
 
 
 def _directed(value: float, positive: str, negative: str) -> str:
