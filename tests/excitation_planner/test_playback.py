@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from excitation_planner.localisation import PlanarState
 from excitation_planner.playback import (
     LEAD_IN,
     MAX_ROWS,
     JointCommand,
-    PlanarState,
     Playback,
     PlaybackState,
     Schedule,
