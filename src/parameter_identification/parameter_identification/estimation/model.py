@@ -3,8 +3,8 @@
 One batch of the simulator gives the motion and its finite differences: the vehicle of the moment,
 one per parameter, one per effect on the vehicle, one for the start speed; eight lanes cost what one
 does. The other effects change this motion afterwards (`_distorted`), and are differentiated by
-doing so once more. The other nuisances act in closed form: start pose (a rigid motion), time offsets
-of the clocks (a derivative by time), gyro bias (a constant).
+doing so once more. The other nuisances act in closed form: start pose (a rigid motion), time
+offsets of the clocks (a derivative by time), gyro bias (a constant).
 
 All variables are scaled to be of the order 1: parameters in their ranges (0 to 1), a nuisance in
 the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuisances of
