@@ -7,7 +7,7 @@ DIR holds recordings of the repository Lorenzo-Lyons/DART (folder System_identif
 (81_throttle_ramps), lap_1_0 (70_racetrack_lap_v_1). They are not part of this repository. Lyons,
 Niesten, Ferranti, "DART: A Compact Platform for Autonomous Driving Research", IEEE IV 2024.
 
-Fitted are both axles' cornering stiffness, the yaw inertia and, for each recording, the steering's
+Fitted are both axles' cornering stiffness and friction, the yaw inertia and, for each recording, the steering's
 zero: least squares of position and heading after 0.5, 1 and 2 s of windows of the four ramps that
 share no sample; intervals of 95 % from resampling the windows (a parameter is shown where its
 interval is less than half its range). Predicted are windows of 2 s begun every 0.5 s at more than
@@ -39,13 +39,15 @@ from parameter_identification.drives.windows import (
     motion_of,
     windows_of,
 )
+from parameter_identification.estimation.model import restrict
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
 CAR = Path(__file__).parents[1] / "src/tricycle_sim/tricycle_sim/car_1_10.yaml"
 RAMPS = ("ramp_pos02", "ramp_neg02", "ramp_pos025", "ramp_neg025")
-FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", "yaw_inertia")
+FRICTION = {f"{axle}.friction_coefficient": (0.6, 1.2) for axle in ("front", "rear")}
+FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", *FRICTION, "yaw_inertia")
 HORIZONS = (0.5, 1.0, 2.0)  # s
 STEPS = np.round(np.array(HORIZONS) / TICK).astype(int)
 LEAD = round(RUN_IN / TICK)
@@ -158,9 +160,7 @@ def windows(path, vehicle, overlapping):
 
 
 def predict(path, vehicle):
-    only = dataclasses.replace(
-        vehicle, unknown={"steering_offset": vehicle.unknown["steering_offset"]}
-    )
+    only = restrict(vehicle, ("steering_offset",))
     recording, motion, drives, starts = windows(path, vehicle, overlapping=True)
     grid = vehicle.steering_offset + np.array([-0.03, -0.015, 0.0, 0.015, 0.03])
     each = np.array([
@@ -195,10 +195,18 @@ def batch_of(vehicle, drive):
     return CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
 
 
+def better(at, residuals, jacobians, information, mean):
+    """Step of Gauss and Newton, with a prior."""
+    variance = np.mean(residuals**2)
+    normal = np.einsum("wri,wrj->ij", jacobians, jacobians) / variance
+    pull = np.einsum("wri,wr->i", jacobians, residuals) / variance
+    return at - np.linalg.solve(normal + np.diag(information), pull + information * (at - mean))
+
+
 def fit(paths, vehicle, seed=0):
     """Parameters, their intervals, zeros of the recordings, and the windows."""
     names = [*FITTED, "steering_offset"]
-    known = dataclasses.replace(vehicle, unknown={n: vehicle.unknown[n] for n in names})
+    known = restrict(vehicle, tuple(names))
     order = [list(known.unknown).index(name) for name in names]
     low, high = np.array([vehicle.unknown[name] for name in FITTED]).T
     rows = []  # number of the recording, window, motion, first tick, batch
@@ -209,9 +217,10 @@ def fit(paths, vehicle, seed=0):
             for drive, first in zip(drives, starts, strict=True)
         ]
     k, n = len(FITTED), len(FITTED) + len(paths)
-    at = np.append(0.5 * np.ones(k), np.full(len(paths), vehicle.steering_offset))
+    at = mean = np.append(np.full(k, 0.5), np.full(len(paths), vehicle.steering_offset))
+    information = np.append(np.full(k, 12.0), np.full(len(paths), 1.0 / 0.03**2))
     steps = np.append(np.full(k, 0.02), 0.002)
-    scale = np.array([1.0, 1.0, 1.0]) / np.array(HORIZONS)[:, None]  # m/s, rad/s at 1 m
+    scale = 1.0 / np.array(HORIZONS)[:, None]  # m/s; rad/s at 1 m
     for _ in range(8):
         residuals, jacobians = [], []
         for number, drive, motion, first, batch in rows:
@@ -226,22 +235,15 @@ def fit(paths, vehicle, seed=0):
             jacobians.append(jacobian)
         r, j = np.array(residuals), np.array(jacobians)
 
-        def solve(chosen):
-            sigma2 = np.mean(r[chosen] ** 2)
-            normal = np.einsum("wri,wrj->ij", j[chosen], j[chosen]) / sigma2
-            pull = np.einsum("wri,wr->i", j[chosen], r[chosen]) / sigma2
-            prior = np.append(np.full(k, 12.0), np.full(len(paths), 1.0 / 0.03**2))
-            away = at - np.append(np.full(k, 0.5), np.full(len(paths), vehicle.steering_offset))
-            return at - np.linalg.solve(normal + np.diag(prior), pull + prior * away)
-
-        following = solve(np.arange(len(r)))
+        following = better(at, r, j, information, mean)
         following[:k] = np.clip(following[:k], 0.0, 1.0)
         done = np.abs(following - at).max() < 1e-3
         at = following
         if done:
             break
     rng = np.random.default_rng(seed)
-    again = [solve(rng.integers(len(r), size=len(r))) for _ in range(500)]
+    draws = [rng.integers(len(r), size=len(r)) for _ in range(500)]
+    again = [better(at, r[chosen], j[chosen], information, mean) for chosen in draws]
     bounds = np.clip(np.quantile(np.array(again)[:, :k], [0.025, 0.975], axis=0), 0.0, 1.0)
     parameters = {
         name: {
@@ -298,7 +300,8 @@ def main():
     parser.add_argument("--predict", nargs="*", type=Path, metavar="FILE")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    vehicle = load_vehicle(CAR).replace(**DRIVEN)
+    car = load_vehicle(CAR).replace(**DRIVEN)
+    vehicle = dataclasses.replace(car, unknown={**car.unknown, **FRICTION})
     parameters, zeros, drives = fit([args.data / f"{name}.csv.gz" for name in args.fit], vehicle)
     fitted = vehicle.replace(
         **{name: found["estimate"] for name, found in parameters.items()},
