@@ -118,6 +118,7 @@ class TricycleSim(Node):
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="simulation")
         self._thread.start()
+        self.create_timer(0.5, self._end_with_simulation)
 
     def _on_parameters(self, _parameters: list[Parameter]) -> None:
         value = {name: float(self.get_parameter(name).value) for name in LIVE_PARAMETERS}
@@ -139,6 +140,12 @@ class TricycleSim(Node):
             self._rig.reset(self._start_pose())
         response.success, response.message = True, "at rest at its start pose, boards rebooted"
         return response
+
+    def _end_with_simulation(self) -> None:
+        """End the node where its simulation has failed: whoever started it then knows."""
+        if not self._thread.is_alive():
+            self.get_logger().fatal("the simulation has failed")
+            raise SystemExit(1)
 
     def _run(self) -> None:
         """Publish, wait for the host and the wall clock, step; until the node is destroyed."""

@@ -126,11 +126,7 @@ class Fence:
         ]
         points = 1 + math.ceil(way / SPACING)
         ways = np.linspace(0.0, way, points)
-        poses = stopping_path(
-            *np.broadcast_to([[state.x], [state.y], [state.yaw], [slip], [way]], (5, 2)),
-            np.array(arcs),
-            points,
-        )
+        poses = stopping_path(state.x, state.y, state.yaw, slip, way, np.array(arcs), points=points)
         corners, border = placed(self.footprint, *poses), seen_from(self._border, *poses)
         # a corner of the footprint outside, or one of the border in the footprint
         outside = ~contains(corners, self.ground).all(axis=-1)

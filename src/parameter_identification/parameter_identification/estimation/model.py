@@ -27,7 +27,7 @@ STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
 
 # Standard deviations of the nuisances' priors
-START_SPEED = 0.02  # m/s: the vehicle should stand still
+START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 TIME_OFFSET = 0.05  # s, of each clock against the commands'
 GYRO_BIAS = 0.02  # rad/s
 
@@ -130,7 +130,7 @@ class DriveModel:
         self.vehicle, self.drive = vehicle, drive
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
-        self._batch = CommandedBatch(vehicle, drive.commands)
+        self._batch = CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
         self.nuisances = self._nuisances()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
 
@@ -141,7 +141,7 @@ class DriveModel:
             Nuisance("start x", "m", x, start.position_std),
             Nuisance("start y", "m", y, start.position_std),
             Nuisance("start heading", "rad", heading, start.heading_std),
-            Nuisance("start speed", "m/s", 0.0, START_SPEED),
+            Nuisance("start speed", "m/s", start.speed, START_SPEED),
         ]
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
         found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
@@ -181,7 +181,9 @@ class DriveModel:
         return values
 
     def _motion(self, parameters: FloatArray, speeds: FloatArray | None = None) -> "_Motions":
-        """Motions of vehicles with parameters (n, k) from start speeds (n,)."""
+        """Motions of vehicles with parameters (n, k) from start speeds (n,), or the known one."""
+        if speeds is None:
+            speeds = np.full(len(parameters), self.drive.start.speed)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
         return _Motions(*self._batch.run(parameters, names, speed=speeds).columns.values())
 
