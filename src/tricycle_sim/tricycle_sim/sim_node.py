@@ -136,13 +136,9 @@ class TricycleSim(Node):
         return x, y, heading
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        start = self._start_pose()
         with self._lock:
-            self._rig.reset(start)
-        where = (
-            "at the origin" if not any(start) else "at ({:g} m, {:g} m), {:g} rad".format(*start)
-        )
-        response.success, response.message = True, f"at rest {where}, boards rebooted"
+            self._rig.reset(self._start_pose())
+        response.success, response.message = True, "at rest at its start pose, boards rebooted"
         return response
 
     def _end_with_simulation(self) -> None:

@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.playback import PlaybackState
+from excitation_planner.playback import LONGEST_STOP, PlaybackState
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
@@ -234,7 +234,7 @@ class Operator(Closing):
                     f"{str(error) or 'interrupted'}; the maneuver may still run, for the abort: "
                     f"{unanswered}"
                 ) from error
-            self._sleep(STANDSTILL)
+            self._sleep(LONGEST_STOP)  # the bag shows where the vehicle came to rest
             raise
         self._sleep(STANDSTILL)
 
