@@ -7,16 +7,15 @@ DIR holds recordings of the repository Lorenzo-Lyons/DART (folder System_identif
 (81_throttle_ramps), lap_1_0 (70_racetrack_lap_v_1). They are not part of this repository. Lyons,
 Niesten, Ferranti, "DART: A Compact Platform for Autonomous Driving Research", IEEE IV 2024.
 
-Fitted are both axles' cornering stiffness and friction, the yaw inertia and, for each recording, the steering's
-zero: least squares of position and heading after 0.5, 1 and 2 s of windows of the four ramps that
-share no sample; intervals of 95 % from resampling the windows (a parameter is shown where its
-interval is less than half its range). Predicted are windows of 2 s begun every 0.5 s at more than
-0.4 m/s: inside, only steering commands and the speed of the pose are known. The steering's zero is
-that of the windows that ended in the 10 s before. Printed, also for the authors' model (their
-parameters and zero) on the same windows: RMS of position [mm] and heading [deg] after 0.5, 1 and
-2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force by the
-fitted model, over the slip of the axle) over that of the authors' curves.
-"""
+Fitted are both axles' cornering stiffness and friction, the yaw inertia and, for each recording,
+the steering's zero: least squares of position and heading after 0.5, 1 and 2 s of windows of the
+four ramps that share no sample; intervals of 95 % from resampling the windows (a parameter is shown
+where its interval is less than half its range). Predicted are windows of 2 s begun every 0.5 s at
+more than 0.4 m/s: inside, only steering commands and the speed of the pose are known. The
+steering's zero is that of the windows that ended in the 10 s before. Printed, also for the authors'
+model (their parameters and zero) on the same windows: RMS of position [mm] and heading [deg] after
+0.5, 1 and 2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force
+by the fitted model, over the slip of the axle) over that of the authors' curves. """
 
 import argparse
 import dataclasses
