@@ -15,7 +15,8 @@ more than 0.4 m/s: inside, only steering commands and the speed of the pose are 
 steering's zero is that of the windows that ended in the 10 s before. Printed, also for the authors'
 model (their parameters and zero) on the same windows: RMS of position [mm] and heading [deg] after
 0.5, 1 and 2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force
-by the fitted model, over the slip of the axle) over that of the authors' curves. """
+by the fitted model, over the slip of the axle) over that of the authors' curves.
+"""
 
 import argparse
 import dataclasses
