@@ -17,7 +17,7 @@ from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.registry import PARTS
 from tricycle_sim.vehicle.stability import check_step
 
-CARGO = resources.files("tricycle_sim") / "cargo_tricycle.yaml"
+CARGO = resources.files("tricycle_sim") / "cargo_tadpole.yaml"
 
 SMALL = {"name": "rc car", "mass": "1.7", "wheelbase": "0.26", "front_track": "0.17",
          "rear_track": "0.17", "com_height": "0.045", "tyre_radius": "0.033",
@@ -153,7 +153,7 @@ def test_without_a_terminal_nothing_is_asked(tricycle, tmp_path, monkeypatch):
 
 def test_what_follows_from_a_vehicle_is_printed(tricycle, capsys):
     tricycle("vehicle", "show", "urdf", CARGO)
-    assert ElementTree.fromstring(capsys.readouterr().out).get("name") == "cargo_tricycle"
+    assert ElementTree.fromstring(capsys.readouterr().out).get("name") == "cargo_tadpole"
     tricycle("vehicle", "show", "foxglove", CARGO)
     assert "configById" in json.loads(capsys.readouterr().out)
     tricycle("vehicle", "show", "bridge", CARGO)

@@ -35,6 +35,7 @@ from tricycle_sim.vehicle.parts import (
     ROWS,
     WHEEL,
     WHEEL_ROWS,
+    servo_at_rest,
     steering_constants,
     steering_varies,
     structure_of,
@@ -308,7 +309,7 @@ class CommandedBatch:
         self._drive[:, COMMAND.demand] = np.append(speeds, speeds[-1:])
         self._table, angles = np.empty((2 * ticks + 1, 8)), np.empty((2, ticks + 1))
         constants = steering_constants(vehicle, 0.5 * TICK)
-        self._functions.steer(np.zeros(2), setpoints, constants, 2, self._table, angles)
+        self._functions.steer(servo_at_rest(vehicle), setpoints, constants, 2, self._table, angles)
         self.steering_motor_angle = angles[0]
         self._setpoints, self._own_steering = setpoints, steering_varies(vehicle)
         self._advance = functions_for(vehicle, own_steering=self._own_steering).advance
@@ -403,7 +404,8 @@ class CommandedBatch:
         for sample, point in enumerate(parameters):
             values = sample_values(self._vehicle, point)
             constants = steering_constants(self._vehicle, 0.5 * TICK, values)
-            self._functions.steer(np.zeros(2), self._setpoints, constants, 2, own, both)
+            servo = servo_at_rest(self._vehicle)
+            self._functions.steer(servo, self._setpoints, constants, 2, own, both)
             axles[:, sample], angles[sample] = own[::2].T, both[0]
             table[sample // LANES, :, :, sample % LANES] = own
         table[-1, :, :, samples - (count - 1) * LANES :] = own[..., np.newaxis]
