@@ -45,13 +45,17 @@ def vehicle_of(answers, folder):
     return load_vehicle(file)
 
 
-def test_another_vehicle_is_described(tricycle, capsys):
-    tricycle("vehicle", "check", CARGO, "--json")
+def test_another_vehicle_is_described(tricycle, tmp_path, capsys):
+    strong = tmp_path / "strong.yaml"
+    strong.write_text(
+        CARGO.read_text().replace("motor_torque: {value: 35", "motor_torque: {value: 45")
+    )
+    tricycle("vehicle", "check", strong, "--json")
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert "motor_torque: 45 N m, of which the boards use 35" in result["warnings"]
     assert all("of which the boards use" in warning for warning in result["warnings"])
-    assert next(iter(result["unknown"])) == "cornering_stiffness"
-    assert len(result["unknown"]) == 4
+    assert next(iter(result["unknown"])) == "yaw_inertia"
+    assert len(result["unknown"]) == 5
 
 
 def test_vehicle_check_warns_about_the_papers_inertia(tricycle, capsys):
