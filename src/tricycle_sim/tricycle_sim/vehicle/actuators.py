@@ -55,7 +55,8 @@ _S = numbered(SECOND_ORDER)
 
 def _dead_steps(v: Any, step: float) -> int:
     """Return the whole steps of the dead time; rounding does not make it one fewer."""
-    return math.floor(v.servo_delay / step + 1e-9)
+    steps: int = math.floor(v.servo_delay / step + 1e-9)
+    return steps
 
 
 def _after_change(v: Any, step: float) -> tuple[float, float, float, float]:
