@@ -8,6 +8,7 @@ Every time is the shortest of several, yardsticks taken in turn with ours.
 
 import argparse
 import ctypes
+import dataclasses
 import math
 import os
 import subprocess
@@ -44,6 +45,7 @@ from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.actuators import FRICTION_BRAKE, HUB_MOTOR
 from tricycle_sim.vehicle.batch import PlanarBlock, simulate_planar
+from tricycle_sim.vehicle.constants import constant_entries
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE
@@ -76,6 +78,63 @@ def draw(vehicle: Vehicle, n: int) -> Array:
     """Return parameters (n, k), uniform in their ranges."""
     low, high = np.array(list(vehicle.unknown.values())).T
     return np.random.default_rng(0).uniform(low, high, (n, len(low)))
+
+
+MAGIC = {
+    "shape_longitudinal": 1.6,
+    "curvature_longitudinal": 0.0,
+    "shape_lateral": 1.3,
+    "curvature_lateral": 0.0,
+    "friction_load_slope": 0.0,
+}
+THROTTLE = {
+    "throttle_full_setpoint": 4.0,
+    **{f"throttle_torque_{percent}": 0.3 * percent for percent in (25, 50, 75, 100)},
+}
+LAWS: dict[str, tuple[dict[str, str], dict[str, float]]] = {
+    "Fiala": ({"tyre": "fiala"}, {}),
+    "Magic Formula": ({"tyre": "magic_formula"}, MAGIC),
+    "servo with delay and play": (
+        {"servo": "geared"},
+        {"servo_delay": 0.034, "servo_backlash": 0.02},
+    ),
+    "direct torque": ({"motor": "direct_torque"}, {"setpoint_torque": 12.0}),
+    "throttle curve": ({"motor": "throttle_curve"}, THROTTLE),
+}
+"""Parts and their constants that the paper's tricycle gets in place of its own."""
+
+
+def with_parts(vehicle: Vehicle, parts: dict[str, str], own: dict[str, float]) -> Vehicle:
+    """Return the vehicle with other laws."""
+    values = {**vehicle.values, **own}
+    entries = constant_entries(vehicle.wheels, parts)
+    values = {name: value for name, value in values.items() if name in entries}
+    return dataclasses.replace(vehicle, parts=parts, values=values)
+
+
+def with_four_wheels(vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle with two wheels behind, in place of the one that it has there."""
+    left, right, rear = vehicle.wheels
+    pair = [dataclasses.replace(rear, name=f"rear_{side}") for side in ("left", "right")]
+    wheels = (left, right, *pair)
+    entries = constant_entries(wheels, {})
+    values = {name: value for name, value in vehicle.values.items() if name in entries}
+    values |= {f"rear_{w.name}.y": vehicle.of(w).y for w in (left, right)}
+    return dataclasses.replace(vehicle, wheels=wheels, values=values)
+
+
+def structures(vehicle: Vehicle, commands: Commands) -> None:
+    """Print what a step of other wheels and laws costs, in multiples of the paper's tricycle."""
+    others = {"four wheels": with_four_wheels(vehicle)}
+    others |= {name: with_parts(vehicle, *laws) for name, laws in LAWS.items()}
+
+    def replay(one: Vehicle) -> Callable[[], None]:
+        parameters = draw(one, 128)
+        return lambda: simulate_planar(one, commands, parameters, ignore, threads=1)
+
+    first, *times = shortest(*(replay(one) for one in (vehicle, *others.values())), repeats=30)
+    for name, seconds in zip(others, times, strict=True):
+        line(f"  {name}: times three wheels, linear tyres", f"{seconds / first:.2f}")
 
 
 def ignore(first: int, block: PlanarBlock) -> None:
@@ -388,6 +447,8 @@ def main() -> int:
     line("C++, one core: ns per vehicle step", f"{cpp / hand.steps * 1e9:.0f}")
     line("  ours over C++", f"{python / cpp:.2f}")
     line("  largest difference of the paths", f"{np.abs(hand.out - hand.out_cpp)[:2].max():.0e} m")
+
+    structures(vehicle, commands)
 
     parameters = draw(vehicle, 512)  # short runs, many of them: others use the machine too
     (batch,) = shortest(

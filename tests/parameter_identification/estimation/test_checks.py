@@ -45,7 +45,7 @@ def test_too_little_motion_is_refused(pair):
 
 @pytest.mark.slow
 def test_a_drive_planned_for_another_vehicle_is_refused(pair):
-    cargo = load_vehicle(Path(str(resources.files("tricycle_sim") / "cargo_tricycle.yaml")))
+    cargo = load_vehicle(Path(str(resources.files("tricycle_sim") / "cargo_tadpole.yaml")))
     with pytest.raises(IdentificationError, match="another vehicle"):
         check_vehicle(with_reference(pair[0], cargo), VEHICLE)
 

@@ -11,7 +11,7 @@ import pytest
 from tricycle_core.errors import CommandsError, PlanError, VehicleError
 from tricycle_sim.commands import Commands
 
-CARGO = Path(str(resources.files("tricycle_sim") / "cargo_tricycle.yaml"))
+CARGO = Path(str(resources.files("tricycle_sim") / "cargo_tadpole.yaml"))
 
 
 @pytest.fixture

@@ -17,7 +17,7 @@ from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.registry import PARTS
 from tricycle_sim.vehicle.stability import check_step
 
-CARGO = resources.files("tricycle_sim") / "cargo_tricycle.yaml"
+CARGO = resources.files("tricycle_sim") / "cargo_tadpole.yaml"
 
 SMALL = {"name": "rc car", "mass": "1.7", "wheelbase": "0.26", "front_track": "0.17",
          "rear_track": "0.17", "com_height": "0.045", "tyre_radius": "0.033",
@@ -45,13 +45,17 @@ def vehicle_of(answers, folder):
     return load_vehicle(file)
 
 
-def test_another_vehicle_is_described(tricycle, capsys):
-    tricycle("vehicle", "check", CARGO, "--json")
+def test_another_vehicle_is_described(tricycle, tmp_path, capsys):
+    strong = tmp_path / "strong.yaml"
+    strong.write_text(
+        CARGO.read_text().replace("motor_torque: {value: 35", "motor_torque: {value: 45")
+    )
+    tricycle("vehicle", "check", strong, "--json")
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert "motor_torque: 45 N m, of which the boards use 35" in result["warnings"]
     assert all("of which the boards use" in warning for warning in result["warnings"])
-    assert next(iter(result["unknown"])) == "cornering_stiffness"
-    assert len(result["unknown"]) == 4
+    assert next(iter(result["unknown"])) == "yaw_inertia"
+    assert len(result["unknown"]) == 5
 
 
 def test_vehicle_check_warns_about_the_papers_inertia(tricycle, capsys):
@@ -153,7 +157,7 @@ def test_without_a_terminal_nothing_is_asked(tricycle, tmp_path, monkeypatch):
 
 def test_what_follows_from_a_vehicle_is_printed(tricycle, capsys):
     tricycle("vehicle", "show", "urdf", CARGO)
-    assert ElementTree.fromstring(capsys.readouterr().out).get("name") == "cargo_tricycle"
+    assert ElementTree.fromstring(capsys.readouterr().out).get("name") == "cargo_tadpole"
     tricycle("vehicle", "show", "foxglove", CARGO)
     assert "configById" in json.loads(capsys.readouterr().out)
     tricycle("vehicle", "show", "bridge", CARGO)

@@ -379,6 +379,40 @@ def hub_motor(v):
     return motor
 
 
+def uncontrolled_motor(v, wanted_at):
+    """A motor that takes set-points for torques, by `wanted_at(set_speed)`; returns the law."""
+
+    def motor(state, spin, set_speed, demand):
+        wanted = demand if set_speed is None else wanted_at(set_speed)
+        as_torque = SimpleNamespace(torque=state.torque, integrator=0.0)
+        return hub_motor(v)(as_torque, spin, None, wanted)
+
+    return motor
+
+
+def direct_torque(v):
+    """Torque in proportion to the set-point."""
+    return uncontrolled_motor(v, lambda set_speed: v.setpoint_torque * set_speed)
+
+
+def throttle_curve(v):
+    """Torque by a table over the throttle, odd in the set-point."""
+    torques = [0.0, *(getattr(v, f"throttle_torque_{percent}") for percent in (25, 50, 75, 100))]
+
+    def wanted_at(set_speed):
+        throttle = min(abs(set_speed) / v.throttle_full_setpoint, 1.0)
+        return math.copysign(np.interp(throttle, [0.0, 0.25, 0.5, 0.75, 1.0], torques), set_speed)
+
+    return uncontrolled_motor(v, wanted_at)
+
+
+MOTORS = {
+    "hub_motor": hub_motor,
+    "direct_torque": direct_torque,
+    "throttle_curve": throttle_curve,
+}
+
+
 # ------------------------------------------------------------------------------------ motion
 
 
@@ -604,7 +638,7 @@ def describe_file(listed, parts, values):
         gravity=v.gravity,
         inertia=(v.roll_inertia, v.pitch_inertia, v.yaw_inertia),
         wheels=tuple(wheels),
-        motor=hub_motor(of_motor),
+        motor=MOTORS[parts.get("motor", "hub_motor")](of_motor),
         steering=_with_offset(
             _steering(listed, wheels, parts.get("steering", "ratio"), values),
             values.get("steering_offset", 0.0),

@@ -126,8 +126,33 @@ STRUCTURES = {
     "rear_steered": REAR_STEERED,
 }
 
+WITHOUT_SPEED_LOOP = {
+    "direct_torque": {
+        **DELTA,
+        "parts": {**DELTA["parts"], "motor": "direct_torque", "servo": "geared"},
+        "constants": {
+            **DELTA["constants"],
+            "setpoint_torque": 12.0,
+            "servo_delay": 0.034,
+            "servo_backlash": 0.02,
+        },
+    },
+    "throttle_curve": {
+        **REAR_STEERED,
+        "parts": {**REAR_STEERED["parts"], "motor": "throttle_curve"},
+        "constants": {
+            **REAR_STEERED["constants"],
+            "throttle_full_setpoint": 4.0,
+            "throttle_torque_25": 0.0,
+            "throttle_torque_50": 6.0,
+            "throttle_torque_75": 18.0,
+            "throttle_torque_100": 30.0,
+        },
+    },
+}
 
-def vehicle_of(structure, **constants):
+
+def vehicle_of(structure, unknown=None, **constants):
     """A vehicle of a structure; what it does not say is as with the paper's tricycle."""
     wheels = tuple(Wheel(**wheel) for wheel in structure["wheels"])
     parts = structure["parts"]
@@ -137,4 +162,4 @@ def vehicle_of(structure, **constants):
         if name in constant_entries(wheels, parts) and not name.startswith(PLACES)
     }
     values = shared | structure["constants"] | constants
-    return Vehicle(name="made up", values=values, unknown={}, parts=parts, wheels=wheels)
+    return Vehicle(name="made up", values=values, unknown=unknown or {}, parts=parts, wheels=wheels)

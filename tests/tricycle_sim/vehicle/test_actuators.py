@@ -1,16 +1,27 @@
 """Servo, motor and brake: what they give, and where they end."""
 
+import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
 
 from tricycle_sim.vehicle import load_vehicle
-from tricycle_sim.vehicle.actuators import FRICTION_BRAKE, HUB_MOTOR, friction_brake, hub_motor
+from tricycle_sim.vehicle.actuators import (
+    DIRECT_TORQUE,
+    FRICTION_BRAKE,
+    HUB_MOTOR,
+    THROTTLE_CURVE,
+    direct_torque,
+    friction_brake,
+    hub_motor,
+    throttle_curve,
+)
 from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.layout import LANES
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 
 VEHICLE = load_vehicle()
 FUNCTIONS = functions_for(VEHICLE)
@@ -109,3 +120,112 @@ def test_the_brake_acts_against_the_spin():
 @pytest.mark.parametrize(("others", "taken"), [(10.0, 10.0), (-24.0, -24.0), (30.0, 25.0)])
 def test_the_brake_holds_a_wheel_at_rest_up_to_its_torque(others, taken):
     assert friction_brake(constants_of(FRICTION_BRAKE), 0, 0.0, 1.0, others) == taken
+
+
+def driven_servo(setpoints, half_steps=2, *, at_once=True, **constants):
+    """Motor angles at the ticks, and the left wheel's angles and rates, of a geared servo."""
+    vehicle = dataclasses.replace(VEHICLE, parts={"servo": "geared"}).replace(**constants)
+    functions, ticks = functions_for(vehicle), len(setpoints)
+    servo, of_steering = servo_at_rest(vehicle), steering_constants(vehicle, 0.01 / half_steps)
+    table, angles = np.empty((half_steps * ticks + 1, 8)), np.empty((2, ticks + 1))
+    for first in range(0, ticks, ticks if at_once else 1):
+        part = setpoints[first : first + (ticks if at_once else 1)]
+        rows = table[half_steps * first :][: half_steps * len(part) + 1]
+        own = angles[:, first : first + len(part) + 1]
+        both = np.empty(own.shape)
+        functions.steer(servo, part, of_steering, half_steps, rows, both)
+        own[:] = both
+    at_ticks = table[::half_steps]
+    wheel = np.arctan2(-at_ticks[:, 0] / math.cos(vehicle.caster_angle), at_ticks[:, 1])
+    return (
+        angles[0],
+        wheel,
+        at_ticks[:, 3],
+        lambda motor: functions.wheel_angles(motor, of_steering),
+    )
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01, 0.0137, 0.3, 0.5])
+@pytest.mark.parametrize("half_steps", [2, 4])
+def test_a_delayed_servo_answers_as_one_without_delay_later(delay, half_steps):
+    angles, *_ = driven_servo(np.full(80, 0.3), half_steps, servo_delay=delay)
+    system = np.array([[0.0, 1.0], [-(25.0**2), -2.0 * VEHICLE.servo_damping_ratio * 25.0]])
+    for tick, found in enumerate(angles):
+        since = max(0.01 * tick - delay, 0.0)
+        exact = 0.3 + (expm(since * system) @ [-0.3, 0.0])[0]
+        assert found == pytest.approx(exact, abs=1e-12)
+
+
+def test_a_geared_servo_without_delay_and_play_is_the_other_one():
+    setpoints = 0.3 * np.sin(np.arange(100) * 0.05)
+    setpoints[40:50] = math.nan
+    servo, table = np.zeros(2), np.empty((201, 8))
+    constants = steering_constants(VEHICLE, 0.005)
+    plain = np.empty((2, 101))
+    FUNCTIONS.steer(servo, setpoints, constants, 2, table, plain)
+    angles, wheel, rates, _ = driven_servo(setpoints)
+    assert angles == pytest.approx(plain[0], abs=1e-14)
+    expected = np.arctan2(-table[::2, 0] / math.cos(VEHICLE.caster_angle), table[::2, 1])
+    assert wheel == pytest.approx(expected, abs=1e-14)
+    assert rates == pytest.approx(table[::2, 3], abs=1e-12)
+
+
+def test_delay_and_play_are_kept_from_tick_to_tick():
+    setpoints = 0.3 * np.sin(np.arange(150) * 0.08)
+    constants = {"servo_delay": 0.123, "servo_backlash": 0.05}
+    at_once = driven_servo(setpoints, **constants)
+    by_ticks = driven_servo(setpoints, at_once=False, **constants)
+    for a, b in zip(at_once[:3], by_ticks[:3], strict=True):
+        assert a == pytest.approx(b, abs=1e-13)
+
+
+def test_wheels_follow_the_motor_over_a_loop_as_wide_as_the_play():
+    play = 0.08
+    setpoints = np.interp(np.arange(600), [0, 150, 300, 450, 599], [0.0, 0.3, -0.3, 0.3, 0.3])
+    motor, wheel, rates, of_motor = driven_servo(setpoints, servo_backlash=play)
+    behind, expected = 0.0, []
+    for angle in motor:
+        behind = np.clip(behind, angle - 0.5 * play, angle + 0.5 * play)
+        expected.append(of_motor(behind)[0])
+    assert wheel == pytest.approx(expected, abs=1e-12)
+    # up and down through the middle, the wheels stand a play apart
+    down, up = (np.argmin(np.abs(motor[a:b])) + a for a, b in ((160, 300), (310, 450)))
+    assert wheel[down] == pytest.approx(of_motor(motor[down] + 0.5 * play)[0], abs=1e-12)
+    assert wheel[up] == pytest.approx(of_motor(motor[up] - 0.5 * play)[0], abs=1e-12)
+    moved = np.abs(np.diff(wheel)) > 1e-9
+    assert not rates[1:][~moved & (np.abs(np.diff(motor)) > 1e-9)].any()
+
+
+def without_speed_loop(law, formulas, demand, spin=0.0, speed_mode=1.0, **own):
+    values = SimpleNamespace(**{**VEHICLE.values, **own})
+    constants = np.repeat([float(formula(values)) for formula in formulas.values()], LANES)
+    slope, integrator_slope, excess = law(constants, 0, spin, 0.0, 0.0, speed_mode, demand)
+    assert integrator_slope == 0.0
+    return slope * VEHICLE.motor_lag, excess
+
+
+@pytest.mark.parametrize(("setpoint", "spin", "granted"), [
+    (1.0, 0.0, 12.0), (-1.0, 0.0, -12.0), (4.0, 0.0, 35.0), (4.0, 10.0, 25.0), (-4.0, 5.0, -15.0),
+])  # fmt: skip
+def test_a_direct_torque_is_in_proportion_to_the_setpoint_within_the_limits(
+    setpoint, spin, granted
+):
+    torque, excess = without_speed_loop(
+        direct_torque, DIRECT_TORQUE, setpoint, spin, setpoint_torque=12.0
+    )
+    assert torque == pytest.approx(granted)
+    assert excess == pytest.approx(12.0 * setpoint - granted)
+
+
+@pytest.mark.parametrize("setpoint", [0.0, 0.3, 1.0, 1.7, -2.2, 3.1, 4.0, 9.0, -9.0])
+def test_a_throttle_gives_the_torque_of_its_table(setpoint):
+    torques = {"throttle_torque_25": 0.0, "throttle_torque_50": 6.0, "throttle_torque_75": 18.0,
+               "throttle_torque_100": 30.0}  # fmt: skip
+    torque, _ = without_speed_loop(
+        throttle_curve, THROTTLE_CURVE, setpoint, throttle_full_setpoint=4.0, **torques
+    )
+    table = np.interp(abs(setpoint) / 4.0, [0.0, 0.25, 0.5, 0.75, 1.0], [0.0, *torques.values()])
+    assert torque == pytest.approx(math.copysign(table, setpoint))
+    assert without_speed_loop(
+        throttle_curve, THROTTLE_CURVE, 7.0, speed_mode=0.0, throttle_full_setpoint=4.0, **torques
+    ) == pytest.approx((7.0, 0.0))

@@ -1,30 +1,20 @@
 """Vehicles of any structure against closed forms: loads, steady turns, stability, energy."""
 
-import importlib.util
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+import structures
 
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.live import LiveVehicle
 
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-MADE_UP = load("structures")
 SIDES = ("left", "right")
 SOFTER = {"front_left.vertical_stiffness": 40000.0, "rear.vertical_stiffness": 90000.0}
 
 
 def plain(**constants):
-    return MADE_UP.vehicle_of(MADE_UP.PLAIN, **constants)
+    return structures.vehicle_of(structures.PLAIN, **constants)
 
 
 def four_springs(vehicle):
@@ -75,10 +65,10 @@ def turned(vehicle, speed, angle, seconds=6.0):
 @pytest.mark.parametrize("law", ["linear", "fiala", "magic_formula"])
 def test_understeer_gradient_is_that_of_the_bicycle(law, front, rear):
     """By the steering that a steady turn needs beyond the wheelbase times its curvature."""
-    structure = MADE_UP.PLAIN | {"parts": {"steering": "parallel", "tyre": law}}
-    own = MADE_UP.MAGIC if law == "magic_formula" else {}
+    structure = structures.PLAIN | {"parts": {"steering": "parallel", "tyre": law}}
+    own = structures.MAGIC if law == "magic_formula" else {}
     constants = {"front.cornering_stiffness": front, "rear.cornering_stiffness": rear}
-    vehicle = MADE_UP.vehicle_of(structure, **own, **constants)
+    vehicle = structures.vehicle_of(structure, **own, **constants)
     a, b = 0.7, 0.8
     gradient = vehicle.mass / (a + b) * (b / (2.0 * front) - a / (2.0 * rear))
     needed, accelerations = [], []
@@ -147,13 +137,13 @@ def losses(vehicle, state):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MADE_UP.STRUCTURES)
+@pytest.mark.parametrize("name", structures.STRUCTURES)
 def test_the_motors_work_is_energy_and_losses(name):
     """Straight uphill under torque, then coasting: stiff tyres take hardly any."""
     straight = {"road_grade": 0.03, "air_drag": 0.4, "slip_stiffness": 2e4, "steering_offset": 0.0}
     if name != "rear_steered":
         del straight["steering_offset"]
-    vehicle = MADE_UP.vehicle_of(MADE_UP.STRUCTURES[name], **straight)
+    vehicle = structures.vehicle_of(structures.STRUCTURES[name], **straight)
     live = LiveVehicle(vehicle)
     work = lost = 0.0
     before = live.state

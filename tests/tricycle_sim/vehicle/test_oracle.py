@@ -1,32 +1,23 @@
 """The oracle itself, before anything is compared with it: energy, laws, static loads."""
 
-import importlib.util
 import math
-from pathlib import Path
 from types import SimpleNamespace
 
+import lagrange_oracle
 import numpy as np
 import pytest
+import structures
 
 from tricycle_sim.vehicle import load_vehicle
 
-
-def load(name):
-    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-ORACLE = load("lagrange_oracle")
-STRUCTURES = load("structures").STRUCTURES
+STRUCTURES = structures.STRUCTURES
 VEHICLE = load_vehicle()
 SHARED = dict(VEHICLE.values)
 
 
 def described(structure, **constants):
     values = SHARED | structure["constants"] | constants
-    return ORACLE.describe_file(structure["wheels"], structure["parts"], values)
+    return lagrange_oracle.describe_file(structure["wheels"], structure["parts"], values)
 
 
 def somewhere(vehicle, rng):
@@ -51,21 +42,21 @@ def test_kinetic_energy_grows_by_the_power_of_the_forces(name):
     state = somewhere(vehicle, np.random.default_rng(1))
     angles, _ = vehicle.steering(0.2)
     still = (angles, np.zeros(n))
-    result = ORACLE.derivative(vehicle, state, still, (1.0, 0.0, 0.3))
+    result = lagrange_oracle.derivative(vehicle, state, still, (1.0, 0.0, 0.3))
 
     def energy(seconds):
         q = state.q + seconds * state.dq + 0.5 * seconds**2 * result.ddq
-        return ORACLE.kinetic_energy(vehicle, q, state.dq + seconds * result.ddq, still)
+        return lagrange_oracle.kinetic_energy(vehicle, q, state.dq + seconds * result.ddq, still)
 
     assert (energy(1e-5) - energy(-1e-5)) / 2e-5 == pytest.approx(result.external, rel=1e-6)
 
 
 def tyre(law, **constants):
     values = SHARED | STRUCTURES["all_wheels"]["constants"] | constants
-    return SimpleNamespace(**values, law=ORACLE.TYRE_LAWS[law], mean_load=200.0)
+    return SimpleNamespace(**values, law=lagrange_oracle.TYRE_LAWS[law], mean_load=200.0)
 
 
-@pytest.mark.parametrize("law", ORACLE.TYRE_LAWS)
+@pytest.mark.parametrize("law", lagrange_oracle.TYRE_LAWS)
 def test_every_law_has_the_linear_slope_and_the_friction_limit(law):
     t = tyre(law, friction_coefficient=0.8, shape_longitudinal=1.0, shape_lateral=1.0)
     x, y, aligning = t.law(t, 200.0, 3e-3, -4e-3)

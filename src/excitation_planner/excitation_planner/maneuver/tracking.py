@@ -29,7 +29,7 @@ from tricycle_sim.setpoints import slew
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import compiled_for, position, yaw
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 
 LOOK_AHEAD = 0.6  # m, of pure pursuit ...
 LOOK_AHEAD_TIME = 0.3  # s, ... plus this times the speed
@@ -81,7 +81,7 @@ def _track(
     Parameters
     ----------
     vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
-    servo : shape (2,), see `advance_tick`
+    servo : `servo_at_rest`, see `advance_tick`
     steering : `steering_constants` of the batch's step
     point : `path_point` [m]
     lock : `steering_lock` [rad]
@@ -146,7 +146,7 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
     steering = steering_constants(vehicle, 0.5 * TICK)
     n, saturated, lost = compiled_for(vehicle, _track)(
         pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle)),
-        np.zeros(2),
+        servo_at_rest(vehicle),
         steering,
         path.x,
         path.y,

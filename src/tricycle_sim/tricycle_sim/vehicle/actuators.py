@@ -7,6 +7,7 @@ and the constants that it reads. A vehicle file chooses one under `parts: {motor
 
 import cmath
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -51,19 +52,71 @@ SECOND_ORDER: StepFormulas = {
 }
 _S = numbered(SECOND_ORDER)
 
-HUB_MOTOR: Formulas = {
+
+def _dead_steps(v: Any, step: float) -> int:
+    """Return the whole steps of the dead time; rounding does not make it one fewer."""
+    steps: int = math.floor(v.servo_delay / step + 1e-9)
+    return steps
+
+
+def _after_change(v: Any, step: float) -> tuple[float, float, float, float]:
+    """Transition over the rest of a step, after the delayed set-point has changed in it."""
+    rest = v.servo_delay - _dead_steps(v, step) * step
+    return _transition(v, step - max(rest, 0.0))
+
+
+GEARED: StepFormulas = {
+    **SECOND_ORDER,
+    "angle_after_change": lambda v, step: _after_change(v, step)[0],
+    "rate_after_change": lambda v, step: _after_change(v, step)[2],
+    "dead_steps": _dead_steps,
+    "play": lambda v, _: 0.5 * v.servo_backlash,  # to either side
+}
+_D = numbered(GEARED)
+
+LONGEST_DELAY = 0.5
+"""Of a servo [s]; as many set-points are kept."""
+
+_LIMITS: Formulas = {
     "torque": lambda v: v.motor_torque,
     "power": lambda v: v.motor_power,
     "slope": lambda v: v.motor_slope,
     "no_load_speed": lambda v: v.motor_no_load_speed,
     "regenerative": lambda v: v.regenerative_torque,
     "inverse_lag": lambda v: 1.0 / v.motor_lag,
+}
+HUB_MOTOR: Formulas = {
+    **_LIMITS,
     "proportional": lambda v: v.speed_gain_proportional,
     "integral": lambda v: v.speed_gain_integral,
     "anti_windup": lambda v: v.speed_anti_windup,
     "radius": lambda v: v.tyre_radius / v.speed_scale,
 }
 _M = numbered(HUB_MOTOR, step=LANES)
+DIRECT_TORQUE: Formulas = {**_LIMITS, "gain": lambda v: v.setpoint_torque}
+_T = numbered(DIRECT_TORQUE, step=LANES)
+
+
+def _throttle_torque(v: Any, quarter: int) -> Any:
+    """Return the torque at so many quarters of the throttle."""
+    return getattr(v, f"throttle_torque_{25 * quarter}") if quarter else 0.0
+
+
+def _rise(quarter: int) -> Callable[[Any], Any]:
+    """Return what gives the rise of the torque over a quarter of the throttle, per m/s."""
+    return lambda v: (
+        (_throttle_torque(v, quarter) - _throttle_torque(v, quarter - 1))
+        * 4.0
+        / v.throttle_full_setpoint
+    )
+
+
+THROTTLE_CURVE: Formulas = {
+    **_LIMITS,
+    "quarter": lambda v: 0.25 * v.throttle_full_setpoint,
+    **{f"rise_{quarter}": _rise(quarter) for quarter in (1, 2, 3, 4)},
+}
+_K = numbered(THROTTLE_CURVE, step=LANES)
 
 BRAKE_RATE = 100.0
 """Fastest rate at which the brake takes the last of a wheel's spin [1/s]."""
@@ -79,7 +132,12 @@ _B = numbered(FRICTION_BRAKE, step=LANES)
 
 @inlined
 def second_order(
-    constants: FloatArray, c: int, angle: float, rate: float, setpoint: float
+    constants: FloatArray,
+    c: int,
+    angle: float,
+    rate: float,
+    earlier: float,  # noqa: ARG001 (of every servo)
+    setpoint: float,
 ) -> tuple[float, float]:
     """Return angle [rad] and rate [rad/s] of a position loop after a step, exactly.
 
@@ -91,6 +149,8 @@ def second_order(
         Where the servo's constants start in it.
     angle, rate : float
         At the start of the step [rad, rad/s].
+    earlier : float
+        Set-point before [rad]; a servo with dead time has it for the first part of the step.
     setpoint : float
         Held during the step [rad].
     """
@@ -104,6 +164,70 @@ def second_order(
         angle = math.copysign(limit, angle)
         rate = 0.0
     return angle, rate
+
+
+@inlined
+def geared(
+    constants: FloatArray, c: int, angle: float, rate: float, earlier: float, setpoint: float
+) -> tuple[float, float]:
+    """Return angle [rad] and rate [rad/s] of a position loop behind a dead time, exactly.
+
+    The dead time need not be a number of whole steps: the loop is linear, so the set-point that
+    changes within the step adds what its change does in the rest of it. A delay line costs less
+    than a Padé approximation of its order, and is exact.
+
+    Parameters
+    ----------
+    constants : ndarray of float
+        Of the steering, for the length of the step.
+    c : int
+        Where the servo's constants start in it.
+    angle, rate : float
+        At the start of the step [rad, rad/s].
+    earlier, setpoint : float
+        In the first and in the rest of the step [rad].
+    """
+    error, change = angle - earlier, earlier - setpoint
+    angle = (
+        setpoint
+        + constants[c + _D.angle_by_angle] * error
+        + constants[c + _D.angle_by_rate] * rate
+        + constants[c + _D.angle_after_change] * change
+    )
+    rate = (
+        constants[c + _D.rate_by_angle] * error
+        + constants[c + _D.rate_by_rate] * rate
+        + constants[c + _D.rate_after_change] * change
+    )
+    limit = constants[c + _D.limit]
+    if abs(angle) > limit:  # at the stop
+        angle = math.copysign(limit, angle)
+        rate = 0.0
+    return angle, rate
+
+
+@inlined
+def behind_play(
+    constants: FloatArray, c: int, output: float, angle: float, rate: float
+) -> tuple[float, float]:
+    """Return angle [rad] and rate [rad/s] behind a gear with play, which moves when it is pushed.
+
+    Parameters
+    ----------
+    constants : ndarray of float
+        Of the steering.
+    c : int
+        Where the constants of a `geared` servo start in it.
+    output : float
+        Angle behind the play until now [rad].
+    angle, rate : float
+        Of the motor [rad, rad/s].
+    """
+    play = constants[c + _D.play]
+    low, high = angle - play, angle + play
+    pushed = output <= low if rate > 0.0 else output >= high
+    output = min(max(output, low), high)
+    return output, rate if pushed else 0.0
 
 
 @inlined
@@ -151,16 +275,97 @@ def hub_motor(
         speed_mode * (g[c + _M.proportional] * error + g[c + _M.integral] * integrator)
         + (1.0 - speed_mode) * demand
     )
-    forward_spin = direction * spin
-    available = min(g[c + _M.torque], g[c + _M.power] / max(forward_spin, 0.5))
-    available = min(available, g[c + _M.slope] * (g[c + _M.no_load_speed] - forward_spin))
-    granted = direction * max(-g[c + _M.regenerative], min(direction * wanted, available))
+    granted = _granted(g, c, spin, direction, wanted)
     excess = wanted - granted
     return (
         (granted - torque) * g[c + _M.inverse_lag],
         speed_mode * (error - g[c + _M.anti_windup] * excess),
         excess,
     )
+
+
+@inlined
+def _granted(g: FloatArray, c: int, spin: float, direction: float, wanted: float) -> float:
+    """Return the torque that current, power and no-load speed leave of a wanted one [N m]."""
+    forward_spin = direction * spin
+    available = min(g[c + _M.torque], g[c + _M.power] / max(forward_spin, 0.5))
+    available = min(available, g[c + _M.slope] * (g[c + _M.no_load_speed] - forward_spin))
+    granted: float = direction * max(-g[c + _M.regenerative], min(direction * wanted, available))
+    return granted
+
+
+@inlined
+def _without_controller(
+    g: FloatArray, c: int, spin: float, torque: float, wanted: float
+) -> tuple[float, float, float]:
+    """Return what a motor's law does, for a wanted torque that no controller corrects."""
+    direction = -1.0 if wanted + 1e30 * max(spin, 0.0) < 0.0 else 1.0
+    granted = _granted(g, c, spin, direction, wanted)
+    return (granted - torque) * g[c + _M.inverse_lag], 0.0, wanted - granted
+
+
+@inlined
+def direct_torque(
+    g: FloatArray,
+    c: int,
+    spin: float,
+    torque: float,
+    integrator: float,  # noqa: ARG001 (of every motor)
+    speed_mode: float,
+    demand: float,
+) -> tuple[float, float, float]:
+    """Return how torque and integrator change, for a motor whose set-point is a torque.
+
+    Parameters
+    ----------
+    g, c, spin, torque, integrator, speed_mode
+        As of `hub_motor`.
+    demand : float
+        A torque [N m]; with speed mode a set-point [m/s] that the motor takes for a torque.
+
+    Returns
+    -------
+    torque_slope, integrator_slope, excess : float
+        As of `hub_motor`; there is no integrator.
+    """
+    wanted = (speed_mode * g[c + _T.gain] + (1.0 - speed_mode)) * demand
+    return _without_controller(g, c, spin, torque, wanted)
+
+
+@inlined
+def throttle_curve(
+    g: FloatArray,
+    c: int,
+    spin: float,
+    torque: float,
+    integrator: float,  # noqa: ARG001 (of every motor)
+    speed_mode: float,
+    demand: float,
+) -> tuple[float, float, float]:
+    """Return how torque and integrator change, for a throttle with a table of torques.
+
+    Parameters
+    ----------
+    g, c, spin, torque, integrator, speed_mode
+        As of `hub_motor`.
+    demand : float
+        A torque [N m]; with speed mode a set-point [m/s], the throttle times that of full throttle,
+        negative backwards. Between the quarters of the throttle the torque is linear.
+
+    Returns
+    -------
+    torque_slope, integrator_slope, excess : float
+        As of `hub_motor`; there is no integrator.
+    """
+    throttle, quarter = abs(demand), g[c + _K.quarter]
+    curve = (
+        g[c + _K.rise_1] * min(throttle, quarter)
+        + g[c + _K.rise_2] * min(max(throttle - quarter, 0.0), quarter)
+        + g[c + _K.rise_3] * min(max(throttle - 2.0 * quarter, 0.0), quarter)
+        + g[c + _K.rise_4] * min(max(throttle - 3.0 * quarter, 0.0), quarter)
+    )
+    wanted = speed_mode * math.copysign(curve, demand) + (1.0 - speed_mode) * demand
+    return _without_controller(g, c, spin, torque, wanted)
 
 
 @inlined
@@ -188,32 +393,58 @@ def friction_brake(g: FloatArray, c: int, spin: float, share: float, others: flo
     return moment
 
 
+_POSITION_LOOP = (
+    positive("servo_natural_frequency", "rad/s"),
+    positive("servo_damping_ratio", "1"),
+)
 SERVOS = {
-    "second_order": Law(
-        second_order,
-        SECOND_ORDER,
-        (positive("servo_natural_frequency", "rad/s"), positive("servo_damping_ratio", "1")),
-    )
+    "second_order": Law(second_order, SECOND_ORDER, _POSITION_LOOP),
+    "geared": Law(
+        geared,
+        GEARED,
+        (
+            *_POSITION_LOOP,
+            between("servo_delay", "s", 0.0, LONGEST_DELAY, default=0.0),
+            between("servo_backlash", "rad", 0.0, 0.5, default=0.0),  # from stop to stop
+        ),
+    ),
 }
+_MOTOR = (
+    positive("motor_power", "W"),
+    positive("motor_torque", "N m"),
+    not_negative("regenerative_torque", "N m"),
+    positive("motor_no_load_speed", "rad/s"),
+    positive("motor_slope", "N m s/rad"),
+    positive("motor_lag", "s"),
+    *SUPPLY,
+)
 MOTORS = {
     "hub_motor": Law(
         hub_motor,
         HUB_MOTOR,
         (
-            positive("motor_power", "W"),
-            positive("motor_torque", "N m"),
-            not_negative("regenerative_torque", "N m"),
-            positive("motor_no_load_speed", "rad/s"),
-            positive("motor_slope", "N m s/rad"),
-            positive("motor_lag", "s"),
-            *SUPPLY,
+            *_MOTOR,
             positive("speed_gain_proportional", "N m s/rad"),
             not_negative("speed_gain_integral", "N m/rad"),
             not_negative("speed_anti_windup", "rad/(N m s)"),
             # speed over the ground per speed told: of a tyre that is larger than the boards know
             between("speed_scale", "1", 0.5, 2.0, default=1.0),
         ),
-    )
+    ),
+    "direct_torque": Law(
+        direct_torque,
+        DIRECT_TORQUE,
+        (*_MOTOR, positive("setpoint_torque", "N m s/m")),  # per m/s of the set-point
+    ),
+    "throttle_curve": Law(
+        throttle_curve,
+        THROTTLE_CURVE,
+        (
+            *_MOTOR,
+            positive("throttle_full_setpoint", "m/s"),  # set-point of full throttle
+            *(not_negative(f"throttle_torque_{percent}", "N m") for percent in (25, 50, 75, 100)),
+        ),
+    ),
 }
 BRAKES = {
     "friction_brake": Law(

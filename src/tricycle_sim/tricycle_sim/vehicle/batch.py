@@ -35,6 +35,7 @@ from tricycle_sim.vehicle.parts import (
     ROWS,
     WHEEL,
     WHEEL_ROWS,
+    servo_at_rest,
     steering_constants,
     structure_of,
 )
@@ -307,7 +308,7 @@ class CommandedBatch:
         self._drive[:, COMMAND.demand] = np.append(speeds, speeds[-1:])
         self._table, angles = np.empty((2 * ticks + 1, 8)), np.empty((2, ticks + 1))
         constants = steering_constants(vehicle, 0.5 * TICK)
-        self._functions.steer(np.zeros(2), setpoints, constants, 2, self._table, angles)
+        self._functions.steer(servo_at_rest(vehicle), setpoints, constants, 2, self._table, angles)
         self.steering_motor_angle = angles[0]
         self._setpoints, self._start = setpoints, equilibrium(vehicle)
         own = bool(self._start.steered_by)
@@ -406,7 +407,8 @@ class CommandedBatch:
         for steering, point in enumerate(parameters[first]):
             values = sample_values(self._vehicle, point)
             constants = steering_constants(self._vehicle, 0.5 * TICK, values)
-            self._functions.steer(np.zeros(2), self._setpoints, constants, 2, own, both)
+            servo = servo_at_rest(self._vehicle)
+            self._functions.steer(servo, self._setpoints, constants, 2, own, both)
             alike = which.ravel() == steering
             axles[:, alike], angles[alike] = own[::2].T[:, np.newaxis], both[0]
             for lane in np.flatnonzero(by_lane == steering):

@@ -21,7 +21,13 @@ from tricycle_sim.vehicle.layout import (
     WHEEL_STATES,
     of_wheels,
 )
-from tricycle_sim.vehicle.parts import ROWS, group_constants, steering_columns, steering_constants
+from tricycle_sim.vehicle.parts import (
+    ROWS,
+    group_constants,
+    servo_at_rest,
+    steering_columns,
+    steering_constants,
+)
 from tricycle_sim.vehicle.registry import wheel_values
 
 _AT_REST = 1e-9  # m/s^2 and rad/s^2: a vehicle with smaller accelerations stands
@@ -40,7 +46,7 @@ def motor_in_the_middle(vehicle: Vehicle, point: FloatArray | None = None) -> Fl
     table, angles = np.empty((1, 8)), np.empty((2, 1))
     values = sample_values(vehicle, vehicle.nominal_point() if point is None else point)
     constants = steering_constants(vehicle, 1.0, values)  # without set-points there is no step
-    functions_for(vehicle).steer(np.zeros(2), np.empty(0), constants, 1, table, angles)
+    functions_for(vehicle).steer(servo_at_rest(vehicle), np.empty(0), constants, 1, table, angles)
     return table
 
 

@@ -505,10 +505,11 @@ class Functions(NamedTuple):
         slopes at the end; substeps, Runge-Kutta steps per tick; first tick, its number in the
         events; rows (m,) of a group to record at every tick; out (m, b * LANES, t + 1) for them.
     advance_tick : callable
-        Advances groups and their servo by one tick. Arguments: groups; servo (2,), motor angle
-        [rad] and rate [rad/s]; constants of the steering for TICK / (2 * substeps); steering
-        set-point [rad], slewed already, NaN for no servo pulse; drive, a tuple in the order of
-        `COMMAND`, slewed already; substeps, 1 as in the batch, 2 as live.
+        Advances groups and their servo by one tick. Arguments: groups; servo, from
+        `servo_at_rest`, motor angle [rad] and rate [rad/s] first; constants of the steering for
+        TICK / (2 * substeps); steering set-point [rad], slewed already, NaN for no servo pulse;
+        drive, a tuple in the order of `COMMAND`, slewed already; substeps, 1 as in the batch, 2 as
+        live.
     steer : callable
         `tricycle_sim.vehicle.steering.run_servo` without its first two arguments.
     wheel_angles : callable

@@ -28,7 +28,13 @@ from tricycle_sim.vehicle.layout import (
     WHEEL_STATES,
     of_wheels,
 )
-from tricycle_sim.vehicle.parts import WHEEL, WHEEL_ROWS, steering_constants, structure_of
+from tricycle_sim.vehicle.parts import (
+    WHEEL,
+    WHEEL_ROWS,
+    servo_at_rest,
+    steering_constants,
+    structure_of,
+)
 from tricycle_sim.vehicle.stability import check_step
 
 ORIGIN = (0.0, 0.0, 0.0)
@@ -109,7 +115,7 @@ class LiveVehicle:
         self._constants = steering_constants(
             vehicle, 0.5 * TICK / substeps, sample_values(vehicle, point)
         )
-        self._servo = np.zeros(2)
+        self._servo = servo_at_rest(vehicle)
         self._table = np.empty((2 * substeps + 1, 8))
         self._angles = np.empty((2, 2))
         self._lag = np.zeros(2)

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import actuators, body, steering, tyre
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.layout import CONSTANTS, blocks
@@ -143,6 +144,17 @@ def _steering_values(vehicle: Vehicle, values: Mapping[str, float]) -> SimpleNam
     return own
 
 
+def servo_at_rest(vehicle: Vehicle) -> FloatArray:
+    """Return the state of a servo that stands at 0, as `steer` and `advance_tick` take it.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its law of the servo.
+    """
+    return np.zeros(steering.GEARED_STATES if structure_of(vehicle).servo == "geared" else 2)
+
+
 def steering_columns(vehicle: Vehicle) -> list[int]:
     """Return the numbers of the unknown parameters of a vehicle that change how it steers.
 
@@ -151,13 +163,13 @@ def steering_columns(vehicle: Vehicle) -> list[int]:
     vehicle : Vehicle
         With ranges of its unknown parameters.
     """
-    nominal = steering_constants(vehicle, 1.0)
+    nominal = steering_constants(vehicle, TICK)
     return [
         column
         for column, (name, ends) in enumerate(vehicle.unknown.items())
         if any(
             not np.array_equal(
-                steering_constants(vehicle, 1.0, {**vehicle.values, name: end}), nominal
+                steering_constants(vehicle, TICK, {**vehicle.values, name: end}), nominal
             )
             for end in ends
         )

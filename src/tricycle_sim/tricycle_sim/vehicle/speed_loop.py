@@ -30,10 +30,11 @@ class SpeedLoop:
         self._group = np.repeat([float(row(driven)) for row in law.rows.values()], LANES)
         self._radius = vehicle.driven_radius
         self._lag = vehicle.motor_lag
-        error = (setpoint - speed) / self._radius
-        wanted = torque - vehicle.speed_gain_proportional * error
-        gain = vehicle.speed_gain_integral
-        self._integrator = wanted / gain if gain else 0.0
+        self._integrator = 0.0
+        if "integral" in law.rows and vehicle.speed_gain_integral:
+            error = (setpoint - speed) / self._radius
+            wanted = torque - vehicle.speed_gain_proportional * error
+            self._integrator = wanted / vehicle.speed_gain_integral
 
     def torque(self, setpoint: float, speed: float) -> float:
         """Return the torque for the next tick [N m].

@@ -11,7 +11,8 @@ import math
 from typing import Any
 
 from tricycle_core.quantities import FloatArray
-from tricycle_sim.vehicle.actuators import SERVOS
+from tricycle_core.timing import TICK
+from tricycle_sim.vehicle.actuators import GEARED, LONGEST_DELAY, SERVOS, behind_play
 from tricycle_sim.vehicle.laws import Law, between, inlined, positive
 from tricycle_sim.vehicle.layout import Formulas, blocks, numbered
 
@@ -200,6 +201,12 @@ BLOCK, SIZE = blocks(
 )
 """Where each part's constants start in the array of the steering's constants; its length."""
 
+_DEAD_STEPS = BLOCK.servo + [*GEARED].index("dead_steps")
+_PAST = 3
+"""First of the set-points of past ticks in the state of a geared servo."""
+GEARED_STATES = _PAST + math.ceil(LONGEST_DELAY / TICK) + 2
+"""Motor angle and rate, angle behind the play, set-points of the ticks of the longest delay."""
+
 
 @inlined
 def turned(
@@ -281,6 +288,24 @@ def _write_axles(
 
 
 @inlined
+def _setpoint(servo: FloatArray, setpoints: FloatArray, half_step: int, half_steps: int) -> float:
+    """Return the set-point of a half step; those before the first one are in the servo's state."""
+    tick = half_step // half_steps
+    if tick < 0:
+        return float(servo[servo.shape[0] + tick])
+    return float(setpoints[tick])
+
+
+@inlined
+def _keep_past(servo: FloatArray, setpoints: FloatArray) -> None:
+    """Put the set-points behind those of past ticks and drop as many of the oldest."""
+    ticks, last = setpoints.shape[0], servo.shape[0]
+    for at in range(_PAST, last):
+        tick = at - last + ticks
+        servo[at] = setpoints[tick] if tick >= 0 else servo[at + ticks]
+
+
+@inlined
 def run_servo(
     servo_law: Any,
     linkage: Any,
@@ -297,8 +322,9 @@ def run_servo(
     ----------
     servo_law, linkage : compiled function
         Laws of servo and linkage.
-    servo : ndarray of float, shape (2,)
-        Motor angle [rad] and rate [rad/s]; left at the end of the last tick.
+    servo : ndarray of float, shape (2,) or (GEARED_STATES,)
+        Motor angle [rad] and rate [rad/s], of a geared servo also the angle behind the play and
+        past set-points; left at the end of the last tick.
     setpoints : ndarray of float, shape (t,)
         Motor angle [rad] wanted during each tick; NaN: no servo pulse, the gear holds the angle.
     constants : ndarray of float, shape (SIZE,)
@@ -313,16 +339,30 @@ def run_servo(
     """
     angle, rate = servo[0], servo[1]
     ticks = setpoints.shape[0]
+    is_geared = servo.shape[0] > 2
+    dead = int(constants[_DEAD_STEPS]) if is_geared else 0
     # one place that writes: what is computed in two may be rounded differently, by optimisation
     for row in range(half_steps * ticks + 1):
         if row > 0:
-            setpoint = setpoints[(row - 1) // half_steps]
+            setpoint = _setpoint(servo, setpoints, row - 1 - dead, half_steps)
             if not math.isnan(setpoint):
-                angle, rate = servo_law(constants, BLOCK.servo, angle, rate, setpoint)
+                earlier = setpoint
+                if is_geared:
+                    before = _setpoint(servo, setpoints, row - 2 - dead, half_steps)
+                    earlier = setpoint if math.isnan(before) else before
+                angle, rate = servo_law(constants, BLOCK.servo, angle, rate, earlier, setpoint)
         if ticks == 0 or row % half_steps == 0:
             k = 0 if ticks == 0 else row // half_steps
             angles[0, k], angles[1, k] = angle, rate
-            if k < ticks and math.isnan(setpoints[k]):
-                rate = 0.0
-        _write_axles(linkage, table, row, angle, rate, constants)
+        if row < half_steps * ticks and math.isnan(
+            _setpoint(servo, setpoints, row - dead, half_steps)
+        ):
+            rate = 0.0
+        turned_angle, turned_rate = angle, rate
+        if is_geared:
+            servo[2], turned_rate = behind_play(constants, BLOCK.servo, servo[2], angle, rate)
+            turned_angle = servo[2]
+        _write_axles(linkage, table, row, turned_angle, turned_rate, constants)
     servo[0], servo[1] = angle, rate
+    if is_geared:
+        _keep_past(servo, setpoints)
