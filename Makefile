@@ -10,6 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 ifdef ROS_DISTRO
 VENV_FLAGS := --system-site-packages
 EXTRAS := dev
+DEMO_EXTRAS := reports
 # its messages, and the distribution's SciPy, are compiled for the NumPy beside them,
 # mostly 1.26, which pyarrow 26 refuses
 PINS = "numpy==$$($(PYTHON) -c 'import numpy; print(numpy.__version__)')" 'pyarrow<26'
@@ -19,17 +20,19 @@ endif
 else
 VENV_FLAGS :=
 EXTRAS := dev,ros
+DEMO_EXTRAS := reports,ros
 endif
 
-# LOCKED=1: exactly what requirements/lock.txt pins, hashes checked, as CI does
+# $(call install,EXTRAS,LOCK)
+# LOCKED=1: exactly what a file of requirements/ pins, hashes checked, as CI does
 ifdef LOCKED
-INSTALL = $(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/lock.txt \
+install = $(BIN)/python -m pip install --quiet --require-hashes --requirement requirements/$(2) \
 	&& $(BIN)/python -m pip install --quiet --no-deps --editable .
 else
-INSTALL = $(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS)]' $(PINS)
+install = $(BIN)/python -m pip install --quiet --editable '.[$(1)]' $(PINS)
 endif
 
-.PHONY: help setup demo test check lint format lock audit docs reference firmware bench soak coverage mutation test-lower-bounds test-kilted clean
+.PHONY: help setup setup-run demo test check lint format lock audit docs reference firmware bench soak coverage mutation test-lower-bounds test-kilted clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -37,11 +40,17 @@ help:  ## this list
 setup: .venv/ready  ## build .venv with everything in it
 .venv/ready: pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV_FLAGS) .venv
-	$(INSTALL)
+	$(call install,$(EXTRAS),lock.txt)
+	touch $@ .venv/ready-to-run
+
+setup-run: .venv/ready-to-run  ## build .venv with what plans, drives and identifies, without the developers' tools
+.venv/ready-to-run: pyproject.toml
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV_FLAGS) .venv
+	$(call install,$(DEMO_EXTRAS),run.txt)
 	touch $@
 
 # PLC=firmware drives the real firmware on simulated UNOs instead of emulated PLCs
-demo: setup $(if $(filter firmware,$(PLC)),firmware)  ## plan, drive, record and judge two maneuvers; writes out/demo
+demo: setup-run $(if $(filter firmware,$(PLC)),firmware)  ## plan, drive, record and judge two maneuvers; writes out/demo
 	$(BIN)/tricycle demo --output out/demo --overwrite $(if $(filter firmware,$(PLC)),--firmware build/firmware)
 
 test: check  ## everything: lint, types, import contract, all tests
@@ -69,6 +78,10 @@ lock:  ## pin every dependency anew, with hashes
 		--output-file requirements/lock.txt
 	sed -i '1i # Every dependency of `pip install .[dev,ros]`, pinned with its hashes; written by `make lock`.' \
 		requirements/lock.txt
+	build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
+		--generate-hashes --no-annotate --no-header --extra reports --extra ros pyproject.toml \
+		--constraint requirements/lock.txt --output-file requirements/run.txt
+	sed -i '1i # The same versions of `pip install .[reports,ros]`; written by `make lock`.' requirements/run.txt
 
 audit:  ## known vulnerabilities of the pinned dependencies; names those it could not look up
 	$(PYTHON) -m venv build/audit && build/audit/bin/pip install --quiet pip-audit
@@ -82,7 +95,7 @@ docs: setup  ## the documentation, as a site in build/site; warnings are errors
 reference: setup  ## write the reference pages that come from the code anew
 	$(BIN)/python docs/generate_reference.py
 
-firmware: setup  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
+firmware: setup-run  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
 	$(MAKE) -C firmware avr simulator
 
 bench: setup  ## every figure that the documents quote; kept in benchmarks/history.jsonl and plotted

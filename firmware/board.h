@@ -65,6 +65,7 @@ struct board {
 	bool command_limited;
 	bool holding; /* armed, at rest with the brake on */
 	int32_t ceiling;    /* 0.01 mm/s, of a motor that holds the vehicle */
+	int32_t lagging;    /* 0.01 mm/s, measured speed behind a lag */
 	uint8_t line_ticks; /* in a row in which a line was outside of its bands; saturates */
 	int32_t last_count;
 	int32_t pulses; /* since the last tick */

@@ -29,6 +29,11 @@ static int32_t magnitude(int32_t value)
 	return value < 0 ? -value : value;
 }
 
+static int32_t larger(int32_t one, int32_t other)
+{
+	return one > other ? one : other;
+}
+
 static bool at_rest(const struct plc *plc)
 {
 	return magnitude(plc->board.speed) < AT_REST;
@@ -133,17 +138,26 @@ void board_begin_tick(struct plc *plc, uint32_t now)
 	board->last_count = board->hall_count;
 }
 
-/* Gains speed above its set-point although the motor brakes, which then does not hold it. A set-point
- * may fall faster than the vehicle, which is then above it but does not gain. */
+static int32_t target_of(const struct board *board)
+{
+	if (board->gear != board->commanded_gear || board->gear == GEAR_NEUTRAL)
+		return 0;
+	return (board->gear == GEAR_REVERSE ? -100L : 100L) * board->target;
+}
+
+/* Gains speed above what is wanted although the motor brakes, which then does not hold it. A set-point
+ * may fall faster than the vehicle, which is then above it but does not gain. A controller overshoots
+ * by a third of a second of the acceleration with which it arrives: a slope alone does not give more
+ * than OVERSHOOT. */
 static bool runs_away(struct board *board)
 {
 	bool pushes = board->gear == GEAR_REVERSE ? board->torque < 0 : board->torque > 0;
 	int32_t speed = 100L * magnitude(board->speed);
-	int32_t wanted = magnitude(board->setpoint);
-	int32_t pushed = pushes ? wanted + 100L * OVERSHOOT : wanted;
-	int32_t most = pushed > board->ceiling ? pushed : board->ceiling;
-	int32_t reached = speed < most ? speed : most;
-	board->ceiling = reached > wanted ? reached : wanted;
+	int32_t wanted = larger(magnitude(board->setpoint), magnitude(target_of(board)));
+	int32_t overshoot = larger(100L * OVERSHOOT, speed - board->lagging);
+	board->lagging += (speed - board->lagging) / OVERSHOOT_TICKS;
+	int32_t most = larger(pushes ? wanted + overshoot : wanted, board->ceiling);
+	board->ceiling = larger(speed < most ? speed : most, wanted);
 	return speed > board->ceiling + RUNAWAY;
 }
 
@@ -190,7 +204,7 @@ bool board_ready(const struct plc *plc)
 void board_armed(struct plc *plc)
 {
 	plc->board.setpoint = 0;
-	plc->board.ceiling = 0;
+	plc->board.ceiling = plc->board.lagging = 0;
 	plc->board.holding = false;
 }
 
@@ -225,13 +239,6 @@ void board_take_command(struct plc *plc, const void *payload)
 	board->command_limited = board->target != command.speed ||
 				 board->acceleration_limit != acceleration ||
 				 board->commanded_brake != command.brake || !known_gear;
-}
-
-static int32_t target_of(const struct board *board)
-{
-	if (board->gear != board->commanded_gear || board->gear == GEAR_NEUTRAL)
-		return 0;
-	return (board->gear == GEAR_REVERSE ? -100L : 100L) * board->target;
 }
 
 /* Follows its command, and holds where that is to stand. */

@@ -54,6 +54,7 @@
 #define STOPPING_BRAKE_RATE 10 /* 0.5 % per tick */
 #define OVERSPEED_MARGIN 480 /* mm/s */
 #define OVERSHOOT 200 /* mm/s */
+#define OVERSHOOT_TICKS 32 /* ticks */
 #define RUNAWAY_MARGIN 220 /* mm/s */
 #define HARDWARE_WATCHDOG_MS 60 /* ms */
 #define MASS_LOW 400 /* 0.1 kg */

@@ -1,4 +1,4 @@
-"""The lock file pins, with hashes, something that satisfies each requirement of pyproject.toml."""
+"""The lock files pin, with hashes, something that satisfies each requirement of pyproject.toml."""
 
 import re
 import tomllib
@@ -11,10 +11,16 @@ from packaging.version import Version
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-LOCK = (ROOT / "requirements" / "lock.txt").read_text()
-PINS = re.findall(
-    r"^([\w.-]+)==([^\s;]+)(?: ; [^\\]*)?\s*\\\n    --hash=sha256:", LOCK, re.MULTILINE
-)
+LOCK, RUN = ((ROOT / "requirements" / name).read_text() for name in ("lock.txt", "run.txt"))
+
+
+def pins(lock):
+    """Name and version of each pin that has a hash."""
+    form = r"^([\w.-]+)==([^\s;]+)(?: ; [^\\]*)?\s*\\\n    --hash=sha256:"
+    return re.findall(form, lock, re.MULTILINE)
+
+
+PINS = pins(LOCK)
 
 
 def requirements(*extras):
@@ -43,5 +49,14 @@ def test_every_requirement_is_pinned(requirement):
     assert all(version in requirement.specifier for version in versions), "run `make lock`"
 
 
-def test_every_pin_has_a_hash():
-    assert len(PINS) == len(re.findall(r"^[\w.-]+==", LOCK, re.MULTILINE)) > 50
+@pytest.mark.parametrize("lock", [LOCK, RUN])
+def test_every_pin_has_a_hash(lock):
+    assert len(pins(lock)) == len(re.findall(r"^[\w.-]+==", lock, re.MULTILINE)) > 50
+
+
+def test_what_runs_is_a_part_of_what_develops():
+    assert set(pins(RUN)) < set(PINS)
+    needed = [*map(Requirement, PROJECT["dependencies"]), *requirements("reports", "ros")]
+    pinned = {canonicalize_name(name) for name, _ in pins(RUN)}
+    assert {canonicalize_name(requirement.name) for requirement in needed} <= pinned
+    assert "mypy" not in pinned

@@ -86,6 +86,22 @@ def test_it_keeps_pace_with_the_wall_clock_and_ends_quietly(start_simulation, wa
     assert "Traceback" not in errors
 
 
+def test_a_simulation_that_fails_ends_its_node(ros_environment, tmp_path):
+    ports = [a for n in ("steer", "drive") for a in ("-p", f"{n}_port:={tmp_path / n}")]
+    code = (
+        "from tricycle_sim import sim_node\n"
+        "from tricycle_sim.rig.emulated import EmulatedRig\n"
+        "EmulatedRig.step = lambda self: 1 / 0\n"
+        "sim_node.main()"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code, "--ros-args", *ports],
+        env=ros_environment, capture_output=True, text=True, timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 1
+    assert "the simulation has failed" in ended.stderr
+
+
 def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
     start_simulation()
     watch.wait(lambda: watch.now > 0.2)

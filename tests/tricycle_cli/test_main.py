@@ -1,6 +1,8 @@
 """The command line: a user's mistake is one line on stderr and status 2, never a traceback."""
 
 import re
+import subprocess
+import sys
 from importlib import resources
 
 import pytest
@@ -80,3 +82,28 @@ def test_an_argument_that_cannot_be_is_status_2(line, message, capsys):
         main(line.split())
     assert stop.value.code == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("library", "words", "extra"),
+    [
+        ("matplotlib", ["plan", "--output", "plan.json"], "plots"),
+        ("jinja2", ["identify", "bag"], "reports"),
+        ("rclpy", ["demo"], "ros"),
+        ("rclpy", ["monitor"], "ros"),
+    ],
+)
+def test_a_library_that_is_missing_is_one_line_with_its_extra(tmp_path, library, words, extra):
+    code = (
+        f"import sys; sys.modules['{library}'] = None; from tricycle_cli.main import main\n"
+        f"sys.exit(main({words}))"
+    )
+    before = set(tmp_path.iterdir())
+    ended = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 2
+    (line,) = ended.stderr.splitlines()
+    assert line.endswith(f"needs {library}: pip install 'tricycle-excitation[{extra}]'")
+    assert set(tmp_path.iterdir()) == before

@@ -119,8 +119,8 @@ def supply_problem(link: PlcLink) -> str | None:
     return f"{link.board.plc_name}: supply is {supply:.1f} V{must}"
 
 
-def measured_speed(drive: PlcLink, now: float) -> float | None:
-    """Return the speed that the drive PLC measures [m/s]; None without fresh telemetry.
+def fresh_state(drive: PlcLink, now: float) -> DriveState | None:
+    """Return the telemetry of the drive PLC; None if it is not fresh.
 
     Parameters
     ----------
@@ -132,7 +132,21 @@ def measured_speed(drive: PlcLink, now: float) -> float | None:
     state = drive.telemetry
     if not isinstance(state, DriveState) or drive.telemetry_age(now) > DEGRADED_AGE:
         return None
-    return state.speed * SPEED_UNIT
+    return state
+
+
+def measured_speed(drive: PlcLink, now: float) -> float | None:
+    """Return the speed that the drive PLC measures [m/s]; None without fresh telemetry.
+
+    Parameters
+    ----------
+    drive : PlcLink
+        Link to the drive PLC.
+    now : float
+        Present time [s].
+    """
+    state = fresh_state(drive, now)
+    return None if state is None else state.speed * SPEED_UNIT
 
 
 def board_condition(link: PlcLink) -> str:

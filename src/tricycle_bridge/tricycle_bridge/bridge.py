@@ -16,6 +16,7 @@ from tricycle_bridge.arming import (
     ArmingSequence,
     arming_refusal,
     board_condition,
+    fresh_state,
     measured_speed,
 )
 from tricycle_bridge.board_commands import (
@@ -50,6 +51,7 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
 )
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_bridge.start_watch import StartWatch
 from tricycle_core.diagnostics import Level
 from tricycle_core.readiness import Readiness
 
@@ -74,8 +76,8 @@ class LogEntry(NamedTuple):
 class Bridge:
     """Two links driven as one vehicle.
 
-    Feed it with `set_command`, `set_odometry`, `receive` and `poll`; write what `take_frames`
-    returns, publish what `take_readings` returns, log what `take_log` returns.
+    Feed it with `set_command`, `set_odometry`, `set_force`, `receive` and `poll`; write what
+    `take_frames` returns, publish what `take_readings` returns, log what `take_log` returns.
 
     Parameters
     ----------
@@ -95,6 +97,8 @@ class Bridge:
         The commanders' messages.
     odometry : OdometryWatch
         Compares the wheel's speed with odometry.
+    start : StartWatch
+        Compares the wheel's first pulses with the IMU.
     bring_up_problem : callable
         Returns why the record of the bring-up does not allow to arm; None if it does, or if none is
         asked for.
@@ -114,6 +118,7 @@ class Bridge:
         self.settings = settings
         self.commands = CommandStream()
         self.odometry = OdometryWatch()
+        self.start = StartWatch(settings.hall_pulse)
         self.active = False
         self.bring_up_problem: Callable[[], str | None] = lambda: None
         self.stopped_by = ""
@@ -128,6 +133,11 @@ class Bridge:
         self._pairing = JointPairing()
 
     # ---- what the owner asks ----
+
+    @property
+    def wheel_problem(self) -> str | None:
+        """How the wheel disagrees with odometry or the IMU; None if it does not."""
+        return self.odometry.problem or self.start.problem
 
     @property
     def armed(self) -> bool:
@@ -281,6 +291,18 @@ class Bridge:
         """
         self.odometry.add_odometry(speed, now)
 
+    def set_force(self, force: float, now: float) -> None:
+        """Take a specific force of an IMU, to compare the wheel's first pulses with it.
+
+        Parameters
+        ----------
+        force : float
+            Forward [m/s^2].
+        now : float
+            Time of arrival [s].
+        """
+        self.start.add_force(force, now)
+
     def receive(self, board: Board, data: bytes, now: float) -> None:
         """Take bytes from a port.
 
@@ -301,8 +323,9 @@ class Bridge:
             self._take_events(board, link.poll(now))
         self._check_boards_agree()
         self.odometry.compare(measured_speed(self.links[Board.DRIVE], now), now)
-        if self._enabled and self.odometry.problem is not None:
-            self._withdraw(self.odometry.problem)
+        self.start.look(fresh_state(self.links[Board.DRIVE], now))
+        if self._enabled and (problem := self.wheel_problem) is not None:
+            self._withdraw(problem)
         self._send_commands(now)
         self._send_stop(now)
         if self._arming is not None:

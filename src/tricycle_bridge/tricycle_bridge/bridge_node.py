@@ -35,7 +35,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
-from sensor_msgs.msg import BatteryState, JointState
+from sensor_msgs.msg import BatteryState, Imu, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.bridge import Bridge
@@ -120,6 +120,7 @@ class BridgeNode(LifecycleNode):
             if stamped
             else (Twist, "cmd_vel", self._on_twist, 1),
             (Odometry, "odom", self._on_odometry, newest),
+            (Imu, "imu", self._on_imu, newest),
         ):
             self.create_subscription(
                 kind, topic, callback, **overridable(qos), callback_group=group
@@ -475,6 +476,11 @@ class BridgeNode(LifecycleNode):
         with self._lock:
             if self._bridge is not None:
                 self._bridge.set_odometry(message.twist.twist.linear.x, self._now())
+
+    def _on_imu(self, message: Imu) -> None:
+        with self._lock:
+            if self._bridge is not None:
+                self._bridge.set_force(message.linear_acceleration.x, self._now())
 
     def _log_throttled(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=1.0)

@@ -112,7 +112,7 @@ def vehicle_problem(bridge: Bridge, now: float) -> str | None:
     now : float
         Present time on the bridge's clock [s].
     """
-    return bridge.commands.conflict(now) or bridge.odometry.problem
+    return bridge.commands.conflict(now) or bridge.wheel_problem
 
 
 def _diagnose_link(link: PlcLink, now: float) -> Diagnosis:

@@ -102,6 +102,7 @@ def _constants() -> dict[str, tuple[int | float, str]]:
         ),
         "OVERSPEED_MARGIN": (round(boards.OVERSPEED_MARGIN / messages.SPEED_UNIT), "mm/s"),
         "OVERSHOOT": (round(boards.OVERSHOOT / messages.SPEED_UNIT), "mm/s"),
+        "OVERSHOOT_TICKS": (round(boards.OVERSHOOT_TIME / TICK), "ticks"),
         "RUNAWAY_MARGIN": (round(boards.RUNAWAY_MARGIN / messages.SPEED_UNIT), "mm/s"),
         "HARDWARE_WATCHDOG_MS": (round(boards.HARDWARE_WATCHDOG * 1e3), "ms"),
         "MASS_LOW": (round(boards.MASS_LOW / messages.MASS_UNIT), "0.1 kg"),

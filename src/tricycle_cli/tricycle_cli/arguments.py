@@ -14,6 +14,8 @@ from tricycle_core.errors import PlanError
 if TYPE_CHECKING:
     from excitation_planner.design.noise import MeasurementNoise
     from excitation_planner.maneuver import ManeuverFamily
+    from parameter_identification.drives.poses import Datum
+    from parameter_identification.drives.recorded import TopicNames
 
 
 def add_range_options(parser: ArgumentParser) -> None:
@@ -97,6 +99,69 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
     ranges = {} if args.ranges is None else load_ranges(args.ranges)
     families = tuple(family_by_name(name) for name in names.split(","))
     return with_ranges(families, ranges | parse_ranges(args.range))
+
+
+def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:
+    """Declare the options that name the topics of a drive.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand that reads recorded drives.
+    sensors : bool
+        Whether it also reads commands and sensors besides the pose.
+    """
+    from parameter_identification.drives.recorded import TopicNames
+
+    names = TopicNames()
+    add = parser.add_argument_group("bags that were not recorded by this suite").add_argument
+    add(
+        "--pose",
+        default=names.pose,
+        metavar="TOPIC",
+        help="Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix (default: odom)",
+    )
+    add("--reference", default=names.reference, metavar="TOPIC", help="Path with stamps from 0")
+    add("--state", default=names.state, metavar="TOPIC", help="DiagnosticStatus of the driver")
+    if sensors:
+        add("--commands", default=names.commands, metavar="TOPIC", help="JointTrajectory driven")
+        add("--imu", default=names.imu, metavar="TOPIC", help="Imu; its yaw rate is used")
+        add(
+            "--joint-states",
+            default=names.joint_states,
+            metavar="TOPIC",
+            help="JointState; the speed of the rear wheel is used",
+        )
+    add(
+        "--child-frame",
+        default=names.child_frame,
+        metavar="FRAME",
+        help="of the transform to take from TFMessage (default: base_link)",
+    )
+    add("--datum", type=_datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix, degrees and m")
+
+
+def topics_of(args: Namespace) -> TopicNames:
+    """Return the names of the topics that the options say.
+
+    Parameters
+    ----------
+    args : Namespace
+        Parsed arguments, among them those of `add_topic_options`.
+    """
+    from parameter_identification.drives.recorded import TopicNames
+
+    given = {name: getattr(args, name) for name in vars(TopicNames()) if hasattr(args, name)}
+    return TopicNames(**given)
+
+
+def _datum(text: str) -> Datum:
+    from parameter_identification.drives.poses import Datum
+
+    try:
+        return Datum(*(float(number) for number in text.split(",")))
+    except (ValueError, TypeError) as error:
+        raise ArgumentTypeError(f"{text!r}: want LAT,LON or LAT,LON,ALT") from error
 
 
 def search_boxes() -> str:

@@ -6,10 +6,13 @@ import signal
 import sys
 from collections.abc import Collection, Sequence
 from importlib import import_module
+from keyword import iskeyword
+from types import ModuleType
 
 from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
 from tricycle_core.errors import ExcitationError
+from tricycle_core.optional import EXTRAS, missing
 
 COMMANDS = {
     "demo": "plan a maneuver, drive it and a random one on emulated PLCs, judge, identify",
@@ -21,6 +24,7 @@ COMMANDS = {
     "record": "record topics to a bag until Ctrl-C",
     "replay": "publish a bag's messages as they were recorded",
     "judge": "trajectory error of recorded drives, from their bags alone",
+    "import": "write a table (CSV) that another system recorded as a bag",
     "identify": "estimate the unknown parameters from recorded drives",
     "report": "one HTML file with the table and the figures of a run",
     "monitor": "show links, maneuver and speeds of a live run",
@@ -55,8 +59,13 @@ def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
     for name, summary in COMMANDS.items():
         command = subparsers.add_parser(name, help=summary, formatter_class=HelpFormatter)
         if name in complete:
-            import_module(f"tricycle_cli.commands.{name}").add_arguments(command)
+            _module(name).add_arguments(command)
     return top
+
+
+def _module(name: str) -> ModuleType:
+    """Module of a subcommand; one that is called as a keyword has a line behind its name."""
+    return import_module(f"tricycle_cli.commands.{name}{'_' if iskeyword(name) else ''}")
 
 
 class _Completion(argparse.Action):
@@ -68,7 +77,7 @@ class _Completion(argparse.Action):
         words = {}
         for name in COMMANDS:
             command = argparse.ArgumentParser()
-            import_module(f"tricycle_cli.commands.{name}").add_arguments(command)
+            _module(name).add_arguments(command)
             words[name] = words_of(command)
         print(completion_script(str(shell), words), end="")
         parser.exit()
@@ -100,6 +109,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("tricycle: interrupted", file=sys.stderr)
         return 130
+    except ModuleNotFoundError as error:
+        if error.name is None or (name := error.name.partition(".")[0]) not in EXTRAS:
+            raise
+        print(f"tricycle: {missing(name, 'this command')}", file=sys.stderr)
+        return 2
     except (ExcitationError, OSError) as error:
         # what files say of themselves may hold line breaks or terminal escapes
         line = "".join(c if c.isprintable() else " " for c in str(error))

@@ -1,9 +1,20 @@
 """Libraries that only some results need: imported when asked for, missed in one line."""
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from tricycle_core.errors import ReportError
+
+EXTRAS = {
+    "matplotlib": "plots",
+    "plotly": "reports",
+    "jinja2": "reports",
+    "rclpy": "ros",
+    "distributed": "dask",
+    "pyarrow": "parquet",
+}
+"""Extra of this distribution that brings a library."""
 
 
 def optional(module: str, what: str) -> Any:
@@ -24,10 +35,43 @@ def optional(module: str, what: str) -> Any:
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
-        package = module.partition(".")[0]
-        if error.name != package:
+        if error.name != module.partition(".")[0]:
             raise
-        raise ReportError(f"{what} needs {package}: pip install {package}") from error
+        raise ReportError(missing(error.name, what)) from error
+
+
+def check_installed(module: str, what: str) -> None:
+    """Refuse to begin what ends with a library that is not installed.
+
+    Parameters
+    ----------
+    module : str
+        To be imported later.
+    what : str
+        That needs it.
+
+    Raises
+    ------
+    ReportError
+        If it is not installed; says how to get it.
+    """
+    if find_spec(module) is None:
+        raise ReportError(missing(module, what))
+
+
+def missing(package: str, what: str) -> str:
+    """Return a line about a library that is not installed, and how to get it.
+
+    Parameters
+    ----------
+    package : str
+        Its name in an import.
+    what : str
+        That needs it.
+    """
+    extra = EXTRAS.get(package)
+    source = f"'tricycle-excitation[{extra}]'" if extra else package
+    return f"{what} needs {package}: pip install {source}"
 
 
 def own_axes() -> Any:

@@ -134,7 +134,12 @@ def _check(commands: Commands) -> None:
     if len(commands.time) < 2:
         raise CommandsError("there must be at least two rows: the last one is the end")
     bounds = {"steering_motor_angle": (STEERING_END_STOP, "rad"), "speed": (MAX_SPEED, "m/s")}
-    for index in range(len(commands.time)):
+    steps = np.diff(commands.time, prepend=-1.0)
+    wrong = (commands.time[0] != 0.0) | ~(steps > 0.0)
+    for name, column in columns.items():
+        wrong |= ~np.isfinite(column)
+        wrong |= np.abs(column) > bounds.get(name, (math.inf, ""))[0] + 1e-9
+    for index in np.flatnonzero(wrong)[:1].tolist():  # the first one is named
         where = f"row {index + 1}"
         for name, column in columns.items():
             value = float(column[index])

@@ -53,8 +53,8 @@ def command_rows(commands: Commands) -> NDArray[np.int64]:
 
 
 @compiled
-def slew_all(targets: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """Slew from 0 through the target of each tick.
+def slew_all(targets: FloatArray, rate: float, start: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Slew through the target of each tick.
 
     Parameters
     ----------
@@ -62,6 +62,8 @@ def slew_all(targets: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
         One per tick.
     rate : float
         Largest change per second.
+    start : float
+        Set-point before the first tick.
 
     Returns
     -------
@@ -72,7 +74,7 @@ def slew_all(targets: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """
     setpoints = np.empty_like(targets)
     lag = np.zeros_like(targets)
-    setpoint = 0.0
+    setpoint = start
     for k in range(targets.shape[0]):
         setpoint = slew(setpoint, targets[k], rate)
         setpoints[k] = setpoint

@@ -305,9 +305,17 @@ def test_numbers_in_the_text_are_those_of_the_code(macros):
     assert told("5.5 Limits", r"end stop of its mechanics at ([\d.]+) rad") == [
         limits.STEERING_END_STOP
     ]
-    ceiling = r"or to ([\d.]+) m/s above it while .*? more than ([\d.]+) m/s above the ceiling"
-    assert told("5.6 Set-points", ceiling) == [boards.OVERSHOOT, boards.RUNAWAY_MARGIN]
+    ceiling = (
+        r"or to ([\d.]+) m/s above it while .*? a lag of ([\d.]+) s, .*?"
+        r" more than ([\d.]+) m/s above the ceiling"
+    )
+    assert told("5.6 Set-points", ceiling) == [
+        boards.OVERSHOOT,
+        boards.OVERSHOOT_TIME,
+        boards.RUNAWAY_MARGIN,
+    ]
     assert macros["OVERSHOOT"] == boards.OVERSHOOT * 1e3
+    assert macros["OVERSHOOT_TICKS"] == boards.OVERSHOOT_TIME * 1e2
     wheel = "5.8 Does the wheel"
     bands = r"low is ([\d.]+) to ([\d.]+) V, high ([\d.]+) to ([\d.]+) V"
     assert told(wheel, bands) == [*boards.LINE_LOW, *boards.LINE_HIGH]

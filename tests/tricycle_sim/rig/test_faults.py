@@ -69,6 +69,7 @@ def test_a_broken_wire_of_the_hall_sensor_is_found_at_once(driven, kind):
 
 def test_without_pulses_the_motor_pushes_until_the_board_notices(driven):
     host = driven(FaultKind.HALL_STUCK, 0.0, start=0.0)
+    host.imu = False
     torque = 0.0
     for _ in range(100):
         host.tick()
@@ -76,6 +77,20 @@ def test_without_pulses_the_motor_pushes_until_the_board_notices(driven):
     assert torque > 30.0
     host.run(3.0)
     assert faults(host, DRIVE) & Fault.PULSES
+    assert abs(host.rig.state.vx) < 0.02
+
+
+def test_with_an_imu_the_bridge_notices_a_start_without_pulses_before_it_is_fast(driven):
+    host = driven(FaultKind.HALL_STUCK, 0.0, start=0.0)
+    host.target = VehicleCommand(0.0, 0.0)
+    host.run(0.5)
+    host.target = VehicleCommand(0.0, 0.25)
+    fastest = 0.0
+    for _ in range(100):
+        host.tick()
+        fastest = max(fastest, host.rig.state.vx)
+    assert "the imu has felt +0.0" in host.bridge.stopped_by
+    assert fastest < 0.5
     assert abs(host.rig.state.vx) < 0.02
 
 

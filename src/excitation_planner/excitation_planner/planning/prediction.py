@@ -23,7 +23,7 @@ from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.batch import CommandedBatch
 
 PERIOD = 0.05
 """Time between points [s]: 20 Hz, as localisations give poses."""
@@ -68,12 +68,11 @@ class ReplayedTrajectories:
         commands = nominal_run(self.vehicle, self.family, x, self.room).commands
         every = round(PERIOD / TICK)
         rest = round(STANDSTILL / PERIOD)
-        blocks = []
+        batch, blocks = CommandedBatch(self.vehicle, commands), []
         for first in range(0, len(parameters), BLOCK):
-            # the search evaluates maneuvers side by side in processes: one thread each
-            motion = simulate(self.vehicle, commands, parameters[first : first + BLOCK], threads=1)
-            Y = np.stack([getattr(motion, name)[:, ::every] for name in self.columns], axis=-1)
-            Y[motion.feasibility.rolled_over.happened] = np.nan
+            run = batch.run(parameters[first : first + BLOCK], self.columns)
+            Y = np.stack([run.columns[name][:, ::every] for name in self.columns], axis=-1)
+            Y[run.feasibility.rolled_over.happened] = np.nan
             blocks.append(np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1))
         return np.concatenate(blocks)
 

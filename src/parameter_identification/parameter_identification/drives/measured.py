@@ -106,6 +106,8 @@ class StartPose:
         Left positive [rad]; None: taken from the signals.
     position_std, heading_std : float
         Standard deviations per axis [m] and of the heading [rad].
+    speed : float
+        Forward speed, known to some cm/s [m/s].
 
     Raises
     ------
@@ -118,6 +120,7 @@ class StartPose:
     heading: float | None = None
     position_std: float = 1.0
     heading_std: float = 0.5
+    speed: float = 0.0
 
     def __post_init__(self) -> None:
         if not (self.position_std > 0 and self.heading_std > 0):

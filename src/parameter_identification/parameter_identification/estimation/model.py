@@ -40,7 +40,7 @@ EFFECT_STEP = 1e-2  # of the finite differences by effects, in standard deviatio
 KNOTS = 1.0  # s between the values of a deviation, linear between them
 
 # Standard deviations of the nuisances' priors
-START_SPEED = 0.02  # m/s: the vehicle should stand still
+START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 TIME_OFFSET = 0.05  # s, of each clock against the commands'
 GYRO_BIAS = 0.02  # rad/s
 
@@ -162,9 +162,13 @@ class DriveModel:
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
         simulated = _with_effects(vehicle, effects)
-        self._batch = CommandedBatch(simulated, drive.commands)
+        self._batch = CommandedBatch(simulated, drive.commands, setpoint=drive.start.speed)
         # the starts are chosen without effects
-        self._unaffected = CommandedBatch(vehicle, drive.commands) if effects else self._batch
+        self._unaffected = (
+            CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
+            if effects
+            else self._batch
+        )
         self._nominal = simulated.nominal_point()
         self._place = {name: i for i, name in enumerate(simulated.unknown)}
         self._parameters = [self._place[name] for name in vehicle.unknown]
@@ -200,7 +204,7 @@ class DriveModel:
             Nuisance("start x", "m", x, start.position_std),
             Nuisance("start y", "m", y, start.position_std),
             Nuisance("start heading", "rad", heading, start.heading_std),
-            Nuisance("start speed", "m/s", 0.0, START_SPEED),
+            Nuisance("start speed", "m/s", start.speed, START_SPEED),
         ]
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
         found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
@@ -242,7 +246,12 @@ class DriveModel:
     def _motion(
         self, batch: CommandedBatch, constants: FloatArray, speeds: FloatArray | None = None
     ) -> "_Motions":
-        """Motions of vehicles with values (n, K) of the batch's unknown, from start speeds (n,)."""
+        """Motions of vehicles with values (n, K) of the batch's unknown, from start speeds (n,).
+
+        Default: the measured start speed.
+        """
+        if speeds is None:
+            speeds = np.full(len(constants), self.drive.start.speed)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
         return _Motions(*batch.run(constants, names, speed=speeds).columns.values())
 

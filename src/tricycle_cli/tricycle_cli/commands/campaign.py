@@ -24,6 +24,7 @@ from tricycle_cli.campaign.request import SIMULATED, CampaignRequest
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
+from tricycle_core.optional import check_installed
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import load_vehicle
 
@@ -106,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.campaign.results import campaign_report, campaign_table, plot_campaign
     from tricycle_cli.operation.session import hidden_truth
 
+    check_installed("rclpy", "a campaign")
     vehicle = load_vehicle(args.vehicle)
     request = CampaignRequest(
         vehicle,

@@ -16,6 +16,7 @@ from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import BagError
+from tricycle_core.optional import check_installed
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, load_vehicle
 
 if TYPE_CHECKING:
@@ -92,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.reports.tables import drives_table, parameter_table, remarks
     from tricycle_sim.plc.simulated_uno import check_build
 
+    check_installed("rclpy", "a demo")
     vehicle = load_vehicle(args.vehicle)
     request = PlanRequest(vehicle, family_by_name(args.maneuver), args.target, seed=args.seed)
     if args.firmware:

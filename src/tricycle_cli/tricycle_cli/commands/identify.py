@@ -1,13 +1,23 @@
 """`tricycle identify`: the unknown parameters and their intervals, from recorded drives."""
 
+from __future__ import annotations
+
 import argparse
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import seed
+from tricycle_cli.arguments import add_topic_options, seed, topics_of
 from tricycle_cli.progress import progress_bar
+from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import load_vehicle
+
+if TYPE_CHECKING:
+    from parameter_identification.drives.measured import MeasuredDrive
+    from tricycle_sim.vehicle import Vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
 
@@ -15,6 +25,7 @@ EXAMPLE = """\
 examples:
   tricycle identify out/demo/bags/*
   tricycle identify bags/circle bags/lane --held-out bags/check --output out/identified
+  tricycle identify drive.csv --columns mapping.yaml --vehicle car.yaml --window 2
 """
 
 
@@ -27,12 +38,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         Parser of the subcommand.
     """
     parser.description = (
-        "Fits the model to all bags together and prints each parameter with its "
+        "Fits the model to all drives together and prints each parameter with its "
         "interval by profile likelihood. What the drives do not show is said and keeps its range."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add(
+        "drives",
+        metavar="DRIVE",
+        nargs="+",
+        type=Path,
+        help="rosbag2 directory, .mcap or .db3 file; with --columns also .csv or .csv.gz",
+    )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add(
         "--parameters",
@@ -40,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME,NAME",
         help="identify only these; the others keep their nominal values (default: all unknown)",
     )
-    add("--held-out", type=Path, metavar="BAG", nargs="+", default=[], help="drives to predict")
+    add("--held-out", type=Path, metavar="DRIVE", nargs="+", default=[], help="drives to predict")
     add(
         "--effects",
         default="none",
@@ -57,6 +74,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="write vehicle.yaml with the estimates, identification.json, figures and report.html",
     )
+    add_topic_options(parser, sensors=True)
+    add = parser.add_argument_group("tables (CSV), of which windows are taken").add_argument
+    add("--columns", type=Path, metavar="FILE", help="mapping of their columns, YAML")
+    add("--window", type=float, default=2.0, metavar="S", help="length of a window")
+    add("--every", type=float, default=0.5, metavar="S", help="grid on which windows begin")
+    add("--above", type=float, default=0.4, metavar="M/S", help="speed of the vehicle in a window")
     parser.set_defaults(run=run)
 
 
@@ -70,7 +93,6 @@ def run(args: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
-    from parameter_identification.drives.measured import read_measured_drive
     from parameter_identification.estimation.problem import Loss
     from parameter_identification.identification import EFFECTS, identify
     from parameter_identification.identification_file import document_of
@@ -78,19 +100,22 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.reports.tables import parameter_table, remarks
 
     vehicle = load_vehicle(args.vehicle)
-    with progress_bar("reading bags") as progress:
-        bags, drives = [*args.bags, *args.held_out], []
-        alike = len({bag.stem for bag in bags}) < len(bags)
-        for done, bag in enumerate(bags, start=1):
-            drive = read_measured_drive(bag, vehicle)
-            drives.append(replace(drive, name=str(bag)) if alike else drive)
-            progress(done, len(bags))
+    read, paths = _reader(args, vehicle), [*args.drives, *args.held_out]
+    alike = len({path.stem for path in paths}) < len(paths)
+    drives: list[list[MeasuredDrive]] = []
+    with progress_bar("reading drives") as progress:
+        for done, path in enumerate(paths, start=1):
+            own = read(path)
+            if alike:
+                own = [replace(drive, name=f"{path.parent}/{drive.name}") for drive in own]
+            drives.append(own)
+            progress(done, len(paths))
     with progress_bar("identifying") as progress:
         found = identify(
-            drives[: len(args.bags)],
+            list(chain.from_iterable(drives[: len(args.drives)])),
             vehicle,
             parameters=args.parameters,
-            held_out=drives[len(args.bags) :],
+            held_out=list(chain.from_iterable(drives[len(args.drives) :])),
             effects={"all": EFFECTS, "none": ()}.get(args.effects, args.effects.split(",")),
             loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,
@@ -108,3 +133,25 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(document_of(found).to_json(), allow_nan=False))
     return 0
+
+
+def _reader(args: argparse.Namespace, vehicle: Vehicle) -> Callable[[Path], list[MeasuredDrive]]:
+    """Return what reads a bag as one drive, a table as several."""
+    from parameter_identification.drives.measured import read_measured_drive
+    from parameter_identification.drives.table import load_columns
+    from parameter_identification.drives.windows import Windows, read_windows
+
+    topics = topics_of(args)
+    windows = Windows(args.window, args.every, args.above)
+    columns = None if args.columns is None else load_columns(args.columns)
+
+    def read(path: Path) -> list[MeasuredDrive]:
+        if not path.name.endswith((".csv", ".csv.gz")):
+            return [read_measured_drive(path, vehicle, topics=topics)]
+        if columns is None:
+            raise IdentificationError(
+                f"{path}: a table needs --columns, the mapping of its columns"
+            )
+        return read_windows(path, vehicle, columns, windows)
+
+    return read

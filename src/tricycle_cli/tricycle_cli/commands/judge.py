@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parameter_identification.judging.export import PICTURES, ExportFormat
-from parameter_identification.judging.judgement import Anchor, Datum, TopicNames
+from parameter_identification.judging.judgement import Anchor
+from tricycle_cli.arguments import add_topic_options, topics_of
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError, JudgeError
 
@@ -56,23 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=Anchor.STANDSTILL.value,
         help="where the reference starts; fit aligns it with what was measured",
     )
-    names = TopicNames()
-    add = parser.add_argument_group("bags that were not recorded by this suite").add_argument
-    add(
-        "--pose",
-        default=names.pose,
-        metavar="TOPIC",
-        help="Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix (default: odom)",
-    )
-    add("--reference", default=names.reference, metavar="TOPIC", help="Path with stamps from 0")
-    add("--state", default=names.state, metavar="TOPIC", help="DiagnosticStatus of the driver")
-    add(
-        "--child-frame",
-        default=names.child_frame,
-        metavar="FRAME",
-        help="of the transform to take from TFMessage (default: base_link)",
-    )
-    add("--datum", type=_datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix, degrees and m")
+    add_topic_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -87,13 +72,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.judging.export import export, plot
     from parameter_identification.judging.judgement import judge
 
-    topics = TopicNames(
-        pose=args.pose,
-        reference=args.reference,
-        state=args.state,
-        child_frame=args.child_frame,
-        datum=args.datum,
-    )
+    topics = topics_of(args)
     judgements, mistakes = [], []
     # one bag has no parts to tell of, and the bar takes longer to import than to judge it
     bar = progress_bar("judging") if len(args.bags) > 1 else nullcontext(lambda *_: None)
@@ -132,13 +111,6 @@ def _picture(text: str) -> Path:
     if Path(text).suffix not in PICTURES:
         raise argparse.ArgumentTypeError(f"{text}: needs to end in one of {', '.join(PICTURES)}")
     return Path(text)
-
-
-def _datum(text: str) -> Datum:
-    try:
-        return Datum(*(float(number) for number in text.split(",")))
-    except (ValueError, TypeError) as error:
-        raise argparse.ArgumentTypeError(f"{text!r}: want LAT,LON or LAT,LON,ALT") from error
 
 
 def _as_json(judgement: Judgement) -> dict[str, Any]:

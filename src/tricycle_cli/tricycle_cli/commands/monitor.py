@@ -49,11 +49,8 @@ def run(args: argparse.Namespace) -> int:
     from rich.live import Live
 
     from tricycle_cli.operation.dashboard import screen
+    from tricycle_cli.operation.monitor_node import Monitor
 
-    try:
-        from tricycle_cli.operation.monitor_node import Monitor
-    except ImportError as error:
-        raise NodeError(f"monitor needs ROS 2, sourced or from the extra `ros`: {error}") from error
     text = os.environ.get("ROS_DOMAIN_ID") or "0"
     if not text.isdigit() or int(text) > 232:
         raise NodeError(f"ROS_DOMAIN_ID = {text}: must be a number from 0 to 232")

@@ -18,6 +18,7 @@ from tricycle_bridge.protocol.boards import (
     MASSES,
     MAX_THROTTLE,
     OVERSHOOT,
+    OVERSHOOT_TIME,
     OVERSPEED_MARGIN,
     RUNAWAY_MARGIN,
     STOPPING_BRAKE_RATE,
@@ -53,6 +54,7 @@ from tricycle_bridge.protocol.messages import (
     Gear,
     PlcState,
 )
+from tricycle_core.timing import TICK
 from tricycle_sim.plc.plc import Plc, clamp, in_order, to_i16, to_u16
 from tricycle_sim.plc.wheel import WheelCheck
 from tricycle_sim.setpoints import slew
@@ -143,6 +145,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         self._setpoint = 0.0  # m/s, forward positive
         self._holding = False  # armed and at rest: brake full, motor off
         self._ceiling = 0.0  # m/s, of a motor that holds the vehicle
+        self._lagging = 0.0  # m/s, measured speed behind a lag
         self._line_ticks = 0  # in a row in which a hall line was outside of its bands
         self._hall_count = 0  # of the last tick
         self._pulses = 0  # since then
@@ -213,14 +216,18 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         return Fault(0)
 
     def _runs_away(self) -> bool:
-        """Whether the vehicle gains speed above its set-point although the motor brakes.
+        """Whether the vehicle gains speed above what is wanted although the motor brakes.
 
-        A set-point may fall faster than the vehicle, which is then above it but does not gain.
+        A set-point may fall faster than the vehicle, which is then above it but does not gain. A
+        controller overshoots by a third of a second of the acceleration with which it arrives:
+        a slope alone does not give more than `OVERSHOOT`.
         """
         speed = abs(self._measured.speed)
         pushes = _SIGNS[self._gear] * self._measured.torque > 0.0
-        wanted = abs(self._setpoint)
-        pushed = wanted + OVERSHOOT if pushes else wanted
+        wanted = max(abs(self._setpoint), abs(self._target_in_gear))
+        overshoot = max(OVERSHOOT, speed - self._lagging)
+        self._lagging += (speed - self._lagging) * TICK / OVERSHOOT_TIME
+        pushed = wanted + overshoot if pushes else wanted
         self._ceiling = max(wanted, min(speed, max(pushed, self._ceiling)))
         return speed > self._ceiling + RUNAWAY_MARGIN + 1e-9
 
@@ -244,7 +251,7 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
 
     def _armed(self) -> None:
         self._setpoint = 0.0
-        self._ceiling = 0.0
+        self._ceiling = self._lagging = 0.0
 
     def _left_armed(self, now_us: int) -> None:  # noqa: ARG002 - the steering's begins to hold
         self._holding = False
@@ -290,11 +297,15 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         if self._commanded_gear != self._gear and at_rest:
             self._gear = self._commanded_gear
             self._wheel.restart()
-        in_gear = self._gear == self._commanded_gear
-        target = _SIGNS[self._gear] * self._target if in_gear else 0.0
+        target = self._target_in_gear
         self._holding = target == 0.0 and (at_rest or self._holding)
         self._brake = 1.0 if self._holding else self._commanded_brake
         self._setpoint = slew(self._setpoint, target, self._acceleration_limit)
+
+    @property
+    def _target_in_gear(self) -> float:
+        in_gear = self._gear == self._commanded_gear
+        return _SIGNS[self._gear] * self._target if in_gear else 0.0
 
     @property
     def _motor_on(self) -> bool:

@@ -31,6 +31,8 @@ class Host:
         What the commander sends at every tick; None: nothing.
     odometry : bool
         Whether the bridge hears the vehicle's true speed as odometry, at 20 Hz.
+    imu : bool
+        Whether it hears the true specific force, at 100 Hz.
     log : list of str
         What the bridge has said.
     """
@@ -41,7 +43,7 @@ class Host:
         self.bridge = Bridge(settings or BridgeSettings(), rng=rng)
         self.bridge.active = True
         self.target: VehicleCommand | None = VehicleCommand(0.0, 0.0)
-        self.odometry = True
+        self.odometry = self.imu = True
         self.log: list[str] = []
         self._killed = False
         self._stamped = rig.host_time  # when the commander made its newest command
@@ -75,6 +77,8 @@ class Host:
         self._stamped = self.rig.host_time
         if self.odometry and round(self.rig.time / TICK) % 5 == 0:
             bridge.set_odometry(self.rig.state.vx, now)
+        if self.imu:
+            bridge.set_force(self.rig.state.specific_force[0], now)
         bridge.poll(now)
         for board, frames in bridge.take_frames().items():
             if frames:

@@ -108,6 +108,7 @@ def simulate(
     parameters: ArrayLike | None = None,
     *,
     speed: ArrayLike = 0.0,
+    setpoint: float = 0.0,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Trajectory:
@@ -126,6 +127,8 @@ def simulate(
         Values of `vehicle.unknown` in its order; by default the one nominal vehicle.
     speed : float or shape (n,)
         At which the vehicles roll at the start [m/s]; by default they are at rest.
+    setpoint : float
+        Of the speed before the first command [m/s].
     threads : int, optional
         By default one for each processor this process may use.
     progress : callable, optional
@@ -140,7 +143,7 @@ def simulate(
     """
     samples = _check_parameters(vehicle, parameters)
     speeds = np.broadcast_to(np.asarray(speed, dtype=float), len(samples))
-    batch = CommandedBatch(vehicle, commands)
+    batch = CommandedBatch(vehicle, commands, setpoint=setpoint)
     wheels = [wheel.name for wheel in vehicle.wheels]
     names = [entry.name for entry in dataclasses.fields(Trajectory)]
     names = [name for name in names if name in batch.available]
@@ -272,6 +275,8 @@ class CommandedBatch:
         Of which samples are driven.
     commands : Commands
         Each held until the next.
+    setpoint : float
+        Of the speed before the first command [m/s].
 
     Attributes
     ----------
@@ -288,7 +293,7 @@ class CommandedBatch:
         If the vehicle is too stiff for steps of 10 ms.
     """
 
-    def __init__(self, vehicle: Vehicle, commands: Commands) -> None:
+    def __init__(self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0) -> None:
         check_step(vehicle, TICK)
         self._vehicle, self._functions = vehicle, functions_for(vehicle)
         rows = command_rows(commands)
@@ -296,7 +301,7 @@ class CommandedBatch:
         self.time = np.arange(ticks + 1, dtype=np.float64) * TICK
         setpoints, lag = slew_all(commands.steering_motor_angle[rows], vehicle.steering_slew)
         self._lag = np.append(lag, 0.0)
-        speeds, _ = slew_all(commands.speed[rows], vehicle.acceleration)
+        speeds, _ = slew_all(commands.speed[rows], vehicle.acceleration, setpoint)
         self._drive = np.zeros((ticks + 1, len(COMMAND)))
         self._drive[:, COMMAND.speed_mode] = 1.0
         self._drive[:, COMMAND.demand] = np.append(speeds, speeds[-1:])

@@ -210,7 +210,15 @@ class Vehicle:
         """Largest angle of the steering motor in a plan [rad]: the margin before its end stop."""
         return self.steering_limit * (1.0 - self.steering_margin)
 
-    @property
+    def __hash__(self) -> int:
+        """Return a number for caches of what follows from a vehicle."""
+        return hash(self.fingerprint)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Pickle without what follows: a plan sends a vehicle to its workers a hundred times."""
+        return {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
+
+    @functools.cached_property
     def fingerprint(self) -> str:
         """Sixteen hexadecimal digits that change with any value, range or law of the vehicle."""
         entries = constant_entries(self.wheels, self.parts)

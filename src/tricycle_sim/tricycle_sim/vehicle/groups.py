@@ -1,5 +1,6 @@
 """Vehicles in groups: constants and start of each one, at rest on its tyres or rolling."""
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -67,6 +68,7 @@ class Equilibrium:
         return not self.moved_by
 
 
+@functools.lru_cache(maxsize=256)
 def equilibrium(vehicle: Vehicle) -> Equilibrium:
     """Return how the nominal vehicle stands on its tyres.
 

@@ -1,5 +1,6 @@
 """The structure of a vehicle, which is compiled in, and where its constants stand in a group."""
 
+import functools
 import math
 from collections.abc import Mapping
 from types import SimpleNamespace
@@ -66,6 +67,7 @@ ROWS = _FIRST_WHEEL + MOST_WHEELS * WHEEL_ROWS
 """Number of rows of a group."""
 
 
+@functools.lru_cache(maxsize=256)
 def structure_of(vehicle: Vehicle) -> Structure:
     """Return the structure of a vehicle.
 

@@ -1,0 +1,343 @@
+"""Real drives of a vehicle that nobody here built: DART, a car of scale 1:10.
+
+    python benchmarks/dart.py --data DIR [--fit NAME ...] [--predict FILE ...] [--json]
+
+DIR holds recordings of the repository Lorenzo-Lyons/DART (folder System_identification/Data, commit
+4b52523, MIT licence), renamed and packed: ramp_pos02.csv.gz, ramp_neg02, ramp_pos025, ramp_neg025
+(81_throttle_ramps), lap_1_0 (70_racetrack_lap_v_1). They are not part of this repository. Lyons,
+Niesten, Ferranti, "DART: A Compact Platform for Autonomous Driving Research", IEEE IV 2024.
+
+Fitted are both axles' cornering stiffness and friction, the yaw inertia and, for each recording,
+the steering's zero: least squares of position and heading after 0.5, 1 and 2 s of windows of the
+four ramps that share no sample; intervals of 95 % from resampling the windows (a parameter is shown
+where its interval is less than half its range). Predicted are windows of 2 s begun every 0.5 s at
+more than 0.4 m/s: inside, only steering commands and the speed of the pose are known. The
+steering's zero is that of the windows that ended in the 10 s before. Printed, also for the authors'
+model (their parameters and zero) on the same windows: RMS of position [mm] and heading [deg] after
+0.5, 1 and 2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force
+by the fitted model, over the slip of the axle) over that of the authors' curves.
+"""
+
+import argparse
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+
+from parameter_identification.drives.table import (
+    Column,
+    Columns,
+    SensorPlace,
+    SteeringMap,
+    read_recording,
+)
+from parameter_identification.drives.windows import (
+    RUN_IN,
+    Windows,
+    motion_of,
+    windows_of,
+)
+from parameter_identification.estimation.model import restrict
+from tricycle_core.timing import TICK
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import CommandedBatch
+
+CAR = Path(__file__).parents[1] / "src/tricycle_sim/tricycle_sim/car_1_10.yaml"
+RAMPS = ("ramp_pos02", "ramp_neg02", "ramp_pos025", "ramp_neg025")
+FRICTION = {f"{axle}.friction_coefficient": (0.6, 1.2) for axle in ("front", "rear")}
+FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", *FRICTION, "yaw_inertia")
+HORIZONS = (0.5, 1.0, 2.0)  # s
+STEPS = np.round(np.array(HORIZONS) / TICK).astype(int)
+LEAD = round(RUN_IN / TICK)
+MEMORY = 10.0  # s before a window that tell the steering's zero
+SLIPS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.12)  # rad
+COLUMNS = Columns(
+    time="vicon time",
+    x="vicon x",
+    y="vicon y",
+    yaw="vicon yaw",
+    steering=Column("steering", unit="1"),
+    steering_map=SteeringMap(
+        gain=0.366 * 1.393, limit=0.366, gain_right=0.515 * 1.023, limit_right=0.515
+    ),
+    # 0.115 m ahead of the rear axle, that is 0.093 m behind the COM
+    sensor=SensorPlace(x=0.022, y=-0.01, yaw=-0.0077),
+)
+DRIVEN = {
+    # no PLC of ours slews; the servo follows with a time constant of 0.13 s, up to 0.4 rad
+    "steering_slew": 20.0,
+    "servo_natural_frequency": 40.0,
+    "servo_damping_ratio": 2.7,
+    "steering_limit": 0.45,
+    # a drive that has the recorded speed, whatever it takes
+    "acceleration": 20.0,
+    "motor_no_load_speed": 200.0,
+    "motor_power": 100.0,
+    "motor_torque": 0.4,
+    "regenerative_torque": 0.4,
+    # not given: as low as the axles of the authors' bicycle, whose wheels share the load evenly
+    "com_height": 0.02,
+}
+
+# the authors' model
+STEERING_ZERO, TIME_CONSTANT = -0.027, 0.13
+FRONT, REAR = (8.60, 0.841, 0.841, 0.847), (11.55, 0.959, 0.855, 0.733)  # B, C, D, kg
+
+
+def axle_force(slip, b, c, d, mass):
+    return d * mass * 9.81 * np.sin(c * np.arctan(b * slip))
+
+
+def authors(motion, command, starts, vehicle, ticks):
+    """Poses (window, tick, 3) that the authors' bicycle predicts."""
+    away = command + STEERING_ZERO
+    wanted = np.where(away > 0, 0.366 * np.tanh(1.393 * away), 0.515 * np.tanh(1.023 * away))
+    angle = np.zeros(len(wanted))
+    for i in range(1, len(angle)):
+        angle[i] = angle[i - 1] + TICK / TIME_CONSTANT * (wanted[i - 1] - angle[i - 1])
+    vx, vy = np.gradient(motion.x, TICK), np.gradient(motion.y, TICK)
+    x, y, yaw = motion.x[starts], motion.y[starts], motion.yaw[starts]
+    lateral = (-vx * np.sin(motion.yaw) + vy * np.cos(motion.yaw))[starts]
+    rate = motion.yaw_rate[starts]
+    lf, lr, steps = vehicle.com_to_front_axle, vehicle.com_to_rear_axle, 5
+    out = np.empty((len(starts), ticks + 1, 3))
+    for k in range(ticks + 1):
+        out[:, k] = np.column_stack([x, y, yaw])
+        speed, steer = np.maximum(motion.speed[starts + k], 0.1), angle[starts + k]
+        for _ in range(steps):
+            h = TICK / steps
+            front = axle_force(steer - np.arctan2(lateral + rate * lf, speed), *FRONT)
+            rear = axle_force(-np.arctan2(lateral - rate * lr, speed), *REAR)
+            x = x + h * (speed * np.cos(yaw) - lateral * np.sin(yaw))
+            y = y + h * (speed * np.sin(yaw) + lateral * np.cos(yaw))
+            yaw = yaw + h * rate
+            lateral = lateral + h * ((front * np.cos(steer) + rear) / vehicle.mass - speed * rate)
+            rate = rate + h * (lf * front * np.cos(steer) - lr * rear) / 0.0048
+    return out
+
+
+def deviations(drive, motion, first, batch, parameters):
+    """Predicted less measured x, y, yaw (parameters, horizons, 3) of a window."""
+    speeds = np.full(len(parameters), drive.start.speed)
+    run = batch.run(parameters, ("x", "y", "yaw"), speed=speeds)
+    x, y, yaw = (run.columns[name][:, LEAD + STEPS] for name in ("x", "y", "yaw"))
+    x0, y0, yaw0 = (run.columns[name][:, LEAD, None] for name in ("x", "y", "yaw"))
+    turn = motion.yaw[first] - yaw0
+    way = ((x - x0) + 1j * (y - y0)) * np.exp(1j * turn)
+    at = first + STEPS
+    return np.stack(
+        [
+            motion.x[first] + way.real - motion.x[at],
+            motion.y[first] + way.imag - motion.y[at],
+            yaw + turn - motion.yaw[at],
+        ],
+        axis=2,
+    )
+
+
+def errors(deviation):
+    """RMS of position [mm] and heading [deg] of deviations (windows, horizons, 3)."""
+    square = np.mean(deviation**2, axis=0)
+    return {
+        f"{horizon:g} s": {
+            "position_mm": 1e3 * math.sqrt(x + y),
+            "heading_deg": math.degrees(math.sqrt(yaw)),
+        }
+        for horizon, (x, y, yaw) in zip(HORIZONS, square, strict=True)
+    }
+
+
+def windows(path, vehicle, overlapping):
+    """Recording, motion, windows, and the ticks at which they begin."""
+    recording = read_recording(path, COLUMNS)
+    motion = motion_of(recording)
+    chosen = Windows(overlapping=overlapping)
+    drives = windows_of(recording, vehicle, COLUMNS.steering_map, chosen)
+    begin = np.array([float(drive.name.split()[-2]) for drive in drives])
+    return recording, motion, drives, np.round((begin - motion.time[0]) / TICK).astype(int)
+
+
+def predict(path, vehicle):
+    only = restrict(vehicle, ("steering_offset",))
+    recording, motion, drives, starts = windows(path, vehicle, overlapping=True)
+    grid = vehicle.steering_offset + np.array([-0.03, -0.015, 0.0, 0.015, 0.03])
+    each = np.array([
+        deviations(drive, motion, first, batch_of(only, drive), grid[:, None])
+        for drive, first in zip(drives, starts, strict=True)
+    ])  # fmt: skip
+    yaw = each[:, :, -1, 2]  # of the last horizon: it rises with the offset
+    rise = (yaw[:, -1] - yaw[:, 0]) / (grid[-1] - grid[0])
+    zeros = [float(np.interp(0.0, np.maximum.accumulate(row), grid)) for row in yaw]
+    ends, found = starts + STEPS[-1], []
+    for window, first in enumerate(starts):
+        recent = (ends <= first) & (ends > first - MEMORY / TICK)
+        weights = np.append(rise[recent] ** 2, np.mean(rise) ** 2)  # the fitted zero: one window
+        zero = np.average(
+            np.append(np.array(zeros)[recent], vehicle.steering_offset), weights=weights
+        )
+        found.append([
+            [np.interp(zero, grid, column) for column in horizon.T]
+            for horizon in each[window].transpose(1, 0, 2)
+        ])  # fmt: skip
+    command = recording.steering.at(motion.time, held=True)
+    theirs = authors(motion, command, starts, vehicle, STEPS[-1])[:, STEPS]
+    there = np.stack([v[starts[:, None] + STEPS] for v in (motion.x, motion.y, motion.yaw)], axis=2)
+    return {
+        "windows": len(drives),
+        "ours": errors(np.array(found)),
+        "authors": errors(theirs - there),
+    }
+
+
+def batch_of(vehicle, drive):
+    return CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
+
+
+def better(at, residuals, jacobians, information, mean):
+    """Step of Gauss and Newton, with a prior."""
+    variance = np.mean(residuals**2)
+    normal = np.einsum("wri,wrj->ij", jacobians, jacobians) / variance
+    pull = np.einsum("wri,wr->i", jacobians, residuals) / variance
+    return at - np.linalg.solve(normal + np.diag(information), pull + information * (at - mean))
+
+
+def fit(paths, vehicle, seed=0):
+    """Parameters, their intervals, zeros of the recordings, and the windows."""
+    names = [*FITTED, "steering_offset"]
+    known = restrict(vehicle, tuple(names))
+    order = [list(known.unknown).index(name) for name in names]
+    low, high = np.array([vehicle.unknown[name] for name in FITTED]).T
+    rows = []  # number of the recording, window, motion, first tick, batch
+    for number, path in enumerate(paths):
+        _, motion, drives, starts = windows(path, vehicle, overlapping=False)
+        rows += [
+            (number, drive, motion, first, batch_of(known, drive))
+            for drive, first in zip(drives, starts, strict=True)
+        ]
+    k, n = len(FITTED), len(FITTED) + len(paths)
+    at = mean = np.append(np.full(k, 0.5), np.full(len(paths), vehicle.steering_offset))
+    information = np.append(np.full(k, 12.0), np.full(len(paths), 1.0 / 0.03**2))
+    steps = np.append(np.full(k, 0.02), 0.002)
+    scale = 1.0 / np.array(HORIZONS)[:, None]  # m/s; rad/s at 1 m
+    for _ in range(8):
+        residuals, jacobians = [], []
+        for number, drive, motion, first, batch in rows:
+            z = np.append(at[:k], at[k + number])
+            points = z + np.vstack([np.zeros(k + 1), np.diag(steps)])
+            values = np.empty_like(points)
+            values[:, order] = np.column_stack([low + (high - low) * points[:, :k], points[:, k:]])
+            found = (deviations(drive, motion, first, batch, values) * scale).reshape(k + 2, -1)
+            jacobian = np.zeros((found.shape[1], n))
+            jacobian[:, [*range(k), k + number]] = (found[1:] - found[0]).T / steps
+            residuals.append(found[0])
+            jacobians.append(jacobian)
+        r, j = np.array(residuals), np.array(jacobians)
+
+        following = better(at, r, j, information, mean)
+        following[:k] = np.clip(following[:k], 0.0, 1.0)
+        done = np.abs(following - at).max() < 1e-3
+        at = following
+        if done:
+            break
+    rng = np.random.default_rng(seed)
+    draws = [rng.integers(len(r), size=len(r)) for _ in range(500)]
+    again = [better(at, r[chosen], j[chosen], information, mean) for chosen in draws]
+    bounds = np.clip(np.quantile(np.array(again)[:, :k], [0.025, 0.975], axis=0), 0.0, 1.0)
+    parameters = {
+        name: {
+            "estimate": float(low[i] + (high - low)[i] * at[i]),
+            "low": float(low[i] + (high - low)[i] * bounds[0, i]),
+            "high": float(low[i] + (high - low)[i] * bounds[1, i]),
+            "shown": bool(bounds[1, i] - bounds[0, i] < 0.5 and 0.0 < at[i] < 1.0),
+            "unit": vehicle.unit(name),
+        }
+        for i, name in enumerate(FITTED)
+    }
+    zeros = {path.name: float(zero) for path, zero in zip(paths, at[k:], strict=True)}
+    return parameters, zeros, [(drive, zeros[paths[number].name]) for number, drive, *_ in rows]
+
+
+def secants(drives, vehicle):
+    """Secant stiffness of both axles as driven, over the authors'; by slip."""
+    known = dataclasses.replace(vehicle, unknown={})
+    slips, forces = {"front": [], "rear": []}, {"front": [], "rear": []}
+    for drive, zero in drives:
+        turned = known.replace(steering_offset=zero)
+        run = batch_of(turned, drive).run(
+            np.empty((1, 0)), ("vx", "vy", "yaw_rate"), speed=np.array([drive.start.speed])
+        )
+        vx, vy, rate = (run.columns[name][0] for name in ("vx", "vy", "yaw_rate"))
+        accel = np.gradient(vy, TICK) + vx * rate
+        steer = run.steering_motor_angle[0] + zero
+        lf, lr = vehicle.com_to_front_axle, vehicle.com_to_rear_axle
+        length = lf + lr
+        for axle, slip, share in (
+            ("front", steer - np.arctan2(vy + lf * rate, vx), lr / length / np.cos(steer)),
+            ("rear", -np.arctan2(vy - lr * rate, vx), lf / length),
+        ):
+            slips[axle].append(slip[LEAD:])
+            forces[axle].append((vehicle.mass * accel * share)[LEAD:])
+    found = {}
+    for axle, curve in (("front", FRONT), ("rear", REAR)):
+        slip, force = np.concatenate(slips[axle]), np.concatenate(forces[axle])
+        near = {at: np.abs(np.abs(slip) - at) < 0.003 for at in SLIPS}
+        found[axle] = {
+            f"{at:.2f}": float(np.median(force[q] / slip[q]) / (axle_force(at, *curve) / at))
+            for at, q in near.items()
+            if q.sum() > 50
+        }
+    return found
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--fit", nargs="+", default=RAMPS, metavar="NAME")
+    parser.add_argument("--predict", nargs="*", type=Path, metavar="FILE")
+    parser.add_argument("--json", action="store_true")
+    args = parser.parse_args()
+    car = load_vehicle(CAR).replace(**DRIVEN)
+    vehicle = dataclasses.replace(car, unknown={**car.unknown, **FRICTION})
+    parameters, zeros, drives = fit([args.data / f"{name}.csv.gz" for name in args.fit], vehicle)
+    fitted = vehicle.replace(
+        **{name: found["estimate"] for name, found in parameters.items()},
+        steering_offset=float(np.mean(list(zeros.values()))),
+    )
+    files = args.predict
+    if files is None:
+        files = [args.data / f"{name}.csv.gz" for name in (*RAMPS, "lap_1_0")]
+    result = {
+        "parameters": parameters,
+        "steering_zero_rad": zeros,
+        "fitted_windows": len(drives),
+        "secant_over_authors": secants(drives, fitted),
+        "predictions": {path.name: predict(path, fitted) for path in files},
+    }
+    if args.json:
+        print(json.dumps(result))
+        return
+    for name, e in result["parameters"].items():
+        shown = "" if e["shown"] else "  not shown"
+        print(
+            f"{name:27} {e['estimate']:8.4g} [{e['low']:.4g}, {e['high']:.4g}] {e['unit']}{shown}"
+        )
+    for axle, ratios in result["secant_over_authors"].items():
+        print(
+            f"secant stiffness over the authors', {axle}:",
+            *(f"{a}: {r:.2f}" for a, r in ratios.items()),
+        )
+    for name, one in result["predictions"].items():
+        for who in ("ours", "authors"):
+            cells = (
+                f"{h}: {e['position_mm']:4.0f} mm {e['heading_deg']:4.1f} deg"
+                for h, e in one[who].items()
+            )
+            print(f"{name:20} {one['windows']:4} windows  {who:8}", "   ".join(cells))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,248 @@
+"""A recording of another system as a bag, with the topics that the suite's own recorder has.
+
+Where the vehicle stands before it drives, the moment when it starts is the start event, and the
+reference is what the nominal vehicle does with the recorded commands: such a bag can be judged and
+identified from as a drive of a plan.
+"""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from parameter_identification.drives.table import Recording, SteeringMap
+from parameter_identification.drives.windows import commands_of, motion_of
+from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
+from trajectory_recorder.bag.writer import BagWriter
+from tricycle_core.joints import JOINTS
+from tricycle_core.quantities import FloatArray
+from tricycle_core.stamps import SECOND, split_seconds
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+STANDING = 0.02  # m/s
+STANDSTILL = 0.3  # s that the judge needs before a start event
+LATCHED = (OfferedQos(durability="transient_local", depth=1),)
+KINDS = {
+    "/odom": "nav_msgs/msg/Odometry",
+    "/imu": "sensor_msgs/msg/Imu",
+    "/joint_states": "sensor_msgs/msg/JointState",
+    "/maneuver/reference": "nav_msgs/msg/Path",
+    "/maneuver/commands": "trajectory_msgs/msg/JointTrajectory",
+    "/maneuver/state": "diagnostic_msgs/msg/DiagnosticStatus",
+}
+Row = tuple[int, str, Any]  # stamp [ns], topic, message
+
+
+def write_bag(
+    recording: Recording, vehicle: Vehicle, steering: SteeringMap, output: Path
+) -> float | None:
+    """Write a recording as a bag (MCAP); return the time of its start event [s].
+
+    Parameters
+    ----------
+    recording : Recording
+        From `read_recording`.
+    vehicle : Vehicle
+        That drove; its nominal values give the reference.
+    steering : SteeringMap
+        From the recording's steering to the angle of the steering motor.
+    output : Path
+        Directory to create.
+
+    Returns
+    -------
+    float or None
+        None where the vehicle does not stand for 0.3 s before it drives: the bag has no start event
+        then, no commands and no reference.
+
+    Raises
+    ------
+    BagError
+        If the output exists.
+    CommandsError
+        If the commands are beyond what the model takes.
+    """
+    rows = list(_sensed(recording))
+    start = _start(recording)
+    if start is not None:
+        rows += _driven(recording, vehicle, steering, start)
+    rows.sort(key=lambda row: row[0])
+    names = [name for name in KINDS if any(row[1] == name for row in rows)]
+    with BagWriter(output, metadata={"imported_from": recording.name}) as bag:
+        ids = {
+            name: bag.add_topic(
+                Topic.of_type(name, KINDS[name], qos=LATCHED if "maneuver" in name else ())
+            )
+            for name in names
+        }
+        for stamp, name, message in rows:
+            bag.write(ids[name], stamp, bytes(jazzy().serialize_cdr(message, KINDS[name])))
+    return start
+
+
+def _start(recording: Recording) -> float | None:
+    """Time at which the vehicle leaves its first standstill [s]; None where there is none."""
+    motion = motion_of(recording)
+    speed = np.abs(motion.speed)
+    first = int(np.argmax(speed > 0.1))
+    standing = np.flatnonzero(speed[:first] < STANDING)
+    if not len(standing) or motion.time[standing[-1]] - motion.time[0] < STANDSTILL:
+        return None
+    return float(motion.time[standing[-1]])
+
+
+def _sensed(recording: Recording) -> Iterator[Row]:
+    yaw = recording.yaw if recording.yaw is not None else np.zeros(len(recording.time))
+    for time, x, y, heading in zip(recording.time, recording.x, recording.y, yaw, strict=True):
+        stamp = _stamp(recording, time)
+        yield stamp, "/odom", _odometry(stamp, x, y, heading if recording.yaw is not None else None)
+    more = recording.more
+    if "yaw_rate" in more:
+        rates = more["yaw_rate"]
+        ahead, left = (
+            more[name].at(rates.time) if name in more else np.zeros(len(rates.time))
+            for name in ("acceleration_x", "acceleration_y")
+        )
+        for time, rate, ax, ay in zip(rates.time, rates.values, ahead, left, strict=True):
+            stamp = _stamp(recording, time)
+            yield stamp, "/imu", _imu(stamp, rate, ax, ay)
+    if "wheel_speed" in more:
+        speeds = more["wheel_speed"]
+        for time, speed in zip(speeds.time, speeds.values, strict=True):
+            stamp = _stamp(recording, time)
+            yield (
+                stamp,
+                "/joint_states",
+                _message(
+                    "sensor_msgs/msg/JointState",
+                    header=_header(stamp),
+                    name=list(JOINTS),
+                    position=np.full(2, math.nan),
+                    velocity=np.array([math.nan, speed]),
+                    effort=np.zeros(0),
+                ),
+            )
+
+
+def _driven(
+    recording: Recording, vehicle: Vehicle, steering: SteeringMap, start: float
+) -> Iterator[Row]:
+    """Commands, reference and start event."""
+    commands = commands_of(recording, vehicle, steering, start)
+    nominal = simulate(vehicle, commands, vehicle.nominal_point()[np.newaxis], threads=1)
+    first, at = _stamp(recording, recording.time[0]), _stamp(recording, start)
+    poses = [
+        _message("geometry_msgs/msg/PoseStamped", header=_header(round(t * 1e9)), pose=_pose(*p))
+        for t, *p in zip(nominal.time, nominal.x[0], nominal.y[0], nominal.yaw[0], strict=True)
+    ]
+    yield (
+        first,
+        "/maneuver/reference",
+        _message("nav_msgs/msg/Path", header=_header(first), poses=poses),
+    )
+    yield first, "/maneuver/commands", _trajectory(first, commands, vehicle.driven_radius)
+    for stamp, state in ((at, "running"), (at + round(commands.duration * 1e9), "done")):
+        values = {
+            "state": state,
+            "plan_id": "imported",
+            "start_time": f"{at // SECOND}.{at % SECOND:09d}",
+            "duration": f"{commands.duration:.3f}",
+        }
+        pair = "diagnostic_msgs/msg/KeyValue"
+        yield (
+            stamp,
+            "/maneuver/state",
+            _message(
+                "diagnostic_msgs/msg/DiagnosticStatus",
+                level=0,
+                name="tricycle import: maneuver",
+                message=state,
+                hardware_id="",
+                values=[_message(pair, key=key, value=value) for key, value in values.items()],
+            ),
+        )
+
+
+def _stamp(recording: Recording, time: float) -> int:
+    return round(recording.start * 1e9) + round(time * 1e9)
+
+
+def _message(kind: str, /, **entries: Any) -> Any:
+    return jazzy().types[kind](**entries)
+
+
+def _header(stamp: int, frame: str = "odom") -> Any:
+    time = _message("builtin_interfaces/msg/Time", sec=stamp // SECOND, nanosec=stamp % SECOND)
+    return _message("std_msgs/msg/Header", stamp=time, frame_id=frame)
+
+
+def _vector(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Any:
+    return _message("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
+
+
+def _pose(x: float, y: float, heading: float | None) -> Any:
+    """Pose; the quaternion is zero, which is none, where there is no heading."""
+    half = 0.0 if heading is None else 0.5 * float(heading)
+    z, w = (0.0, 0.0) if heading is None else (math.sin(half), math.cos(half))
+    return _message(
+        "geometry_msgs/msg/Pose",
+        position=_message("geometry_msgs/msg/Point", x=float(x), y=float(y), z=0.0),
+        orientation=_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=z, w=w),
+    )
+
+
+def _odometry(stamp: int, x: float, y: float, heading: float | None) -> Any:
+    nothing: FloatArray = np.zeros(36)
+    twist = _message("geometry_msgs/msg/Twist", linear=_vector(), angular=_vector())
+    pose = _pose(x, y, heading)
+    return _message(
+        KINDS["/odom"],
+        header=_header(stamp),
+        child_frame_id="base_link",
+        pose=_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=nothing),
+        twist=_message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=nothing),
+    )
+
+
+def _imu(stamp: int, rate: float, ahead: float, left: float) -> Any:
+    unknown = np.array([-1.0, *[0.0] * 8])  # the message's way to say that there is none
+    return _message(
+        KINDS["/imu"],
+        header=_header(stamp, "base_link"),
+        orientation=_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
+        orientation_covariance=unknown,
+        angular_velocity=_vector(z=rate),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=_vector(ahead, left),
+        linear_acceleration_covariance=np.zeros(9),
+    )
+
+
+def _trajectory(stamp: int, commands: Commands, radius: float) -> Any:
+    points = []
+    for time, angle, speed in zip(
+        commands.time, commands.steering_motor_angle, commands.speed, strict=True
+    ):
+        sec, nanosec = split_seconds(float(time))
+        points.append(
+            _message(
+                "trajectory_msgs/msg/JointTrajectoryPoint",
+                positions=np.array([angle, 0.0]),
+                velocities=np.array([0.0, speed / radius]),
+                accelerations=np.zeros(0),
+                effort=np.zeros(0),
+                time_from_start=_message(
+                    "builtin_interfaces/msg/Duration", sec=sec, nanosec=nanosec
+                ),
+            )
+        )
+    return _message(
+        KINDS["/maneuver/commands"],
+        header=_header(stamp, "imported"),
+        joint_names=list(JOINTS),
+        points=points,
+    )

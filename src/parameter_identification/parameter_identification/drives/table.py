@@ -1,0 +1,436 @@
+"""Recordings of other systems: a table of numbers (CSV), and a mapping that says what is what.
+
+`load_columns` reads the mapping, `read_recording` the table by it. What comes out is in SI units,
+on one clock, without repeated or missing samples; `drives.windows` makes drives of it.
+"""
+
+import csv
+import difflib
+import gzip
+import io
+import math
+import reprlib
+import zlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tricycle_core.documents import check_texts, decode, parse_yaml, read_bounded
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+
+MAX_BYTES = 256_000_000  # of a table, unpacked: an hour at 100 Hz has a fifth
+MAX_MAPPING = 100_000
+G = 9.80665  # m/s^2, the unit
+
+_TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+_ANGLE = {"rad": 1.0, "deg": math.pi / 180.0}
+_RATE = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0}
+_SPEED = {"m/s": 1.0, "km/h": 1.0 / 3.6}
+_ACCELERATION = {"m/s^2": 1.0, "g": G}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "time": _TIME,
+    "x": _LENGTH,
+    "y": _LENGTH,
+    "yaw": _ANGLE,
+    "steering": {**_ANGLE, "1": 1.0},
+    "speed_command": _SPEED,
+    "wheel_speed": _RATE,
+    "yaw_rate": _RATE,
+    "acceleration_x": _ACCELERATION,
+    "acceleration_y": _ACCELERATION,
+}
+"""Units that an entry may have; the first one is meant where none is given."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity is in a table.
+
+    Attributes
+    ----------
+    column : str
+        Its heading.
+    unit : str
+        One of `UNITS`; by default the first.
+    clock : str
+        Heading of the column with the times of its samples [s], where they have a clock of their
+        own; a row where it does not change repeats the last sample.
+    """
+
+    column: str
+    unit: str = ""
+    clock: str = ""
+
+
+@dataclass(frozen=True)
+class SteeringMap:
+    """Angle of the steering motor for a command c: gain c, or limit tanh(gain c / limit), + offset.
+
+    Attributes
+    ----------
+    gain : float
+        Slope at command 0 [rad per unit of the command].
+    limit : float
+        Angle that the command approaches [rad]; infinite: a straight line.
+    gain_right, limit_right : float, optional
+        To the right, where they differ.
+    offset : float
+        Angle at command 0 beyond the vehicle's own [rad].
+
+    Raises
+    ------
+    IdentificationError
+        If a gain is 0 or a limit is not positive.
+    """
+
+    gain: float = 1.0
+    limit: float = math.inf
+    gain_right: float | None = None
+    limit_right: float | None = None
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        gains, limits = (self.gain, self.gain_right), (self.limit, self.limit_right)
+        if 0.0 in gains or any(limit is not None and not limit > 0.0 for limit in limits):
+            raise IdentificationError("steering_map: needs a gain other than 0, a limit above 0")
+
+    def angle(self, command: FloatArray) -> FloatArray:
+        """Return the angles (m,) [rad] of commands (m,).
+
+        Parameters
+        ----------
+        command : ndarray of float, shape (m,)
+            In the unit of the table.
+        """
+        right = self.gain * command < 0.0
+        straight: FloatArray = command * np.where(right, self.gain_right or self.gain, self.gain)
+        limit = np.where(right, self.limit_right or self.limit, self.limit)
+        with np.errstate(invalid="ignore"):
+            bent: FloatArray = limit * np.tanh(straight / limit)
+        return np.where(np.isinf(limit), straight, bent) + self.offset
+
+
+@dataclass(frozen=True)
+class SensorPlace:
+    """Where on the body the pose is measured: of the point in front and left of the COM.
+
+    Attributes
+    ----------
+    x, y : float
+        Forward and to the left [m].
+    yaw : float
+        Of the sensor's axis, to the left [rad].
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What is what in a table.
+
+    Attributes
+    ----------
+    time, x, y, steering : str or Column
+        Headings; the others of this kind are optional.
+    yaw, yaw_rate, wheel_speed, speed_command, acceleration_x, acceleration_y : str or Column
+        Wheel speed of the driven wheels. Without a speed command the speed is that of the pose.
+    steering_map : SteeringMap or str
+        From the column to the steering motor's angle; the angle itself by default. "estimate": gain
+        and offset, from the recording.
+    sensor : SensorPlace
+        Where the pose is measured.
+    """
+
+    time: str | Column
+    x: str | Column
+    y: str | Column
+    steering: str | Column
+    yaw: str | Column | None = None
+    yaw_rate: str | Column | None = None
+    wheel_speed: str | Column | None = None
+    speed_command: str | Column | None = None
+    acceleration_x: str | Column | None = None
+    acceleration_y: str | Column | None = None
+    steering_map: SteeringMap | str = field(default_factory=SteeringMap)
+    sensor: SensorPlace = field(default_factory=SensorPlace)
+
+    def column(self, name: str) -> Column | None:
+        """Return where a quantity is, with its unit; None where the table has none.
+
+        Parameters
+        ----------
+        name : str
+            One of `UNITS`.
+        """
+        entry = getattr(self, name)
+        if entry is None:
+            return None
+        column = entry if isinstance(entry, Column) else Column(entry)
+        return Column(column.column, column.unit or next(iter(UNITS[name])), column.clock)
+
+
+def load_columns(path: Path) -> Columns:
+    """Read a mapping (YAML).
+
+    Parameters
+    ----------
+    path : Path
+        File.
+
+    Raises
+    ------
+    IdentificationError
+        Naming the entry that is missing, unknown or wrong, and what would be right.
+    OSError
+        If the file cannot be read.
+    """
+    content = read_bounded(path, MAX_MAPPING, "a mapping of columns", IdentificationError)
+    values = parse_yaml(content, str(path), IdentificationError)
+    names = [entry.name for entry in fields(Columns)]
+    if not isinstance(values, dict):
+        raise IdentificationError(f"{path}: needs entries such as `time: HEADING`")
+    check_texts({str(k): v for k, v in values.items()}, str(path), IdentificationError)
+    for name, kind in ((None, Columns), ("steering_map", SteeringMap), ("sensor", SensorPlace)):
+        part = values if name is None else values.get(name)
+        known = [entry.name for entry in fields(kind)]
+        _refuse_unknown(part, known, f"{path}" if name is None else f"{path}: {name}")
+    for name in UNITS:
+        _refuse_unknown(values.get(name), ["column", "unit", "clock"], f"{path}: {name}")
+    if isinstance(values.get("steering_map", {}), str) and values["steering_map"] != "estimate":
+        raise IdentificationError(f"{path}: steering_map: needs `estimate`, or gain and limit")
+    columns = decode(Columns, values, str(path), IdentificationError)
+    for name in names:
+        column = columns.column(name) if name in UNITS else None
+        if column is not None and column.unit not in UNITS[name]:
+            raise IdentificationError(
+                f"{path}: {name}: unit {column.unit!r} is not known; use one of "
+                f"{', '.join(UNITS[name])}"
+            )
+    return columns
+
+
+def _refuse_unknown(part: object, known: list[str], where: str) -> None:
+    for name in part if isinstance(part, dict) else ():
+        if name not in known:
+            near = difflib.get_close_matches(str(name), known, 1)
+            hint = f"is {near[0]} meant?" if near else f"there are: {', '.join(known)}"
+            raise IdentificationError(f"{where}: {name!r} is no entry; {hint}")
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of one quantity.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (m,)
+        Of the recording [s], strictly increasing.
+    values : ndarray of float, shape (m,)
+        In SI units.
+    """
+
+    time: FloatArray
+    values: FloatArray
+
+    def at(self, time: FloatArray, *, held: bool = False) -> FloatArray:
+        """Return the values at other times, linearly or each held until the next.
+
+        Parameters
+        ----------
+        time : ndarray of float, shape (t,)
+            Of the recording [s].
+        held : bool
+            A command holds until the next one.
+        """
+        if not held:
+            return np.interp(time, self.time, self.values)
+        return self.values[np.maximum(np.searchsorted(self.time, time, side="right") - 1, 0)]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A table in SI units on one clock that starts at 0.
+
+    Attributes
+    ----------
+    name : str
+        Of the file.
+    start : float
+        Time of its clock at 0 [s].
+    time, x, y : ndarray of float, shape (m,)
+        Positions of the COM [s, m, m].
+    yaw : ndarray of float, shape (m,), or None
+        Continuous, left positive [rad].
+    steering : Samples
+        Command or angle, by the mapping's unit.
+    more : mapping of str to Samples
+        The other quantities by the name of their entry.
+    """
+
+    name: str
+    start: float
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    yaw: FloatArray | None
+    steering: Samples
+    more: Mapping[str, Samples]
+
+    @property
+    def poses(self) -> FloatArray:
+        """Columns x, y and, where there is one, yaw, shape (m, 2 or 3)."""
+        return np.column_stack([self.x, self.y, *([] if self.yaw is None else [self.yaw])])
+
+
+def read_recording(path: Path, columns: Columns) -> Recording:
+    """Read a table of numbers.
+
+    Empty cells and `nan` are missing samples, which are left out; so are rows with the time of the
+    row before.
+
+    Parameters
+    ----------
+    path : Path
+        ``.csv`` or ``.csv.gz`` with a header.
+    columns : Columns
+        What is what.
+
+    Raises
+    ------
+    IdentificationError
+        Naming file, row (the first one below the header is 1) and column of what is wrong.
+    OSError
+        If the file cannot be read.
+    """
+    wanted = {name: columns.column(name) for name in UNITS}
+    found = {name: column for name, column in wanted.items() if column is not None}
+    headings = {c.column for c in found.values()} | {c.clock for c in found.values() if c.clock}
+    table = _read_table(path, headings)
+    si = {name: table[c.column] * UNITS[name][c.unit] for name, c in found.items()}
+    clock = si.pop("time")
+    rows = _new_times(clock, f"{path}: {found['time'].column}")
+    start = float(clock[rows[0]])
+    time = clock[rows] - start
+    pose = np.column_stack([si.pop(name)[rows] for name in ("x", "y", "yaw") if name in si])
+    there = np.isfinite(pose).all(axis=1)
+    if np.count_nonzero(there) < 2:
+        raise IdentificationError(
+            f"{path}: no two rows have {', '.join(('x', 'y', 'yaw')[: pose.shape[1]])}"
+        )
+    pose = _pose_of_com(pose[there], columns.sensor, str(path))
+    samples = {}
+    for name, values in si.items():
+        own = found[name].clock
+        if own:
+            samples[name] = _on_the_clock(values[rows], table[own][rows], time, f"{path}: {own}")
+        else:
+            kept = np.isfinite(values[rows])
+            samples[name] = Samples(time[kept], values[rows][kept])
+        if not len(samples[name].time):
+            raise IdentificationError(f"{path}: {found[name].column}: holds no number")
+    return Recording(
+        name=path.name,
+        start=start,
+        time=time[there],
+        x=pose[:, 0],
+        y=pose[:, 1],
+        yaw=pose[:, 2] if pose.shape[1] > 2 else None,
+        steering=samples.pop("steering"),
+        more=samples,
+    )
+
+
+def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
+    """Columns (rows,) of these headings; NaN where a cell is empty."""
+    text = io.StringIO(_text(path), newline="")
+    first = text.readline()
+    separator = max(",;\t", key=first.count)
+    text.seek(0)
+    try:
+        lines = [line for line in csv.reader(text, delimiter=separator) if line]
+    except csv.Error as error:
+        raise IdentificationError(f"{path}: is not a CSV file: {error}") from error
+    header = [cell.strip() for cell in lines[0]] if lines else []
+    for heading in sorted(headings):
+        if header.count(heading) != 1:
+            what = "comes twice" if heading in header else "is missing"
+            raise IdentificationError(
+                f"{path}: column {heading!r} {what}; there are: {reprlib.repr(header)}"
+            )
+    at = {heading: header.index(heading) for heading in headings}
+    table = {heading: np.empty(len(lines) - 1) for heading in headings}
+    for row, line in enumerate(lines[1:], start=1):
+        if len(line) != len(header):
+            raise IdentificationError(
+                f"{path}: row {row}: has {len(line)} cells, the header {len(header)}"
+            )
+        for heading, place in at.items():
+            cell = line[place].strip()
+            try:
+                table[heading][row - 1] = float(cell) if cell else math.nan
+            except ValueError:
+                raise IdentificationError(
+                    f"{path}: row {row}: {heading}: needs a number, not {reprlib.repr(cell)}"
+                ) from None
+    return table
+
+
+def _text(path: Path) -> str:
+    content = read_bounded(path, MAX_BYTES, "a table of a drive", IdentificationError)
+    try:
+        if path.suffix == ".gz":
+            with gzip.open(io.BytesIO(content)) as packed:
+                content = packed.read(MAX_BYTES + 1)
+            if len(content) > MAX_BYTES:
+                raise IdentificationError(f"{path}: unpacks to more than {MAX_BYTES} bytes")
+        return content.decode("utf-8-sig")
+    except (OSError, EOFError, zlib.error) as error:
+        raise IdentificationError(f"{path}: is not a gzip file: {error}") from error
+    except UnicodeDecodeError as error:
+        raise IdentificationError(f"{path}: is not a CSV file in UTF-8") from error
+
+
+def _new_times(clock: FloatArray, where: str) -> NDArray[np.int64]:
+    """Rows whose time is there and not that of the row before."""
+    rows = np.flatnonzero(np.isfinite(clock))
+    steps = np.diff(clock[rows])
+    if len(back := np.flatnonzero(steps < 0.0)):
+        row = rows[back[0] + 1]
+        raise IdentificationError(
+            f"{where}: goes back by {-steps[back[0]]:.3g} s at row {row + 1}; times must increase"
+        )
+    rows = rows[np.append(True, steps > 0.0)] if len(rows) else rows
+    if len(rows) < 2:
+        raise IdentificationError(f"{where}: needs two different times or more")
+    return rows
+
+
+def _on_the_clock(values: FloatArray, own: FloatArray, time: FloatArray, where: str) -> Samples:
+    """Samples with a clock of their own, shifted by the median difference of both clocks."""
+    rows = _new_times(own, where)
+    rows = rows[np.isfinite(values[rows])]
+    if not len(rows):
+        return Samples(time[:0], values[:0])
+    shift = float(np.median(time[rows] - own[rows]))
+    return Samples(own[rows] + shift, values[rows])
+
+
+def _pose_of_com(pose: FloatArray, sensor: SensorPlace, where: str) -> FloatArray:
+    """Poses of the COM (m, 2 or 3) from those of the sensor."""
+    if pose.shape[1] == 2:
+        if (sensor.x, sensor.y, sensor.yaw) != (0.0, 0.0, 0.0):
+            raise IdentificationError(f"{where}: sensor: needs the column yaw too")
+        return pose
+    yaw = np.unwrap(pose[:, 2]) - sensor.yaw
+    c, s = np.cos(yaw), np.sin(yaw)
+    x = pose[:, 0] - (c * sensor.x - s * sensor.y)
+    y = pose[:, 1] - (s * sensor.x + c * sensor.y)
+    return np.column_stack([x, y, yaw])

@@ -1,0 +1,457 @@
+"""Drives out of a long recording that has no plan: windows, each with its own start state.
+
+A window begins while the vehicle moves. The model therefore drives a run-in before it, with the
+commands of that time, so that steering, tyres and yaw rate are those of the moment when the window
+begins. Where the recording has no speed command, the model is given set-points with which its
+nominal vehicle has the speed of the measured pose.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import cont2discrete, lfilter, savgol_filter
+
+from parameter_identification.drives.measured import (
+    STAMP_JITTER,
+    MeasuredDrive,
+    Sensor,
+    Signal,
+    StartPose,
+)
+from parameter_identification.drives.table import (
+    Columns,
+    Recording,
+    Samples,
+    SteeringMap,
+    read_recording,
+)
+from tricycle_bridge.protocol.limits import MAX_SPEED, STEERING_END_STOP
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.kernel import functions_for
+from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.wheels import AXLES
+
+RUN_IN = 1.0  # s before a window: some time constants of servo and tyres
+MAX_GAP = 0.2  # s between poses
+JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
+FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
+FOLLOWING = 6  # iterations after which the model has the measured speed
+QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
+SLOWEST = 0.3  # m/s from which a turn shows the steering angle
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Which windows to take.
+
+    Attributes
+    ----------
+    length : float
+        Of a window [s].
+    every : float
+        Grid of their beginnings [s].
+    above : float
+        Speed that the vehicle has at a beginning [m/s].
+    overlapping : bool
+        Windows for predictions, which may share samples and end at rest. An identification counts a
+        sample once, and needs motion: its windows are faster than `above` all through.
+
+    Raises
+    ------
+    IdentificationError
+        If a number is not positive.
+    """
+
+    length: float = 2.0
+    every: float = 0.5
+    above: float = 0.4
+    overlapping: bool = False
+
+    def __post_init__(self) -> None:
+        if not (0 < self.length < math.inf and 0 < self.every < math.inf and self.above > 0):
+            raise IdentificationError("windows: length, every and above must be positive")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A recording on ticks of 10 ms.
+
+    Attributes
+    ----------
+    time, x, y, speed : ndarray of float, shape (t,)
+        Of the recording [s], position [m], forward speed of the COM [m/s].
+    yaw, yaw_rate : ndarray of float, shape (t,)
+        Of the body; of the course where the recording has no yaw [rad, rad/s].
+    """
+
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    speed: FloatArray
+    yaw: FloatArray
+    yaw_rate: FloatArray
+
+
+def motion_of(recording: Recording) -> Motion:
+    """Return smoothed position, speed and yaw rate of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        With at least 0.2 s of poses.
+
+    Raises
+    ------
+    IdentificationError
+        If it is shorter.
+    """
+    time = np.arange(recording.time[0], recording.time[-1], TICK)
+    if len(time) < FILTER[0]:
+        raise IdentificationError(f"{recording.name}: less than 0.2 s of poses: nothing to drive")
+    x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
+    vx, vy = (savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y))
+    if recording.yaw is None:
+        yaw = np.unwrap(np.arctan2(vy, vx))
+    else:
+        yaw = np.interp(time, recording.time, recording.yaw)
+    return Motion(
+        time=time,
+        x=savgol_filter(x, *FILTER),
+        y=savgol_filter(y, *FILTER),
+        speed=vx * np.cos(yaw) + vy * np.sin(yaw),
+        yaw=savgol_filter(yaw, *FILTER),
+        yaw_rate=savgol_filter(yaw, *FILTER, deriv=1, delta=TICK),
+    )
+
+
+def estimate_map(recording: Recording, vehicle: Vehicle) -> SteeringMap:
+    """Return gain and offset of the steering command, from turns of little lateral acceleration.
+
+    Parameters
+    ----------
+    recording : Recording
+        With commands that vary.
+    vehicle : Vehicle
+        Its wheelbase, tyres and servo are used.
+
+    Raises
+    ------
+    IdentificationError
+        If the recording has too few such turns, or the command does not vary.
+    """
+    motion = motion_of(recording)
+    slow = _quiet(recording, motion)
+    command = _lagged(recording.steering.at(motion.time, held=True), vehicle)[slow]
+    if np.ptp(command) < 1e-9:
+        raise IdentificationError(
+            f"{recording.name}: the steering command is always the same: give the map's gain"
+        )
+    angle = turned_angle(motion, vehicle)[slow]
+    weights = np.ones(len(angle))
+    for _ in range(20):  # absolute errors instead of squared ones: poses jump
+        gain, offset = np.polyfit(command, angle, 1, w=weights)
+        error = np.abs(angle - gain * command - offset)
+        weights = 1.0 / np.sqrt(np.maximum(error, np.median(error)) + 1e-9)
+    return SteeringMap(gain=float(gain), offset=float(offset))
+
+
+def steering_of(recording: Recording, vehicle: Vehicle, columns: Columns) -> SteeringMap:
+    """Return the map of a mapping, estimated from the recording where that is asked for.
+
+    Parameters
+    ----------
+    recording : Recording
+        Read by the mapping.
+    vehicle : Vehicle
+        That drove.
+    columns : Columns
+        The mapping.
+
+    Raises
+    ------
+    IdentificationError
+        If it cannot be estimated.
+    """
+    if isinstance(columns.steering_map, SteeringMap):
+        return columns.steering_map
+    return estimate_map(recording, vehicle)
+
+
+def estimate_offset(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> SteeringMap:
+    """Return the map with the offset of the recording, from turns of little lateral acceleration.
+
+    Parameters
+    ----------
+    recording : Recording
+        Which the offset is for.
+    vehicle : Vehicle
+        Its wheelbase, tyres and servo are used.
+    steering : SteeringMap
+        Map whose offset is replaced.
+
+    Raises
+    ------
+    IdentificationError
+        If the recording has too few such turns.
+    """
+    motion = motion_of(recording)
+    error = steering_error(recording, vehicle, steering)[_quiet(recording, motion)]
+    return dataclasses.replace(steering, offset=steering.offset + float(np.median(error)))
+
+
+def steering_error(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> FloatArray:
+    """Return by how much further to the left than by its map the vehicle turns, at each tick [rad].
+
+    Parameters
+    ----------
+    recording : Recording
+        What was driven.
+    vehicle : Vehicle
+        Its wheelbase, tyres and servo are used.
+    steering : SteeringMap
+        From the recording's steering to the angle of the steering motor.
+    """
+    motion = motion_of(recording)
+    angle = steering.angle(recording.steering.at(motion.time, held=True))
+    error: FloatArray = turned_angle(motion, vehicle) - _lagged(angle, vehicle)
+    return error
+
+
+def turned_angle(motion: Motion, vehicle: Vehicle) -> FloatArray:
+    """Return the angle of the steering motor that a steady turn shows, at each tick [rad].
+
+    Wheels that point along the path, and what the tyres add (understeer gradient).
+
+    Parameters
+    ----------
+    motion : Motion
+        What was driven.
+    vehicle : Vehicle
+        Its linkage, tyres and wheelbase are used.
+    """
+    stiffness = dict.fromkeys(AXLES, 0.0)
+    for wheel in vehicle.wheels:
+        stiffness[wheel.axle] += vehicle.of(wheel).cornering_stiffness
+    front, rear = (stiffness[axle] * abs(vehicle.axle_x(axle)) for axle in AXLES)
+    gradient = vehicle.mass / vehicle.wheelbase * (rear - front)
+    gradient /= stiffness["front"] * stiffness["rear"]
+    speed = np.maximum(motion.speed, SLOWEST)
+    rolling = np.arctan(vehicle.wheelbase * motion.yaw_rate / speed)
+    constants, road_angle = steering_constants(vehicle, TICK), functions_for(vehicle).road_angle
+    motor = np.linspace(-vehicle.steering_limit, vehicle.steering_limit, 201)
+    road = [road_angle(angle, constants) for angle in motor]
+    return np.interp(rolling + gradient * speed * motion.yaw_rate, road, motor)
+
+
+def _quiet(recording: Recording, motion: Motion) -> NDArray[np.bool_]:
+    """Ticks at which the vehicle moves with little lateral acceleration."""
+    quiet: NDArray[np.bool_] = motion.speed > SLOWEST
+    quiet &= np.abs(motion.speed * motion.yaw_rate) < QUIET
+    if np.count_nonzero(quiet) < 2.0 / TICK:
+        raise IdentificationError(
+            f"{recording.name}: the steering map cannot be estimated: less than 2 s at more than "
+            f"{SLOWEST:g} m/s with a lateral acceleration below {QUIET:g} m/s^2; give it"
+        )
+    return quiet
+
+
+def _lagged(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Steering angles or commands (t,) as the servo follows them, without its slew."""
+    w, z = vehicle.servo_natural_frequency, vehicle.servo_damping_ratio
+    servo = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), TICK)
+    lagged: FloatArray = angle[0] + lfilter(servo[0][0], servo[1], angle - angle[0])
+    return lagged
+
+
+def read_windows(
+    path: Path, vehicle: Vehicle, columns: Columns, windows: Windows | None = None
+) -> list[MeasuredDrive]:
+    """Read the windows of a table of numbers as drives.
+
+    Parameters
+    ----------
+    path : Path
+        ``.csv`` or ``.csv.gz`` with a header.
+    vehicle : Vehicle
+        That drove.
+    columns : Columns
+        What is what.
+    windows : Windows, optional
+        Which.
+
+    Raises
+    ------
+    IdentificationError
+        If the table is wrong, naming row and column, or has no such window.
+    OSError
+        If it cannot be read.
+    """
+    recording = read_recording(path, columns)
+    return windows_of(recording, vehicle, steering_of(recording, vehicle, columns), windows)
+
+
+def windows_of(
+    recording: Recording,
+    vehicle: Vehicle,
+    steering: SteeringMap,
+    windows: Windows | None = None,
+) -> list[MeasuredDrive]:
+    """Return the windows of a recording as drives.
+
+    Their times begin with the run-in; the signals are those of the window. Windows with a gap in
+    the poses, a jump of them or commands beyond what the model takes are left out.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `read_recording`.
+    vehicle : Vehicle
+        That drove.
+    steering : SteeringMap
+        From the recording's steering to the angle of the steering motor.
+    windows : Windows, optional
+        Which.
+
+    Raises
+    ------
+    IdentificationError
+        If there is none.
+    """
+    windows = windows or Windows()
+    motion = motion_of(recording)
+    angle = steering.angle(recording.steering.at(motion.time, held=True))
+    found = []
+    for first in _beginnings(recording, motion, windows):
+        rows = slice(first - round(RUN_IN / TICK), first + round(windows.length / TICK) + 1)
+        if np.abs(angle[rows]).max() <= STEERING_END_STOP:
+            found.append(_drive(recording, vehicle, motion, angle, rows))
+    if not found:
+        raise IdentificationError(
+            f"{recording.name}: no window of {windows.length:g} s begins {RUN_IN:g} s after the "
+            f"first pose or later, at more than {windows.above:g} m/s, without a gap or jump of "
+            "the poses: choose a shorter length or a lower speed"
+        )
+    return found
+
+
+def _beginnings(recording: Recording, motion: Motion, windows: Windows) -> Iterator[int]:
+    """Ticks at which windows begin."""
+    lead, length = round(RUN_IN / TICK), round(windows.length / TICK)
+    gaps = np.diff(recording.time) > MAX_GAP
+    lost = np.zeros(len(motion.time), dtype=bool)
+    for begin, end in zip(recording.time[:-1][gaps], recording.time[1:][gaps], strict=True):
+        lost |= (motion.time > begin) & (motion.time < end)
+    lost |= np.abs(np.gradient(motion.speed, TICK)) > JUMP
+    unusable = np.append(0, np.cumsum(lost | (np.abs(motion.speed) > MAX_SPEED)))
+    step, free = max(1, round(windows.every / TICK)), 0
+    for first in range(0, len(motion.time) - length, step):
+        last = first + (0 if windows.overlapping else length)
+        if first < max(lead, free) or not motion.speed[first : last + 1].min() > windows.above:
+            continue
+        if unusable[first + length + 1] == unusable[first - lead]:
+            yield first
+            free = 0 if windows.overlapping else first + length + 1
+
+
+def _drive(
+    recording: Recording, vehicle: Vehicle, motion: Motion, angle: FloatArray, rows: slice
+) -> MeasuredDrive:
+    time = motion.time[rows]
+    start, begin = time[0], time[round(RUN_IN / TICK)]
+    speed = motion.speed[rows]
+    commands = _commands(recording, vehicle, motion, angle, rows)
+    inside = (recording.time >= begin) & (recording.time <= time[-1])
+    at = recording.time[inside] - start
+    poses = recording.poses[inside]
+    signals = {Sensor.POSITION: Signal(at, poses[:, :2])}
+    if recording.yaw is not None:
+        signals[Sensor.HEADING] = Signal(at, poses[:, 2:])
+    for name, sensor in (("yaw_rate", Sensor.YAW_RATE), ("wheel_speed", Sensor.WHEEL_SPEED)):
+        if name in recording.more:
+            signals[sensor] = _signal(recording.more[name], sensor, begin, time[-1], start)
+    name = recording.name.removesuffix(".gz").removesuffix(".csv")
+    return MeasuredDrive(
+        f"{name} {begin:.1f} s", commands, signals, StartPose(speed=float(speed[0]))
+    )
+
+
+def commands_of(
+    recording: Recording, vehicle: Vehicle, steering: SteeringMap, start: float
+) -> Commands:
+    """Return the commands of a recording from a time on to its end.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `read_recording`.
+    vehicle : Vehicle
+        That drove.
+    steering : SteeringMap
+        From the recording's steering to the angle of the steering motor.
+    start : float
+        When they begin [s].
+
+    Raises
+    ------
+    CommandsError
+        If they are beyond what the model takes.
+    """
+    motion = motion_of(recording)
+    angle = steering.angle(recording.steering.at(motion.time, held=True))
+    rows = slice(int(np.searchsorted(motion.time, start)), len(motion.time))
+    return _commands(recording, vehicle, motion, angle, rows)
+
+
+def _commands(
+    recording: Recording, vehicle: Vehicle, motion: Motion, angle: FloatArray, rows: slice
+) -> Commands:
+    """Commands on ticks, timed from the first of the rows."""
+    if "speed_command" not in recording.more:
+        return follow(vehicle, angle[rows], motion.speed[rows])
+    time = motion.time[rows]
+    speed = recording.more["speed_command"].at(time, held=True)
+    return Commands(np.arange(len(time)) * TICK, angle[rows], speed)
+
+
+def _signal(samples: Samples, sensor: Sensor, begin: float, end: float, start: float) -> Signal:
+    inside = (samples.time >= begin) & (samples.time <= end)
+    return Signal(
+        samples.time[inside] - start, samples.values[inside][:, np.newaxis], STAMP_JITTER[sensor]
+    )
+
+
+def follow(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Commands:
+    """Return commands with which the nominal vehicle has a speed, as far as it can.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its speed loop.
+    angle, speed : ndarray of float, shape (t,)
+        Of the steering motor [rad] and forward, of the COM [m/s], at each tick.
+    """
+    nominal = dataclasses.replace(vehicle, unknown={})
+    time = np.arange(len(speed)) * TICK
+    wanted = speed.copy()
+    for _ in range(FOLLOWING):
+        commands = Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
+        motion = simulate(nominal, commands, speed=speed[0], setpoint=speed[0], threads=1)
+        error = speed - np.append(motion.vx[0], motion.vx[0, -1])[: len(speed)]
+        wanted = wanted + error + _ahead(error)
+    return Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
+
+
+def _ahead(error: FloatArray) -> FloatArray:
+    """What a loop that lags by some 0.2 s has to be told besides the error."""
+    rise: FloatArray = 0.2 * np.gradient(savgol_filter(error, *FILTER), TICK)
+    return rise

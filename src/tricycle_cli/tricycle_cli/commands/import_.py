@@ -1,0 +1,61 @@
+"""``tricycle import``: a bag of a drive that another system recorded as a table."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from tricycle_sim.vehicle import load_vehicle
+
+EXAMPLE = """\
+example:
+  tricycle import drive.csv --columns mapping.yaml --vehicle car.yaml --output out/drive
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of the subcommand.
+
+    Parameters
+    ----------
+    parser : argparse.ArgumentParser
+        Parser of the subcommand.
+    """
+    parser.description = (
+        "Writes a table (CSV) as a bag (MCAP) with the suite's topics. Where the vehicle stands "
+        "before it drives, the bag can be judged and identified from: its reference is what the "
+        "nominal vehicle does with the recorded commands."
+    )
+    parser.epilog = EXAMPLE
+    add = parser.add_argument
+    add("table", metavar="TABLE", type=Path, help=".csv or .csv.gz file with a header")
+    add("--columns", type=Path, required=True, metavar="FILE", help="mapping of its columns, YAML")
+    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add("--output", type=Path, required=True, metavar="DIR", help="bag to create")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Read the table, write the bag.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+    """
+    from parameter_identification.drives.imported import write_bag
+    from parameter_identification.drives.table import load_columns, read_recording
+    from parameter_identification.drives.windows import steering_of
+    from trajectory_recorder.bag.writer import check_new
+
+    check_new(args.output)
+    columns, vehicle = load_columns(args.columns), load_vehicle(args.vehicle)
+    recording = read_recording(args.table, columns)
+    start = write_bag(recording, vehicle, steering_of(recording, vehicle, columns), args.output)
+    print(f"{len(recording.time)} poses in {args.output}")
+    if start is None:
+        print(
+            "no start event: the vehicle does not stand for 0.3 s before it drives; the bag cannot "
+            "be judged, identify from the table instead",
+            file=sys.stderr,
+        )
+    return 0

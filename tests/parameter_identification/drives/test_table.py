@@ -1,0 +1,155 @@
+"""Tables of other systems: mapping, units, clocks, wraps, missing and repeated samples."""
+
+import gzip
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from parameter_identification.drives.table import (
+    Column,
+    Columns,
+    SensorPlace,
+    SteeringMap,
+    load_columns,
+    read_recording,
+)
+from tricycle_core.errors import IdentificationError
+
+HEADER = "t,px,py,psi,cmd,ts,w"
+PLAIN = Columns(time="t", x="px", y="py", yaw="psi", steering="cmd")
+
+
+def write(path: Path, *rows: str, header: str = HEADER) -> Path:
+    text = "\n".join([header, *rows]) + "\n"
+    if path.suffix == ".gz":
+        path.write_bytes(gzip.compress(text.encode()))
+    else:
+        path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", ["drive.csv", "drive.csv.gz"])
+def test_units_become_si_and_headings_continuous(name: str, tmp_path: Path) -> None:
+    path = write(tmp_path / name, "1000,100,0,179,10,,", "1010,110,50,-179,20,,")
+    columns = Columns(
+        time=Column("t", unit="ms"),
+        x=Column("px", unit="cm"),
+        y=Column("py", unit="mm"),
+        yaw=Column("psi", unit="deg"),
+        steering=Column("cmd", unit="deg"),
+    )
+    found = read_recording(path, columns)
+    assert found.start == pytest.approx(1.0)
+    np.testing.assert_allclose(found.time, [0.0, 0.01])
+    np.testing.assert_allclose(found.poses, [[1.0, 0.0, 3.12414], [1.1, 0.05, 3.15905]], atol=1e-5)
+    np.testing.assert_allclose(found.steering.values, np.radians([10.0, 20.0]))
+
+
+def test_missing_and_repeated_samples_are_left_out(tmp_path: Path) -> None:
+    rows = ("0,0,0,0,1,,", "0.1,,0,0,2,,", "0.1,9,9,9,9,,", "0.2,2,0,0,nan,,", ",3,0,0,3,,")
+    found = read_recording(write(tmp_path / "a.csv", *rows), PLAIN)
+    np.testing.assert_array_equal(found.time, [0.0, 0.2])
+    np.testing.assert_array_equal(found.steering.time, [0.0, 0.1])
+
+
+def test_samples_of_a_second_clock_count_once_and_are_shifted(tmp_path: Path) -> None:
+    rows = [
+        f"{100 + 0.01 * i:.2f},{i},0,0,0,{7 + 0.1 * (i // 10):.1f},{i // 10}" for i in range(50)
+    ]
+    columns = Columns(
+        time="t", x="px", y="py", steering="cmd", yaw_rate=Column("w", unit="deg/s", clock="ts")
+    )
+    rate = read_recording(write(tmp_path / "a.csv", *rows), columns).more["yaw_rate"]
+    np.testing.assert_allclose(rate.time, [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-9)
+    np.testing.assert_allclose(rate.values, np.radians(np.arange(5.0)))
+
+
+def test_the_pose_is_moved_from_the_sensor_to_the_com(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "0,1,0,1.6707963,0,,", "1,1,1,1.6707963,0,,")
+    columns = Columns(
+        time="t", x="px", y="py", yaw="psi", steering="cmd", sensor=SensorPlace(0.5, 0.2, 0.1)
+    )
+    np.testing.assert_allclose(
+        read_recording(path, columns).poses[0], [1.2, -0.5, math.pi / 2], atol=1e-6
+    )
+
+
+def test_a_steering_map_bends_to_either_side_of_its_own() -> None:
+    steering = SteeringMap(gain=0.5, limit=0.4, gain_right=0.6, offset=0.01)
+    expected = [0.4 * math.tanh(-1.5) + 0.01, 0.01, 0.4 * math.tanh(1.25) + 0.01]
+    np.testing.assert_allclose(steering.angle(np.array([-1.0, 0.0, 1.0])), expected)
+    np.testing.assert_allclose(SteeringMap(gain=-2.0).angle(np.array([-1.0, 1.0])), [2.0, -2.0])
+
+
+BAD_TABLES = {
+    "text": (("0,0,0,0,0,,", "1,abc,0,0,0,,"), r"row 2: px: needs a number, not 'abc'"),
+    "cells": (("0,0,0",), r"row 1: has 3 cells, the header 7"),
+    "back": (("1,0,0,0,0,,", "0,0,0,0,0,,"), r"t: goes back by 1 s at row 2"),
+    "empty": ((), r"needs two different times"),
+    "no poses": (("0,,0,0,0,,", "1,,0,0,0,,"), r"no two rows have x, y, yaw"),
+    "no steering": (("0,0,0,0,,,", "1,0,0,0,,,"), r"cmd: holds no number"),
+}
+
+
+@pytest.mark.parametrize("what", BAD_TABLES)
+def test_a_bad_table_is_told_with_its_place(what: str, tmp_path: Path) -> None:
+    rows, message = BAD_TABLES[what]
+    with pytest.raises(IdentificationError, match=message):
+        read_recording(write(tmp_path / "a.csv", *rows), PLAIN)
+
+
+def test_a_missing_column_and_a_file_that_is_not_packed_are_told(tmp_path: Path) -> None:
+    with pytest.raises(IdentificationError, match=r"column 'cmd' is missing; there are"):
+        read_recording(write(tmp_path / "a.csv", header="t,x"), PLAIN)
+    (tmp_path / "b.csv.gz").write_text("no")
+    with pytest.raises(IdentificationError, match="is not a gzip file"):
+        read_recording(tmp_path / "b.csv.gz", PLAIN)
+    with pytest.raises(IdentificationError, match="sensor: needs the column yaw"):
+        read_recording(
+            write(tmp_path / "c.csv", "0,0,0,0,0,,", "1,1,0,0,0,,"),
+            Columns(time="t", x="px", y="py", steering="cmd", sensor=SensorPlace(x=1.0)),
+        )
+
+
+NEEDED = "time: t\nx: px\ny: py\n"
+BAD_MAPPINGS = {
+    "- a": r"needs entries such as",
+    "time: t\nx: px\ny: py": r"lacks `steering`",
+    NEEDED + "steering: c\nyawrate: w": r"'yawrate' is no entry; is yaw_rate meant",
+    NEEDED + "steering: {column: c, unit: grad}": r"steering: unit 'grad' is not known; use one of",
+    NEEDED + "steering: {column: c, units: rad}": r"steering: 'units' is no entry",
+    NEEDED + "steering: c\nsteering_map: guess": r"steering_map: needs `estimate`",
+    NEEDED + "steering: c\nsteering_map: {gain: 0}": r"a gain other than 0",
+    NEEDED + "steering: c\nsensor: {z: 1}": r"sensor: 'z' is no entry",
+    NEEDED + "steering: [c]": r"steering: expected",
+}
+
+
+@pytest.mark.parametrize("text", BAD_MAPPINGS)
+def test_a_bad_mapping_is_told_with_its_entry(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "mapping.yaml"
+    path.write_text(text)
+    with pytest.raises(IdentificationError, match=BAD_MAPPINGS[text]) as caught:
+        load_columns(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_mapping_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "mapping.yaml"
+    path.write_text(
+        NEEDED
+        + "yaw: {column: psi, unit: deg}\nsteering: {column: cmd, unit: '1', clock: ts}\n"
+        + "steering_map: {gain: 0.5, limit: 0.4}\nsensor: {x: 0.1}\n"
+    )
+    assert load_columns(path) == Columns(
+        time="t",
+        x="px",
+        y="py",
+        yaw=Column("psi", unit="deg"),
+        steering=Column("cmd", unit="1", clock="ts"),
+        steering_map=SteeringMap(gain=0.5, limit=0.4),
+        sensor=SensorPlace(x=0.1),
+    )

@@ -1,0 +1,181 @@
+"""Windows of long recordings, and bags of them: a simulated car whose parameters are known."""
+
+import dataclasses
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tricycle_sim
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.table import Columns, load_columns, read_recording
+from parameter_identification.drives.windows import (
+    RUN_IN,
+    Windows,
+    estimate_map,
+    estimate_offset,
+    read_windows,
+    windows_of,
+)
+from tricycle_cli.main import main
+from tricycle_core.errors import IdentificationError
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+PACKAGED = Path(tricycle_sim.__file__).parent
+VEHICLE = load_vehicle()
+TRUTH = {"cornering_stiffness": 700.0, "camber_stiffness": 45.0}
+GAIN, OFFSET, BEFORE = 0.4, 0.02, 1.0
+MAPPING = """\
+time: {column: stamp, unit: ms}
+x: x
+y: y
+yaw: {column: yaw, unit: deg}
+steering: {column: command, unit: "1"}
+"""
+
+
+def table(path: Path, edit: Callable[[list[str]], None] = lambda rows: None) -> Path:
+    """A slalom of 20 s after a standstill, measured at 50 Hz with 2 mm and 0.5 mrad of noise."""
+    time = np.arange(0.0, 20.0, 0.02)
+    command = 0.6 * np.sin(0.9 * time) * np.minimum(1.0, time / 3.0)
+    commands = Commands(time, GAIN * command + OFFSET, np.minimum(1.5, time))
+    motion = simulate(
+        VEHICLE.replace(**TRUTH), commands, VEHICLE.replace(**TRUTH).nominal_point()[None]
+    )
+    rng = np.random.default_rng(1)
+    rows = []
+    for t in np.arange(-BEFORE, 20.0 - 0.03, 0.02):
+        x, y, yaw = (np.interp(t, motion.time, v[0]) for v in (motion.x, motion.y, motion.yaw))
+        x, y = (v + 0.002 * rng.standard_normal() for v in (x, y))
+        yaw = np.angle(np.exp(1j * (yaw + 3.0 + 0.0005 * rng.standard_normal())), deg=True)
+        now = command[np.searchsorted(time, t + 1e-9) - 1] if t >= 0 else 0.0
+        x, y = (np.cos(3.0) * x - np.sin(3.0) * y, np.sin(3.0) * x + np.cos(3.0) * y)
+        rows.append(f"{1.7e12 + 1e3 * t:.1f},{x:.5f},{y:.5f},{yaw:.4f},{now:.5f}")
+    edit(rows)
+    path.write_text("\n".join(["stamp,x,y,yaw,command", *rows]) + "\n")
+    return path
+
+
+def mapping(path: Path, more: str = f"steering_map: {{gain: {GAIN}, offset: {OFFSET}}}\n") -> Path:
+    path.write_text(MAPPING + more)
+    return path
+
+
+@pytest.fixture
+def columns(tmp_path: Path) -> Columns:
+    return load_columns(mapping(tmp_path / "mapping.yaml"))
+
+
+def test_windows_have_their_own_start_and_do_not_share_samples(
+    tmp_path: Path, columns: Columns
+) -> None:
+    drives = read_windows(table(tmp_path / "drive.csv"), VEHICLE, columns, Windows(length=3.0))
+    assert 4 <= len(drives) <= 6
+    begin = [float(re.search(r" ([\d.]+) s$", drive.name)[1]) for drive in drives]  # type: ignore[index]
+    assert np.diff(begin).min() > 3.0
+    for drive in drives:
+        position = drive.signals[Sensor.POSITION]
+        assert position.time[0] >= RUN_IN
+        assert position.time[-1] == pytest.approx(RUN_IN + 3.0, abs=0.03)
+        run = simulate(
+            VEHICLE, drive.commands, VEHICLE.nominal_point()[None],
+            speed=drive.start.speed, setpoint=drive.start.speed, threads=1,
+        )  # fmt: skip
+        way = np.hypot(*np.diff(position.values[:: len(position.time) - 1], axis=0)[0])
+        at = [np.interp(position.time[[0, -1]], run.time, v[0]) for v in (run.x, run.y)]
+        assert np.hypot(*np.diff(at, axis=1)[:, 0]) == pytest.approx(way, abs=0.06)
+
+
+def test_windows_leave_out_gaps_and_jumps(tmp_path: Path, columns: Columns) -> None:
+    def spoil(rows: list[str]) -> None:
+        del rows[400:440]
+        cells = rows[700].split(",")
+        rows[700] = ",".join([cells[0], "50.0", *cells[2:]])
+
+    whole = read_windows(table(tmp_path / "a.csv"), VEHICLE, columns)
+    spoilt = read_windows(table(tmp_path / "b.csv", spoil), VEHICLE, columns)
+    assert 2 <= len(spoilt) < len(whole)
+    for drive in spoilt:
+        assert np.abs(drive.signals[Sensor.POSITION].values).max() < 40.0
+        assert np.diff(drive.signals[Sensor.POSITION].time).max() < 0.1
+
+
+def test_map_and_offset_are_estimated_where_the_vehicle_turns_slowly(
+    tmp_path: Path, columns: Columns
+) -> None:
+    recording = read_recording(table(tmp_path / "drive.csv"), columns)
+    found = estimate_map(recording, VEHICLE)
+    assert found.gain == pytest.approx(GAIN, rel=0.1)
+    assert found.offset == pytest.approx(OFFSET, abs=0.01)
+    assert isinstance(columns.steering_map, type(found))
+    known = dataclasses.replace(columns.steering_map, offset=0.0)
+    assert estimate_offset(recording, VEHICLE, known).offset == pytest.approx(OFFSET, abs=0.01)
+
+
+def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
+    recording = read_recording(table(tmp_path / "drive.csv"), columns)
+    assert not isinstance(columns.steering_map, str)
+    with pytest.raises(IdentificationError, match="no window of 2 s begins"):
+        windows_of(recording, VEHICLE, columns.steering_map, Windows(above=3.0))
+    with pytest.raises(IdentificationError, match="must be positive"):
+        Windows(every=0.0)
+    still = dataclasses.replace(recording, x=0 * recording.x, y=0 * recording.y)
+    with pytest.raises(IdentificationError, match="cannot be estimated: less than 2 s"):
+        estimate_map(still, VEHICLE)
+
+
+@pytest.mark.slow
+def test_the_commands_identify_a_table_and_a_bag_of_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive, columns = table(tmp_path / "drive.csv"), mapping(tmp_path / "mapping.yaml")
+    ask = ["--parameters", "cornering_stiffness,camber_stiffness", "--json"]
+    assert main(["identify", str(drive), "--columns", str(columns), "--window", "4", *ask]) == 0
+    windows = json.loads(capsys.readouterr().out)["parameters"]
+    bag = tmp_path / "bag"
+    assert main(["import", str(drive), "--columns", str(columns), "--output", str(bag)]) == 0
+    assert main(["judge", str(bag), "--json"]) == 0
+    capsys.readouterr()
+    assert main(["identify", str(bag), *ask]) == 0
+    whole = json.loads(capsys.readouterr().out)["parameters"]
+    for found in (windows, whole):
+        for name, value in TRUTH.items():
+            assert found[name]["low"] < value < found[name]["high"], (name, found[name])
+    assert whole["cornering_stiffness"]["identifiable"]
+
+
+def test_bad_tables_are_one_line_and_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drive = table(tmp_path / "drive.csv")
+    assert main(["identify", str(drive)]) == 2
+    assert "needs --columns" in capsys.readouterr().err
+    bad = mapping(tmp_path / "bad.yaml", "yawrate: w\n")
+    bag = tmp_path / "bag"
+    assert main(["import", str(drive), "--columns", str(bad), "--output", str(bag)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "'yawrate' is no entry; is yaw_rate meant?" in line
+    assert not bag.exists()
+
+
+@pytest.mark.slow
+def test_the_lines_of_the_page_identify_a_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = Path(__file__).parents[3] / "docs/how-to-recordings.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (text,) = re.findall(r"```yaml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "mapping.yaml").write_text(text)
+    assert load_columns(tmp_path / "mapping.yaml").steering_map == "estimate"
+    text = table(tmp_path / "drive.csv").read_text()
+    (tmp_path / "drive.csv").write_text(text.replace("x,y,yaw", "px,py,heading", 1))
+    (tmp_path / "car.yaml").write_text((PACKAGED / "tricycle.yaml").read_text())
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    low, high = VEHICLE.unknown["cornering_stiffness"]
+    assert low < float(capsys.readouterr().out) < high
