@@ -127,7 +127,14 @@ def identify(
             loss,
         ) as problem,
     ):
-        optimum = find_optimum(problem, starts=starts, seed=seed, level=level)
+        near = None
+        if beside:  # without effects a search takes a tenth of the time
+            with LeastSquares(
+                [DriveModel(known, drive) for drive in drives], *prior_in_ranges(known, prior), loss
+            ) as without:
+                first = find_optimum(without, starts=starts, seed=seed, level=level)
+            near = [first.fit.at[: without.k], *first.rivals]
+        optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near)
         curves: dict[int, ProfileCurve] = {}
         for i in range(problem.k if profiles else 0):
             curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)

@@ -39,7 +39,14 @@ class Optimum:
     starts: tuple[int, int]
 
 
-def find_optimum(problem: LeastSquares, *, starts: int, seed: int, level: float) -> Optimum:
+def find_optimum(
+    problem: LeastSquares,
+    *,
+    starts: int,
+    seed: int,
+    level: float,
+    near: Sequence[FloatArray] | None = None,
+) -> Optimum:
     """Find the best fit and the noise that belongs to it; the noise stays set in the problem.
 
     Parameters
@@ -52,8 +59,12 @@ def find_optimum(problem: LeastSquares, *, starts: int, seed: int, level: float)
         Of the starts.
     level : float
         Probability of the intervals: a minimum within what they allow is a rival.
+    near : sequence of ndarray of float, shape (k,), optional
+        Parameters, in their ranges, to start from instead.
     """
-    fits = [problem.minimise(start, tolerance=ROUGH) for start in problem.candidates(starts, seed)]
+    candidates = [np.append(z, np.zeros(problem.n - problem.k)) for z in near or ()]
+    candidates = candidates or problem.candidates(starts, seed)
+    fits = [problem.minimise(start, tolerance=ROUGH) for start in candidates]
     best = min(fits, key=lambda fit: fit.cost)
     for _ in range(NOISE_ROUNDS):
         before = problem.noise

@@ -96,10 +96,12 @@ class LeastSquares(Closing):
             for first, last in itertools.pairwise(ends)
         ]
         self.low, self.high = np.zeros(self.n), np.ones(self.n)
+        self._of_effects = np.zeros(self.n, dtype=bool)
         self._processes: dict[Effect, list[int]] = {}
         for model, at in zip(models, self._at, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
                 self.low[i], self.high[i] = (n.low - n.mean) / n.std, (n.high - n.mean) / n.std
+                self._of_effects[i] = n.effect is not None
                 if n.effect is not None and n.effect.process:
                     self._processes.setdefault(n.effect, []).append(i)
         self._precision = np.ones(self.n - self.k)  # of the nuisances' priors
@@ -225,7 +227,9 @@ class LeastSquares(Closing):
             factor = np.linalg.cholesky(gram[:-1, :-1] + damping * np.eye(len(kept) - 1))
             wanted = np.linalg.solve(factor, -gram[:-1, -1])
             bounds = (low[free] - at[free], high[free] - at[free])
-            step = lsq_linear(factor.T, wanted, bounds, method="bvls").x
+            step = np.linalg.solve(factor.T, wanted)
+            if np.any((step < bounds[0]) | (step > bounds[1])):
+                step = lsq_linear(factor.T, wanted, bounds, method="bvls").x
             promise = -float(step @ (2.0 * gram[:-1, -1] + gram[:-1, :-1] @ step))
             following = at.copy()
             following[free] += step
@@ -294,16 +298,25 @@ class LeastSquares(Closing):
             for sensor, level in self.noise.items()
         }
         whole = sum(grams.values(), self._prior_gram(v))
+        # effects count as known here: they are few against the samples, and would take long
+        kept = np.append(np.flatnonzero(~self._of_effects), self.n)
+        place = np.cumsum(np.append(~self._of_effects, True)) - 1
 
         def estimate(sensor: Sensor) -> NoiseLevel:
             channels = [
-                Residuals(p.time, _columns(p, channel), np.append(at, self.n), s[sensor])
+                Residuals(
+                    p.time,
+                    _columns(p, channel)[:, own],
+                    place[np.append(at, self.n)[own]],
+                    s[sensor],
+                )
                 for found, s, at in zip(predictions, self._samples, self._at, strict=True)
+                for own in [np.append(~self._of_effects[at], True)]
                 for p in found
                 if p.sensor is sensor
                 for channel in range(p.residual.shape[1])
             ]
-            rest = whole - grams[sensor]
+            rest = (whole - grams[sensor])[np.ix_(kept, kept)]
             return restricted_noise(channels, rest, self.noise[sensor], floor=self.floors[sensor])
 
         self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
