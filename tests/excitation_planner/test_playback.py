@@ -1,18 +1,20 @@
 """The driver's state machine: rows at their times, standstill whenever anything is wrong."""
 
 import math
+import re
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from excitation_planner.localisation import PlanarState
 from excitation_planner.playback import (
     LEAD_IN,
     MAX_ROWS,
     JointCommand,
-    PlanarState,
     Playback,
     PlaybackState,
     Schedule,
@@ -435,3 +437,73 @@ def test_it_moves_only_an_armed_vehicle_whose_pose_is_a_number(events):
         if command is not None and command.wheel_rate != 0.0:
             assert armed
             assert seen
+
+
+YARD = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 9.0], [0.0, 9.0]])
+BODY = np.array([[0.5, 0.3], [-0.5, 0.3], [-0.5, -0.3], [0.5, -0.3]])
+AT_REST_IN_ODOM = replace(AT_REST, frame="odom")
+PARTS = {
+    "ground": ("odom", (YARD,)),
+    "footprint": BODY,
+    "planned_start": (1.0, 2.0, np.pi / 2),
+    "twist": np.zeros(3),
+}
+
+
+def fenced(now=10.0, **parts):
+    """A playback on an area, 0.5 s before row 0; `None` leaves a part out."""
+    playback = ready(now)
+    for part, value in (PARTS | parts).items():
+        if value is not None:
+            playback.load_area(part, value)
+    playback.observe(AT_REST_IN_ODOM, now, now)
+    return playback
+
+
+@pytest.mark.parametrize(
+    ("parts", "refusal"),
+    [
+        ({"footprint": None}, "nothing on maneuver/footprint with the stamp of the commands"),
+        ({"twist": np.zeros(2)}, "2 rows on maneuver/twist; the commands have 3"),
+        ({"ground": ("map", (YARD,))}, "the area is in frame 'map', the pose on odom in 'odom'"),
+        ({"ground": ("odom", (YARD + 1.0,))}, "fence: 0.30 m out of the area"),
+        ({"planned_start": (1.0, 2.4, np.pi / 2)}, "0.40 m back and 0.00 m"),
+    ],
+)
+def test_what_would_not_stay_on_its_area_is_not_started(parts, refusal):
+    playback = fenced(**parts)
+    with pytest.raises(PlanError, match=re.escape(refusal)):
+        playback.start(10.0)
+    assert playback.state is PlaybackState.WAITING
+
+
+def test_an_area_of_another_stamp_means_no_start_and_an_empty_one_no_fence():
+    playback = ready()
+    playback.load_area("ground", ("odom", (YARD,)), stamp=1)
+    with pytest.raises(PlanError, match="nothing on maneuver/ground with the stamp"):
+        playback.start(10.0)
+    playback = ready()
+    playback.load_area("ground", ("", ()))
+    playback.start(10.0)
+    assert not playback.fenced
+
+
+@pytest.mark.parametrize(
+    ("pose", "reason"),
+    [
+        (PlanarState(1.0, 2.01, np.pi / 2, 4.0, frame="odom"), "fence: would come"),
+        (PlanarState(1.0, 4.0, np.pi / 2, 0.5, frame="odom"), "velocity led in"),
+        (PlanarState(1.0, 2.01, np.pi / 2, 0.1, yaw_rate=math.nan, frame="odom"), "no turn rate"),
+    ],
+)
+def test_the_fence_and_a_pose_that_jumps_abort(pose, reason):
+    playback = fenced()
+    playback.max_deviation = 10.0
+    playback.start(10.0)
+    assert playback.fenced
+    playback.observe(AT_REST_IN_ODOM, 10.005, 10.005)
+    assert playback.tick(10.01) is not None
+    playback.observe(pose, 10.02, 10.02)
+    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
+    assert playback.state is PlaybackState.ABORTED
+    assert reason in playback.reason

@@ -62,6 +62,15 @@ def test_a_vehicle_that_does_not_move_for_three_seconds_does_not_drift_away():
     assert Start().run(3.0, 0.0) is None
 
 
+def test_a_hard_stop_before_the_rest_is_no_start():
+    start = Start(rest=0.0)
+    start.run(1.0, -2.0)
+    start.state = HELD
+    start.run(0.55, 0.0)
+    start.state = dataclasses.replace(HELD, brake=0)
+    assert start.run(2.5, 0.0) is None
+
+
 def test_without_rest_before_or_with_gaps_nothing_is_known():
     assert Start(rest=0.4).run(1.0, 1.0) is None
     assert Start().run(3.0, 1.0, step=0.11) is None

@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped, TransformStamped
+from geometry_msgs.msg import PolygonStamped, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
@@ -13,13 +15,13 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
-from trajectory_msgs.msg import JointTrajectory
+from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
+from excitation_planner.localisation import PlanarState
 from excitation_planner.playback import (
     CLOCK_TOLERANCE,
     FRAME,
     MAX_ROWS,
-    PlanarState,
     Playback,
     PlaybackState,
     Schedule,
@@ -76,7 +78,51 @@ def _planar_state(message: Odometry) -> PlanarState:
     position, velocity = message.pose.pose.position, message.twist.twist.linear
     orientation = message.pose.pose.orientation
     yaw = yaw_of(orientation) if is_unit(orientation) else math.nan
-    return PlanarState(position.x, position.y, yaw, math.hypot(velocity.x, velocity.y))
+    return PlanarState(
+        position.x,
+        position.y,
+        yaw,
+        math.hypot(velocity.x, velocity.y),
+        math.atan2(velocity.y, velocity.x),
+        message.twist.twist.angular.z,
+        message.header.frame_id,
+    )
+
+
+def _ground(message: PolygonStamped) -> tuple[str, tuple[FloatArray, ...]]:
+    """Frame and rings; z of a corner is the number of its ring."""
+    corners = [(p.x, p.y, p.z) for p in message.polygon.points]
+    if len(corners) > MAX_ROWS:
+        raise PlanError(f"{len(corners)} corners; at most {MAX_ROWS}")
+    x, y, ring = np.array(corners).reshape(-1, 3).T
+    points = np.column_stack([x, y])
+    return message.header.frame_id, tuple(points[ring == number] for number in np.unique(ring))
+
+
+def _footprint(message: PolygonStamped) -> FloatArray:
+    return np.array([(p.x, p.y) for p in message.polygon.points]).reshape(-1, 2)
+
+
+def _planned_start(message: PoseStamped) -> tuple[float, float, float]:
+    position, orientation = message.pose.position, message.pose.orientation
+    if not is_unit(orientation):
+        raise PlanError("orientation is no unit quaternion")
+    return position.x, position.y, yaw_of(orientation)
+
+
+def _curvature(message: MultiDOFJointTrajectory) -> FloatArray:
+    """Turn rate at 1 m/s of each command (c,) [1/m]."""
+    if any(len(point.velocities) != 1 for point in message.points):
+        raise PlanError("every row needs one velocity")
+    return np.array([point.velocities[0].angular.z for point in message.points])
+
+
+AREA_MESSAGES: dict[str, tuple[type, Callable[[Any], Any]]] = {
+    "ground": (PolygonStamped, _ground),
+    "footprint": (PolygonStamped, _footprint),
+    "planned_start": (PoseStamped, _planned_start),
+    "twist": (MultiDOFJointTrajectory, _curvature),
+}
 
 
 class ManeuverDriver(Node):
@@ -113,6 +159,9 @@ class ManeuverDriver(Node):
             (DiagnosticStatus, READINESS_TOPIC, self._on_readiness, LATCHED),
         ):
             self.create_subscription(kind, topic, callback, **overridable(qos))
+        for part, (kind, read) in AREA_MESSAGES.items():
+            callback = partial(self._on_area, part, read)
+            self.create_subscription(kind, f"maneuver/{part}", callback, **overridable(LATCHED))
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/abort", self._on_abort)
         if simulated:
@@ -148,6 +197,12 @@ class ManeuverDriver(Node):
         except PlanError as error:
             self.get_logger().error(f"maneuver/path refused: {error}")
 
+    def _on_area(self, part: str, read: Callable[[Any], Any], message: Any) -> None:
+        try:
+            self._playback.load_area(part, read(message), nanoseconds_of(message.header.stamp))
+        except PlanError as error:
+            self.get_logger().error(f"maneuver/{part} refused: {error}")
+
     def _on_odom(self, message: Odometry) -> None:
         stamp = seconds_of(message.header.stamp)
         self._odom_frame = message.header.frame_id
@@ -159,7 +214,13 @@ class ManeuverDriver(Node):
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         started = f"started plan {self._playback.plan_id}".strip()
-        return self._attempt(response, lambda: self._playback.start(self._now()), started)
+        self._attempt(response, lambda: self._playback.start(self._now()), started)
+        if response.success and not self._playback.fenced:
+            self.get_logger().warning(
+                "the plan has no area: only max_deviation, "
+                f"{self._playback.max_deviation:g} m, limits where the vehicle goes"
+            )
+        return response
 
     def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._attempt(response, lambda: self._playback.abort("asked for"), "aborted")

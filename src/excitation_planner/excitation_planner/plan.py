@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from excitation_planner.area.area import Area
+from excitation_planner.area.fence import Fence
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.documents import (
@@ -175,7 +176,8 @@ class Plan:
     search : SearchHistory or None
         How the maneuver was found; None where it was not searched for.
     area : Area or None
-        Ground that it was planned for; the next four are in its frame, and empty without it.
+        Ground that it was planned for; the next four are in its frame, and the next six empty
+        without it.
     start_pose : (float, float, float) or None
         Where `base_link` starts: x, y [m] and heading [rad].
     clearance : float or None
@@ -184,11 +186,16 @@ class Plan:
         Outline, then holes, of the ground that vehicles of the ranges cover [m].
     stopping_zone : tuple of ndarray of float, each of shape (n, 2)
         The same, with all ground that they need to stop from any point [m].
+    footprint : ndarray of float, shape (m, 2), or None
+        Corners of the vehicle in its body frame [m].
+    curvature : ndarray of float, shape (c,), or None
+        Of the path at each command, without slip, left positive [1/m].
 
     Raises
     ------
     PlanError
-        Arrays that do not fit each other, or an impossible radius.
+        Arrays that do not fit each other, an impossible radius, or an area without what keeps a
+        vehicle on it.
     """
 
     maneuver: str
@@ -227,6 +234,8 @@ class Plan:
     clearance: float | None = None
     tube: tuple[FloatArray, ...] = ()
     stopping_zone: tuple[FloatArray, ...] = ()
+    footprint: FloatArray | None = None
+    curvature: FloatArray | None = None
 
     def __post_init__(self) -> None:
         _check_array("path", self.path, (None, 2))
@@ -234,6 +243,29 @@ class Plan:
             raise PlanError("tyre_radius must be above 0")
         if self.search is not None and self.search.x.shape[1] != len(self.operation):
             raise PlanError(f"search: x must have {len(self.operation)} columns")
+        if self.area is not None:
+            for name in ("start_pose", "footprint", "curvature"):
+                if getattr(self, name) is None:
+                    raise PlanError(f"{name}: missing beside an area; plan again")
+        if self.footprint is not None:
+            _check_array("footprint", self.footprint, (None, 2))
+        if self.curvature is not None:
+            _check_array("curvature", self.curvature, (self.commands.time.size,))
+
+    @property
+    def fence(self) -> Fence | None:
+        """What the driver keeps the vehicle on; None without an area."""
+        area, start, footprint, curvature = (
+            self.area,
+            self.start_pose,
+            self.footprint,
+            self.curvature,
+        )
+        if area is None or start is None or footprint is None or curvature is None:
+            return None
+        # a localisation that errs by more than the margin must not take the vehicle out of the area
+        ground = area.within(max(area.margin, 3.0 * self.noise.position_std))
+        return Fence(area.frame, ground, footprint, curvature, start)
 
     @property
     def id(self) -> str:

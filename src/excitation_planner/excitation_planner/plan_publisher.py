@@ -3,17 +3,28 @@
 import math
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point32, PolygonStamped, PoseStamped, Twist
 from nav_msgs.msg import Path
 from rclpy.duration import Duration
 from rclpy.node import Node
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import (
+    JointTrajectory,
+    JointTrajectoryPoint,
+    MultiDOFJointTrajectory,
+    MultiDOFJointTrajectoryPoint,
+)
 
+from excitation_planner.area.fence import Fence
 from excitation_planner.plan import Plan
 from excitation_planner.playback import FRAME
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED, overridable, time_message
+from tricycle_core.quantities import FloatArray
 from tricycle_core.stamps import split_seconds
+
+BODY = "base_link"
+"""Frame of the vehicle."""
 
 
 def _pose(x: float, y: float, yaw: float, time: float) -> PoseStamped:
@@ -25,12 +36,33 @@ def _pose(x: float, y: float, yaw: float, time: float) -> PoseStamped:
     return pose
 
 
+def _polygon(*rings: FloatArray) -> PolygonStamped:
+    """Corners of all rings; z is the number of the ring."""
+    message = PolygonStamped()
+    message.polygon.points = [
+        Point32(x=x, y=y, z=float(number))
+        for number, ring in enumerate(rings)
+        for x, y in ring.tolist()
+    ]
+    return message
+
+
+def _unit_twist(curvature: float, time: float) -> MultiDOFJointTrajectoryPoint:
+    """Motion along a path at 1 m/s."""
+    twist = Twist()
+    twist.linear.x, twist.angular.z = 1.0, curvature
+    point = MultiDOFJointTrajectoryPoint(velocities=[twist])
+    point.time_from_start.sec, point.time_from_start.nanosec = split_seconds(time)
+    return point
+
+
 class PlanPublisher:
-    """The three publishers of a plan.
+    """The publishers of a plan.
 
     A joint trajectory has no frame, so `maneuver/commands` carries the plan id in its header's
-    `frame_id`: the driver repeats it in `maneuver/state`. The three headers share one stamp, by
-    which the messages of a plan are found in a bag with several.
+    `frame_id`: the driver repeats it in `maneuver/state`. All headers share one stamp, by which
+    the messages of a plan are found in a bag with several. Without an area `maneuver/ground` is
+    empty, and footprint, planned start and twist are not published.
 
     Parameters
     ----------
@@ -45,10 +77,14 @@ class PlanPublisher:
         self._clock = node.get_clock()
         self._path = publisher(Path, "maneuver/path")
         self._reference = publisher(Path, "maneuver/reference")
+        self._ground = publisher(PolygonStamped, "maneuver/ground")
+        self._footprint = publisher(PolygonStamped, "maneuver/footprint")
+        self._planned_start = publisher(PoseStamped, "maneuver/planned_start")
+        self._twist = publisher(MultiDOFJointTrajectory, "maneuver/twist")
         self._commands = publisher(JointTrajectory, "maneuver/commands")
 
     def publish(self, plan: Plan) -> None:
-        """Publish path and reference, then the commands that make them current."""
+        """Publish path, reference and area, then the commands that make them current."""
         path, reference = Path(), Path()
         commands = JointTrajectory(joint_names=list(JOINTS))
         path.header.frame_id = reference.header.frame_id = FRAME
@@ -68,11 +104,32 @@ class PlanPublisher:
             )
             point.time_from_start.sec, point.time_from_start.nanosec = split_seconds(time)
             commands.points.append(point)
+        self._publish_area(plan.fence, c.time, stamp)
         self._path.publish(path)
         self._reference.publish(reference)
         self._commands.publish(commands)
 
+    def _publish_area(self, fence: Fence | None, time: FloatArray, stamp: Time) -> None:
+        ground = _polygon(*(fence.ground if fence else ()))
+        ground.header.stamp = stamp
+        if fence is not None:
+            ground.header.frame_id = fence.frame
+            footprint = _polygon(fence.footprint)
+            start = _pose(*fence.start, 0.0)
+            twist = MultiDOFJointTrajectory(joint_names=[BODY])
+            twist.points = list(map(_unit_twist, fence.curvature.tolist(), time.tolist()))
+            start.header.frame_id = fence.frame
+            footprint.header.frame_id = twist.header.frame_id = BODY
+            footprint.header.stamp = start.header.stamp = twist.header.stamp = stamp
+            self._footprint.publish(footprint)
+            self._planned_start.publish(start)
+            self._twist.publish(twist)
+        self._ground.publish(ground)
+
     def received(self) -> bool:
         """Return whether every known subscriber has acknowledged the plan."""
-        publishers = (self._path, self._reference, self._commands)
+        publishers = (
+            *(self._path, self._reference, self._ground, self._footprint, self._planned_start),
+            *(self._twist, self._commands),
+        )
         return all(publisher.wait_for_all_acked(Duration()) for publisher in publishers)

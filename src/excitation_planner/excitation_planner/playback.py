@@ -7,9 +7,12 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import Any
 
 import numpy as np
 
+from excitation_planner.area.fence import Fence
+from excitation_planner.localisation import PlanarState, PoseWatch
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
@@ -41,7 +44,10 @@ The shortest leaves an operator the time to record the standstill and to disarm.
 """
 
 PATHS_KEPT = 8
-"""Paths that are kept until the commands with the same stamp arrive."""
+"""Paths and areas that are kept until the commands with the same stamp arrive."""
+
+AREA_PARTS = ("ground", "footprint", "planned_start", "twist")
+"""What a plan with an area comes with, each on a topic `maneuver/…`."""
 
 MAX_ROWS = 360_000
 """Largest number of commands, and of points of a path: an hour at 100 Hz."""
@@ -121,31 +127,6 @@ class Schedule:
 
 
 @dataclass(frozen=True)
-class PlanarState:
-    """Planar pose and speed of `base_link` in `odom`; not finite where the message is not.
-
-    Attributes
-    ----------
-    x, y : float
-        Position [m].
-    yaw : float
-        Left positive [rad].
-    speed : float
-        Absolute value [m/s].
-    """
-
-    x: float
-    y: float
-    yaw: float
-    speed: float
-
-    @property
-    def finite(self) -> bool:
-        """Whether all of it are numbers."""
-        return all(map(math.isfinite, (self.x, self.y, self.yaw, self.speed)))
-
-
-@dataclass(frozen=True)
 class JointCommand:
     """What is commanded of the two joints.
 
@@ -206,6 +187,10 @@ class Playback:
     _plan: _Plan | None = None
     _next: _Plan | None = None  # came during the run
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
+    _areas: dict[int, dict[str, Any]] = field(default_factory=dict)  # by stamp, part
+    _fence: Fence | None = None  # of the maneuver running
+    _watch: PoseWatch = field(default_factory=PoseWatch)
+    _contradiction: str = ""
     _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
     _nearest: int = 0  # point of it
     _asked_at: float = -math.inf  # when it was started
@@ -257,6 +242,23 @@ class Playback:
             raise PlanError(f"point {int(np.argmin(finite))} holds a number that is not finite")
         self._paths.append((stamp, points))
 
+    def load_area(self, part: str, value: Any, stamp: int = 0) -> None:
+        """Take one of the `AREA_PARTS` of the schedule with the same stamp.
+
+        Parameters
+        ----------
+        part : str
+            Of `AREA_PARTS`.
+        value : object
+            Ground: frame and rings, none where the plan has no area. Footprint: corners (m, 2) [m].
+            Planned start: x, y [m] and heading [rad]. Twist: curvature of each command [1/m].
+        stamp : int
+            Of its message [ns]; parts and schedule may come in any order.
+        """
+        self._areas.setdefault(stamp, {})[part] = value
+        if len(self._areas) > PATHS_KEPT:
+            del self._areas[next(iter(self._areas))]  # the oldest
+
     def observe(self, state: PlanarState, stamp: float, now: float) -> None:
         """Take the newest pose and speed.
 
@@ -270,6 +272,10 @@ class Playback:
             Time of receipt [s].
         """
         self._observed, self._observed_stamp, self._observed_at = state, stamp, now
+        if self._active and self._fence is not None and state.finite:
+            driven = self.state is PlaybackState.RUNNING and self._held.wheel_rate != 0.0
+            reason = self._watch.contradiction(state, stamp, driven=driven)
+            self._contradiction = self._contradiction or reason
 
     def hear(self, readiness: Readiness, now: float) -> None:
         """Take what the vehicle says about itself; a run is aborted at once if it is not armed.
@@ -312,6 +318,13 @@ class Playback:
         if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
             speed = self._observed.speed if self._observed else math.nan
             raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
+        fence = self._fence_of(self._plan)
+        if fence is not None:
+            rates = self._plan.schedule.wheel_rate
+            push = float(rates[np.flatnonzero(rates)[:1]].sum())
+            if reason := self._trespass(fence, now, 0, push) or fence.off_start(self._observed):
+                raise PlanError(reason)
+        self._fence, self._watch, self._contradiction = fence, PoseWatch(), ""
         self._path, self._nearest = paths[-1], 0
         self._anchor = self._observed
         self._asked_at = now
@@ -356,6 +369,11 @@ class Playback:
         return None
 
     @property
+    def fenced(self) -> bool:
+        """Whether the maneuver that was started last has an area that it is kept in."""
+        return self._fence is not None
+
+    @property
     def duration(self) -> float:
         """Length of the loaded maneuver in s; 0 without one."""
         return self._plan.schedule.duration if self._plan else 0.0
@@ -376,7 +394,14 @@ class Playback:
         return self.state in (PlaybackState.STARTING, PlaybackState.RUNNING)
 
     def _play(self, schedule: Schedule, now: float) -> JointCommand:
-        if reason := self._not_ready(now) or self._pose_lost(now) or self._astray():
+        row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
+        if reason := (
+            self._not_ready(now)
+            or self._pose_lost(now)
+            or self._contradiction
+            or self._astray()
+            or self._fenced_out(schedule, now, row)
+        ):
             self.abort(reason)
             return self._held
         if self.start_time is None:
@@ -388,13 +413,55 @@ class Playback:
         if self.elapsed >= schedule.duration - 1e-6:
             self._end(PlaybackState.DONE, float(schedule.steering_motor_angle[-1]))
             return self._held
-        # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
-        row = int(np.searchsorted(schedule.time, self.elapsed + 1e-6, side="right")) - 1
-        row = max(row, 0)  # a clock may step back a little
         self._held = JointCommand(
             float(schedule.steering_motor_angle[row]), float(schedule.wheel_rate[row])
         )
         return self._held
+
+    @staticmethod
+    def _row(schedule: Schedule, elapsed: float) -> int:
+        """Row that is due."""
+        # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
+        row = int(np.searchsorted(schedule.time, elapsed + 1e-6, side="right")) - 1
+        return max(row, 0)  # a clock may step back a little
+
+    def _fence_of(self, plan: _Plan) -> Fence | None:
+        """What keeps a plan's vehicle on its area; None without one."""
+        if not self._areas:
+            return None
+        parts = self._areas.get(plan.stamp, {})
+        if "ground" in parts and not parts["ground"][1]:
+            return None
+        if missing := [part for part in AREA_PARTS if part not in parts]:
+            raise PlanError(
+                f"nothing on maneuver/{missing[0]} with the stamp of the commands; publish both "
+                "with one stamp"
+            )
+        frame, rings = parts["ground"]
+        fence = Fence(frame, rings, parts["footprint"], parts["twist"], parts["planned_start"])
+        rows = plan.schedule.time.size
+        if len(fence.curvature) != rows:
+            raise PlanError(
+                f"{len(fence.curvature)} rows on maneuver/twist; the commands have {rows}"
+            )
+        return fence
+
+    def _fenced_out(self, schedule: Schedule, now: float, row: int) -> str:
+        """Where a stop would leave the area; empty while it does not."""
+        if self._fence is None:
+            return ""
+        push = 0.0 if self.start_time is None else float(schedule.wheel_rate[row])
+        return self._trespass(self._fence, now, row, push)
+
+    def _trespass(self, fence: Fence, now: float, row: int, push: float) -> str:
+        if self._observed is None:
+            return "no pose on odom"
+        return fence.trespass(
+            self._observed,
+            age=now - self._observed_stamp,
+            curvature=float(fence.curvature[row]),
+            push=push,
+        )
 
     def _end(self, state: PlaybackState, angle: float, reason: str = "") -> None:
         self._held = JointCommand(angle, 0.0)

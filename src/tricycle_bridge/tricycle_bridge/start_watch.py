@@ -25,7 +25,7 @@ REST = 0.5
 GAP = 0.1
 """Largest time between two measurements [s]."""
 
-_LAG = 0.2  # s, of gravity behind its measurements
+_LAG = 0.2  # s, of gravity behind its measurements, of which what was before the rest is none
 
 
 class StartWatch:
@@ -62,17 +62,17 @@ class StartWatch:
         now : float
             Time of arrival [s].
         """
-        if not math.isfinite(force):
+        if not math.isfinite(force) or now == self._heard_at:
             return
         elapsed, self._heard_at = now - self._heard_at, now
-        if not 0.0 <= elapsed <= GAP:
+        if not 0.0 < elapsed <= GAP:
             self._rest, self._starts, self._gravity = 0.0, False, force
         elif self._starts:
             self._speed += (force - self._gravity) * elapsed
             self._travel += self._speed * elapsed
         else:
             self._rest += elapsed
-            self._gravity += (force - self._gravity) * elapsed / (_LAG + elapsed)
+            self._gravity += (force - self._gravity) * min(elapsed / min(self._rest, _LAG), 1.0)
 
     def look(self, state: DriveState | None) -> None:
         """Look at the drive PLC; sets `problem`.

@@ -51,6 +51,12 @@ LIVE_PARAMETERS = {
     "yaw_rate_noise": (0.005, 1.0, "rad/s, of odom and imu"),
     "acceleration_noise": (0.05, 10.0, "m/s^2, of imu"),
 }
+# pose at the start and after ~/reset: largest absolute value, description
+START_PARAMETERS = {
+    "start_x": (100_000.0, "m, where the vehicle starts, also after ~/reset"),
+    "start_y": (100_000.0, "m, where the vehicle starts, also after ~/reset"),
+    "start_heading": (math.tau, "rad, of the vehicle at its start, also after ~/reset"),
+}
 HOST_SILENCE = 2.0  # s of wall time after which a host is not waited for any more
 UNKNOWN_VARIANCE = 1e6  # of what odom does not measure; 0 would mean exact
 
@@ -78,6 +84,8 @@ class TricycleSim(Node):
         }
         for name, (default, high, about) in LIVE_PARAMETERS.items():
             declare(self, name, default, about, (0.0, high), read_only=False)
+        for name, (limit, about) in START_PARAMETERS.items():
+            declare(self, name, 0.0, about, (-limit, limit), read_only=False)
         self._on_parameters([])
         self.add_post_set_parameters_callback(self._on_parameters)
         vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
@@ -90,6 +98,8 @@ class TricycleSim(Node):
             self._rig = EmulatedRig(vehicle)
         else:
             raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
+        if any(self._start_pose()):
+            self._rig.reset(self._start_pose())
         self._rng = np.random.default_rng(noise_seed)
         self._ports = {board: PtyPort(path) for board, path in ports.items()}
         self._clock_publisher = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
@@ -121,10 +131,14 @@ class TricycleSim(Node):
         )
         self._acceleration_noise = value["acceleration_noise"]
 
+    def _start_pose(self) -> tuple[float, float, float]:
+        x, y, heading = (float(self.get_parameter(name).value) for name in START_PARAMETERS)
+        return x, y, heading
+
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         with self._lock:
-            self._rig.reset()
-        response.success, response.message = True, "at rest at the origin, boards rebooted"
+            self._rig.reset(self._start_pose())
+        response.success, response.message = True, "at rest at its start pose, boards rebooted"
         return response
 
     def _end_with_simulation(self) -> None:

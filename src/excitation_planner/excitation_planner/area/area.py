@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from excitation_planner.area.polygons import signed_distance
+from excitation_planner.area.polygons import Rings, rings_of, signed_distance
 from tricycle_core.documents import decode, parse_yaml, read_bounded
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
@@ -118,6 +118,36 @@ class Area:
         for polygon in self.keep_out:
             clearance = np.minimum(clearance, -signed_distance(points, (polygon,)))
         return clearance
+
+    def within(self, distance: float) -> Rings:
+        """Return the ground at a distance from all that bounds the area.
+
+        Parameters
+        ----------
+        distance : float
+            Kept from `keep_in` and `keep_out` [m].
+
+        Returns
+        -------
+        rings : sequence of ndarray of float, each of shape (n, 2)
+            Outlines and holes [m].
+
+        Raises
+        ------
+        PlanError
+            If nothing is left.
+        """
+        import shapely  # only who reads an area needs it
+
+        obstacles = [
+            shapely.Polygon(corners).buffer(distance, quad_segs=4) for corners in self.keep_out
+        ]
+        ground = shapely.Polygon(self.keep_in).buffer(-distance, quad_segs=4)
+        parts = shapely.get_parts(ground.difference(shapely.unary_union(obstacles)))
+        rings = [ring for part in parts if not part.is_empty for ring in rings_of(part)]
+        if not rings:
+            raise PlanError(f"nothing of the area is {distance:g} m away from its border")
+        return rings
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import NDArray
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import placed, rings_of, signed_distance
+from excitation_planner.area.polygons import placed, rings_of, seen_from, signed_distance
 from tricycle_core.quantities import FloatArray
 
 HEADINGS = 24
@@ -144,9 +144,7 @@ def _clearance(
     if area.keep_out:  # one that lies within the tube
         rings = rings_of(tube)
         corners = np.concatenate(area.keep_out)
-        c, s = np.cos(heading)[:, None], np.sin(heading)[:, None]
-        dx, dy = corners[:, 0] - x[:, None], corners[:, 1] - y[:, None]
-        seen = np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)  # from the start pose
+        seen = seen_from(corners, x, y, heading)
         clearance = np.minimum(clearance, -signed_distance(seen, rings).max(axis=-1))
     return clearance
 

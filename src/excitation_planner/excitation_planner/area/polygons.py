@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from tricycle_core.quantities import FloatArray
 
@@ -36,19 +36,46 @@ def signed_distance(points: FloatArray, rings: Rings) -> FloatArray:
         Negative outside of the outline and in a hole.
     """
     x, y = points[..., 0, None], points[..., 1, None]
-    start = np.concatenate(rings)
-    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
-    (ax, ay), (bx, by) = start.T, end.T
+    (ax, ay), (bx, by) = _edges(rings)
     dx, dy = bx - ax, by - ay
     length2 = np.maximum(dx * dx + dy * dy, 1e-300)
     along = np.clip(((x - ax) * dx + (y - ay) * dy) / length2, 0.0, 1.0)
     squared = (x - ax - along * dx) ** 2 + (y - ay - along * dy) ** 2
+    sign = np.where(contains(points, rings), 1.0, -1.0)
+    distance: FloatArray = sign * np.sqrt(squared.min(axis=-1))
+    return distance
+
+
+def contains(points: FloatArray, rings: Rings) -> NDArray[np.bool_]:
+    """Return whether points lie within a polygon.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (..., 2)
+        Points [m].
+    rings : sequence of ndarray of float, each of shape (n, 2)
+        Outlines and holes [m].
+
+    Returns
+    -------
+    inside : ndarray of bool, shape (...)
+        False outside of every outline and in a hole.
+    """
+    x, y = points[..., 0, None], points[..., 1, None]
+    (ax, ay), (bx, by) = _edges(rings)
     # a ray towards +x crosses an odd number of edges from inside
     spans = (ay > y) != (by > y)
-    crossing = ax + (y - ay) * dx / np.where(dy == 0.0, 1.0, dy)
-    inside = np.count_nonzero(spans & (x < crossing), axis=-1) % 2 == 1
-    distance: FloatArray = np.where(inside, 1.0, -1.0) * np.sqrt(squared.min(axis=-1))
-    return distance
+    slope = (bx - ax) / np.where(by == ay, 1.0, by - ay)
+    crossing = spans & (x < ax + (y - ay) * slope)
+    inside: NDArray[np.bool_] = np.count_nonzero(crossing, axis=-1) % 2 == 1
+    return inside
+
+
+def _edges(rings: Rings) -> tuple[FloatArray, FloatArray]:
+    """Coordinates (2, e) of the edges' first and last points."""
+    start = np.concatenate(rings)
+    end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    return start.T, end.T
 
 
 def placed(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -> FloatArray:
@@ -70,6 +97,27 @@ def placed(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -
     px, py = points.T
     x, y = np.asarray(x)[..., None], np.asarray(y)[..., None]
     return np.stack([x + c * px - s * py, y + s * px + c * py], axis=-1)
+
+
+def seen_from(points: FloatArray, x: ArrayLike, y: ArrayLike, heading: ArrayLike) -> FloatArray:
+    """Return fixed points as a body sees them, at one or many poses.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (m, 2)
+        In the frame of the poses [m].
+    x, y, heading : float or ndarray of float, shape (...)
+        Poses of the body [m, m, rad].
+
+    Returns
+    -------
+    points : ndarray of float, shape (..., m, 2)
+        In the body frame [m].
+    """
+    c, s = np.cos(heading)[..., None], np.sin(heading)[..., None]
+    px, py = points.T
+    dx, dy = px - np.asarray(x)[..., None], py - np.asarray(y)[..., None]
+    return np.stack([c * dx + s * dy, c * dy - s * dx], axis=-1)
 
 
 def rings_of(polygon: shapely.Polygon) -> tuple[FloatArray, ...]:

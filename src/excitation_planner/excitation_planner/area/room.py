@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from excitation_planner.area.area import Area
+from excitation_planner.area.fence import START_HEADING_TOLERANCE, START_POSITION_TOLERANCE
 from excitation_planner.area.placement import Placement, at_pose, best_placement
 from excitation_planner.area.tube import Tube, tube_of
 from excitation_planner.design.noise import MeasurementNoise
@@ -15,12 +15,6 @@ from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-
-START_POSITION_TOLERANCE = 0.05
-"""Distance from the planned start pose at which a vehicle may start [m]."""
-
-START_HEADING_TOLERANCE = math.radians(1.0)
-"""Deviation from the planned heading at which a vehicle may start [rad]."""
 
 
 class DoesNotFit(InfeasibleManeuver):
@@ -96,7 +90,7 @@ class Room:
         noise : MeasurementNoise
             Has the deviations of the position.
         """
-        return cls(area, footprint, math.hypot(noise.noise_std, noise.drift_std))
+        return cls(area, footprint, noise.position_std)
 
     def fit(self, vehicle: Vehicle, commands: Commands) -> Fit:
         """Return how a maneuver fits, at its best start pose.

@@ -13,10 +13,10 @@ import shapely
 from numpy.typing import NDArray
 
 from excitation_planner.area.polygons import placed
+from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
-from tricycle_core.stopping import Cause, stopping_distance
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -31,9 +31,6 @@ EVERY = 0.1
 
 STOP_EVERY = 0.3
 """Time between the points from which a stop is looked at [s]."""
-
-ARC_POINTS = 6
-"""Footprints along the path of a stop."""
 
 SLOWEST = 0.02
 """Speed below which nothing is to be stopped [m/s]."""
@@ -114,11 +111,12 @@ def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed
     x, y, yaw, u, v, r = (thinned(column, STOP_EVERY) for column in columns)
     angle = thinned(motion.steering_motor_angle[:1], STOP_EVERY)  # the same for all
     speed, slip = np.hypot(u, v), np.arctan2(v, u)
+    way = np.where(speed > SLOWEST, longest_stop(speed), 0.0)
     # the curvature of a stop lies between that of the drive and that of a crawl
-    crawl = np.broadcast_to(_crawl_curvature(vehicle, angle), speed.shape)
+    crawl = np.broadcast_to(crawl_curvature(vehicle, angle), speed.shape)
     curvatures = (r / np.maximum(speed, SLOWEST), crawl)
     arcs = [
-        placed(footprint, *_stopping_path(x, y, yaw, slip, speed, curvature))
+        placed(footprint, *stopping_path(x, y, yaw, slip, way, curvature))
         for curvature in curvatures
     ]
     whole = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
@@ -136,37 +134,18 @@ def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
     return np.vstack([nominal, low + U * (high - low)])
 
 
-def _crawl_curvature(vehicle: Vehicle, angle: FloatArray) -> FloatArray:
-    """Curvature of the path [1/m] at a steering motor angle [rad] without slip."""
+def crawl_curvature(vehicle: Vehicle, angle: FloatArray) -> FloatArray:
+    """Return the curvature of the path without slip [1/m], left positive.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its law of steering.
+    angle : ndarray of float
+        Of the steering motor [rad].
+    """
     curvature: FloatArray = np.tan(road_angles(vehicle, angle.ravel())) / vehicle.wheelbase
     return curvature.reshape(angle.shape)
-
-
-def _stopping_path(
-    x: FloatArray,
-    y: FloatArray,
-    yaw: FloatArray,
-    slip: FloatArray,
-    speed: FloatArray,
-    curvature: FloatArray,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Poses (n, t, ARC_POINTS) from each pose (n, t) to rest, on an arc of the longest stop."""
-    way = np.where(speed > SLOWEST, _longest_stop(speed), 0.0)
-    s = way[..., None] * np.linspace(0.0, 1.0, ARC_POINTS)
-    turn = curvature[..., None] * s
-    # chord of the arc, at half of its turn
-    chord, course = s * np.sinc(turn / (2.0 * np.pi)), (yaw + slip)[..., None] + 0.5 * turn
-    return (
-        x[..., None] + chord * np.cos(course),
-        y[..., None] + chord * np.sin(course),
-        yaw[..., None] + turn,
-    )
-
-
-def _longest_stop(speed: FloatArray) -> FloatArray:
-    """Way to rest [m] of the published stop that is longest."""
-    longest: FloatArray = np.max([stopping_distance(cause, speed) for cause in Cause], axis=0)
-    return longest
 
 
 def _hulls(*corners: FloatArray) -> NDArray[np.object_]:

@@ -154,6 +154,11 @@ class MeasurementNoise:
             raise PlanError(f"drift_time = {self.drift_time:g} s must be above 0")
 
     @property
+    def position_std(self) -> float:
+        """Standard deviation of one measured position per axis, drift included [m]."""
+        return math.hypot(self.noise_std, self.drift_std)
+
+    @property
     def channels(self) -> tuple[str, ...]:
         """What is measured, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
         heading = ("yaw",) if self.heading_std else ()

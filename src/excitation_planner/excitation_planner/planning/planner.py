@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from excitation_planner.area.polygons import rings_of
-from excitation_planner.area.room import DoesNotFit, Fit, Room
-from excitation_planner.area.tube import footprint_of
+from excitation_planner.area.room import DoesNotFit, Room
+from excitation_planner.area.tube import crawl_curvature, footprint_of
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.excitation import Design, Verdict, design_excitation
@@ -26,6 +26,11 @@ from excitation_planner.planning.shaping import shaping_constants
 from tricycle_core import __version__
 from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray, Progress
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+
+CURVATURES = 64
+"""Steering angles at which a path's curvature is computed, and interpolated between."""
 
 RANDOM_TRIES = 1000
 """Draws after which a family has no drivable maneuver."""
@@ -302,21 +307,25 @@ def _plans(
                 path=run.path,
                 reference=run.reference,
                 search=searched,
-                **({} if room is None else _on_area(room, room.fit(vehicle, run.commands))),
+                **({} if room is None else _on_area(room, vehicle, run.commands)),
             )
         )
     return tuple(plans)
 
 
-def _on_area(room: Room, fit: Fit) -> dict[str, Any]:
+def _on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
     """Fields of a plan that say where on the area it is driven."""
-    placement = fit.placement
+    fit = room.fit(vehicle, commands)
+    placement, angles = fit.placement, commands.steering_motor_angle
+    tried = np.linspace(angles.min(), angles.max(), CURVATURES)
     return {
         "area": room.area,
         "start_pose": (placement.x, placement.y, placement.heading),
         "clearance": placement.clearance,
         "tube": rings_of(fit.tube.drive),
         "stopping_zone": rings_of(fit.tube.whole),
+        "footprint": room.footprint,
+        "curvature": np.interp(angles, tried, crawl_curvature(vehicle, tried)),
     }
 
 

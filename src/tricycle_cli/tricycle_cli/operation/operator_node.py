@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.playback import PlaybackState
+from excitation_planner.playback import LONGEST_STOP, PlaybackState
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
@@ -170,6 +170,8 @@ class Operator(Closing):
         """
         self._patience = SERVICE_TIMEOUT
         if self._simulated:
+            x, y, heading = plan.start_pose or (0.0, 0.0, 0.0)
+            self._set_parameters("tricycle_sim", start_x=x, start_y=y, start_heading=heading)
             self._trigger("tricycle_sim/reset")
             clock = self._node.get_clock()
             self._wait(lambda: clock.now().nanoseconds > 0, "/clock")  # for the plan's stamp
@@ -199,7 +201,7 @@ class Operator(Closing):
             If it does not answer.
         """
         self._patience = SERVICE_TIMEOUT
-        self._set_parameter("tricycle_sim", "real_time_factor", real_time_factor)
+        self._set_parameters("tricycle_sim", real_time_factor=real_time_factor)
 
     def _hand_over(self, plan: Plan) -> None:
         self._plans.publish(plan)
@@ -232,7 +234,7 @@ class Operator(Closing):
                     f"{str(error) or 'interrupted'}; the maneuver may still run, for the abort: "
                     f"{unanswered}"
                 ) from error
-            self._sleep(STANDSTILL)
+            self._sleep(LONGEST_STOP)  # the bag shows where the vehicle came to rest
             raise
         self._sleep(STANDSTILL)
 
@@ -257,7 +259,7 @@ class Operator(Closing):
 
     @contextmanager
     def _recording(self, bag: Path) -> Iterator[None]:
-        self._set_parameter("trajectory_recorder", "output", str(bag))
+        self._set_parameters("trajectory_recorder", output=str(bag))
         self._trigger("trajectory_recorder/start")
         self._patience = SILENCE_TIMEOUT
         try:
@@ -287,13 +289,14 @@ class Operator(Closing):
         if not answer.success:
             raise NodeError(f"{service}: {answer.message}")
 
-    def _set_parameter(self, node: str, name: str, value: str | float) -> None:
+    def _set_parameters(self, node: str, **values: str | float) -> None:
         request = SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]
+            parameters=[Parameter(k, value=v).to_parameter_msg() for k, v in values.items()]
         )
-        result = self._services.call(f"{node}/set_parameters", SetParameters, request).results[0]
-        if not result.successful:
-            raise NodeError(f"{node}: {name}: {result.reason}")
+        answer = self._services.call(f"{node}/set_parameters", SetParameters, request)
+        for name, result in zip(values, answer.results, strict=True):
+            if not result.successful:
+                raise NodeError(f"{node}: {name}: {result.reason}")
 
     def _sleep(self, duration: float) -> None:
         """Let `duration` seconds of ROS time pass."""

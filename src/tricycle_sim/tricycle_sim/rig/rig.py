@@ -7,7 +7,7 @@ from tricycle_core.closing import Closing
 from tricycle_core.timing import TICK
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.live import LiveState, LiveVehicle
+from tricycle_sim.vehicle.live import ORIGIN, LiveState, LiveVehicle
 
 _RESET = {Board.STEER: FaultKind.STEER_RESET, Board.DRIVE: FaultKind.DRIVE_RESET}
 _HANG = {Board.STEER: FaultKind.STEER_HANG, Board.DRIVE: FaultKind.DRIVE_HANG}
@@ -104,9 +104,15 @@ class Rig(Closing):
         """
         return _CABLE[board] not in self._faults
 
-    def reset(self) -> None:
-        """Put the vehicle at rest at the origin and reboot both boards; time goes on."""
-        self._live = LiveVehicle(self._vehicle)
+    def reset(self, start: tuple[float, float, float] = ORIGIN) -> None:
+        """Put the vehicle at rest at a pose and reboot both boards; time goes on.
+
+        Parameters
+        ----------
+        start : (float, float, float)
+            x, y [m] and heading [rad].
+        """
+        self._live = LiveVehicle(self._vehicle, start=start)
         self._rest()
         for board in (Board.STEER, Board.DRIVE):
             self._reboot(board, ResetCause.EXTERNAL)

@@ -31,6 +31,9 @@ from tricycle_sim.vehicle.layout import (
 from tricycle_sim.vehicle.parts import WHEEL, WHEEL_ROWS, steering_constants, structure_of
 from tricycle_sim.vehicle.stability import check_step
 
+ORIGIN = (0.0, 0.0, 0.0)
+"""Pose: x, y [m] and heading [rad]."""
+
 
 @dataclass(frozen=True)
 class LiveState:
@@ -64,7 +67,7 @@ class LiveState:
 
 
 class LiveVehicle:
-    """A vehicle at rest at the origin, heading +x, that `step` moves by one PLC tick of 10 ms.
+    """A vehicle at rest that `step` moves by one PLC tick of 10 ms.
 
     Parameters
     ----------
@@ -74,6 +77,8 @@ class LiveVehicle:
         Values of `vehicle.unknown` in its order; by default the nominal ones.
     substeps : int
         Runge-Kutta steps per tick; 1 is what batches do.
+    start : (float, float, float)
+        Pose at the beginning: x, y [m] and heading [rad].
 
     Raises
     ------
@@ -82,7 +87,12 @@ class LiveVehicle:
     """
 
     def __init__(
-        self, vehicle: Vehicle, *, parameters: ArrayLike | None = None, substeps: int = 2
+        self,
+        vehicle: Vehicle,
+        *,
+        parameters: ArrayLike | None = None,
+        substeps: int = 2,
+        start: tuple[float, float, float] = ORIGIN,
     ) -> None:
         point = vehicle.nominal_point() if parameters is None else np.asarray(parameters, float)
         if point.shape != (len(vehicle.unknown),):
@@ -95,6 +105,7 @@ class LiveVehicle:
         self._functions = functions_for(vehicle)
         self._groups = pack(vehicle, point[np.newaxis], equilibrium(vehicle))
         self._rows = self._groups.reshape(-1, LANES)
+        self._place(*start)
         self._constants = steering_constants(
             vehicle, 0.5 * TICK / substeps, sample_values(vehicle, point)
         )
@@ -160,6 +171,14 @@ class LiveVehicle:
         self._ticks += 1
         self._state = self._read()
         return self._state
+
+    def _place(self, x: float, y: float, heading: float) -> None:
+        """Move the vehicle at rest to a pose."""
+        c, s = math.cos(0.5 * heading), math.sin(0.5 * heading)
+        q0, q1, q2, q3 = self._rows[STATE.q0 : STATE.q3 + 1].copy()
+        turned = (c * q0 - s * q3, c * q1 - s * q2, c * q2 + s * q1, c * q3 + s * q0)
+        self._rows[STATE.x], self._rows[STATE.y] = self._rows[STATE.x] + x, self._rows[STATE.y] + y
+        self._rows[STATE.q0 : STATE.q3 + 1] = turned
 
     def _steer(self, setpoints: FloatArray, half_steps: int) -> None:
         self._functions.steer(

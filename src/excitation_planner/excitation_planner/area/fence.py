@@ -1,0 +1,148 @@
+"""The fence: whether a vehicle that is stopped now stays on its ground; NumPy alone.
+
+At every tick the driver asks it. What it looks at is what the plan's tube has looked at before: the
+longest of the published stops, on the arc of the motion and on the one that the commands lead to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from excitation_planner.area.polygons import Rings, contains, placed, seen_from, signed_distance
+from excitation_planner.area.stops import longest_stop, stopping_path
+from excitation_planner.localisation import PlanarState
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+
+START_POSITION_TOLERANCE = 0.05
+"""Distance from the planned start pose at which a vehicle may start [m]."""
+
+START_HEADING_TOLERANCE = math.radians(1.0)
+"""Deviation from the planned heading at which a vehicle may start [rad]."""
+
+CREEP = 0.05
+"""Speed below which a localisation's noise tells no direction [m/s]: the command does."""
+
+SPACING = 0.25
+"""Between the poses on a stop [m]; from tick to tick they move by far less."""
+
+
+@dataclass(frozen=True)
+class Fence:
+    """Ground that the driver keeps a vehicle on.
+
+    Attributes
+    ----------
+    frame : str
+        Of ground and start.
+    ground : sequence of ndarray of float, each of shape (n, 2)
+        Outlines and holes of where the footprint may be [m].
+    footprint : ndarray of float, shape (m, 2)
+        Corners in the body frame [m].
+    curvature : ndarray of float, shape (c,)
+        Of the path at each command, without slip, left positive [1/m].
+    start : (float, float, float)
+        Planned pose of `base_link` [m, m, rad].
+
+    Raises
+    ------
+    PlanError
+        A polygon or a number that is none.
+    """
+
+    frame: str
+    ground: Rings
+    footprint: FloatArray
+    curvature: FloatArray
+    start: tuple[float, float, float]
+    _border: FloatArray = field(init=False, repr=False)  # corners of the ground
+    _reach: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, rings in (("ground", self.ground), ("footprint", (self.footprint,))):
+            if not rings or any(len(r) < 3 or not np.isfinite(r).all() for r in rings):
+                raise PlanError(f"{name}: needs polygons of three finite corners or more")
+        if not (np.isfinite(self.curvature).all() and np.isfinite(self.start).all()):
+            raise PlanError("curvature and start of an area must be finite numbers")
+        object.__setattr__(self, "_border", np.concatenate(self.ground))
+        object.__setattr__(self, "_reach", float(np.hypot(*self.footprint.T).max()))
+
+    def off_start(self, state: PlanarState) -> str:
+        """Return how far a vehicle stands from the planned start; empty within the tolerances.
+
+        Parameters
+        ----------
+        state : PlanarState
+            Pose of the vehicle.
+        """
+        x, y, heading = self.start
+        ahead, left = seen_from(np.array([[state.x, state.y]]), x, y, heading)[0]
+        turn = math.remainder(state.yaw - heading, math.tau)
+        near = math.hypot(ahead, left) <= START_POSITION_TOLERANCE
+        if near and abs(turn) <= START_HEADING_TOLERANCE:
+            return ""
+        return (
+            f"{_directed(ahead, 'ahead', 'back')} and {_directed(left, 'left', 'right')} of the "
+            f"planned start, heading {abs(math.degrees(turn)):.1f} deg to the "
+            f"{'left' if turn > 0 else 'right'} (at most {START_POSITION_TOLERANCE:g} m and "
+            f"{math.degrees(START_HEADING_TOLERANCE):g} deg)"
+        )
+
+    def trespass(self, state: PlanarState, *, age: float, curvature: float, push: float) -> str:
+        """Return where a stop would leave the ground; empty where it does not.
+
+        Parameters
+        ----------
+        state : PlanarState
+            Of the vehicle.
+        age : float
+            Time since it was measured [s]; the vehicle has gone on meanwhile.
+        curvature : float
+            Of the path that the commands lead to, without slip [1/m].
+        push : float
+            Positive, negative, 0: forwards, backwards or not at all by the commands; it counts
+            where the vehicle creeps.
+        """
+        if state.frame != self.frame:
+            return f"the area is in frame '{self.frame}', the pose on odom in '{state.frame}'"
+        if not (math.isfinite(state.yaw_rate) and math.isfinite(state.slip)):
+            return "odom has no turn rate, without which no stop can be predicted"
+        creeps = state.speed <= CREEP
+        delay = max(age, 0.0) + TICK
+        way = 0.0
+        if not creeps or push != 0.0:
+            way = state.speed * delay + float(longest_stop(np.array(state.speed)))
+        here = np.array([[state.x, state.y]])
+        if signed_distance(here, self.ground)[0] > way + self._reach:
+            return ""  # whatever the direction
+        slip = (0.0 if push >= 0.0 else math.pi) if creeps else state.slip
+        arcs = [
+            0.0 if creeps else state.yaw_rate / state.speed,
+            math.copysign(1.0, math.cos(slip)) * curvature,
+        ]
+        points = 1 + math.ceil(way / SPACING)
+        ways = np.linspace(0.0, way, points)
+        poses = stopping_path(state.x, state.y, state.yaw, slip, way, np.array(arcs), points=points)
+        corners, border = placed(self.footprint, *poses), seen_from(self._border, *poses)
+        # a corner of the footprint outside, or one of the border in the footprint
+        outside = ~contains(corners, self.ground).all(axis=-1)
+        outside |= contains(border, (self.footprint,)).any(axis=-1)
+        out = outside.any(axis=0)
+        if not out.any():
+            return ""
+        ahead = float(ways[int(np.argmax(out))])
+        depth = max(
+            -float(signed_distance(corners, self.ground).min()),
+            float(signed_distance(border, (self.footprint,)).max()),
+        )
+        if ahead == 0.0:
+            return f"fence: {depth:.2f} m out of the area less its margin"
+        return f"fence: would come {depth:.2f} m out of the area less its margin in {ahead:.1f} m"
+
+
+def _directed(value: float, positive: str, negative: str) -> str:
+    return f"{abs(value):.2f} m {positive if value > 0 else negative}"

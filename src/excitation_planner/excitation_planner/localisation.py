@@ -1,0 +1,140 @@
+"""What the localisation says, and whether a vehicle can move so."""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+JUMP = 0.3
+"""Distance between a pose and where its own velocity leads that is no noise [m]."""
+
+TURN_JUMP = 0.2
+"""The same for the heading [rad]."""
+
+SHARE = 0.1
+"""The same, of the way or turn meanwhile: error of a measured velocity."""
+
+WINDOW = 1.0
+"""Time over which poses are compared with the velocity [s]."""
+
+FROZEN = 0.5
+"""Time for which the pose of a driven vehicle may be the same to the last digit [s]."""
+
+
+@dataclass(frozen=True)
+class PlanarState:
+    """Planar pose and motion of `base_link` in `odom`; not finite where the message is not.
+
+    Attributes
+    ----------
+    x, y : float
+        Position [m].
+    yaw : float
+        Left positive [rad].
+    speed : float
+        Absolute value [m/s].
+    slip : float
+        Direction of the motion relative to the heading, left positive [rad].
+    yaw_rate : float
+        Left positive [rad/s].
+    frame : str
+        Of the pose.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    slip: float = 0.0
+    yaw_rate: float = 0.0
+    frame: str = ""
+
+    @property
+    def finite(self) -> bool:
+        """Whether pose and speed are numbers."""
+        return all(map(math.isfinite, (self.x, self.y, self.yaw, self.speed)))
+
+
+@dataclass(frozen=True)
+class _Track:
+    """A pose, and where the velocities measured since the first one lead."""
+
+    stamp: float
+    state: PlanarState
+    x: float = 0.0
+    y: float = 0.0
+    turn: float = 0.0
+    way: float = 0.0
+    turned: float = 0.0  # absolute
+
+
+@dataclass
+class PoseWatch:
+    """Holds each pose against those before it and the velocities between them."""
+
+    _tracks: deque[_Track] = field(default_factory=deque)
+    _changed_at: float = -math.inf
+
+    def contradiction(self, state: PlanarState, stamp: float, *, driven: bool) -> str:
+        """Take a pose; return why no vehicle can have come there, or an empty string.
+
+        Parameters
+        ----------
+        state : PlanarState
+            Finite.
+        stamp : float
+            Of the measurement [s].
+        driven : bool
+            Whether the wheels are commanded to turn.
+        """
+        if not self._tracks:
+            self._tracks.append(_Track(stamp, state))
+            self._changed_at = stamp
+            return ""
+        last = self._tracks[-1]
+        if stamp <= last.stamp:
+            return ""
+        before = last.state
+        if not driven or (state.x, state.y, state.yaw) != (before.x, before.y, before.yaw):
+            self._changed_at = stamp
+        new = _moved(last, state, stamp)
+        while len(self._tracks) > 1 and self._tracks[1].stamp <= stamp - WINDOW:
+            self._tracks.popleft()
+        self._tracks.append(new)
+        if (still := stamp - self._changed_at) > FROZEN:
+            return f"the pose has been the same for {still:.2f} s, but the wheels are driven"
+        return _difference(last, new) or _difference(self._tracks[0], new)
+
+
+def _moved(last: _Track, state: PlanarState, stamp: float) -> _Track:
+    """Dead reckoning by the velocities at both ends."""
+    dt = stamp - last.stamp
+    half = [
+        (0.5 * dt * s.speed, s.yaw + s.slip, 0.5 * dt * s.yaw_rate) for s in (last.state, state)
+    ]
+    turn = half[0][2] + half[1][2]
+    return _Track(
+        stamp,
+        state,
+        last.x + sum(way * math.cos(course) for way, course, _ in half),
+        last.y + sum(way * math.sin(course) for way, course, _ in half),
+        last.turn + turn,
+        last.way + half[0][0] + half[1][0],
+        last.turned + abs(turn),
+    )
+
+
+def _difference(old: _Track, new: _Track) -> str:
+    a, b = old.state, new.state
+    off = math.hypot(b.x - a.x - (new.x - old.x), b.y - a.y - (new.y - old.y))
+    if off > JUMP + SHARE * (new.way - old.way):
+        return (
+            f"the pose is {off:.2f} m from where the vehicle's velocity led in "
+            f"{new.stamp - old.stamp:.2f} s"
+        )
+    turn = abs(math.remainder(b.yaw - a.yaw - (new.turn - old.turn), math.tau))
+    if turn > TURN_JUMP + SHARE * (new.turned - old.turned):
+        return (
+            f"the heading is {math.degrees(turn):.0f} deg from where the vehicle's turn rate led "
+            f"in {new.stamp - old.stamp:.2f} s"
+        )
+    return ""
