@@ -9,13 +9,13 @@ Niesten, Ferranti, "DART: A Compact Platform for Autonomous Driving Research", I
 
 Fitted are both axles' cornering stiffness and friction, the yaw inertia and, for each recording,
 the steering's zero: least squares of position and heading after 0.5, 1 and 2 s of windows of the
-four ramps that share no sample; intervals of 95 % from resampling the windows (a parameter is shown
-where its interval is less than half its range). Predicted are windows of 2 s begun every 0.5 s at
-more than 0.4 m/s: inside, only steering commands and the speed of the pose are known. The
-steering's zero is that of the windows that ended in the 10 s before. Printed, also for the authors'
-model (their parameters and zero) on the same windows: RMS of position [mm] and heading [deg] after
-0.5, 1 and 2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force
-by the fitted model, over the slip of the axle) over that of the authors' curves.
+four ramps that share no sample; intervals of 95 % from resampling the windows (shown: an interval
+of less than half the range). Predicted are windows of 2 s begun every 0.5 s at more than 0.4 m/s:
+inside, only steering commands and the speed of the pose are known. The steering's zero is that of
+the earlier windows. Printed, also for the authors' model (their parameters and zero) on the same
+windows: RMS of position [mm] and heading [deg] after 0.5, 1 and
+2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force by the
+fitted model, over the slip of the axle) over that of the authors' curves.
 """
 
 import argparse
@@ -51,7 +51,6 @@ FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", *FRICTION, "y
 HORIZONS = (0.5, 1.0, 2.0)  # s
 STEPS = np.round(np.array(HORIZONS) / TICK).astype(int)
 LEAD = round(RUN_IN / TICK)
-MEMORY = 10.0  # s before a window that tell the steering's zero
 SLIPS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.12)  # rad
 COLUMNS = Columns(
     time="vicon time",
@@ -172,10 +171,10 @@ def predict(path, vehicle):
     zeros = [float(np.interp(0.0, np.maximum.accumulate(row), grid)) for row in yaw]
     ends, found = starts + STEPS[-1], []
     for window, first in enumerate(starts):
-        recent = (ends <= first) & (ends > first - MEMORY / TICK)
-        weights = np.append(rise[recent] ** 2, np.mean(rise) ** 2)  # the fitted zero: one window
+        earlier = ends <= first
+        weights = np.append(rise[earlier] ** 2, np.mean(rise) ** 2)  # the fitted zero: one window
         zero = np.average(
-            np.append(np.array(zeros)[recent], vehicle.steering_offset), weights=weights
+            np.append(np.array(zeros)[earlier], vehicle.steering_offset), weights=weights
         )
         found.append([
             [np.interp(zero, grid, column) for column in horizon.T]

@@ -24,7 +24,7 @@ from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 STANDING = 0.02  # m/s
-STANDSTILL = 0.3  # s that the judge needs before a start event
+STANDSTILL = 0.6  # s: half before the start event, for the judge, half until the vehicle moves
 LATCHED = (OfferedQos(durability="transient_local", depth=1),)
 KINDS = {
     "/odom": "nav_msgs/msg/Odometry",
@@ -56,7 +56,7 @@ def write_bag(
     Returns
     -------
     float or None
-        None where the vehicle does not stand for 0.3 s before it drives: the bag has no start event
+        None where the vehicle does not stand for 0.6 s before it drives: the bag has no start event
         then, no commands and no reference.
 
     Raises
@@ -85,14 +85,14 @@ def write_bag(
 
 
 def _start(recording: Recording) -> float | None:
-    """Time at which the vehicle leaves its first standstill [s]; None where there is none."""
+    """Time shortly before the vehicle leaves its first standstill [s]; None without one."""
     motion = motion_of(recording)
     speed = np.abs(motion.speed)
     first = int(np.argmax(speed > 0.1))
     standing = np.flatnonzero(speed[:first] < STANDING)
     if not len(standing) or motion.time[standing[-1]] - motion.time[0] < STANDSTILL:
         return None
-    return float(motion.time[standing[-1]])
+    return float(motion.time[standing[-1]]) - 0.5 * STANDSTILL
 
 
 def _sensed(recording: Recording) -> Iterator[Row]:

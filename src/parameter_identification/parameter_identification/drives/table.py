@@ -25,6 +25,7 @@ from tricycle_core.quantities import FloatArray
 MAX_BYTES = 256_000_000  # of a table, unpacked: an hour at 100 Hz has a fifth
 MAX_MAPPING = 100_000
 G = 9.80665  # m/s^2, the unit
+CLOCK_STEP = 1e-6  # s; times since 1970 are rounded to a quarter of it
 
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -252,7 +253,8 @@ class Samples:
         """
         if not held:
             return np.interp(time, self.time, self.values)
-        return self.values[np.maximum(np.searchsorted(self.time, time, side="right") - 1, 0)]
+        just_after = time + CLOCK_STEP
+        return self.values[np.maximum(np.searchsorted(self.time, just_after, side="right") - 1, 0)]
 
 
 @dataclass(frozen=True, eq=False)

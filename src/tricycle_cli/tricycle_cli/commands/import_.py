@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"{len(recording.time)} poses in {args.output}")
     if start is None:
         print(
-            "no start event: the vehicle does not stand for 0.3 s before it drives; the bag cannot "
+            "no start event: the vehicle does not stand for 0.6 s before it drives; the bag cannot "
             "be judged, identify from the table instead",
             file=sys.stderr,
         )
