@@ -147,7 +147,7 @@ def test_1000_random_vehicles_that_are_stopped_by_it_stay_on_the_ground() -> Non
             stop = _stopped(commands, tick * TICK)
             end = simulate(vehicle, stop, parameters[[n]])
             assert math.hypot(end.vx[0, -1], end.vy[0, -1]) < 0.02
-            poses = zip(end.x[0, ::5], end.y[0, ::5], end.yaw[0, ::5], strict=True)
+            poses = zip(*(c[0, tick::10] for c in (end.x, end.y, end.yaw)), strict=True)
             out = [reason for pose in poses if (reason := said(at(*pose), the_fence))]
             assert not out, f"stopped at {motion.time[tick]:.2f} s: {out[-1]}"
             stopped += 1
