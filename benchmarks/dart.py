@@ -7,14 +7,15 @@ DIR holds recordings of the repository Lorenzo-Lyons/DART (folder System_identif
 (81_throttle_ramps), lap_1_0 (70_racetrack_lap_v_1). They are not part of this repository. Lyons,
 Niesten, Ferranti, "DART: A Compact Platform for Autonomous Driving Research", IEEE IV 2024.
 
-Fitted are both axles' cornering stiffness, the yaw inertia and the steering's zero, to windows of
-2 s of the four ramps; the constant part of each recording's steering error comes from its slow
-turns. Predicted are windows of 2 s begun every 0.5 s at more than 0.4 m/s: inside, only steering
-commands and the speed of the pose are known. The steering's zero is the mean of the 10 s before the
-window. Printed, also for the authors' model (their parameters and zero) on the same windows: RMS of
-position [mm] and heading [deg] after 0.5, 1 and 2 s. Then the secant stiffness of the axles as
-driven in the ramps (their lateral force by the fitted model, over the slip of the axle) over that
-of the authors' curves.
+Fitted are both axles' cornering stiffness and friction, the yaw inertia and, for each recording,
+the steering's zero: least squares of position and heading after 0.5, 1 and 2 s of windows of the
+four ramps that share no sample; intervals of 95 % from resampling the windows (a parameter is shown
+where its interval is less than half its range). Predicted are windows of 2 s begun every 0.5 s at
+more than 0.4 m/s: inside, only steering commands and the speed of the pose are known. The
+steering's zero is that of the windows that ended in the 10 s before. Printed, also for the authors'
+model (their parameters and zero) on the same windows: RMS of position [mm] and heading [deg] after
+0.5, 1 and 2 s. Then the secant stiffness of the axles as driven in the ramps (their lateral force
+by the fitted model, over the slip of the axle) over that of the authors' curves.
 """
 
 import argparse
@@ -35,20 +36,21 @@ from parameter_identification.drives.table import (
 from parameter_identification.drives.windows import (
     RUN_IN,
     Windows,
-    estimate_offset,
     motion_of,
-    steering_error,
     windows_of,
 )
-from parameter_identification.identification import identify
+from parameter_identification.estimation.model import restrict
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
 CAR = Path(__file__).parents[1] / "src/tricycle_sim/tricycle_sim/car_1_10.yaml"
 RAMPS = ("ramp_pos02", "ramp_neg02", "ramp_pos025", "ramp_neg025")
-FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", "yaw_inertia")
+FRICTION = {f"{axle}.friction_coefficient": (0.6, 1.2) for axle in ("front", "rear")}
+FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", *FRICTION, "yaw_inertia")
 HORIZONS = (0.5, 1.0, 2.0)  # s
+STEPS = np.round(np.array(HORIZONS) / TICK).astype(int)
+LEAD = round(RUN_IN / TICK)
 MEMORY = 10.0  # s before a window that tell the steering's zero
 SLIPS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.12)  # rad
 COLUMNS = Columns(
@@ -116,100 +118,167 @@ def authors(motion, command, starts, vehicle, ticks):
     return out
 
 
-def ours(drives, motion, starts, vehicle, offsets, ticks):
-    """Poses (window, tick, 3) that the vehicle predicts with steering offsets (windows,)."""
-    lead, out = round(RUN_IN / TICK), np.empty((len(starts), ticks + 1, 3))
-    known = dataclasses.replace(vehicle, unknown={})
-    for row, (drive, first, offset) in enumerate(zip(drives, starts, offsets, strict=True)):
-        commands = dataclasses.replace(
-            drive.commands, steering_motor_angle=drive.commands.steering_motor_angle + offset
-        )
-        speed = drive.start.speed
-        run = CommandedBatch(known, commands, setpoint=speed).run(
-            np.empty((1, 0)), ("x", "y", "yaw"), speed=np.array([speed])
-        )
-        x, y, yaw = (run.columns[name][0, lead : lead + ticks + 1] for name in ("x", "y", "yaw"))
-        turn = motion.yaw[first] - yaw[0]
-        way = ((x - x[0]) + 1j * (y - y[0])) * np.exp(1j * turn)
-        out[row] = np.column_stack(
-            [motion.x[first] + way.real, motion.y[first] + way.imag, yaw + turn]
-        )
-    return out
+def deviations(drive, motion, first, batch, parameters):
+    """Predicted less measured x, y, yaw (parameters, horizons, 3) of a window."""
+    speeds = np.full(len(parameters), drive.start.speed)
+    run = batch.run(parameters, ("x", "y", "yaw"), speed=speeds)
+    x, y, yaw = (run.columns[name][:, LEAD + STEPS] for name in ("x", "y", "yaw"))
+    x0, y0, yaw0 = (run.columns[name][:, LEAD, None] for name in ("x", "y", "yaw"))
+    turn = motion.yaw[first] - yaw0
+    way = ((x - x0) + 1j * (y - y0)) * np.exp(1j * turn)
+    at = first + STEPS
+    return np.stack(
+        [
+            motion.x[first] + way.real - motion.x[at],
+            motion.y[first] + way.imag - motion.y[at],
+            yaw + turn - motion.yaw[at],
+        ],
+        axis=2,
+    )
 
 
-def errors(predicted, motion, starts):
-    """RMS of position [mm] and heading [deg] at the horizons."""
-    found = {}
-    for horizon in HORIZONS:
-        k = round(horizon / TICK)
-        there = np.column_stack([v[starts + k] for v in (motion.x, motion.y, motion.yaw)])
-        square = np.mean((predicted[:, k] - there) ** 2, axis=0)
-        found[f"{horizon:g} s"] = {
-            "position_mm": 1e3 * math.sqrt(square[0] + square[1]),
-            "heading_deg": math.degrees(math.sqrt(square[2])),
-        }
-    return found
-
-
-def first_ticks(drives, motion):
-    """Ticks of the recording at which windows begin."""
-    begin = [float(drive.name.split()[-2]) for drive in drives]
-    return np.round((np.array(begin) - motion.time[0]) / TICK).astype(int)
-
-
-def predict(path, vehicle):
-    recording = read_recording(path, COLUMNS)
-    motion, steering = motion_of(recording), COLUMNS.steering_map
-    drives = windows_of(recording, vehicle, steering, Windows(overlapping=True))
-    starts, ticks = first_ticks(drives, motion), round(HORIZONS[-1] / TICK)
-    error = steering_error(recording, vehicle, steering)
-    moving = np.where(motion.speed > 0.4, 1.0, 0.0)
-    offsets = []
-    for first in starts:
-        before = slice(max(0, first - round(MEMORY / TICK)), first)
-        weight = moving[before]
-        # as if a second had shown the zero of the fitted drives
-        offsets.append(np.sum(weight * np.clip(error[before], -0.1, 0.1)) / (weight.sum() + 100.0))
-    command = recording.steering.at(motion.time, held=True)
+def errors(deviation):
+    """RMS of position [mm] and heading [deg] of deviations (windows, horizons, 3)."""
+    square = np.mean(deviation**2, axis=0)
     return {
-        "windows": len(drives),
-        "ours": errors(ours(drives, motion, starts, vehicle, offsets, ticks), motion, starts),
-        "authors": errors(authors(motion, command, starts, vehicle, ticks), motion, starts),
+        f"{horizon:g} s": {
+            "position_mm": 1e3 * math.sqrt(x + y),
+            "heading_deg": math.degrees(math.sqrt(yaw)),
+        }
+        for horizon, (x, y, yaw) in zip(HORIZONS, square, strict=True)
     }
 
 
-def fit(paths, vehicle):
-    drives = []
-    for path in paths:
-        recording = read_recording(path, COLUMNS)
-        steering = estimate_offset(recording, vehicle, COLUMNS.steering_map)
-        drives += windows_of(recording, vehicle, steering, Windows(every=EVERY))
-    return drives, identify(drives, vehicle, parameters=FITTED)
+def windows(path, vehicle, overlapping):
+    """Recording, motion, windows, and the ticks at which they begin."""
+    recording = read_recording(path, COLUMNS)
+    motion = motion_of(recording)
+    chosen = Windows(overlapping=overlapping)
+    drives = windows_of(recording, vehicle, COLUMNS.steering_map, chosen)
+    begin = np.array([float(drive.name.split()[-2]) for drive in drives])
+    return recording, motion, drives, np.round((begin - motion.time[0]) / TICK).astype(int)
 
 
-EVERY = 6.0
+def predict(path, vehicle):
+    only = restrict(vehicle, ("steering_offset",))
+    recording, motion, drives, starts = windows(path, vehicle, overlapping=True)
+    grid = vehicle.steering_offset + np.array([-0.03, -0.015, 0.0, 0.015, 0.03])
+    each = np.array([
+        deviations(drive, motion, first, batch_of(only, drive), grid[:, None])
+        for drive, first in zip(drives, starts, strict=True)
+    ])  # fmt: skip
+    yaw = each[:, :, -1, 2]  # of the last horizon: it rises with the offset
+    rise = (yaw[:, -1] - yaw[:, 0]) / (grid[-1] - grid[0])
+    zeros = [float(np.interp(0.0, np.maximum.accumulate(row), grid)) for row in yaw]
+    ends, found = starts + STEPS[-1], []
+    for window, first in enumerate(starts):
+        recent = (ends <= first) & (ends > first - MEMORY / TICK)
+        weights = np.append(rise[recent] ** 2, np.mean(rise) ** 2)  # the fitted zero: one window
+        zero = np.average(
+            np.append(np.array(zeros)[recent], vehicle.steering_offset), weights=weights
+        )
+        found.append([
+            [np.interp(zero, grid, column) for column in horizon.T]
+            for horizon in each[window].transpose(1, 0, 2)
+        ])  # fmt: skip
+    command = recording.steering.at(motion.time, held=True)
+    theirs = authors(motion, command, starts, vehicle, STEPS[-1])[:, STEPS]
+    there = np.stack([v[starts[:, None] + STEPS] for v in (motion.x, motion.y, motion.yaw)], axis=2)
+    return {
+        "windows": len(drives),
+        "ours": errors(np.array(found)),
+        "authors": errors(theirs - there),
+    }
+
+
+def batch_of(vehicle, drive):
+    return CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
+
+
+def better(at, residuals, jacobians, information, mean):
+    """Step of Gauss and Newton, with a prior."""
+    variance = np.mean(residuals**2)
+    normal = np.einsum("wri,wrj->ij", jacobians, jacobians) / variance
+    pull = np.einsum("wri,wr->i", jacobians, residuals) / variance
+    return at - np.linalg.solve(normal + np.diag(information), pull + information * (at - mean))
+
+
+def fit(paths, vehicle, seed=0):
+    """Parameters, their intervals, zeros of the recordings, and the windows."""
+    names = [*FITTED, "steering_offset"]
+    known = restrict(vehicle, tuple(names))
+    order = [list(known.unknown).index(name) for name in names]
+    low, high = np.array([vehicle.unknown[name] for name in FITTED]).T
+    rows = []  # number of the recording, window, motion, first tick, batch
+    for number, path in enumerate(paths):
+        _, motion, drives, starts = windows(path, vehicle, overlapping=False)
+        rows += [
+            (number, drive, motion, first, batch_of(known, drive))
+            for drive, first in zip(drives, starts, strict=True)
+        ]
+    k, n = len(FITTED), len(FITTED) + len(paths)
+    at = mean = np.append(np.full(k, 0.5), np.full(len(paths), vehicle.steering_offset))
+    information = np.append(np.full(k, 12.0), np.full(len(paths), 1.0 / 0.03**2))
+    steps = np.append(np.full(k, 0.02), 0.002)
+    scale = 1.0 / np.array(HORIZONS)[:, None]  # m/s; rad/s at 1 m
+    for _ in range(8):
+        residuals, jacobians = [], []
+        for number, drive, motion, first, batch in rows:
+            z = np.append(at[:k], at[k + number])
+            points = z + np.vstack([np.zeros(k + 1), np.diag(steps)])
+            values = np.empty_like(points)
+            values[:, order] = np.column_stack([low + (high - low) * points[:, :k], points[:, k:]])
+            found = (deviations(drive, motion, first, batch, values) * scale).reshape(k + 2, -1)
+            jacobian = np.zeros((found.shape[1], n))
+            jacobian[:, [*range(k), k + number]] = (found[1:] - found[0]).T / steps
+            residuals.append(found[0])
+            jacobians.append(jacobian)
+        r, j = np.array(residuals), np.array(jacobians)
+
+        following = better(at, r, j, information, mean)
+        following[:k] = np.clip(following[:k], 0.0, 1.0)
+        done = np.abs(following - at).max() < 1e-3
+        at = following
+        if done:
+            break
+    rng = np.random.default_rng(seed)
+    draws = [rng.integers(len(r), size=len(r)) for _ in range(500)]
+    again = [better(at, r[chosen], j[chosen], information, mean) for chosen in draws]
+    bounds = np.clip(np.quantile(np.array(again)[:, :k], [0.025, 0.975], axis=0), 0.0, 1.0)
+    parameters = {
+        name: {
+            "estimate": float(low[i] + (high - low)[i] * at[i]),
+            "low": float(low[i] + (high - low)[i] * bounds[0, i]),
+            "high": float(low[i] + (high - low)[i] * bounds[1, i]),
+            "shown": bool(bounds[1, i] - bounds[0, i] < 0.5 and 0.0 < at[i] < 1.0),
+            "unit": vehicle.unit(name),
+        }
+        for i, name in enumerate(FITTED)
+    }
+    zeros = {path.name: float(zero) for path, zero in zip(paths, at[k:], strict=True)}
+    return parameters, zeros, [(drive, zeros[paths[number].name]) for number, drive, *_ in rows]
 
 
 def secants(drives, vehicle):
     """Secant stiffness of both axles as driven, over the authors'; by slip."""
-    known, lead = dataclasses.replace(vehicle, unknown={}), round(RUN_IN / TICK)
+    known = dataclasses.replace(vehicle, unknown={})
     slips, forces = {"front": [], "rear": []}, {"front": [], "rear": []}
-    for drive in drives:
-        batch = CommandedBatch(known, drive.commands, setpoint=drive.start.speed)
-        run = batch.run(
+    for drive, zero in drives:
+        turned = known.replace(steering_offset=zero)
+        run = batch_of(turned, drive).run(
             np.empty((1, 0)), ("vx", "vy", "yaw_rate"), speed=np.array([drive.start.speed])
         )
         vx, vy, rate = (run.columns[name][0] for name in ("vx", "vy", "yaw_rate"))
         accel = np.gradient(vy, TICK) + vx * rate
-        steer = run.steering_motor_angle[0] + vehicle.steering_offset
+        steer = run.steering_motor_angle[0] + zero
         lf, lr = vehicle.com_to_front_axle, vehicle.com_to_rear_axle
         length = lf + lr
         for axle, slip, share in (
             ("front", steer - np.arctan2(vy + lf * rate, vx), lr / length / np.cos(steer)),
             ("rear", -np.arctan2(vy - lr * rate, vx), lf / length),
         ):
-            slips[axle].append(slip[lead:])
-            forces[axle].append((vehicle.mass * accel * share)[lead:])
+            slips[axle].append(slip[LEAD:])
+            forces[axle].append((vehicle.mass * accel * share)[LEAD:])
     found = {}
     for axle, curve in (("front", FRONT), ("rear", REAR)):
         slip, force = np.concatenate(slips[axle]), np.concatenate(forces[axle])
@@ -231,26 +300,23 @@ def main():
     parser.add_argument("--predict", nargs="*", type=Path, metavar="FILE")
     parser.add_argument("--json", action="store_true")
     args = parser.parse_args()
-    vehicle = load_vehicle(CAR).replace(**DRIVEN)
-    drives, found = fit([args.data / f"{name}.csv.gz" for name in args.fit], vehicle)
-    fitted = vehicle.replace(**{name: e.estimate for name, e in found.parameters.items()})
+    car = load_vehicle(CAR).replace(**DRIVEN)
+    vehicle = dataclasses.replace(car, unknown={**car.unknown, **FRICTION})
+    parameters, zeros, drives = fit([args.data / f"{name}.csv.gz" for name in args.fit], vehicle)
+    fitted = vehicle.replace(
+        **{name: found["estimate"] for name, found in parameters.items()},
+        steering_offset=float(np.mean(list(zeros.values()))),
+    )
     files = args.predict
     if files is None:
         files = [args.data / f"{name}.csv.gz" for name in (*RAMPS, "lap_1_0")]
     result = {
-        "parameters": {
-            name: {
-                "estimate": e.estimate, "low": e.low, "high": e.high, "shown": e.identifiable,
-                "unit": e.unit,
-            }
-            for name, e in found.parameters.items()
-        },
-        "white": found.white,
+        "parameters": parameters,
+        "steering_zero_rad": zeros,
         "fitted_windows": len(drives),
-        "seconds": found.seconds,
         "secant_over_authors": secants(drives, fitted),
         "predictions": {path.name: predict(path, fitted) for path in files},
-    }  # fmt: skip
+    }
     if args.json:
         print(json.dumps(result))
         return

@@ -296,6 +296,7 @@ class SimulatedBag:
     standing: bool = False  # the vehicle does not move
     without: tuple[str, ...] = ()  # topics
     tell: bool = False  # the truth, in the bag's record
+    names: tuple[tuple[str, str], ...] = ()  # topics that have other names
 
     def commands(self) -> Commands:
         return nominal_run(self.vehicle, Circle(duration=14.0), np.array([3.0, 1.0])).commands
@@ -340,7 +341,13 @@ class SimulatedBag:
         told = {f"true_{name}": repr(value) for name, value in self.truth} if self.tell else {}
         with BagWriter(path, metadata=told) as bag:
             ids = {
-                name: bag.add_topic(Topic.of_type(name, kind, qos=LATCHED if "man" in name else ()))
+                name: bag.add_topic(
+                    Topic.of_type(
+                        dict(self.names).get(name, name),
+                        kind,
+                        qos=LATCHED if "man" in name else (),
+                    )
+                )
                 for name, kind in SIGNAL_TOPICS.items()
                 if name not in self.without
             }

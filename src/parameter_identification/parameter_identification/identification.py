@@ -28,6 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.measured import MeasuredDrive
 from parameter_identification.estimation.checks import check_drives
+from parameter_identification.estimation.effects import EFFECTS, effects_of
 from parameter_identification.estimation.model import DriveModel, restrict
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import Optimum, find_optimum
@@ -37,6 +38,7 @@ from parameter_identification.estimation.profiles import ProfileCurve, profile
 from parameter_identification.estimation.results import (
     Combination,
     DriveFit,
+    EffectEstimate,
     Estimate,
     HeldOut,
     Identification,
@@ -44,6 +46,7 @@ from parameter_identification.estimation.results import (
     Profile,
 )
 from parameter_identification.estimation.validation import (
+    effects_of_drives,
     fits_of_drives,
     predict_held_out,
     whiteness_of_residuals,
@@ -53,8 +56,8 @@ from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
 __all__ = [
-    "Combination", "DriveFit", "Estimate", "GaussianPrior", "HeldOut", "Identification",
-    "IdentificationError", "Loss", "NuisanceEstimate", "Profile", "identify",
+    "EFFECTS", "Combination", "DriveFit", "EffectEstimate", "Estimate", "GaussianPrior", "HeldOut",
+    "Identification", "IdentificationError", "Loss", "NuisanceEstimate", "Profile", "identify",
 ]  # fmt: skip
 
 OUTLIER = 6.0  # standard deviations from which samples are counted as outliers
@@ -67,6 +70,7 @@ def identify(
     parameters: Sequence[str] | None = None,
     prior: GaussianPrior | None = None,
     held_out: Sequence[MeasuredDrive] = (),
+    effects: Sequence[str] = (),
     loss: Loss = Loss.SQUARED,
     starts: int = 4,
     level: float = 0.95,
@@ -88,6 +92,8 @@ def identify(
         Knowledge before the drives. Parameters that it does not name keep their ranges.
     held_out : sequence of MeasuredDrive, optional
         Drives to be predicted with the estimates.
+    effects : sequence of str, optional
+        Of `EFFECTS`: estimated beside the parameters.
     loss : Loss
         Cost of a residual.
     starts : int
@@ -111,11 +117,14 @@ def identify(
     if not drives:
         raise IdentificationError("no drive: nothing to identify from")
     known = restrict(vehicle, tuple(vehicle.unknown if parameters is None else parameters))
+    beside = effects_of(known, effects)
     check_drives([*drives, *held_out], vehicle)
     with (
         threadpool_limits(1, user_api="blas"),  # for small matrices more threads only cost
         LeastSquares(
-            [DriveModel(known, drive) for drive in drives], *prior_in_ranges(known, prior), loss
+            [DriveModel(known, drive, beside) for drive in drives],
+            *prior_in_ranges(known, prior),
+            loss,
         ) as problem,
     ):
         optimum = find_optimum(problem, starts=starts, seed=seed, level=level)
@@ -145,6 +154,7 @@ def identify(
             level=level,
             seed=seed,
             seconds=time.perf_counter() - begun,
+            effects=effects_of_drives(problem, optimum),
         )
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from parameter_identification.estimation.results import (
     Combination,
+    EffectEstimate,
     Estimate,
     HeldOut,
     Identification,
@@ -176,6 +177,8 @@ class IdentificationDocument:
         Of the starts.
     seconds : float
         That the computation took.
+    effects : tuple of EffectEstimate
+        What was estimated beside the parameters.
     """
 
     vehicle: str = ""
@@ -197,6 +200,7 @@ class IdentificationDocument:
     starts: Starts = field(default_factory=lambda: Starts(0, 0))
     seed: int = 0
     seconds: float = 0.0
+    effects: tuple[EffectEstimate, ...] = ()
 
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
@@ -253,6 +257,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         starts=Starts(*found.starts),
         seed=found.seed,
         seconds=found.seconds,
+        effects=found.effects,
     )
 
 

@@ -53,6 +53,8 @@ def identified_vehicle(
         f"# by tricycle identify {__version__}, vehicle file before: "
         f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
     )
+    if found.effects:
+        header += "# estimated beside them:\n" + "".join(f"#   {e}\n" for e in found.effects)
     body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     return header + body
 

@@ -113,6 +113,18 @@ def test_three_seconds_are_told_to_show_nothing(
     assert printed.count("not shown") >= 5
 
 
+def test_topics_of_another_system_are_named_by_options(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = {"/odom": "/tracker", "/imu": "/os/imu", "/joint_states": "/wheels"}
+    path = SimulatedBag(until=0.5, names=tuple(names.items())).write(tmp_path / "bag")
+    assert main(["identify", str(path)]) == 2
+    assert "holds no topic odom" in capsys.readouterr().err
+    options = ["--pose", "/tracker", "--imu", "/os/imu", "--joint-states", "/wheels"]
+    assert main(["identify", str(path), *options]) == 2  # it is read, and too short
+    assert "too little motion" in capsys.readouterr().err
+
+
 def test_a_parameter_that_does_not_exist_is_told(
     bag: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import tricycle_sim
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.table import Columns, load_columns, read_recording
 from parameter_identification.drives.windows import (
@@ -25,6 +26,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
+PACKAGED = Path(tricycle_sim.__file__).parent
 VEHICLE = load_vehicle()
 TRUTH = {"cornering_stiffness": 700.0, "camber_stiffness": 45.0}
 GAIN, OFFSET, BEFORE = 0.4, 0.02, 1.0
@@ -159,3 +161,21 @@ def test_bad_tables_are_one_line_and_status_2(
     (line,) = capsys.readouterr().err.splitlines()
     assert "'yawrate' is no entry; is yaw_rate meant?" in line
     assert not bag.exists()
+
+
+@pytest.mark.slow
+def test_the_lines_of_the_page_identify_a_table(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = Path(__file__).parents[3] / "docs/how-to-recordings.md"
+    (code,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (text,) = re.findall(r"```yaml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "mapping.yaml").write_text(text)
+    assert load_columns(tmp_path / "mapping.yaml").steering_map == "estimate"
+    text = table(tmp_path / "drive.csv").read_text()
+    (tmp_path / "drive.csv").write_text(text.replace("x,y,yaw", "px,py,heading", 1))
+    (tmp_path / "car.yaml").write_text((PACKAGED / "tricycle.yaml").read_text())
+    monkeypatch.chdir(tmp_path)
+    exec(code, {})
+    low, high = VEHICLE.unknown["cornering_stiffness"]
+    assert low < float(capsys.readouterr().out) < high

@@ -19,6 +19,7 @@ SHAPING = (
     *("com_height", "tyre_radius", "caster_angle", "steering_limit", "steering_margin"),
     *("steering_ratio_straight", "steering_ratio_full", "steering_ratio_smoothing"),
     *("steering_slew", "acceleration", "x", "y", "steering_gain", "steering_offset"),
+    "steering_scale",
 )
 """Constants, of a vehicle, an axle or a wheel, on which the commands depend."""
 

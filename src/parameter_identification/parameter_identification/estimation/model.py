@@ -1,9 +1,10 @@
 """Model of a drive: its signals, with their derivatives by parameters and nuisances.
 
-One batch of the simulator gives the motion and its finite differences: k + 2 vehicles, the nominal
-of the moment, one per parameter, one for the start speed; eight lanes cost what one does. The other
-nuisances act on the motion in closed form: start pose (a rigid motion), time offsets of the clocks
-(a derivative by time), gyro bias (a constant).
+One batch of the simulator gives the motion and its finite differences: the vehicle of the moment,
+one per parameter, one per effect on the vehicle, one for the start speed; eight lanes cost what one
+does. The other effects change this motion afterwards (`_distorted`), and are differentiated by
+doing so once more. The other nuisances act in closed form: start pose (a rigid motion), time
+offsets of the clocks (a derivative by time), gyro bias (a constant).
 
 All variables are scaled to be of the order 1: parameters in their ranges (0 to 1), a nuisance in
 the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuisances of
@@ -12,11 +13,21 @@ the drive, `m` samples, `t` ticks.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from parameter_identification.estimation.effects import (
+    SENSOR_FORWARD,
+    SENSOR_LEFT,
+    SENSOR_YAW,
+    SPEED_DEVIATION,
+    TURN_DEVIATION,
+    WHEEL_RADIUS,
+    Effect,
+)
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -25,6 +36,8 @@ from tricycle_sim.vehicle.batch import CommandedBatch
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
+EFFECT_STEP = 1e-2  # of the finite differences by effects, in standard deviations of the prior
+KNOTS = 1.0  # s between the values of a deviation, linear between them
 
 # Standard deviations of the nuisances' priors
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
@@ -82,12 +95,19 @@ class Nuisance:
         Of mean and standard deviation.
     mean, std : float
         Of the prior.
+    low, high : float
+        Values between which it lies.
+    effect : Effect, optional
+        That it is of.
     """
 
     name: str
     unit: str
     mean: float
     std: float
+    low: float = -math.inf
+    high: float = math.inf
+    effect: Effect | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,17 +144,60 @@ class DriveModel:
         With the parameters to identify as its only unknown ones.
     drive : MeasuredDrive
         Commands and signals.
+    effects : sequence of Effect, optional
+        Estimated beside the parameters.
+
+    Attributes
+    ----------
+    shared : int
+        Number of nuisances, the first ones, that all drives have in common.
+    nuisances : tuple of Nuisance
+        All of them.
     """
 
-    def __init__(self, vehicle: Vehicle, drive: MeasuredDrive) -> None:
-        self.vehicle, self.drive = vehicle, drive
+    def __init__(
+        self, vehicle: Vehicle, drive: MeasuredDrive, effects: Sequence[Effect] = ()
+    ) -> None:
+        self.vehicle, self.drive, self.effects = vehicle, drive, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
-        self._batch = CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
-        self.nuisances = self._nuisances()
+        simulated = _with_effects(vehicle, effects)
+        self._batch = CommandedBatch(simulated, drive.commands, setpoint=drive.start.speed)
+        # the starts are chosen without effects
+        self._unaffected = (
+            CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
+            if effects
+            else self._batch
+        )
+        self._nominal = simulated.nominal_point()
+        self._place = {name: i for i, name in enumerate(simulated.unknown)}
+        self._parameters = [self._place[name] for name in vehicle.unknown]
+        last = float(self._batch.time[-1])
+        knots = np.linspace(0.0, last, max(2, round(last / KNOTS)) + 1)
+        self._hats = np.array(
+            [np.interp(self._batch.time, knots, row) for row in np.eye(len(knots))]
+        )
+        self.nuisances = self._effects(effects)
+        self.shared = sum(not e.per_drive for e in effects)
+        self.nuisances += self._start_and_sensors()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
+        # by a simulation each: effects on constants and the start speed; by a distortion: the rest
+        effect_of = enumerate(n.effect for n in self.nuisances)
+        effect_at = [(i, e) for i, e in effect_of if e is not None]
+        self._by_simulation = {i: e for i, e in effect_at if e.constants}
+        self._stepped = [*self._by_simulation, *(i for i, e in effect_at if not e.constants)]
 
-    def _nuisances(self) -> tuple[Nuisance, ...]:
+    def _effects(self, effects: Sequence[Effect]) -> tuple[Nuisance, ...]:
+        """Nuisances of effects, those that all drives share first."""
+        found = []
+        for e in sorted(effects, key=lambda e: e.per_drive):
+            names = [e.name]
+            if e.process:
+                names = [f"{e.name} {number}" for number in range(len(self._hats))]
+            found += [Nuisance(name, e.unit, 0.0, e.std, e.low, e.high, e) for name in names]
+        return tuple(found)
+
+    def _start_and_sensors(self) -> tuple[Nuisance, ...]:
         x, y, heading = self._start_guess()
         start = self.drive.start
         found = [
@@ -152,7 +215,7 @@ class DriveModel:
     def _start_guess(self) -> tuple[float, float, float]:
         """Start pose if known, else from the first second, or of the best rigid motion."""
         start: StartPose = self.drive.start
-        motion = self._motion(self.vehicle.nominal_point()[np.newaxis])
+        motion = self._motion(self._unaffected, self.vehicle.nominal_point()[np.newaxis])
         position = self.drive.signals[Sensor.POSITION]
         early = position.time <= position.time[0] + max(5.0, 0.5 * float(np.ptp(position.time)))
         time = position.time[early]
@@ -180,12 +243,17 @@ class DriveModel:
         values: FloatArray = self.low + self.width * z
         return values
 
-    def _motion(self, parameters: FloatArray, speeds: FloatArray | None = None) -> "_Motions":
-        """Motions of vehicles with parameters (n, k) from start speeds (n,), or the known one."""
+    def _motion(
+        self, batch: CommandedBatch, constants: FloatArray, speeds: FloatArray | None = None
+    ) -> "_Motions":
+        """Motions of vehicles with values (n, K) of the batch's unknown, from start speeds (n,).
+
+        Default: the measured start speed.
+        """
         if speeds is None:
-            speeds = np.full(len(parameters), self.drive.start.speed)
+            speeds = np.full(len(constants), self.drive.start.speed)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
-        return _Motions(*self._batch.run(parameters, names, speed=speeds).columns.values())
+        return _Motions(*batch.run(constants, names, speed=speeds).columns.values())
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
@@ -201,20 +269,81 @@ class DriveModel:
         b = np.array([n.mean + n.std * v for n, v in zip(self.nuisances, nuisances, strict=True)])
         speed = b[self._at["start speed"]]
         steps = np.where(z < 0.5, STEP, -STEP)
-        points = np.repeat(z[np.newaxis], k + 2, axis=0)
-        points[np.arange(1, k + 1), np.arange(k)] += steps
-        speeds = np.append(np.full(k + 1, speed), speed + SPEED_STEP)
-        motion = self._motion(self.parameters(points), speeds)
-        differences = np.append(steps, SPEED_STEP / START_SPEED)[:, np.newaxis]
+        # lanes: here, a step of each parameter, of the start speed, of each effect
+        ranges = np.repeat(z[np.newaxis], k + 2 + len(self._by_simulation), axis=0)
+        ranges[np.arange(1, k + 1), np.arange(k)] += steps
+        speeds = np.full(len(ranges), speed)
+        speeds[k + 1] += SPEED_STEP
+        stepped = self._stepped
+        values = np.repeat(b[np.newaxis], k + 2 + len(stepped), axis=0)
+        effect_steps = EFFECT_STEP * np.where(nuisances[stepped] > 0.0, -1.0, 1.0)
+        std = np.array([self.nuisances[i].std for i in stepped])
+        values[np.arange(k + 2, len(values)), stepped] += effect_steps * std
+        points = np.tile(self._nominal, (len(ranges), 1))
+        points[:, self._parameters] = self.parameters(ranges)
+        for i, effect in self._by_simulation.items():
+            for constant, change in effect.constants.items():
+                points[:, self._place[constant]] += change * values[: len(points), i]
+        motion = self._distorted(self._motion(self._batch, points, speeds), values)
+        differences = np.concatenate([steps, [SPEED_STEP / START_SPEED], effect_steps])[:, None]
         predictions = []
         for sensor, signal in self.drive.signals.items():
             delay = b[self._at[CLOCKS[sensor]]]
-            columns, slopes = motion.sensed(sensor, signal.time - delay)  # (c, k + 2, m), (c, m)
+            columns, slopes = motion.sensed(sensor, signal.time - delay)  # (c, lanes, m), (c, m)
             derivatives = (columns[:, 1:] - columns[:, :1]) / differences
             predictions.append(
                 self._assemble(sensor, signal, columns[:, 0], slopes, derivatives, b)
             )
         return predictions
+
+    def _distorted(self, motion: "_Motions", values: FloatArray) -> "_Motions":
+        """Motions (n, t) with the effects that are no constants, by values (n, q).
+
+        There may be more values than motions: the others are of the first motion.
+        """
+        more = len(values) - len(motion.x)
+        x, y, heading, yaw_rate, wheel_speed = (
+            np.concatenate([row, np.repeat(row[:1], more, axis=0)]) if more else row
+            for row in (motion.x, motion.y, motion.heading, motion.yaw_rate, motion.wheel_speed)
+        )
+        if f"{SPEED_DEVIATION} 0" in self._at or f"{TURN_DEVIATION} 0" in self._at:
+            faster = 1.0 + self._process(SPEED_DEVIATION, values)
+            turn = self._process(TURN_DEVIATION, values)
+            cosine, sine = np.cos(heading), np.sin(heading)
+            dx, dy, turned = (np.diff(row, axis=1) for row in (x, y, heading))
+            ahead = dx * cosine[:, :-1] + dy * sine[:, :-1]
+            share, extra = faster[:, :-1], turn[:, :-1]
+            more_turned = (share - 1.0) * turned + share * extra * ahead
+            angle = np.cumsum(more_turned, axis=1)
+            middle = angle - 0.5 * more_turned
+            cosine, sine = share * np.cos(middle), share * np.sin(middle)
+            speed = np.append(ahead, ahead[:, -1:], axis=1) / TICK
+            x = x[:, :1] + _summed(cosine * dx - sine * dy)
+            y = y[:, :1] + _summed(sine * dx + cosine * dy)
+            heading = heading + np.pad(angle, ((0, 0), (1, 0)))
+            yaw_rate = faster * (yaw_rate + turn * speed)
+            wheel_speed = faster * wheel_speed
+        if WHEEL_RADIUS in self._at:  # the sensor counts turns
+            wheel_speed = wheel_speed / (1.0 + values[:, self._at[WHEEL_RADIUS], None])
+        if SENSOR_FORWARD in self._at or SENSOR_LEFT in self._at:
+            none = np.zeros(len(values))
+            forward, left = (
+                (values[:, self._at[name]] if name in self._at else none)[:, None]
+                for name in (SENSOR_FORWARD, SENSOR_LEFT)
+            )
+            cosine, sine = np.cos(heading), np.sin(heading)
+            x, y = x + forward * cosine - left * sine, y + forward * sine + left * cosine
+        if SENSOR_YAW in self._at:
+            heading = heading + values[:, self._at[SENSOR_YAW], None]
+        return _Motions(x, y, heading, yaw_rate, wheel_speed)
+
+    def _process(self, name: str, values: FloatArray) -> FloatArray:
+        """Return a deviation (n, t) of values (n, q); zeros if there is none."""
+        first = self._at.get(f"{name} 0")
+        if first is None:
+            return np.zeros((1, len(self._hats[0])))
+        deviation: FloatArray = values[:, first : first + len(self._hats)] @ self._hats
+        return deviation
 
     def _assemble(
         self,
@@ -227,8 +356,8 @@ class DriveModel:
     ) -> Prediction:
         """Apply start pose, delay and bias to a motion.
 
-        Values and their slopes per second are (c, m), derivatives by the parameters and the start
-        speed (c, k + 1, m), the nuisances `b` (q,) in their units.
+        Values and their slopes per second are (c, m), derivatives by the parameters, the start
+        speed and the effects (c, k + 1 + e, m), the nuisances `b` (q,) in their units.
         """
         k = len(self.low)
         at = self._at
@@ -250,9 +379,10 @@ class DriveModel:
             jacobian[:, 0, k + at["gyro bias"]] = 1.0
         jacobian[:, :, k + at[CLOCKS[sensor]]] = -slopes.T
         jacobian[:, :, k:] *= [nuisance.std for nuisance in self.nuisances]
-        by_motion = np.moveaxis(derivatives, 2, 0)  # (m, c, k + 1)
+        by_motion = np.moveaxis(derivatives, 2, 0)  # (m, c, k + 1 + e)
+        moved = [at["start speed"], *self._stepped]
         jacobian[:, :, :k] = by_motion[:, :, :k]
-        jacobian[:, :, k + at["start speed"]] = by_motion[:, :, k]
+        jacobian[:, :, k + np.array(moved)] = by_motion[:, :, k:]
         return Prediction(sensor, signal.time, values.T, signal.values - values.T, -jacobian)
 
     def misfits(self, Z: FloatArray, white: dict[Sensor, float]) -> FloatArray:
@@ -268,7 +398,7 @@ class DriveModel:
         white : dict of Sensor to float
             Standard deviation of the white noise of each sensor.
         """
-        motion = self._motion(self.parameters(Z))
+        motion = self._motion(self._unaffected, self.parameters(Z))
         signals = {sensor: _thinned(signal) for sensor, signal in self.drive.signals.items()}
         return np.array([self._misfit(motion.one(i), signals, white) for i in range(len(Z))])
 
@@ -280,13 +410,28 @@ class DriveModel:
         gram = np.diag(np.append(np.ones(q), 0.0))  # of nuisances and residual
         for sensor, signal in signals.items():
             columns, slopes = motion.sensed(sensor, signal.time)
-            derivatives = np.zeros((len(columns), k + 1, len(signal.time)))
+            derivatives = np.zeros((len(columns), k + 1 + len(self._stepped), len(signal.time)))
             p = self._assemble(sensor, signal, columns[:, 0], slopes, derivatives, b)
             part = np.concatenate([p.jacobian[:, :, k:], p.residual[:, :, np.newaxis]], axis=2)
             part = part.reshape(-1, q + 1) / white[sensor]
             gram += part.T @ part
         reduced = np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
         return float(gram[-1, -1] - gram[:-1, -1] @ reduced)
+
+
+def _with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
+    """Return the vehicle with the constants that effects change as further unknown ones."""
+    unknown = dict(vehicle.unknown)
+    for e in effects:
+        for name, change in e.constants.items():
+            ends = sorted(vehicle.values[name] + change * end for end in (e.low, e.high))
+            unknown[name] = ends[0], ends[1]
+    return dataclasses.replace(vehicle, unknown=unknown)
+
+
+def _summed(steps: FloatArray) -> FloatArray:
+    """Return the sums (n, t) of steps (n, t - 1), from 0 on."""
+    return np.pad(np.cumsum(steps, axis=1), ((0, 0), (1, 0)))
 
 
 def _thinned(signal: Signal) -> Signal:

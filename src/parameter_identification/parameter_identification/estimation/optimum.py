@@ -57,6 +57,7 @@ def find_optimum(problem: LeastSquares, *, starts: int, seed: int, level: float)
     best = min(fits, key=lambda fit: fit.cost)
     for _ in range(NOISE_ROUNDS):
         before = problem.noise
+        problem.estimate_sizes(best.at)
         problem.estimate_noise(best.at)
         best = problem.minimise(best.at)
         if _same_noise(before, problem.noise):

@@ -1,7 +1,7 @@
 """The least-squares problem of several drives, its minimisation and its noise.
 
-A variable vector (n,) holds the parameters in their ranges, then for each drive its nuisances in
-standard deviations of their priors.
+A variable vector (n,) holds the parameters in their ranges, then the nuisances in standard
+deviations of their priors: those that the drives share, then for each drive its own.
 
 All that the minimisation needs of thousands of residuals r and their Jacobian J is the matrix
 [J r]ᵀ[J r] of size n + 1, to which every signal of every drive adds its part.
@@ -21,6 +21,7 @@ from scipy.optimize import lsq_linear
 
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation.effects import Effect
 from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.noise import (
     NoiseLevel,
@@ -38,6 +39,8 @@ CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
 OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
 MAX_STEPS = 50
+LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
+SIZE_ROUNDS = 1
 
 
 class Loss(Enum):
@@ -84,13 +87,24 @@ class LeastSquares(Closing):
         self.models, self.mean, self.information = models, mean, information
         self.k = len(mean)
         self._robust = loss is Loss.ROBUST
-        sizes = [len(model.nuisances) for model in models]
-        ends = self.k + np.cumsum([0, *sizes])
+        shared = self.k + models[0].shared
+        sizes = [len(model.nuisances) - model.shared for model in models]
+        ends = shared + np.cumsum([0, *sizes])
         self.n = int(ends[-1])
         self._at = [
-            np.concatenate([np.arange(self.k), np.arange(first, last)])
+            np.concatenate([np.arange(shared), np.arange(first, last)])
             for first, last in itertools.pairwise(ends)
         ]
+        self.low, self.high = np.zeros(self.n), np.ones(self.n)
+        self._processes: dict[Effect, list[int]] = {}
+        for model, at in zip(models, self._at, strict=True):
+            for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
+                self.low[i], self.high[i] = (n.low - n.mean) / n.std, (n.high - n.mean) / n.std
+                if n.effect is not None and n.effect.process:
+                    self._processes.setdefault(n.effect, []).append(i)
+        self._precision = np.ones(self.n - self.k)  # of the nuisances' priors
+        for places in self._processes.values():  # they grow where the data ask for it
+            self._precision[np.array(places) - self.k] = 1.0 / FIRST_SIZE**2
         self.floors = self._floors()
         self.noise = {sensor: NoiseLevel(white) for sensor, white in self._white_levels().items()}
         self._samples = [
@@ -144,9 +158,9 @@ class LeastSquares(Closing):
         gram[:k, :k] = self.information
         gram[:k, -1] = gram[-1, :k] = pull
         nuisances = v[k:]
-        gram[range(k, self.n), range(k, self.n)] = 1.0
-        gram[k:-1, -1] = gram[-1, k:-1] = nuisances
-        gram[-1, -1] = deviation @ pull + nuisances @ nuisances
+        gram[range(k, self.n), range(k, self.n)] = self._precision
+        gram[k:-1, -1] = gram[-1, k:-1] = self._precision * nuisances
+        gram[-1, -1] = deviation @ pull + self._precision @ nuisances**2
         return gram
 
     def _signals_gram(
@@ -203,8 +217,7 @@ class LeastSquares(Closing):
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
         kept = np.append(np.flatnonzero(free), self.n)
-        bounded = np.arange(self.n) < self.k
-        low, high = np.where(bounded, 0.0, -np.inf), np.where(bounded, 1.0, np.inf)
+        low, high = self.low, self.high
         at = np.where(free, np.clip(start, low, high), start)
         gram = self.gram(at)[np.ix_(kept, kept)]
         damping = 0.0
@@ -226,6 +239,45 @@ class LeastSquares(Closing):
             else:
                 damping = max(10.0 * damping, 1.0)
         return Fit(at, float(gram[-1, -1]))
+
+    def nuisances_at(self, drive: int) -> NDArray[np.int64]:
+        """Return the place of each nuisance of a drive among the variables.
+
+        Parameters
+        ----------
+        drive : int
+            Number of the drive.
+        """
+        return self._at[drive][self.k :]
+
+    def estimate_sizes(self, v: FloatArray) -> None:
+        """Set how large the deviations are, for which their estimates at `v` are most likely.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables.
+
+        References
+        ----------
+        D. J. C. MacKay, Neural Computation 4 (1992) 415-447, Eq. 4.8.
+        """
+        if not self._processes:
+            return
+        for _ in range(SIZE_ROUNDS):
+            variance = np.diag(np.linalg.inv(self.gram(v)[:-1, :-1]))
+            for at in self._processes.values():
+                of_priors = np.array(at) - self.k
+                shown = np.sum(1.0 - self._precision[of_priors] * variance[at])
+                size = np.sum(v[at] ** 2) / max(shown, 1e-3)
+                self._precision[of_priors] = 1.0 / np.clip(size, LEAST_SIZE**2, MOST_SIZE**2)
+
+    def sizes(self) -> dict[str, float]:
+        """Return the standard deviation of each deviation, in its unit, by name."""
+        return {
+            e.name: e.std / math.sqrt(float(self._precision[at[0] - self.k]))
+            for e, at in self._processes.items()
+        }
 
     def estimate_noise(self, v: FloatArray) -> None:
         """Set the weights of the samples and the noise of each sensor from the residuals at `v`."""

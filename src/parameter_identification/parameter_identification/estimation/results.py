@@ -1,5 +1,6 @@
 """Results of an identification: what `identify` returns."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -105,6 +106,41 @@ class NuisanceEstimate:
     unit: str
 
 
+@dataclass(frozen=True)
+class EffectEstimate:
+    """Estimate of something that the vehicle file does not know, e.g. of the steering's zero.
+
+    Attributes
+    ----------
+    name, unit : str
+        "1": a share of the value in the file.
+    estimate, standard_deviation : float
+        Of the effect; of a deviation, which varies in time about 0, 0 and its size.
+    prior : float
+        Standard deviation before the drives.
+    drive : str
+        That it belongs to; "": to all.
+    """
+
+    name: str
+    unit: str
+    estimate: float
+    standard_deviation: float
+    prior: float
+    drive: str = ""
+
+    def __str__(self) -> str:
+        factor, unit = _SHOWN_UNITS.get(self.unit, (1.0, f" {self.unit}"))
+        deviation = factor * self.standard_deviation
+        digits = max(0, 1 - math.floor(math.log10(deviation))) if deviation > 0.0 else 3
+        where = f", {self.drive}" if self.drive else ""
+        value = f"{factor * self.estimate:+.{digits}f}{unit} "
+        return f"{self.name}{where}: {value if self.estimate else ''}± {deviation:.{digits}f}{unit}"
+
+
+_SHOWN_UNITS = {"rad": (180.0 / math.pi, "°"), "1": (100.0, " %"), "m": (100.0, " cm")}
+
+
 @dataclass(frozen=True, eq=False)
 class DriveFit:
     """Predictions of one drive before and after the identification.
@@ -193,6 +229,8 @@ class Identification:
         Of the starts.
     seconds : float
         That the computation took.
+    effects : tuple of EffectEstimate
+        What was estimated beside the parameters.
     """
 
     vehicle: str
@@ -212,6 +250,7 @@ class Identification:
     level: float
     seed: int
     seconds: float
+    effects: tuple[EffectEstimate, ...] = ()
 
     def __repr__(self) -> str:
         width = max(map(len, self.parameters))

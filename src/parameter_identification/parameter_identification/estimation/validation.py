@@ -9,7 +9,12 @@ from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
-from parameter_identification.estimation.results import DriveFit, HeldOut, NuisanceEstimate
+from parameter_identification.estimation.results import (
+    DriveFit,
+    EffectEstimate,
+    HeldOut,
+    NuisanceEstimate,
+)
 from parameter_identification.estimation.whiteness import Whiteness, whiteness
 from tricycle_core.quantities import FloatArray
 
@@ -31,7 +36,7 @@ def fits_of_drives(
     nominal = optimum.fit.at.copy()
     nominal[: problem.k] = _nominal(problem.models[0])
     std = np.sqrt(np.diag(optimum.covariance))
-    fits, first = [], problem.k
+    fits = []
     for drive, (model, before, after) in enumerate(
         zip(problem.models, problem.predictions(nominal), predictions, strict=True)
     ):
@@ -39,9 +44,9 @@ def fits_of_drives(
             n.name: NuisanceEstimate(
                 n.mean + n.std * float(optimum.fit.at[at]), n.std * float(std[at]), n.unit
             )
-            for at, n in enumerate(model.nuisances, start=first)
+            for at, n in zip(problem.nuisances_at(drive), model.nuisances, strict=True)
+            if n.effect is None
         }
-        first += len(nuisances)
         fits.append(
             DriveFit(
                 name=model.drive.name,
@@ -52,6 +57,34 @@ def fits_of_drives(
             )
         )
     return tuple(fits)
+
+
+def effects_of_drives(problem: LeastSquares, optimum: Optimum) -> tuple[EffectEstimate, ...]:
+    """Return the estimate of each effect: those of all drives, then those of each drive.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        Holds the drives.
+    optimum : Optimum
+        The best fit.
+    """
+    std = np.sqrt(np.diag(optimum.covariance))
+    found = []
+    for drive, model in enumerate(problem.models):
+        for i, (at, n) in enumerate(zip(problem.nuisances_at(drive), model.nuisances, strict=True)):
+            e, own = n.effect, i >= model.shared
+            if e is None or e.process or (drive and not own):
+                continue
+            value, deviation = n.std * float(optimum.fit.at[at]), n.std * float(std[at])
+            name = model.drive.name if own else ""
+            found.append(EffectEstimate(e.name, e.unit, value, deviation, e.std, name))
+    sizes = problem.sizes()
+    processes = [e for e in problem.models[0].effects if e.process]
+    return (
+        *found,
+        *(EffectEstimate(e.name, e.unit, 0.0, sizes[e.name], e.std) for e in processes),
+    )
 
 
 def whiteness_of_residuals(
@@ -96,15 +129,20 @@ def predict_held_out(
     loss : Loss
         Of the residuals.
     """
-    k, model = problem.k, DriveModel(problem.models[0].vehicle, drive)
+    k, like = problem.k, problem.models[0]
+    model = DriveModel(like.vehicle, drive, like.effects)
     with LeastSquares([model], problem.mean, problem.information, loss) as alone:
         alone.noise |= {
             sensor: problem.noise[sensor] for sensor in alone.noise if sensor in problem.noise
         }
-        free = np.arange(alone.n) >= k
+        known = k + model.shared
+        free = np.append(
+            np.zeros(known, bool), [n.effect is None for n in model.nuisances[model.shared :]]
+        )
         rms = []
-        for z in (_nominal(model), optimum.fit.at[:k]):
-            fit = alone.minimise(np.concatenate([z, np.zeros(alone.n - k)]), free)
+        unaffected = np.zeros(model.shared)
+        for shown in (np.append(_nominal(model), unaffected), optimum.fit.at[:known]):
+            fit = alone.minimise(np.append(shown, np.zeros(alone.n - known)), free)
             (predictions,) = alone.predictions(fit.at)
             position = next(p for p in predictions if p.sensor is Sensor.POSITION)
             rms.append(float(np.sqrt(np.mean(np.sum(position.residual**2, axis=1)))))

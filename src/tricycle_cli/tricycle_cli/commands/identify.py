@@ -58,6 +58,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="identify only these; the others keep their nominal values (default: all unknown)",
     )
     add("--held-out", type=Path, metavar="DRIVE", nargs="+", default=[], help="drives to predict")
+    add(
+        "--effects",
+        default="none",
+        metavar="all|none|NAME,NAME",
+        help="what the real vehicle has beside the file (steering-zero, wheel-radius, "
+        "sensor-forward, …) and is estimated too",
+    )
     add("--robust", action="store_true", help="hold outliers back")
     add("--seed", type=seed, default=0, help="of the starts")
     add("--json", action="store_true", help="print one JSON object")
@@ -87,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from parameter_identification.estimation.problem import Loss
-    from parameter_identification.identification import identify
+    from parameter_identification.identification import EFFECTS, identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.tables import parameter_table, remarks
@@ -109,6 +116,7 @@ def run(args: argparse.Namespace) -> int:
             vehicle,
             parameters=args.parameters,
             held_out=list(chain.from_iterable(drives[len(args.drives) :])),
+            effects={"all": EFFECTS, "none": ()}.get(args.effects, args.effects.split(",")),
             loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,
             seed=args.seed,

@@ -224,6 +224,7 @@ def remarks(found: Identification) -> list[str]:
             f"residuals are NOT white ({names}): the model lacks an effect or a sensor drifts. "
             "The intervals count it as drifting noise; they do not cover a wrong model"
         )
+    lines += [f"beside them: {effect}" for effect in found.effects]
     if found.rivals:
         lines.append(
             f"{len(found.rivals)} other set(s) of parameters fit as well; intervals hold them too"

@@ -61,7 +61,7 @@ HUB_MOTOR: Formulas = {
     "proportional": lambda v: v.speed_gain_proportional,
     "integral": lambda v: v.speed_gain_integral,
     "anti_windup": lambda v: v.speed_anti_windup,
-    "radius": lambda v: v.tyre_radius,
+    "radius": lambda v: v.tyre_radius / v.speed_scale,
 }
 _M = numbered(HUB_MOTOR, step=LANES)
 
@@ -210,6 +210,8 @@ MOTORS = {
             positive("speed_gain_proportional", "N m s/rad"),
             not_negative("speed_gain_integral", "N m/rad"),
             not_negative("speed_anti_windup", "rad/(N m s)"),
+            # speed over the ground per speed told: of a tyre that is larger than the boards know
+            between("speed_scale", "1", 0.5, 2.0, default=1.0),
         ),
     )
 }

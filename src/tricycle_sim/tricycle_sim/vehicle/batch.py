@@ -36,7 +36,6 @@ from tricycle_sim.vehicle.parts import (
     WHEEL,
     WHEEL_ROWS,
     steering_constants,
-    steering_varies,
     structure_of,
 )
 from tricycle_sim.vehicle.stability import check_step
@@ -310,9 +309,9 @@ class CommandedBatch:
         constants = steering_constants(vehicle, 0.5 * TICK)
         self._functions.steer(np.zeros(2), setpoints, constants, 2, self._table, angles)
         self.steering_motor_angle = angles[0]
-        self._setpoints, self._own_steering = setpoints, steering_varies(vehicle)
-        self._advance = functions_for(vehicle, own_steering=self._own_steering).advance
-        self._start = equilibrium(vehicle)
+        self._setpoints, self._start = setpoints, equilibrium(vehicle)
+        own = bool(self._start.steered_by)
+        self._advance = functions_for(vehicle, own_steering=own).advance
         self.available = self._columns()
 
     def _columns(self) -> dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]]:
@@ -392,7 +391,7 @@ class CommandedBatch:
 
     def _steering(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the table for `advance`, the axles at the ticks, the angles of the motor."""
-        if not self._own_steering:
+        if not self._start.steered_by:
             return self._table, self._table[::2].T, self.steering_motor_angle
         samples = len(parameters)
         count = -(-samples // LANES)
@@ -400,13 +399,18 @@ class CommandedBatch:
         axles = np.empty((8, samples, len(self.time)))
         angles = np.empty((samples, len(self.time)))
         own, both = np.empty_like(self._table), np.empty((2, len(self.time)))
-        for sample, point in enumerate(parameters):
+        _, first, which = np.unique(
+            parameters[:, self._start.steered_by], axis=0, return_index=True, return_inverse=True
+        )
+        by_lane = np.append(which, np.repeat(which[-1:], count * LANES - samples))
+        for steering, point in enumerate(parameters[first]):
             values = sample_values(self._vehicle, point)
             constants = steering_constants(self._vehicle, 0.5 * TICK, values)
             self._functions.steer(np.zeros(2), self._setpoints, constants, 2, own, both)
-            axles[:, sample], angles[sample] = own[::2].T, both[0]
-            table[sample // LANES, :, :, sample % LANES] = own
-        table[-1, :, :, samples - (count - 1) * LANES :] = own[..., np.newaxis]
+            alike = which.ravel() == steering
+            axles[:, alike], angles[alike] = own[::2].T[:, np.newaxis], both[0]
+            for lane in np.flatnonzero(by_lane == steering):
+                table[lane // LANES, :, :, lane % LANES] = own
         return table.reshape(-1, 8 * LANES), axles, angles
 
 

@@ -21,7 +21,7 @@ from tricycle_sim.vehicle.layout import (
     WHEEL_STATES,
     of_wheels,
 )
-from tricycle_sim.vehicle.parts import ROWS, group_constants, steering_constants, steering_varies
+from tricycle_sim.vehicle.parts import ROWS, group_constants, steering_columns, steering_constants
 from tricycle_sim.vehicle.registry import wheel_values
 
 _AT_REST = 1e-9  # m/s^2 and rad/s^2: a vehicle with smaller accelerations stands
@@ -52,12 +52,20 @@ class Equilibrium:
     ----------
     pose : tuple of float
         Height of the COM [m], roll and pitch of the body [rad].
-    shared : bool
-        Whether vehicles stand so whatever their unknown parameters are.
+    moved_by : list of int
+        Numbers of the unknown parameters that make a vehicle stand otherwise.
+    steered_by : list of int
+        Numbers of those that change how it steers.
     """
 
     pose: tuple[float, float, float]
-    shared: bool
+    moved_by: list[int]
+    steered_by: list[int]
+
+    @property
+    def shared(self) -> bool:
+        """Whether vehicles stand so whatever their unknown parameters are."""
+        return not self.moved_by
 
 
 @functools.lru_cache(maxsize=256)
@@ -71,15 +79,18 @@ def equilibrium(vehicle: Vehicle) -> Equilibrium:
     vehicle : Vehicle
         With wheels that touch the ground.
     """
-    nominal = vehicle.nominal_point()[np.newaxis]
-    (pose,) = _settle(vehicle, nominal)
-    extremes = np.array([*vehicle.unknown.values()]).reshape(-1, 2).T
-    points = np.vstack([nominal, extremes])
+    nominal, k = vehicle.nominal_point(), len(vehicle.unknown)
+    steered_by = steering_columns(vehicle)
+    (pose,) = _settle(vehicle, nominal[np.newaxis], steered_by)
+    points = np.tile(nominal, (2 * k + 1, 1))  # the nominal one, and both ends of each range
+    for column, ends in enumerate(vehicle.unknown.values()):
+        points[2 * column : 2 * column + 2, column] = ends
     groups = _groups(vehicle, points, camber_stiffness=0.0)
-    accelerations = _accelerations(_standing(vehicle, points), groups, np.tile(pose, (3, 1)))
+    evaluate = _standing(vehicle, points, steered_by)
+    moves = np.abs(_accelerations(evaluate, groups, np.tile(pose, (len(points), 1)))) >= _AT_REST
     height, roll, pitch = pose.tolist()
-    shared = bool(np.abs(accelerations).max() < _AT_REST)
-    return Equilibrium((height, roll, pitch), shared)
+    moved_by = [column for column in range(k) if moves[2 * column : 2 * column + 2].any()]
+    return Equilibrium((height, roll, pitch), moved_by, steered_by)
 
 
 def pack(
@@ -108,8 +119,11 @@ def pack(
     """
     parameters = np.asarray(parameters, dtype=float)
     poses = np.array([start.pose])
-    if not start.shared:
-        poses = _settle(vehicle, parameters)
+    if start.moved_by:
+        _, first, which = np.unique(
+            parameters[:, start.moved_by], axis=0, return_index=True, return_inverse=True
+        )
+        poses = _settle(vehicle, parameters[first], start.steered_by)[which.ravel()]
     groups = _groups(vehicle, parameters)
     _place(groups, poses)
     if speed is not None:
@@ -172,11 +186,18 @@ def _place(groups: FloatArray, poses: FloatArray) -> None:
         groups[:, row] = _by_lane(column)
 
 
-def _standing(vehicle: Vehicle, parameters: FloatArray) -> Callable[[FloatArray], None]:
+def _standing(
+    vehicle: Vehicle, parameters: FloatArray, steered_by: list[int]
+) -> Callable[[FloatArray], None]:
     """Return what writes the slopes of vehicles at rest, whose motors stand at 0, into groups."""
-    own = steering_varies(vehicle)
+    own = bool(steered_by)
     if own:
-        tables = np.concatenate([motor_in_the_middle(vehicle, point) for point in parameters])
+        _, first, which = np.unique(
+            parameters[:, steered_by], axis=0, return_index=True, return_inverse=True
+        )
+        tables = np.concatenate(
+            [motor_in_the_middle(vehicle, point) for point in parameters[first]]
+        )[which.ravel()]
         lanes = [_by_lane(column) for column in tables.T]
         table = np.stack(lanes, axis=1).reshape(-1, len(lanes) * LANES)
     else:
@@ -200,7 +221,7 @@ def _accelerations(
     return np.moveaxis(slopes, 1, 2).reshape(-1, 3)[: len(poses)]
 
 
-def _settle(vehicle: Vehicle, parameters: FloatArray) -> FloatArray:
+def _settle(vehicle: Vehicle, parameters: FloatArray, steered_by: list[int]) -> FloatArray:
     """Return the poses (n, 3) of vehicles (n, k) at rest."""
     values = sample_values(vehicle, parameters)
     stiffness = sum(
@@ -213,7 +234,7 @@ def _settle(vehicle: Vehicle, parameters: FloatArray) -> FloatArray:
     n, m = len(poses), len(steps)
     repeated = np.repeat(parameters, m, axis=0)
     groups = _groups(vehicle, repeated, camber_stiffness=0.0)
-    evaluate = _standing(vehicle, repeated)
+    evaluate = _standing(vehicle, repeated, steered_by)
     for _ in range(8):  # Newton's method, Jacobian by central differences
         varied = (poses[:, np.newaxis] + steps).reshape(-1, 3)
         residuals = _accelerations(evaluate, groups, varied).reshape(n, m, 3)

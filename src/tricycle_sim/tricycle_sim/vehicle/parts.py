@@ -143,9 +143,8 @@ def _steering_values(vehicle: Vehicle, values: Mapping[str, float]) -> SimpleNam
     return own
 
 
-@functools.lru_cache(maxsize=256)
-def steering_varies(vehicle: Vehicle) -> bool:
-    """Return whether the unknown parameters of a vehicle change how it steers.
+def steering_columns(vehicle: Vehicle) -> list[int]:
+    """Return the numbers of the unknown parameters of a vehicle that change how it steers.
 
     Parameters
     ----------
@@ -153,11 +152,16 @@ def steering_varies(vehicle: Vehicle) -> bool:
         With ranges of its unknown parameters.
     """
     nominal = steering_constants(vehicle, 1.0)
-    return any(
-        not np.array_equal(steering_constants(vehicle, 1.0, {**vehicle.values, name: end}), nominal)
-        for name, ends in vehicle.unknown.items()
-        for end in ends
-    )
+    return [
+        column
+        for column, (name, ends) in enumerate(vehicle.unknown.items())
+        if any(
+            not np.array_equal(
+                steering_constants(vehicle, 1.0, {**vehicle.values, name: end}), nominal
+            )
+            for end in ends
+        )
+    ]
 
 
 def steering_constants(

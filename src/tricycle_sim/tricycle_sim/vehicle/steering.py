@@ -27,6 +27,7 @@ CONSTANTS = (
     between("caster_angle", "rad", -0.7, 0.7),
     between("steering_limit", "rad", 0.01, 1.2),  # of the motor: its end stop
     between("steering_offset", "rad", -0.5, 0.5, default=0.0),  # added to the motor's angle
+    between("steering_scale", "1", 0.5, 2.0, default=1.0),  # of the motor's angle, before that
     # share of the limit that plans keep free
     between("steering_margin", "1", 0.0, 0.5, default=0.05, setting=True),
 )
@@ -38,9 +39,10 @@ GEOMETRY: Formulas = {
     "cosine": lambda v: math.cos(v.caster_angle),
     "offset": lambda v: v.steering_offset,
     "sign": lambda v: v.steering_sign,
+    "scale": lambda v: v.steering_scale,
 }
 """Of every linkage: largest motor angle, caster angle of the king-pins, angle added to the motor's,
--1 behind, where wheels turn right for a turn to the left."""
+-1 behind, where wheels turn right for a turn to the left, factor of the motor's angle."""
 _G = numbered(GEOMETRY)
 
 
@@ -214,11 +216,12 @@ def turned(
     motor_angle : float
         Of the steering motor [rad].
     """
+    scale = constants[BLOCK.geometry + _G.scale]
     left, right, left_slope, right_slope = linkage(
-        constants, BLOCK.linkage, motor_angle + constants[BLOCK.geometry + _G.offset]
+        constants, BLOCK.linkage, scale * motor_angle + constants[BLOCK.geometry + _G.offset]
     )
     sign = constants[BLOCK.geometry + _G.sign]
-    return sign * left, sign * right, sign * left_slope, sign * right_slope
+    return sign * left, sign * right, sign * scale * left_slope, sign * scale * right_slope
 
 
 @inlined

@@ -1,0 +1,176 @@
+"""Identification in worlds that the vehicle file lacks: coverage, width, and what was wrong.
+
+    python benchmarks/worlds.py [--vehicles 200] [--world NAME ...]
+
+Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
+(5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz. Each is identified without effects,
+with all, and with those that act in that world (the oracle). Printed for the first two parameters
+and the yaw inertia: in how many vehicles it is shown, how many 95 % intervals hold the truth where
+it is, how many do not (wrong, though shown), and the median width of the intervals over all
+vehicles, in % of the range.
+
+The maneuvers are fixed, not designed with effects. The own firmware is no world here yet.
+"""
+
+import argparse
+import dataclasses
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+from identification import VEHICLE, commands_of_pair, draw, rounded, with_wind
+
+from parameter_identification.drives.measured import Sensor, Signal
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
+from parameter_identification.identification import EFFECTS, identify
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.setpoints import command_rows
+from tricycle_sim.vehicle.batch import simulate
+
+SENSORS = {
+    Sensor.POSITION: SensorNoise(0.01),
+    Sensor.YAW_RATE: SensorNoise(0.005),
+    Sensor.WHEEL_SPEED: SensorNoise(0.0),
+}
+PARAMETERS = ("cornering_stiffness", "camber_stiffness", "yaw_inertia")
+
+
+def driven(vehicle, commands, truth):
+    return SensedMotion.of(simulate(vehicle, commands, truth[None], threads=1))
+
+
+def of(**values):
+    """A world whose vehicle has other constants."""
+    return lambda commands, truth: driven(VEHICLE.replace(**values), commands, truth)
+
+
+def on_ticks(commands):
+    rows = command_rows(commands)
+    time = TICK * np.arange(len(rows))
+    return time, commands.steering_motor_angle[rows], commands.speed[rows]
+
+
+def gain_and_backlash(commands, truth):
+    time, wanted, speed = on_ticks(commands)
+    angle, play = wanted.copy(), np.radians(0.25)
+    for i in range(1, len(angle)):
+        angle[i] = np.clip(angle[i - 1], wanted[i] - play, wanted[i] + play)
+    limit = VEHICLE.steering_limit
+    angle = np.clip(1.02 * angle, -limit, limit)
+    return driven(VEHICLE, Commands(time, angle, speed), truth)
+
+
+def aside(commands, truth):
+    com = {"com_to_front_axle": -0.03, "com_to_rear_axle": 0.03}
+    vehicle = VEHICLE.replace(**{n: VEHICLE.values[n] + d for n, d in com.items()})
+    m = driven(vehicle, commands, truth)
+    cosine, sine = np.cos(m.heading), np.sin(m.heading)
+    x, y = m.x - 0.03 * cosine - 0.05 * sine, m.y - 0.03 * sine + 0.05 * cosine
+    return dataclasses.replace(m, x=x, y=y)
+
+
+def slow_actuators(commands, truth):
+    time, angle, speed = on_ticks(commands)
+    late = round(0.06 / TICK)
+    angle = np.concatenate([np.full(late, angle[0]), angle[:-late]])
+    halved = ("servo_natural_frequency", "speed_gain_proportional", "speed_gain_integral")
+    vehicle = VEHICLE.replace(**{name: 0.5 * VEHICLE.values[name] for name in halved})
+    return driven(vehicle, Commands(time, angle, speed), truth)
+
+
+def saturating(commands, truth):
+    return driven(dataclasses.replace(VEHICLE, parts={"tyre": "fiala"}), commands, truth)
+
+
+RADIUS = {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}
+WORLDS = {  # motion, and the effects that act
+    "nothing": (of(), ()),
+    "steering 2° off": (of(steering_offset=np.radians(2.0)), ("steering-zero",)),
+    "gain +2 %, backlash 0.5°": (gain_and_backlash, ("steering-gain", "turn-deviation")),
+    "tyre radius +1 %": (of(**RADIUS), ("wheel-radius",)),
+    "sensor 5 cm aside, COM 3 cm forward": (
+        aside,
+        ("sensor-forward", "sensor-left", "centre-of-mass-forward"),
+    ),
+    "stiffness grows with load": (of(load_sensitivity=1.0), ("load-sensitivity",)),
+    "tyre saturates": (saturating, ("turn-deviation", "speed-deviation")),
+    "wind 5 N": (
+        lambda commands, truth: with_wind(commands, truth, 5.0),
+        ("slope-or-wind-along", "slope-or-wind-across"),
+    ),
+    "road 1° across": (
+        of(road_bank=np.radians(1.0)),
+        ("slope-or-wind-along", "slope-or-wind-across"),
+    ),
+    "slow servo and speed loop": (
+        slow_actuators,
+        ("servo-bandwidth", "speed-loop", "turn-deviation"),
+    ),
+    "localisation late, drifts": (of(), ()),
+}
+
+
+def drives_in(world, truth, seed, pair):
+    rng = np.random.default_rng([seed, 3])
+    late = world.startswith("localisation")
+    sensors = SENSORS | ({Sensor.POSITION: SensorNoise(0.01, 0.01)} if late else {})
+    found = []
+    for name, commands in zip(("circle", "lane"), pair, strict=True):
+        motion = WORLDS[world][0](commands, truth)
+        drive = rounded(measure(motion, commands, sensors, rng=rng, name=name))
+        if late:
+            p = drive.signals[Sensor.POSITION]
+            later = Signal(p.time + 0.08, p.values)
+            drive = dataclasses.replace(drive, signals={**drive.signals, Sensor.POSITION: later})
+        found.append(drive)
+    return found
+
+
+def one_vehicle(job):
+    """For each way and parameter: shown, covered, width in ranges; white."""
+    world, seed, pair = job
+    truth = draw(seed)
+    drives, true = (
+        drives_in(world, truth, seed, pair),
+        dict(zip(VEHICLE.unknown, truth, strict=True)),
+    )
+    rows = []
+    for effects in ((), EFFECTS, WORLDS[world][1]):
+        found = identify(drives, VEHICLE, effects=effects)
+        rows.append([])
+        for name in PARAMETERS:
+            e = found.parameters[name]
+            width = (e.high - e.low) / (e.range[1] - e.range[0])
+            rows[-1].append((e.identifiable, e.low <= true[name] <= e.high, width, found.white))
+    return rows
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--vehicles", type=int, default=200)
+    parser.add_argument("--world", choices=WORLDS, action="append", default=[])
+    parser.add_argument("--processes", type=int, default=2)
+    arguments = parser.parse_args()
+    pair = commands_of_pair()
+    print(f"{arguments.vehicles} vehicles; a cell: shown, covered where shown, wrong; width %")
+    print(
+        f"{'world':37s}{'effects':>8s}" + "".join(f"{name:>26s}" for name in PARAMETERS) + "  white"
+    )
+    with ProcessPoolExecutor(arguments.processes) as pool:
+        for world in arguments.world or WORLDS:
+            jobs = [(world, seed, pair) for seed in range(arguments.vehicles)]
+            table = np.array(list(pool.map(one_vehicle, jobs)), dtype=float)
+            for number, way in enumerate(("none", "all", "oracle")):
+                line = f"{world:37s}{way:>8s}"
+                for i in range(len(PARAMETERS)):
+                    shown, covered, width, white = table[:, number, i].T
+                    wrong = int(np.sum((shown == 1) & (covered == 0)))
+                    share = f"{covered[shown == 1].mean():.0%}" if shown.any() else "-"
+                    line += f"{shown.mean():8.0%}{share:>6s}{wrong:4d}{100 * np.median(width):8.1f}"
+                print(line + f"{white.mean():7.0%}", flush=True)
+
+
+if __name__ == "__main__":
+    main()

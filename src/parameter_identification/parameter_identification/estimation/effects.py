@@ -1,0 +1,134 @@
+"""Effects: what a real vehicle, its ground and its sensors have and the vehicle file does not know.
+
+Each is estimated beside the parameters, with a Gaussian prior of mean 0 (as in the file) that says
+how large it may be. Most change constants of the vehicle; the others change its motion, or what is
+seen of it, in closed form. Slope and wind act on one drive, the others on all.
+
+The *deviations* are processes in time: by which share the vehicle is faster than the model, and how
+much more it turns. They stand for what no constant can, e.g. a servo or a speed loop of another
+kind. Their size is estimated, so that they vanish where nothing is missing.
+"""
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from tricycle_core.errors import IdentificationError
+from tricycle_sim.vehicle import Vehicle
+
+SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
+SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
+WHEEL_RADIUS = "wheel radius"
+REACH = 4.0  # standard deviations of the prior that an effect may have at most
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """An effect with the standard deviation of its prior.
+
+    Attributes
+    ----------
+    name : str
+        For `--effects` and reports.
+    unit : str
+        Of its value; "1": a share of the value in the file.
+    std : float
+        Of the prior.
+    constants : mapping of str to float
+        Change of each constant of the vehicle per unit of the effect.
+    low, high : float
+        Values between which it lies.
+    per_drive : bool
+        Whether each drive has its own.
+    process : bool
+        Whether it varies during a drive.
+    """
+
+    name: str
+    unit: str
+    std: float
+    constants: Mapping[str, float] = field(default_factory=dict)
+    low: float = -math.inf
+    high: float = math.inf
+    per_drive: bool = False
+    process: bool = False
+
+
+# name, unit, standard deviation; the first set of constants that the vehicle has is changed, by so
+# much per unit, where `None` stands for the constant's own value
+_OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ...]], ...] = (
+    ("steering zero", "rad", 0.02, ({"steering_offset": 1.0},)),
+    ("steering gain", "1", 0.02, ({"steering_scale": 1.0},)),
+    ("servo bandwidth", "1", 0.3, ({"servo_natural_frequency": None},)),
+    (WHEEL_RADIUS, "1", 0.01, ({"speed_scale": 1.0},)),
+    (
+        *("speed loop", "1", 0.3),
+        ({"speed_gain_proportional": None, "speed_gain_integral": None},),
+    ),
+    (
+        *("centre of mass forward", "m", 0.02),
+        (
+            {"com_to_front_axle": -1.0, "com_to_rear_axle": 1.0},
+            {"front.x": -1.0, "rear.x": -1.0},
+        ),
+    ),
+    ("load sensitivity", "1", 0.5, ({"load_sensitivity": 1.0},)),
+    ("slope or wind along", "rad", 0.01, ({"road_grade": 1.0},)),
+    ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
+)
+_OTHERS = (
+    Effect(SENSOR_FORWARD, "m", 0.03),
+    Effect(SENSOR_LEFT, "m", 0.03),
+    Effect(SENSOR_YAW, "rad", 0.02),
+    Effect(SPEED_DEVIATION, "1", 0.01, per_drive=True, process=True),
+    Effect(TURN_DEVIATION, "1/m", 0.001, per_drive=True, process=True),
+)
+EFFECTS: tuple[str, ...] = tuple(
+    name.replace(" ", "-")
+    for name in (*(row[0] for row in _OF_CONSTANTS), *(e.name for e in _OTHERS))
+)
+"""Every effect, as `--effects` names it."""
+
+
+def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
+    """Return effects on a vehicle; those whose constants are unknown parameters are left out.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That may have them.
+    names : sequence of str
+        Of `EFFECTS`.
+
+    Raises
+    ------
+    IdentificationError
+        If a name is none of an effect.
+    """
+    for name in names:
+        if name not in EFFECTS:
+            close = difflib.get_close_matches(name, EFFECTS, 1)
+            hint = f"; did you mean {close[0]}?" if close else f"; there are: {', '.join(EFFECTS)}"
+            raise IdentificationError(f"{name!r} is no effect{hint}")
+    found = []
+    for name, unit, std, choices in _OF_CONSTANTS:
+        owned = next((c for c in choices if set(c) <= set(vehicle.values)), None)
+        if owned is not None and not set(owned) & set(vehicle.unknown):
+            change = {c: vehicle.values[c] if per is None else per for c, per in owned.items()}
+            low, high = _limits(vehicle, change, std)
+            per_drive = name.startswith("slope")
+            found.append(Effect(name, unit, std, change, low, high, per_drive))
+    return tuple(e for e in (*found, *_OTHERS) if e.name.replace(" ", "-") in names)
+
+
+def _limits(vehicle: Vehicle, change: Mapping[str, float], std: float) -> tuple[float, float]:
+    """Values of an effect with which the constants stay possible, and positive ones stay so."""
+    low, high = -REACH * std, REACH * std
+    for name, per in change.items():
+        value, (least, most) = vehicle.values[name], vehicle.bounds(name)
+        if least == 0.0 and value > 0.0:
+            least = 0.2 * value
+        ends = sorted(((least - value) / per, (most - value) / per))
+        low, high = max(low, ends[0]), min(high, ends[1])
+    return low, high

@@ -1,0 +1,73 @@
+"""Effects: their table, their derivatives, and that they are found."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, shares
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.estimation.effects import EFFECTS, effects_of
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.identification import identify
+from tricycle_core.errors import IdentificationError
+
+EXACT = {sensor: SensorNoise(0.0, rate=20.0) for sensor in Sensor}
+
+
+def test_a_wrong_name_is_refused_with_the_right_one():
+    with pytest.raises(IdentificationError, match=r"'steering-zer' is no effect; did you mean st"):
+        effects_of(VEHICLE, ["steering-zer"])
+
+
+def test_what_is_to_be_identified_is_no_effect():
+    unknown = {**VEHICLE.unknown, "steering_offset": (-0.1, 0.1)}
+    vehicle = dataclasses.replace(VEHICLE, unknown=unknown)
+    names = {e.name for e in effects_of(vehicle, EFFECTS)}
+    assert len(names) == len(EFFECTS) - 1
+    assert "steering zero" not in names
+
+
+def test_effects_keep_constants_possible():
+    for e in effects_of(VEHICLE, EFFECTS):
+        for value in (e.low, e.high):
+            if np.isfinite(value):
+                VEHICLE.replace(
+                    **{n: VEHICLE.values[n] + c * value for n, c in e.constants.items()}
+                )
+
+
+@pytest.mark.slow
+def test_derivatives_are_those_of_the_prediction():
+    drive = driven(commands_of_pair()["lane"], noise=0.0, others=EXACT.items())
+    model = DriveModel(VEHICLE, drive, effects_of(VEHICLE, EFFECTS))
+    z, k = shares(TRUTH), len(NAMES)
+    b = 0.1 * np.random.default_rng(0).standard_normal(len(model.nuisances))
+    before = model.predict(z, b)
+    for i, n in enumerate(model.nuisances):
+        if n.effect is not None:
+            low, high = (model.predict(z, b + step * np.eye(len(b))[i]) for step in (-0.02, 0.02))
+            for p, lower, upper in zip(before, low, high, strict=True):
+                slope = (upper.residual - lower.residual) / 0.04
+                tolerance = 0.03 * np.abs(slope).max() + 1e-6
+                np.testing.assert_allclose(p.jacobian[:, :, k + i], slope, atol=tolerance)
+
+
+@pytest.mark.slow
+def test_steering_zero_and_sensor_are_found_with_the_parameters():
+    zero = np.radians(1.5)
+    drives = [
+        driven(c, seed=i, name=name, vehicle=VEHICLE.replace(steering_offset=zero))
+        for i, (name, c) in enumerate(commands_of_pair().items())
+    ]
+    found = identify(drives, VEHICLE, effects=("steering-zero", "sensor-left"))
+    (steering,) = (e for e in found.effects if e.name == "steering zero")
+    assert steering.estimate == pytest.approx(zero, abs=4 * steering.standard_deviation)
+    assert steering.standard_deviation < 0.002
+    assert str(steering).startswith("steering zero: +1.")
+    stiffness = found.parameters["cornering_stiffness"]
+    assert stiffness.low <= TRUTH[0] <= stiffness.high
+    assert stiffness.high - stiffness.low < 150.0
+    assert found.white
+    assert not identify(drives, VEHICLE).white
