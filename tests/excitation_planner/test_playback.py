@@ -507,3 +507,37 @@ def test_the_fence_and_a_pose_that_jumps_abort(pose, reason):
     assert playback.tick(10.02) == JointCommand(0.1, 0.0)
     assert playback.state is PlaybackState.ABORTED
     assert reason in playback.reason
+
+
+def test_nothing_is_commanded_during_the_countdown():
+    playback = ready(countdown=2.0)
+    playback.start(10.0)
+    left = []
+    for t in (10.0, 10.9, 11.1, 11.9, 12.1, 12.5):
+        playback.observe(AT_REST, t, t)
+        playback.hear(ARMED, t)
+        left.append((playback.tick(t), playback.seconds_left))
+    assert left[:4] == [(None, 2), (None, 2), (None, 1), (None, 1)]
+    assert left[4:] == [(JointCommand(0.1, 0.0), 0), (JointCommand(0.1, 1.0), 0)]
+    assert playback.start_time == 12.5
+
+
+def test_hold_to_run_released_or_silent_ends_the_run_and_is_needed_to_start():
+    playback = ready(hold_timeout=0.2)
+    with pytest.raises(PlanError, match="maneuver/hold is not pressed"):
+        playback.start(10.0)
+    playback.hold(pressed=True, now=10.0)
+    playback.start(10.0)
+    assert playback.tick(10.1) == JointCommand(0.1, 0.0)
+    playback.hold(pressed=False, now=10.15)
+    assert (playback.state, playback.reason) == (
+        PlaybackState.ABORTED,
+        "maneuver/hold is not pressed",
+    )
+    playback = ready(hold_timeout=0.2)
+    playback.hold(pressed=True, now=10.0)
+    with pytest.raises(PlanError, match="nothing heard on maneuver/hold"):
+        playback.start(10.3)
+    playback.start(10.1)
+    playback.tick(10.21)
+    assert playback.reason == "nothing heard on maneuver/hold for 0.21 s"

@@ -14,6 +14,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool, UInt8
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
@@ -132,6 +133,16 @@ class ManeuverDriver(Node):
         super().__init__("maneuver_driver")
         deviation = declare(self, "max_deviation", 3.0, "m off the path that end a run", (0.1, 100))
         timeout = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
+        countdown = declare(
+            self, "countdown", 0.0, "s from ~/start to the first command", (0.0, 60.0)
+        )
+        hold = declare(
+            self,
+            "hold_timeout",
+            0.0,
+            "s without maneuver/hold that end a run; 0: none has to be held",
+            (0.0, 1.0),
+        )
         self._name = self.get_fully_qualified_name()
         simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
@@ -139,12 +150,15 @@ class ManeuverDriver(Node):
             odom_timeout=timeout,
             commander=self._name,
             clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
+            countdown=countdown,
+            hold_timeout=hold,
         )
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
         self._state = self.create_publisher(
             DiagnosticStatus, "maneuver/state", **overridable(LATCHED)
         )
+        self._countdown = self.create_publisher(UInt8, "maneuver/countdown", **overridable(LATCHED))
         self._start = self.create_publisher(PoseStamped, "maneuver/start", **overridable(LATCHED))
         self._static = TFMessage and self.create_publisher(
             TFMessage, "/tf_static", **overridable(LATCHED)
@@ -157,6 +171,7 @@ class ManeuverDriver(Node):
             (Path, "maneuver/path", self._on_path, LATCHED),
             (Odometry, "odom", self._on_odom, qos_profile_sensor_data),
             (DiagnosticStatus, READINESS_TOPIC, self._on_readiness, LATCHED),
+            (Bool, "maneuver/hold", self._on_hold, qos_profile_sensor_data),
         ):
             self.create_subscription(kind, topic, callback, **overridable(qos))
         for part, (kind, read) in AREA_MESSAGES.items():
@@ -211,6 +226,9 @@ class ManeuverDriver(Node):
     def _on_readiness(self, message: DiagnosticStatus) -> None:
         values = {pair.key: pair.value for pair in message.values}
         self._playback.hear(Readiness.from_values(values), self._now())
+
+    def _on_hold(self, message: Bool) -> None:
+        self._playback.hold(message.data, self._now())
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         started = f"started plan {self._playback.plan_id}".strip()
@@ -280,9 +298,14 @@ class ManeuverDriver(Node):
         """Publish the state when it changes, and every `STATE_EVERY` while running."""
         playback = self._playback
         beat = int(playback.elapsed / STATE_EVERY)
-        content = (playback.state, playback.plan_id, playback.start_time, beat)
+        left = playback.seconds_left
+        content = (playback.state, playback.plan_id, playback.start_time, beat, left)
         if content == self._published:
             return
+        if left != (self._published[-1] if self._published else 0):
+            self._countdown.publish(UInt8(data=left))
+            if left:
+                self.get_logger().info(f"the drive begins in {left} s")
         self._published = content
         start = f"{playback.start_time:.9f}" if playback.start_time is not None else ""
         values = {

@@ -166,6 +166,11 @@ class Playback:
         Name of this driver, as the vehicle knows it; empty: whom the vehicle obeys is not watched.
     clock_tolerance : float
         Time by which a pose may be stamped ahead [s].
+    countdown : float
+        Time between the start and the first command [s].
+    hold_timeout : float
+        Age of the newest word of the hold-to-run button beyond which the run is aborted [s]; 0:
+        there is no button.
     state : PlaybackState
         What it is doing.
     reason : str
@@ -174,16 +179,21 @@ class Playback:
         When row 0 was played [s].
     elapsed : float
         Time since then, at the newest tick of the run [s].
+    seconds_left : int
+        Of the countdown.
     """
 
     max_deviation: float
     odom_timeout: float
     commander: str = ""
     clock_tolerance: float = CLOCK_TOLERANCE
+    countdown: float = 0.0
+    hold_timeout: float = 0.0
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
     start_time: float | None = None
     elapsed: float = 0.0
+    seconds_left: int = 0
     _plan: _Plan | None = None
     _next: _Plan | None = None  # came during the run
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
@@ -199,6 +209,8 @@ class Playback:
     _observed_at: float = -math.inf
     _readiness: Readiness | None = None
     _heard_at: float = -math.inf
+    _pressed: bool = False
+    _pressed_at: float = -math.inf
     _anchor: PlanarState | None = None
     _held: JointCommand = field(default_factory=lambda: JointCommand(0.0, 0.0))
     _ticked_at: float = -math.inf
@@ -291,8 +303,22 @@ class Playback:
         if self._active and not readiness.armed:
             self.abort(self._not_ready(now))
 
+    def hold(self, pressed: bool, now: float) -> None:
+        """Take whether the hold-to-run button is pressed; a run is aborted at once if it is not.
+
+        Parameters
+        ----------
+        pressed : bool
+            Newest word of it.
+        now : float
+            Time of receipt [s].
+        """
+        self._pressed, self._pressed_at = pressed, now
+        if self._active and (reason := self._released(now)):
+            self.abort(reason)
+
     def start(self, now: float) -> None:
-        """Start the maneuver; row 0 is played after `LEAD_IN`.
+        """Start the maneuver; row 0 is played after the countdown and `LEAD_IN`.
 
         Raises
         ------
@@ -311,7 +337,7 @@ class Playback:
                 "no path on maneuver/path with the stamp of the commands, to limit the deviation "
                 "by; publish both with one stamp"
             )
-        if reason := self._not_ready(now):
+        if reason := self._not_ready(now) or self._released(now):
             raise PlanError(reason)
         if reason := self._pose_lost(now):
             raise PlanError(f"{reason}; the maneuver starts only where it can be watched")
@@ -328,6 +354,7 @@ class Playback:
         self._path, self._nearest = paths[-1], 0
         self._anchor = self._observed
         self._asked_at = now
+        self.seconds_left = math.ceil(self.countdown)
         self.start_time, self.elapsed = None, 0.0
         self.state, self.reason = PlaybackState.STARTING, ""
 
@@ -393,10 +420,11 @@ class Playback:
     def _active(self) -> bool:
         return self.state in (PlaybackState.STARTING, PlaybackState.RUNNING)
 
-    def _play(self, schedule: Schedule, now: float) -> JointCommand:
+    def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
         if reason := (
             self._not_ready(now)
+            or self._released(now)
             or self._pose_lost(now)
             or self._contradiction
             or self._astray()
@@ -405,7 +433,11 @@ class Playback:
             self.abort(reason)
             return self._held
         if self.start_time is None:
-            if now - self._asked_at < LEAD_IN - 1e-6:
+            waited = now - self._asked_at - self.countdown
+            self.seconds_left = max(0, math.ceil(-waited - 1e-6))
+            if self.seconds_left:
+                return None
+            if waited < LEAD_IN - 1e-6:
                 self._held = JointCommand(float(schedule.steering_motor_angle[0]), 0.0)
                 return self._held
             self.start_time, self.state = now, PlaybackState.RUNNING
@@ -465,7 +497,7 @@ class Playback:
 
     def _end(self, state: PlaybackState, angle: float, reason: str = "") -> None:
         self._held = JointCommand(angle, 0.0)
-        self.state, self.reason = state, reason
+        self.state, self.reason, self.seconds_left = state, reason, 0
         self._stopping_since = self._ticked_at
 
     def _take_next(self) -> None:
@@ -487,6 +519,16 @@ class Playback:
             return f"nothing heard on {TOPIC} for {now - self._heard_at:.2f} s"
         if self.commander and self._readiness.commander not in ("", self.commander):
             return f"the vehicle obeys another commander, {self._readiness.commander}"
+        return ""
+
+    def _released(self, now: float) -> str:
+        """Why the hold-to-run button does not count as pressed; empty if it does."""
+        if not self.hold_timeout:
+            return ""
+        if not self._pressed:
+            return "maneuver/hold is not pressed"
+        if now - self._pressed_at > self.hold_timeout:
+            return f"nothing heard on maneuver/hold for {now - self._pressed_at:.2f} s"
         return ""
 
     def _pose_lost(self, now: float) -> str:

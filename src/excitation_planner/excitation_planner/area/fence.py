@@ -30,6 +30,12 @@ CREEP = 0.05
 SPACING = 0.25
 """Between the poses on a stop [m]; from tick to tick they move by far less."""
 
+ARC_SPACING = 0.25
+"""Between the ends of the arcs that are looked at while the wheels turn [m]."""
+
+MAX_ARCS = 16
+"""Of them, whatever their ends' distance."""
+
 
 @dataclass(frozen=True)
 class Fence:
@@ -120,13 +126,14 @@ class Fence:
         if signed_distance(here, self.ground)[0] > way + self._reach:
             return ""  # whatever the direction
         slip = (0.0 if push >= 0.0 else math.pi) if creeps else state.slip
-        arcs = [
-            0.0 if creeps else state.yaw_rate / state.speed,
-            math.copysign(1.0, math.cos(slip)) * curvature,
-        ]
+        now = 0.0 if creeps else state.yaw_rate / state.speed
+        then = math.copysign(1.0, math.cos(slip)) * curvature
+        # while the wheels turn, the stop lies between the arcs
+        apart = 0.5 * abs(then - now) * way**2
+        arcs = np.linspace(now, then, min(2 + int(apart / ARC_SPACING), MAX_ARCS))
         points = 1 + math.ceil(way / SPACING)
         ways = np.linspace(0.0, way, points)
-        poses = stopping_path(state.x, state.y, state.yaw, slip, way, np.array(arcs), points=points)
+        poses = stopping_path(state.x, state.y, state.yaw, slip, way, arcs, points=points)
         corners, border = placed(self.footprint, *poses), seen_from(self._border, *poses)
         # a corner of the footprint outside, or one of the border in the footprint
         outside = ~contains(corners, self.ground).all(axis=-1)
