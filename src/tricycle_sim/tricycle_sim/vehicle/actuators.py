@@ -318,7 +318,11 @@ def direct_torque(
 
     Parameters
     ----------
-    g, c, spin, torque, integrator, speed_mode
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the law's constants of the vehicle start in `g`.
+    spin, torque, integrator, speed_mode : float
         As of `hub_motor`.
     demand : float
         A torque [N m]; with speed mode a set-point [m/s] that the motor takes for a torque.
@@ -346,7 +350,11 @@ def throttle_curve(
 
     Parameters
     ----------
-    g, c, spin, torque, integrator, speed_mode
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the law's constants of the vehicle start in `g`.
+    spin, torque, integrator, speed_mode : float
         As of `hub_motor`.
     demand : float
         A torque [N m]; with speed mode a set-point [m/s], the throttle times that of full throttle,
