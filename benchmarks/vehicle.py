@@ -26,21 +26,11 @@ from vehicle_checks import integration_errors
 
 from excitation_planner.maneuver import DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
-from tricycle_bridge.protocol.framing import encode
-from tricycle_bridge.protocol.messages import (
-    Board,
-    Control,
-    DriveCommand,
-    Gear,
-    Hello,
-    Message,
-    Op,
-    SteerCommand,
-    echo_of,
-)
+from tricycle_bridge.command_stream import VehicleCommand
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.host import Host
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.actuators import FRICTION_BRAKE, HUB_MOTOR
@@ -302,48 +292,20 @@ def lane_change(vehicle: Vehicle, threads: int) -> None:
     )
 
 
-class Host:
-    """The least that arms both emulated PLCs and drives them, a command every 20 ms."""
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.rig = EmulatedRig(vehicle)
-        self.sent = 0
-        self.rig.step()
-        for board in (Board.STEER, Board.DRIVE):
-            self.send(board, Hello(0, board, 1))
-        for _ in range(6):
-            self.command(0.0, 0.0)
-            self.rig.step()
-        for board in (Board.STEER, Board.DRIVE):
-            self.send(board, Control.of(Op.ARM))
-        assert self.rig.armed
-
-    def send(self, board: Board, message: Message) -> None:
-        """Send one message."""
-        self.sent += 1
-        frame = encode(message, board=board, seq=self.sent & 0xFF, session=7)
-        self.rig.receive(board, frame)
-
-    def command(self, angle: float, speed: float) -> None:
-        """Send a command to both boards."""
-        echo = echo_of(round(self.rig.time * 1e6))
-        self.send(Board.STEER, SteerCommand(1, 0, round(1e4 * angle), 2000, echo))
-        self.send(Board.DRIVE, DriveCommand(1, Gear.DRIVE, round(1e3 * speed), 1000, 0, 0, echo))
-
-    def drive(self) -> None:
-        """Drive for five seconds."""
-        for k in range(500):
-            if k % 2 == 0:
-                self.command(0.2 * math.sin(0.01 * k), 1.0)
-            self.rig.step()
-
-
 def live(vehicle: Vehicle) -> None:
     """Real-time factor of the live vehicle driven through both emulated PLCs, one core."""
-    host = Host(vehicle)
-    (seconds,) = shortest(host.drive, repeats=5)
-    assert host.rig.armed
-    line("live vehicle driven through both PLCs: times real time, one core", f"{5 / seconds:.0f}")
+    rig = EmulatedRig(vehicle)
+    host = Host(rig)
+    host.arm()
+
+    def drive() -> None:
+        for k in range(500):
+            host.target = VehicleCommand(0.2 * math.sin(0.01 * k), 1.0)
+            host.tick()
+
+    (seconds,) = shortest(drive, repeats=5)
+    assert rig.armed
+    line("live vehicle, both PLCs and the bridge: times real time, one core", f"{5 / seconds:.0f}")
 
 
 START = """
