@@ -19,7 +19,10 @@ def test_ramps_are_predicted_better_than_by_the_authors_model() -> None:
     command += ["--fit", "ramp_pos02", "ramp_neg02", "--predict", f"{DATA}/ramp_pos025.csv.gz"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     found = json.loads(done.stdout)
-    assert not found["parameters"]["yaw_inertia"]["shown"]
+    inertia = found["parameters"]["yaw_inertia"]
+    assert (
+        not inertia["shown"] or inertia["low"] < 0.0048 < inertia["high"]
+    )  # the authors' estimate
     for name, prediction in found["predictions"].items():
         for horizon, ours in prediction["ours"].items():
             for quantity, value in ours.items():
