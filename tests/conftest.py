@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from stalls import pytest_runtest_protocol, pytest_terminal_summary
+
+__all__ = ["pytest_runtest_protocol", "pytest_terminal_summary"]  # hooks
 
 # The same examples in every run; HYPOTHESIS_PROFILE=search looks at others.
 settings.register_profile("same", derandomize=True, deadline=None)

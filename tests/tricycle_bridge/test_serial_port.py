@@ -18,8 +18,15 @@ from tricycle_sim.plc.pty_port import PtyPort
 STEER, DRIVE = Board.STEER, Board.DRIVE
 PATIENCE = 20.0  # s; only a failing test waits that long
 REPLUGS = int(os.environ.get("REPLUGS", "10"))  # `make soak`: 100
-# why ARM is refused after a pause; the last by a PLC whose newest command is older than 200 ms
-PAUSES = ("no command stream", "no telemetry for", "CMD_TIMEOUT", "refused ARM: preconditions")
+# why arming is refused after a pause; the last two by a PLC whose newest command is older than
+# 200 ms, or which got CLEAR four times within 200 ms with an echo older than 150 ms
+PAUSES = (
+    "no command stream",
+    "no telemetry for",
+    "CMD_TIMEOUT",
+    "refused ARM: preconditions",
+    "refused CLEAR: stale",
+)
 
 
 class Host:

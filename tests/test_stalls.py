@@ -1,0 +1,68 @@
+"""What is run again: a failed test in real time, after a pause, and nothing else."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+CONFTEST = "from stalls import pytest_runtest_protocol, pytest_terminal_summary\n"
+TESTS = '''
+import ctypes, time
+from pathlib import Path
+import pytest
+
+@pytest.fixture
+def plc_pair():
+    yield "fresh"
+
+def runs(name):
+    """How often a test has been run, with this time."""
+    path = Path(name)
+    path.write_text(path.read_text() + "x" if path.exists() else "x")
+    return len(path.read_text())
+
+def pause():
+    ctypes.PyDLL(None).usleep(300_000)  # holds the interpreter's lock: no thread runs
+
+def test_paused_once(plc_pair):
+    if runs("paused_once") == 1:
+        pause()
+        raise AssertionError("not this time")
+
+def test_paused_always(plc_pair):
+    runs("paused_always")
+    pause()
+    raise AssertionError("never")
+
+def test_failed_without_a_pause(plc_pair):
+    runs("no_pause")
+    raise AssertionError("a race")
+
+def test_passed_with_a_pause(plc_pair):
+    runs("passed")
+    pause()
+
+def test_not_in_real_time():
+    runs("no_real_time")
+    pause()
+    raise AssertionError("wrong")
+'''
+
+
+def test_only_a_failure_after_a_pause_in_real_time_is_run_again(tmp_path):
+    (tmp_path / "conftest.py").write_text(CONFTEST)
+    (tmp_path / "test_it.py").write_text(TESTS)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", f"--rootdir={tmp_path}",
+         "-o", f"pythonpath={Path(__file__).parent}", "-o", "markers=ros", "test_it.py"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )  # fmt: skip
+    assert "3 failed, 2 passed" in done.stdout, done.stdout + done.stderr
+    runs = {p.name: len(p.read_text()) for p in tmp_path.iterdir() if not p.suffix and p.is_file()}
+    assert runs == {
+        "paused_once": 2, "paused_always": 3, "no_pause": 1, "passed": 1, "no_real_time": 1
+    }  # fmt: skip
+    again = [line for line in done.stdout.splitlines() if line.startswith("run again")]
+    assert len(again) == 3
+    assert sum("::test_paused_once" in line for line in again) == 1
