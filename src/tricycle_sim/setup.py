@@ -23,6 +23,9 @@ setup(
         "console_scripts": [
             "tricycle_sim = tricycle_sim.sim_node:main",
         ],
+        "tricycle_sim.plants": [
+            "mujoco = tricycle_sim.plants.mujoco_plant:MujocoPlant",
+        ],
         "pytest11": ["tricycle = tricycle_sim.pytest_plugin"],
     },
 )
