@@ -25,6 +25,7 @@ setup(
         ],
         "tricycle_sim.plants": [
             "mujoco = tricycle_sim.plants.mujoco_plant:MujocoPlant",
+            "commonroad = tricycle_sim.plants.commonroad_plant:MultiBodyPlant",
         ],
         "pytest11": ["tricycle = tricycle_sim.pytest_plugin"],
     },
