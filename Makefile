@@ -54,11 +54,11 @@ demo: setup-run $(if $(filter firmware,$(PLC)),firmware)  ## plan, drive, record
 	$(BIN)/tricycle demo --output out/demo --overwrite $(if $(filter firmware,$(PLC)),--firmware build/firmware)
 
 test: check  ## everything: lint, types, import contract, all tests
-	$(BIN)/python -m pytest -m "slow and not ros" -q -n 2
-	$(BIN)/python -m pytest -m ros -q
+	$(BIN)/python -m pytest -m "slow and not ros" -q -n 2 --dist worksteal
+	$(BIN)/python -m pytest -m ros -q -n 2 --dist worksteal
 
 check: setup lint  ## lint, types, import contract and the fast tests
-	$(BIN)/python -m pytest -m "not slow and not ros" -q -n 2
+	$(BIN)/python -m pytest -m "not slow and not ros" -q -n 2 --dist worksteal
 
 lint: setup
 	$(BIN)/ruff format --check .

@@ -24,6 +24,22 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 FIRMWARE = Path(__file__).parents[1] / "firmware"
 
 
+@pytest.fixture
+def install_distribution(tmp_path, monkeypatch):
+    """Install a distribution of one module and its entry points of one group."""
+
+    def install(group, distribution, module, source, entries):
+        (tmp_path / f"{module}.py").write_text(source)
+        folder = tmp_path / f"{distribution}-1.0.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\n")
+        lines = [f"{name} = {value}" for name, value in entries.items()]
+        (folder / "entry_points.txt").write_text("\n".join([f"[{group}]", *lines]))
+        monkeypatch.syspath_prepend(str(tmp_path))
+
+    return install
+
+
 @pytest.fixture(scope="session")
 def firmware_libraries(tmp_path_factory) -> Path:
     """The C logic as libraries of this machine; FIRMWARE_LIBRARIES names others (mutation.py)."""

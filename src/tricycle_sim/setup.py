@@ -23,6 +23,10 @@ setup(
         "console_scripts": [
             "tricycle_sim = tricycle_sim.sim_node:main",
         ],
+        "tricycle_sim.plants": [
+            "mujoco = tricycle_sim.plants.mujoco_plant:MujocoPlant",
+            "commonroad = tricycle_sim.plants.commonroad_plant:MultiBodyPlant",
+        ],
         "pytest11": ["tricycle = tricycle_sim.pytest_plugin"],
     },
 )

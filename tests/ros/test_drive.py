@@ -1,5 +1,6 @@
 """A plan driven on real nodes, processes and ptys; its bag judged; and what is left of a kill."""
 
+import os
 import signal
 import subprocess
 import sys
@@ -27,6 +28,7 @@ from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
 from tricycle_cli.campaign.request import SIMULATED
 from tricycle_cli.operation.session import simulated_session
+from tricycle_core.errors import NodeError
 from tricycle_sim.vehicle import draw_truth, load_vehicle
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -96,6 +98,38 @@ def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
         *("/odom", "/imu", "/joint_states", "/joint_commands", "/diagnostics"),
     }
     assert np.all(np.diff(stamps) == 1)  # every tick of the simulated clock, none lost
+
+
+DYING = """
+from tricycle_sim.plants.own import OwnPlant
+
+
+class Dying(OwnPlant):
+    def hold_speed(self, tick, steering, speed, brake):
+        state = super().hold_speed(tick, steering, speed, brake)
+        if state.x**2 + state.y**2 > 1.0:
+            raise RuntimeError("out of fuel")
+        return state
+"""
+
+
+def test_a_plant_that_dies_ends_the_drive_with_its_line_and_the_bag_is_closed(
+    ros_environment, install_distribution, plan, tmp_path, monkeypatch
+):
+    install_distribution(
+        "tricycle_sim.plants", "hearse", "hearse", DYING, {"hearse": "hearse:Dying"}
+    )
+    paths = f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"
+    monkeypatch.setenv("PYTHONPATH", paths)
+    with (
+        pytest.raises(NodeError, match=r"plant Dying at \d+\.\d+ s: RuntimeError\('out of fuel'\)"),
+        simulated_session(
+            vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path, plant="hearse"
+        ) as drive,
+    ):
+        drive(plan, tmp_path / "bag", lambda *_: None)
+    with BagReader(tmp_path / "bag") as bag:
+        assert not any(name.startswith("true_") for name in bag.metadata)
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])

@@ -15,7 +15,7 @@ from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -90,9 +90,8 @@ def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
     heard: list[str] = []
     plans: list[str] = []
     clock: list[float] = []
-    ros_node.create_subscription(
-        String, "moved", lambda m: heard.append(m.data), qos_profile_sensor_data
-    )
+    every_one = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    ros_node.create_subscription(String, "moved", lambda m: heard.append(m.data), every_one)
     ros_node.create_subscription(
         Clock, "/clock", lambda m: clock.append(m.clock.sec + m.clock.nanosec * 1e-9), 100
     )

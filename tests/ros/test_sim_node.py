@@ -102,6 +102,14 @@ def test_a_simulation_that_fails_ends_its_node(ros_environment, tmp_path):
     assert "the simulation has failed" in ended.stderr
 
 
+def test_an_unknown_plant_is_one_line(start_simulation):
+    simulation = start_simulation(plant="swan")
+    _, errors = simulation.communicate(timeout=PATIENCE)
+    assert simulation.returncode != 0
+    assert "unknown plant 'swan'; there are: own" in errors
+    assert "Traceback" not in errors
+
+
 def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
     start_simulation()
     watch.wait(lambda: watch.now > 0.2)

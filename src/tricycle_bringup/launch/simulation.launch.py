@@ -17,6 +17,7 @@ ARGUMENTS = {
     "namespace": ("", "of all names, and of its own /clock"),
     "true_seed": ("-1", "of the hidden truth; -1: nominal"),
     "real_time_factor": ("1.0", "0: as fast as it runs"),
+    "plant": ("own", "what the boards drive: our own model, mujoco, or an installed one"),
     "plc": ("emulated", "or firmware, on simulated UNOs"),
     "firmware": ("build/firmware", "built by `make firmware`"),
 }
@@ -30,10 +31,11 @@ def _actions(value: Mapping[str, str]) -> list[Action]:
         "vehicle_file": value["vehicle_file"],
         "true_seed": int(value["true_seed"]),
         "real_time_factor": float(value["real_time_factor"]),
+        "plant": value["plant"],
         "plc": value["plc"],
         "firmware": value["firmware"],
     }
-    return [nodes.node("tricycle_sim", "tricycle_sim", simulator, ports), *nodes.actions(ports)]
+    return [nodes.simulation(simulator, ports), *nodes.actions(ports)]
 
 
 def generate_launch_description() -> LaunchDescription:

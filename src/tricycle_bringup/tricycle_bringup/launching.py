@@ -87,7 +87,7 @@ class VehicleNodes:
         """Namespace without slashes around it."""
         return self.value["namespace"].strip("/")
 
-    def node(self, package: str, executable: str, *parameters: Parameters) -> Node:
+    def node(self, package: str, executable: str, *parameters: Parameters, **more: object) -> Node:
         """Return a node.
 
         Parameters
@@ -96,13 +96,27 @@ class VehicleNodes:
             What to start.
         *parameters : dict
             Besides those of the parameter file.
+        **more : object
+            Further arguments of `Node`.
         """
         return Node(
             package=package,
             executable=executable,
             parameters=[self.config, *parameters],
             **self._common(executable),
+            **more,
         )
+
+    def simulation(self, *parameters: Parameters) -> Node:
+        """Return the simulation; where it ends, all of the launch does, so that bags are closed.
+
+        Parameters
+        ----------
+        *parameters : dict
+            Besides those of the parameter file.
+        """
+        name = "tricycle_sim"
+        return self.node(name, name, *parameters, on_exit=_shut_down_after(name))
 
     def actions(self, ports: Parameters) -> list[Action]:
         """Return bridge, planner, maneuver driver, recorder and, where installed, the model.
@@ -153,7 +167,7 @@ class VehicleNodes:
             executable=name,
             name=name,
             parameters=[self.config, ports, own, {"autostart": False}],
-            on_exit=[OpaqueFunction(function=_shut_down)],
+            on_exit=_shut_down_after(name),
             **self._common(name),
         )
         if self.value["autostart"].lower() != "true":
@@ -190,5 +204,10 @@ class VehicleNodes:
         return [self.node(name, name, {"robot_description": model})]
 
 
-def _shut_down(context: LaunchContext) -> list[Action]:
-    return [] if context.is_shutdown else [Shutdown(reason="tricycle_bridge has ended")]
+def _shut_down_after(name: str) -> list[Action]:
+    """Return what ends the launch when a node has ended."""
+
+    def shut_down(context: LaunchContext) -> list[Action]:
+        return [] if context.is_shutdown else [Shutdown(reason=f"{name} has ended")]
+
+    return [OpaqueFunction(function=shut_down)]

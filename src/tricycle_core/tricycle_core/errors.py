@@ -4,6 +4,7 @@
 
     ExcitationError
     ├── VehicleError         a vehicle file, or a value of a vehicle
+    ├── PlantError           what the boards drive cannot be had, or has failed
     ├── CommandsError        a table of commands
     ├── LinkError            a by-wire link, a serial port, a message that cannot be sent
     ├── DesignError          a sensitivity analysis, a design or a study
@@ -26,6 +27,10 @@ class ExcitationError(ValueError):
 
 class VehicleError(ExcitationError):
     """A vehicle file or a vehicle's value is wrong; the message names the place."""
+
+
+class PlantError(ExcitationError):
+    """A plant behind the boards is unknown, cannot be made, or has failed."""
 
 
 class CommandsError(ExcitationError):

@@ -13,6 +13,8 @@ EXTRAS = {
     "rclpy": "ros",
     "distributed": "dask",
     "pyarrow": "parquet",
+    "mujoco": "mujoco",
+    "vehiclemodels": "commonroad",
 }
 """Extra of this distribution that brings a library."""
 

@@ -18,9 +18,11 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from tricycle_bridge.protocol.messages import Board
-from tricycle_core.errors import VehicleError
+from tricycle_core.errors import PlantError, VehicleError
 from tricycle_core.nodes import declare, overridable, run_node, time_message
 from tricycle_core.timing import TICK
+from tricycle_sim.plants import OWN
+from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.plc.pty_port import PtyPort
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.firmware import FirmwareRig
@@ -74,6 +76,9 @@ class TricycleSim(Node):
         truth_pairs = declare(self, "true_values", [""], "name=value of parameters that are known")
         noise_seed = declare(self, "noise_seed", 0, "of the measurement noise", (0, largest))
         plc = declare(self, "plc", "emulated", "emulated, or firmware: on simulated UNOs")
+        plant_name = declare(
+            self, "plant", OWN, "what the boards drive: our own model, mujoco, or an installed one"
+        )
         build = declare(self, "firmware", "build/firmware", "what `make firmware` builds into")
         folder = "/tmp/tricycle"  # noqa: S108 - a device path that every user knows
         ports = {
@@ -91,13 +96,14 @@ class TricycleSim(Node):
         vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
         truth = draw_truth(vehicle, np.random.default_rng(truth_seed)) if truth_seed >= 0 else {}
         vehicle = vehicle.replace(**(truth | _numbers_by_name(truth_pairs)))
+        if plc not in ("emulated", "firmware"):
+            raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
+        plant = plant_by_name(plant_name, vehicle, noise_seed)
         self._rig: Rig
         if plc == "firmware":
-            self._rig = FirmwareRig(vehicle, Path(build))
-        elif plc == "emulated":
-            self._rig = EmulatedRig(vehicle)
+            self._rig = FirmwareRig(vehicle, Path(build), plant=plant)
         else:
-            raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
+            self._rig = EmulatedRig(vehicle, plant=plant)
         if any(self._start_pose()):
             self._rig.reset(self._start_pose())
         self._rng = np.random.default_rng(noise_seed)
@@ -116,6 +122,7 @@ class TricycleSim(Node):
         self._in_step = False  # the host answered the last tick
         self._lock = threading.Lock()  # of the rig
         self._stop = threading.Event()
+        self._failure = "the simulation has failed"
         self._thread = threading.Thread(target=self._run, name="simulation")
         self._thread.start()
         self.create_timer(0.5, self._end_with_simulation)
@@ -136,18 +143,29 @@ class TricycleSim(Node):
         return x, y, heading
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._lock:
-            self._rig.reset(self._start_pose())
-        response.success, response.message = True, "at rest at its start pose, boards rebooted"
+        try:
+            with self._lock:
+                self._rig.reset(self._start_pose())
+        except PlantError as error:
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, "at rest at its start pose, boards rebooted"
         return response
 
     def _end_with_simulation(self) -> None:
         """End the node where its simulation has failed: whoever started it then knows."""
         if not self._thread.is_alive():
-            self.get_logger().fatal("the simulation has failed")
+            self.get_logger().fatal(self._failure)
             raise SystemExit(1)
 
     def _run(self) -> None:
+        """Simulate until the node is destroyed or the plant fails."""
+        try:
+            self._simulate()
+        except PlantError as error:
+            self._failure = str(error)
+
+    def _simulate(self) -> None:
         """Publish, wait for the host and the wall clock, step; until the node is destroyed."""
         with selectors.DefaultSelector() as selector:
             for board, port in self._ports.items():

@@ -4,6 +4,7 @@ import pickle
 import re
 import sys
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +23,9 @@ POINTS = tomllib.loads(re.search(r"```toml\n(.*?)```", PAGE.read_text(), re.DOTA
 
 
 @pytest.fixture
-def install(tmp_path, monkeypatch):
-    """Install a distribution of one module and its entry points."""
-
-    def install_(distribution, module, source, entries):
-        (tmp_path / f"{module}.py").write_text(source)
-        folder = tmp_path / f"{distribution}-1.0.dist-info"
-        folder.mkdir()
-        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {distribution}\n")
-        lines = [f"{name} = {value}" for name, value in entries.items()]
-        (folder / "entry_points.txt").write_text("\n".join([f"[{GROUP}]", *lines]))
-        monkeypatch.syspath_prepend(str(tmp_path))
-
-    return install_
+def install(install_distribution):
+    """Install a distribution of one module and its families."""
+    return partial(install_distribution, GROUP)
 
 
 def test_the_family_of_the_how_to_is_listed_planned_and_simulated(install, tmp_path, capsys):

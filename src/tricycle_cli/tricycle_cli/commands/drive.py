@@ -7,6 +7,7 @@ from pathlib import Path
 from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import PlanError
+from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
 
 EXAMPLE = """\
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="vehicle YAML, also of the running nodes (default: the paper's tricycle)",
     )
+    add("--plant", default=OWN, metavar="NAME", help="what the simulation drives (default: own)")
     add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
@@ -85,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
             true_seed=args.true_seed,
             real_time_factor=args.real_time_factor,
             folder=args.bag.with_name(f"{args.bag.name}.session"),
+            plant=args.plant,
         )
     )
     with session as drive, progress_bar(f"driving {plan.maneuver}, ms") as progress:

@@ -11,6 +11,7 @@ from excitation_planner.plan import Plan
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_core.quantities import Progress
+from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 
 DrivePlan = Callable[[Plan, Path, Progress], None]
@@ -28,6 +29,7 @@ def simulated_session(
     real_time_factor: float,
     folder: Path,
     firmware: Path | None = None,
+    plant: str = OWN,
 ) -> Iterator[DrivePlan]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
 
@@ -44,6 +46,8 @@ def simulated_session(
         For logs and the links to the ptys.
     firmware : Path, optional
         Build of the real firmware to run on simulated UNOs; None: emulated PLCs.
+    plant : str
+        What the boards drive.
 
     Yields
     ------
@@ -76,6 +80,7 @@ def simulated_session(
                 **ports,
                 "vehicle_file": file,
                 "true_seed": true_seed,
+                "plant": plant,
                 "real_time_factor": IDLE_PACE,
                 **({"plc": "firmware", "firmware": str(firmware.absolute())} if firmware else {}),
             },
@@ -88,7 +93,8 @@ def simulated_session(
         nodes.start("maneuver_driver", config=config, parameters={})
         # the truth too, so that estimates from the bag can be compared with it
         metadata = [f"vehicle={vehicle.name}", f"vehicle_hash={vehicle.fingerprint}"]
-        metadata += [f"true_{k}={v!r}" for k, v in hidden_truth(vehicle, true_seed).items()]
+        if plant == OWN:
+            metadata += [f"true_{k}={v!r}" for k, v in hidden_truth(vehicle, true_seed).items()]
         nodes.start("trajectory_recorder", config=config, parameters={"metadata": metadata})
         with Operator(domain=domain, check=nodes.check) as operator:
 

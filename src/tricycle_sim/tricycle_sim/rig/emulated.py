@@ -2,6 +2,7 @@
 
 from tricycle_bridge.protocol.boards import hall_pulse
 from tricycle_bridge.protocol.messages import Board
+from tricycle_sim.plants.plant import Plant
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerPlc
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.plc_rig import PlcRig, Push
@@ -19,10 +20,14 @@ class EmulatedRig(PlcRig):
         With its true values.
     faults : FaultPlan
         Faults of wires, boards and host.
+    plant : Plant, optional
+        What the boards drive; by default our own model of the vehicle.
     """
 
-    def __init__(self, vehicle: Vehicle, faults: FaultPlan = NO_FAULTS) -> None:
-        super().__init__(vehicle, SteerPlc(), DrivePlc(), faults)
+    def __init__(
+        self, vehicle: Vehicle, faults: FaultPlan = NO_FAULTS, plant: Plant | None = None
+    ) -> None:
+        super().__init__(vehicle, SteerPlc(), DrivePlc(), faults, plant)
 
     def _rest(self) -> None:
         super()._rest()
@@ -30,7 +35,7 @@ class EmulatedRig(PlcRig):
         self._demand = 0.0  # N m, of that loop
 
     def _tick_drive(self) -> tuple[bytes, Push]:
-        state, faults = self._live.state, self._faults
+        state, faults = self._state, self._faults
         speed = state.drive_speed * self._vehicle.driven_radius
         # as a board knows it: from pulses, each as long as it was told
         told = self._plcs[Board.DRIVE].pulse / hall_pulse(self._vehicle.driven_radius)
@@ -52,7 +57,8 @@ class EmulatedRig(PlcRig):
         if not output.motor_on:
             self._loop = None
             return data, Push(None, 0.0, output.brake)
-        if self._loop is None and (measured != speed or FaultKind.MOTOR_DEAD in faults):
+        outside = self._holds_speed is None or measured != speed
+        if self._loop is None and (outside or FaultKind.MOTOR_DEAD in faults):
             self._loop = SpeedLoop(self._vehicle, state.motor_torque, output.setpoint, speed)
         if self._loop is None:
             return data, Push(output.setpoint, 0.0, output.brake)

@@ -25,6 +25,7 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
 )
 from tricycle_core.timing import TICK
+from tricycle_sim.plants.plant import Plant
 from tricycle_sim.plc.simulated_uno import SimulatedUno
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.rig import Rig
@@ -93,6 +94,8 @@ class FirmwareRig(Rig):
         Directory of the firmware's images and the simulator: `make -C firmware avr simulator`.
     faults : FaultPlan
         Faults of wires, boards and host. A board that is reset is one fresh from the flashing.
+    plant : Plant, optional
+        What the boards drive; by default our own model of the vehicle.
 
     Raises
     ------
@@ -100,10 +103,16 @@ class FirmwareRig(Rig):
         If they are not there.
     """
 
-    def __init__(self, vehicle: Vehicle, build: Path, faults: FaultPlan = NO_FAULTS) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        build: Path,
+        faults: FaultPlan = NO_FAULTS,
+        plant: Plant | None = None,
+    ) -> None:
         self._boards = {b: _FirmwareBoard(b, build) for b in (Board.STEER, Board.DRIVE)}
         self._hall_travel = 0.0  # m that the hall sensor's wheel has turned
-        super().__init__(vehicle, faults)
+        super().__init__(vehicle, faults, plant)
 
     def plc_state(self, board: Board) -> PlcState:
         """Return a board's state, of its newest telemetry."""
@@ -128,7 +137,7 @@ class FirmwareRig(Rig):
         return b""  # the answers come with the telemetry of `step`
 
     def _step(self, hung: set[Board]) -> dict[Board, bytes]:
-        state, faults = self._live.state, self._faults
+        state, faults = self._state, self._faults
         steer, drive = self._boards.values()
         counts = broken_potentiometer(faults)
         steer.uno.steering_angle(
@@ -144,10 +153,10 @@ class FirmwareRig(Rig):
         sent = {board: b"" if board in hung else one.step() for board, one in self._boards.items()}
         servo, motor = steer.uno.steer_pins(), drive.uno.drive_pins()
         servo_on = servo.servo_on and FaultKind.SERVO_DEAD not in faults
-        self._live.step(
-            steering=servo.angle if servo_on else None,
-            torque=0.0 if FaultKind.MOTOR_DEAD in faults else motor.torque,
-            brake=0.0 if FaultKind.BRAKE_DEAD in faults else motor.brake,
+        self._advance(
+            servo.angle if servo_on else None,
+            0.0 if FaultKind.MOTOR_DEAD in faults else motor.torque,
+            0.0 if FaultKind.BRAKE_DEAD in faults else motor.brake,
         )
         return sent
 
@@ -164,6 +173,7 @@ class FirmwareRig(Rig):
         return speed
 
     def close(self) -> None:
-        """Free the simulated boards."""
+        """Free the simulated boards and the plant."""
+        super().close()
         for board in self._boards.values():
             board.uno.close()

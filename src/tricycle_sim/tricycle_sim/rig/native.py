@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from tricycle_bridge.protocol.messages import Board
+from tricycle_sim.plants.plant import Plant
 from tricycle_sim.plc.firmware import FirmwareDrivePlc, FirmwareSteerPlc
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.plc_rig import TICK_US, PlcRig, Push
@@ -21,6 +22,8 @@ class NativeRig(PlcRig):
         Directory of the libraries: `make -C firmware host`.
     faults : FaultPlan
         Faults of wires, boards and host.
+    plant : Plant, optional
+        What the boards drive; by default our own model of the vehicle.
 
     Raises
     ------
@@ -28,13 +31,19 @@ class NativeRig(PlcRig):
         If they are not there.
     """
 
-    def __init__(self, vehicle: Vehicle, build: Path, faults: FaultPlan = NO_FAULTS) -> None:
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        build: Path,
+        faults: FaultPlan = NO_FAULTS,
+        plant: Plant | None = None,
+    ) -> None:
         steer = FirmwareSteerPlc(build / "libsteer.so")
         drive = FirmwareDrivePlc(build / "libdrive.so")
-        super().__init__(vehicle, steer, drive, faults)
+        super().__init__(vehicle, steer, drive, faults, plant)
 
     def _tick_drive(self) -> tuple[bytes, Push]:
-        state, faults = self._live.state, self._faults
+        state, faults = self._state, self._faults
         now = self._plc_time_us(Board.DRIVE)
         edge = round(self._hall.edge_at * 1e6) - (self._ticks * TICK_US - now)
         hall_line, direction_line = line_voltages(faults)

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 from tricycle_bridge.protocol.boards import ADC_CENTRE, ADC_SCALE, STEER_SUPPLY, hall_pulse
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.timing import TICK
+from tricycle_sim.plants.plant import Plant
 from tricycle_sim.plc import SteerMeasurement, SteerOutput
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.rig.rig import Rig
@@ -44,12 +45,19 @@ class PlcRig(Rig):
         The boards.
     faults : FaultPlan
         Faults of wires, boards and host.
+    plant : Plant, optional
+        What the boards drive; by default our own model of the vehicle.
     """
 
     def __init__(
-        self, vehicle: Vehicle, steer: Any, drive: Any, faults: FaultPlan = NO_FAULTS
+        self,
+        vehicle: Vehicle,
+        steer: Any,
+        drive: Any,
+        faults: FaultPlan = NO_FAULTS,
+        plant: Plant | None = None,
     ) -> None:
-        super().__init__(vehicle, faults)
+        super().__init__(vehicle, faults, plant)
         self._plcs = {Board.STEER: steer, Board.DRIVE: drive}
         self._boot_ticks = {Board.STEER: 0, Board.DRIVE: 0}
         self._servo = SteerOutput(False, 0.0)
@@ -83,7 +91,7 @@ class PlcRig(Rig):
         return answers
 
     def _step(self, hung: set[Board]) -> dict[Board, bytes]:
-        state, faults = self._live.state, self._faults
+        state, faults = self._state, self._faults
         sent = {Board.STEER: b"", Board.DRIVE: b""}
         if Board.STEER not in hung:
             sent[Board.STEER], self._servo = self._plcs[Board.STEER].tick(
@@ -97,11 +105,11 @@ class PlcRig(Rig):
         if FaultKind.MOTOR_DEAD in faults:
             push = push._replace(speed=None, torque=0.0)
         servo_on = self._servo.servo_on and FaultKind.SERVO_DEAD not in faults
-        self._live.step(
-            steering=self._servo.setpoint if servo_on else None,
-            speed=push.speed,
-            torque=push.torque,
-            brake=0.0 if FaultKind.BRAKE_DEAD in faults else push.brake,
+        self._advance(
+            self._servo.setpoint if servo_on else None,
+            push.torque,
+            0.0 if FaultKind.BRAKE_DEAD in faults else push.brake,
+            push.speed,
         )
         return sent
 
@@ -110,7 +118,7 @@ class PlcRig(Rig):
         """Run the drive board's tick; return its bytes and what it does."""
 
     def _steer_measurement(self) -> SteerMeasurement:
-        state, faults = self._live.state, self._faults
+        state, faults = self._state, self._faults
         counts = broken_potentiometer(faults)
         return SteerMeasurement(
             angle=(

@@ -1,14 +1,24 @@
 """What every rig is: vehicle, steer board and drive board on one clock."""
 
+import math
 from abc import abstractmethod
+from collections.abc import Callable
 
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.closing import Closing
+from tricycle_core.errors import ExcitationError, PlantError
 from tricycle_core.timing import TICK
+from tricycle_sim.plants.own import OwnPlant
+from tricycle_sim.plants.plant import HoldsSpeed, Plant, Pose
 from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.live import ORIGIN, LiveState, LiveVehicle
+from tricycle_sim.vehicle.live import ORIGIN, LiveState
 
+# what a plant has to tell in numbers
+_FINITE = (
+    *("x", "y", "yaw", "vx", "vy", "yaw_rate", "drive_speed", "drive_angle"),
+    *("steering_motor_angle", "steering_motor_rate", "motor_torque", "motor_current"),
+)
 _RESET = {Board.STEER: FaultKind.STEER_RESET, Board.DRIVE: FaultKind.DRIVE_RESET}
 _HANG = {Board.STEER: FaultKind.STEER_HANG, Board.DRIVE: FaultKind.DRIVE_HANG}
 _CABLE = {Board.STEER: FaultKind.STEER_CABLE, Board.DRIVE: FaultKind.DRIVE_CABLE}
@@ -25,14 +35,20 @@ class Rig(Closing):
         With its true values.
     faults : FaultPlan
         Faults of wires, boards and host.
+    plant : Plant, optional
+        What the boards drive; by default our own model of the vehicle.
     """
 
-    def __init__(self, vehicle: Vehicle, faults: FaultPlan = NO_FAULTS) -> None:
+    def __init__(
+        self, vehicle: Vehicle, faults: FaultPlan = NO_FAULTS, plant: Plant | None = None
+    ) -> None:
         self._vehicle = vehicle
         self._plan = faults
         self._faults = faults.at(0.0)
         self._ticks = 0
-        self._live = LiveVehicle(vehicle)
+        self._plant = OwnPlant(vehicle) if plant is None else plant
+        self._holds_speed = self._plant if isinstance(self._plant, HoldsSpeed) else None
+        self._place(ORIGIN)
 
     @property
     def time(self) -> float:
@@ -47,7 +63,7 @@ class Rig(Closing):
     @property
     def state(self) -> LiveState:
         """The vehicle's state at `time`."""
-        return self._live.state
+        return self._state
 
     @property
     def armed(self) -> bool:
@@ -104,15 +120,20 @@ class Rig(Closing):
         """
         return _CABLE[board] not in self._faults
 
-    def reset(self, start: tuple[float, float, float] = ORIGIN) -> None:
+    def reset(self, start: Pose = ORIGIN) -> None:
         """Put the vehicle at rest at a pose and reboot both boards; time goes on.
 
         Parameters
         ----------
         start : (float, float, float)
             x, y [m] and heading [rad].
+
+        Raises
+        ------
+        PlantError
+            If the plant cannot be placed there.
         """
-        self._live = LiveVehicle(self._vehicle, start=start)
+        self._place(start)
         self._rest()
         for board in (Board.STEER, Board.DRIVE):
             self._reboot(board, ResetCause.EXTERNAL)
@@ -132,7 +153,13 @@ class Rig(Closing):
         return self._receive(board, data)
 
     def step(self) -> dict[Board, bytes]:
-        """Run one tick: boards measure and control, the vehicle moves. Return what boards sent."""
+        """Run one tick: boards measure and control, the vehicle moves. Return what boards sent.
+
+        Raises
+        ------
+        PlantError
+            If the plant has failed, or its state is not finite.
+        """
         hung = {board for board in _HANG if _HANG[board] in self._faults}
         sent = self._step(hung)
         sent = {board: b"" if self._cut_off(board) else data for board, data in sent.items()}
@@ -142,7 +169,35 @@ class Rig(Closing):
         return sent
 
     def close(self) -> None:
-        """Free what the boards hold."""
+        """Free what boards and plant hold."""
+        self._plant.close()
+
+    def _place(self, start: Pose) -> None:
+        self._take(lambda: self._plant.place(start))
+
+    def _advance(
+        self, steering: float | None, torque: float, brake: float, speed: float | None = None
+    ) -> None:
+        """Move the plant on by a tick; a `speed` is for one that holds speeds."""
+        tick, plant = self._ticks, self._holds_speed
+        if speed is None or plant is None:
+            self._take(lambda: self._plant.advance(tick, steering, torque, brake))
+        else:
+            self._take(lambda: plant.hold_speed(tick, steering, speed, brake))
+
+    def _take(self, move: Callable[[], LiveState]) -> None:
+        """Take the state that the plant has after a move."""
+        what = f"plant {type(self._plant).__name__} at {self.time:.2f} s"
+        try:
+            state = move()
+        except ExcitationError:
+            raise
+        except Exception as error:  # whatever somebody's plant may raise
+            raise PlantError(f"{what}: {error!r}") from error
+        wrong = [name for name in _FINITE if not math.isfinite(getattr(state, name))]
+        if wrong:
+            raise PlantError(f"{what}: {wrong[0]} is {getattr(state, wrong[0])}, no finite number")
+        self._state = state
 
     def _fail(self) -> None:
         """Take the faults of the new tick; reset the boards that they reset."""

@@ -4,10 +4,24 @@ from typing import Any
 
 import numpy as np
 
+from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.layout import LANES
 from tricycle_sim.vehicle.registry import PARTS, law_name
+
+
+def motor_law(vehicle: Vehicle) -> tuple[Any, FloatArray]:
+    """Return the law of a motor, to be called once a tick, and the group of its constants.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With its motor.
+    """
+    law = PARTS["motor"][law_name("motor", vehicle.wheels, vehicle.parts)]
+    driven = vehicle.of(next(wheel for wheel in vehicle.wheels if wheel.driven))
+    return law.function, np.repeat([float(row(driven)) for row in law.rows.values()], LANES)
 
 
 class SpeedLoop:
@@ -24,14 +38,11 @@ class SpeedLoop:
     """
 
     def __init__(self, vehicle: Vehicle, torque: float, setpoint: float, speed: float) -> None:
-        law = PARTS["motor"][law_name("motor", vehicle.wheels, vehicle.parts)]
-        self._law: Any = law.function  # once a tick: not compiled
-        driven = vehicle.of(next(wheel for wheel in vehicle.wheels if wheel.driven))
-        self._group = np.repeat([float(row(driven)) for row in law.rows.values()], LANES)
+        self._law, self._group = motor_law(vehicle)
         self._radius = vehicle.driven_radius
         self._lag = vehicle.motor_lag
         self._integrator = 0.0
-        if "integral" in law.rows and vehicle.speed_gain_integral:
+        if "speed_gain_integral" in vehicle.values and vehicle.speed_gain_integral:
             error = (setpoint - speed) / self._radius
             wanted = torque - vehicle.speed_gain_proportional * error
             self._integrator = wanted / vehicle.speed_gain_integral

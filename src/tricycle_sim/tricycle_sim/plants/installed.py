@@ -1,0 +1,52 @@
+"""The plants of all installed distributions, by name."""
+
+from importlib.metadata import entry_points
+
+from tricycle_core.errors import ExcitationError, PlantError
+from tricycle_sim.plants import OWN
+from tricycle_sim.plants.own import OwnPlant
+from tricycle_sim.plants.plant import Plant
+from tricycle_sim.vehicle import Vehicle
+
+ENTRY_POINTS = "tricycle_sim.plants"
+"""Group of entry points under which a distribution registers classes of plants by name."""
+
+
+def plant_names() -> tuple[str, ...]:
+    """Return the names of all plants, our own first."""
+    return OWN, *sorted(entry_points(group=ENTRY_POINTS).names)
+
+
+def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
+    """Return a plant.
+
+    Parameters
+    ----------
+    name : str
+        One of `plant_names`.
+    vehicle : Vehicle
+        With its true values.
+    seed : int
+        Of whatever is random in the plant.
+
+    Raises
+    ------
+    PlantError
+        Unknown name, with those that are known; or a plant that cannot be made, with the reason.
+    """
+    if name == OWN:
+        return OwnPlant(vehicle, seed)
+    # a colcon workspace over an installed wheel registers the same class twice
+    points = {point.value: point for point in entry_points(group=ENTRY_POINTS, name=name)}
+    if not points:
+        raise PlantError(f"unknown plant {name!r}; there are: {', '.join(plant_names())}")
+    if len(points) > 1:
+        raise PlantError(f"plant {name!r} is registered for {' and for '.join(sorted(points))}")
+    ((value, point),) = points.items()
+    try:
+        plant: Plant = point.load()(vehicle, seed)
+    except ExcitationError:
+        raise
+    except Exception as error:  # whatever an installed package may raise
+        raise PlantError(f"plant {name!r} cannot be made of {value}: {error!r}") from error
+    return plant

@@ -1,0 +1,134 @@
+"""The vehicle as rigid bodies in MuJoCo: its weight, its turns, its stops, its energy."""
+
+import subprocess
+import sys
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_core.errors import PlantError
+from tricycle_sim.plants.installed import plant_by_name
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.host import Host
+from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.kinematics import curvature, steered_wheels
+
+pytest.importorskip("mujoco")
+FILES = sorted(path.name for path in files("tricycle_sim").iterdir() if path.suffix == ".yaml")
+VEHICLE = load_vehicle()
+
+
+def plant_of(vehicle):
+    return plant_by_name("mujoco", vehicle)
+
+
+def armed(vehicle=VEHICLE):
+    rig = EmulatedRig(vehicle, plant=plant_of(vehicle))
+    host = Host(rig)
+    host.arm()
+    return rig, host
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_at_rest_each_wheel_carries_its_share_of_the_weight(name):
+    vehicle = load_vehicle(files("tricycle_sim") / name)
+    state = plant_of(vehicle).place((3.0, -1.0, 0.5))
+    assert state.loads == pytest.approx(vehicle.static_loads(), rel=0.01)
+    assert (state.x, state.y) == (3.0, -1.0)
+    assert state.yaw == pytest.approx(0.5, abs=1e-4)
+    assert state.z == pytest.approx(vehicle.com_height, abs=2e-3)
+    assert state.specific_force == pytest.approx((0.0, 0.0, vehicle.gravity), abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [-0.4, 0.15])
+def test_at_walking_pace_it_turns_as_its_wheels_point(angle):
+    rig, host = armed()
+    host.target = VehicleCommand(angle, 0.5)
+    host.run(4.0)
+    assert rig.armed, host.log
+    turn = curvature(list(steered_wheels(VEHICLE, angle).values()))
+    assert rig.state.yaw_rate / rig.state.vx == pytest.approx(turn, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [1.0, 2.0])
+def test_a_wheel_slips_in_proportion_to_its_force_at_any_speed(speed):
+    uphill = VEHICLE.replace(road_grade=0.05)
+    rig, host = armed(uphill)
+    host.target = VehicleCommand(0.0, speed)
+    host.run(6.0)
+    slip = rig.state.drive_speed * VEHICLE.driven_radius - rig.state.vx
+    force = uphill.mass * uphill.gravity * np.sin(0.05)
+    force += uphill.rolling_coefficient_1 * sum(rig.state.loads[:2])  # of the front wheels
+    assert slip == pytest.approx(force / uphill.cornering_stiffness, rel=0.05)
+
+
+@pytest.mark.slow
+def test_it_stops_and_stays_when_it_is_told_to_and_when_the_host_falls_silent():
+    rig, host = armed()
+    host.target = VehicleCommand(0.0, 1.5)
+    host.run(3.0)
+    assert rig.state.vx == pytest.approx(1.5, abs=0.2)
+    host.target = VehicleCommand(0.0, 0.0)
+    host.run(4.0)
+    assert abs(rig.state.vx) < 1e-3
+    host.target = VehicleCommand(0.0, 1.0)
+    host.run(2.0)
+    host.kill()
+    host.run(3.0)
+    assert not rig.armed
+    where = rig.state.x
+    host.run(1.0)
+    assert rig.state.x == pytest.approx(where, abs=1e-4)
+
+
+@pytest.mark.slow
+def test_without_motor_and_brake_it_loses_energy_by_its_rolling_resistance_alone():
+    rig, host = armed()
+    host.target = VehicleCommand(0.0, 2.0)
+    host.run(4.0)
+    plant = rig._plant
+    speeds = [plant.advance(k, 0.0, 0.0, 0.0).vx for k in range(300)][100:]
+    each = [VEHICLE.of(wheel) for wheel in VEHICLE.wheels]
+    inertia = VEHICLE.mass + sum(own.wheel_inertia / own.tyre_radius**2 for own in each)
+    loss = VEHICLE.rolling_coefficient_1 * VEHICLE.mass * VEHICLE.gravity
+    assert np.all(np.diff(speeds) < 0.0)
+    assert (speeds[0] - speeds[-1]) / 1.99 == pytest.approx(loss / inertia, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_drive_is_the_same_every_time():
+    ends = []
+    for _ in range(2):
+        rig, host = armed()
+        host.target = VehicleCommand(0.3, 1.0)
+        host.run(1.0)
+        ends.append(rig.state)
+    assert ends[0] == ends[1]
+
+
+def test_mujoco_is_imported_for_its_plant_only():
+    code = (
+        "import sys, tricycle_sim.sim_node\n"
+        "from tricycle_sim.plants.installed import plant_names\n"
+        "assert 'mujoco' in plant_names()\n"
+        "sys.exit('mujoco' in sys.modules or 'vehiclemodels' in sys.modules)"
+    )
+    pytest.importorskip("rclpy")
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_without_the_library_it_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    monkeypatch.delitem(sys.modules, "tricycle_sim.plants.mujoco_plant", raising=False)
+    with pytest.raises(PlantError, match=r"pip install 'tricycle-excitation\[mujoco\]'"):
+        plant_of(VEHICLE)
+
+
+def test_wheels_too_heavy_for_the_body_are_one_line():
+    heavy = VEHICLE.replace(rear_wheel_inertia=6.0)
+    with pytest.raises(PlantError, match="rings with the inertia of its wheels outweigh the mass"):
+        plant_of(heavy)
