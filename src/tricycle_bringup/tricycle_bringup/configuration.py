@@ -122,8 +122,13 @@ def bridge_settings(vehicle: Vehicle) -> BridgeSettings:
     Raises
     ------
     VehicleError
-        If a constant is beyond what the boards can be set up for.
+        If a constant is beyond what the boards can be set up for, or the motor holds no speed.
     """
+    if not vehicle.has_speed_loop:
+        raise VehicleError(
+            f"{vehicle.name}: the boards cannot drive it: they hold a speed, and parts.motor: "
+            f"{vehicle.parts['motor']} has no speed loop; hub_motor has one"
+        )
     try:
         return BridgeSettings(**_settings(vehicle))
     except LinkError as error:
