@@ -178,7 +178,7 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
         ) as drive:
             yield drive
         return
-    with running_session() as drive:
+    with running_session(load_vehicle(args.vehicle)) as drive:
 
         def drive_when_ready(plan: Plan, bag: Path, progress: Progress) -> None:
             along, across, stop = plan.space

@@ -74,13 +74,14 @@ def run(args: argparse.Namespace) -> int:
 
     check_new(args.bag)
     plan = load_plan(args.plan)
-    if not args.other_vehicle:
+    vehicle = None if args.other_vehicle else load_vehicle(args.vehicle)
+    if vehicle is not None:
         try:
-            check_vehicle(plan, load_vehicle(args.vehicle))
+            check_vehicle(plan, vehicle)
         except PlanError as error:
             raise PlanError(f"{error}, give its file (--vehicle), or --other-vehicle") from error
     session = (
-        running_session(args.namespace)
+        running_session(vehicle, args.namespace)
         if args.vehicle_nodes
         else simulated_session(
             vehicle_file=args.vehicle,

@@ -8,9 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.plan import Plan
-from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
+from tricycle_bringup.configuration import (
+    IDENTIFYING,
+    SIMULATION_CONFIG,
+    bridge_parameters,
+    check_bridge,
+)
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_core.quantities import Progress
+from tricycle_core.readiness import TOPIC
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 
@@ -122,11 +128,13 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 
 @contextmanager
-def running_session(namespace: str = "") -> Iterator[DrivePlan]:
+def running_session(vehicle: Vehicle | None, namespace: str = "") -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
     Parameters
     ----------
+    vehicle : Vehicle, optional
+        For which the bridge has to be started; None: any.
     namespace : str
         Of those nodes.
 
@@ -134,6 +142,11 @@ def running_session(namespace: str = "") -> Iterator[DrivePlan]:
     ------
     drive : DrivePlan
         Drives a plan, records its bag.
+
+    Raises
+    ------
+    VehicleError
+        If the bridge is another vehicle's.
     """
     from tricycle_cli.operation.operator_node import Operator
 
@@ -141,6 +154,9 @@ def running_session(namespace: str = "") -> Iterator[DrivePlan]:
     with Operator(
         domain=domain, check=lambda: None, simulated=False, namespace=namespace
     ) as operator:
+        # another node than the bridge may say that the vehicle is ready; it has no such parameters
+        if vehicle is not None and "tricycle_bridge" in operator.publishers(TOPIC):
+            check_bridge(vehicle, operator.parameters("tricycle_bridge", IDENTIFYING))
 
         def drive(plan: Plan, bag: Path, progress: Progress) -> None:
             operator.drive(plan, bag.absolute(), progress=progress)
