@@ -26,6 +26,7 @@ setup(
         "tricycle_sim.plants": [
             "mujoco = tricycle_sim.plants.mujoco_plant:MujocoPlant",
             "commonroad = tricycle_sim.plants.commonroad_plant:MultiBodyPlant",
+            "elsewhere = tricycle_sim.plants.elsewhere_node:ElsewherePlant",
         ],
         "pytest11": ["tricycle = tricycle_sim.pytest_plugin"],
     },
