@@ -54,11 +54,11 @@ demo: setup-run $(if $(filter firmware,$(PLC)),firmware)  ## plan, drive, record
 	$(BIN)/tricycle demo --output out/demo --overwrite $(if $(filter firmware,$(PLC)),--firmware build/firmware)
 
 test: check  ## everything: lint, types, import contract, all tests
-	$(BIN)/python -m pytest -m "slow and not ros" -q -n 2
-	$(BIN)/python -m pytest -m ros -q
+	$(BIN)/python -m pytest -m "slow and not ros" -q -n 2 --dist worksteal
+	$(BIN)/python -m pytest -m ros -q -n 2 --dist worksteal
 
 check: setup lint  ## lint, types, import contract and the fast tests
-	$(BIN)/python -m pytest -m "not slow and not ros" -q -n 2
+	$(BIN)/python -m pytest -m "not slow and not ros" -q -n 2 --dist worksteal
 
 lint: setup
 	$(BIN)/ruff format --check .
@@ -94,6 +94,8 @@ docs: setup  ## the documentation, as a site in build/site; warnings are errors
 
 reference: setup  ## write the reference pages that come from the code anew
 	$(BIN)/python docs/generate_reference.py
+	for vehicle in tricycle cargo_tadpole delta_tricycle car_1_10; do $(BIN)/tricycle vehicle check \
+	  src/tricycle_sim/tricycle_sim/$$vehicle.yaml --draw docs/figures/$$vehicle.png || exit 1; done
 
 firmware: setup-run  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
 	$(MAKE) -C firmware avr simulator

@@ -9,7 +9,8 @@ longest time until the drive board leaves ARMED (at rest: from the command to mo
 speed above the set-point until then. A motor that fails is a fault only where the vehicle then
 gains speed. Ends with status 1 where a wire of the hall sensor takes longer than is published
 (tricycle_core/stopping.py), or the vehicle gains more than 0.5 m/s otherwise than by a
-sensor that is stuck from the start where there is no IMU: torque and pulses do not show it earlier.
+sensor that is stuck from the start where there is neither odometry nor IMU: torque and pulses do
+not show it earlier.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ def main() -> int:
         where = "at rest" if at_rest else "on the way"
         print(f"| {what} | {where} | {speed:g} m/s | {after} | {max(gain, 0.0):.2f} m/s |")
         failed |= kind is FaultKind.HALL_OPEN and not (times and max(times) <= LINE_DETECTION)
-        hidden = kind is FaultKind.HALL_STUCK and at_rest and beside != "IMU"
+        hidden = kind is FaultKind.HALL_STUCK and at_rest and not beside
         failed |= gain > GAIN and not hidden
     return 1 if failed else 0
 

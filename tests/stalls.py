@@ -45,7 +45,8 @@ _watch: StallWatch | None = None
 
 
 def _in_real_time(item: pytest.Item) -> bool:
-    return item.get_closest_marker("ros") is not None or "plc_pair" in item.fixturenames
+    marks = {mark.name for mark in item.iter_markers()}
+    return bool(marks & {"ros", "real_time"}) or "plc_pair" in item.fixturenames
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -75,6 +75,15 @@ def test_it_stands_on_all_wheels_and_is_not_too_stiff(name):
     assert warned == (["yaw_inertia", "yaw_inertia.range"] if name == "tricycle" else [])
 
 
+@pytest.mark.parametrize("name", TARGETS)
+def test_its_page_has_a_picture_of_it(name):
+    docs = Path(__file__).parents[1] / "docs"
+    figure = docs / "figures" / f"{name}.png"
+    assert any(f"(figures/{name}.png)" in page.read_text() for page in docs.glob("vehicle-*.md"))
+    title = f"{name}, hash {shipped(name).fingerprint}".encode()
+    assert title in figure.read_bytes(), f"{figure} is stale: run `make reference`"
+
+
 @pytest.mark.parametrize(
     ("axle", "mass", "b", "c", "d"),
     [("front", 0.847, 8.60, 0.841, 0.841), ("rear", 0.733, 11.55, 0.959, 0.855)],

@@ -9,13 +9,13 @@ from paper_reproduction.first_stage import PaperBudget
 from paper_reproduction.items import Reproduction
 from paper_reproduction.published import ITEMS
 
-SMALL = PaperBudget(initial=150, infill=10, monte_carlo=2**10, levels=3)
+SMALL = PaperBudget(initial=60, infill=5, monte_carlo=2**9, levels=3)
 
 
 @pytest.fixture(scope="module")
 def reproduction():
     with ThreadPoolExecutor(1) as executor:
-        yield Reproduction(executor, budget=SMALL, maneuvers=12)
+        yield Reproduction(executor, budget=SMALL, maneuvers=9)
 
 
 @pytest.mark.slow

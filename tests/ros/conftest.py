@@ -1,6 +1,7 @@
 """Live nodes: a domain of its own per test, discovery that takes milliseconds."""
 
 import itertools
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,13 +12,17 @@ from rclpy.node import Node
 
 from tricycle_cli.operation import processes
 
-_tests = itertools.count()
+# processes that share the tests count on from one process's domain in turns, so that two of them
+# never have the same one
+_processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+_pid = os.getppid() if _processes > 1 else os.getpid()
+_tests = itertools.count(int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]), _processes)
 
 
 @pytest.fixture
 def ros_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """Environment for processes that run nodes, set in this process too."""
-    domain = processes.own_domain(next(_tests))
+    domain = processes.own_domain(next(_tests), _pid)
     env = processes.ros_environment(domain=domain, log_dir=tmp_path / "ros_log")
     for name, value in env.items():
         monkeypatch.setenv(name, value)

@@ -11,12 +11,22 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from excitation_planner.design.information import (
+    difference_points,
+    information,
+    posterior_covariance,
+)
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
+from excitation_planner.planning.prediction import ReplayedTrajectories
 from excitation_planner.planning.replay import nominal_run, replayed_errors
+from parameter_identification.drives.measured import read_measured_drive
+from parameter_identification.identification import identify
 from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
+from tricycle_cli.campaign.request import SIMULATED
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import NodeError
 from tricycle_sim.vehicle import draw_truth, load_vehicle
@@ -29,12 +39,25 @@ TRUE_SEED = 3
 
 @pytest.fixture(scope="module")
 def request_():
-    return PlanRequest(load_vehicle(), Circle(duration=6.0), "cornering_stiffness", samples=50)
+    circle = Circle(duration=6.0)
+    return PlanRequest(load_vehicle(), circle, "cornering_stiffness", samples=50, noise=SIMULATED)
 
 
 @pytest.fixture(scope="module")
 def plan(request_):
     return plan_at(request_, X)
+
+
+def forecast(request, truth):
+    """Standard deviations that plans expect where the vehicle is this one, not one of the box."""
+    low, high = np.array(list(request.vehicle.unknown.values())).T
+    k = len(truth)
+    there = BoxPrior((truth - low) / (high - low), 1e-12 * np.eye(k))
+    U = difference_points(k, 1, seed=0, prior=there)
+    f = ReplayedTrajectories(request.vehicle, request.family, request.noise.channels)
+    F = information(U, f(X, low + (high - low) * U), request.noise.of_trajectory)
+    std = (high - low) * np.sqrt(np.diag(posterior_covariance(F)[0]))
+    return dict(zip(request.vehicle.unknown, std, strict=True))
 
 
 def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
@@ -58,6 +81,9 @@ def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
     assert record["plan_id"] == plan.id
     assert record["vehicle_hash"] == plan.vehicle_hash
     assert {"software_version", "firmware_steer", "firmware_drive"} <= record.keys()
+    found = identify([read_measured_drive(tmp_path / "bag", request_.vehicle)], request_.vehicle)
+    for name, std in forecast(request_, np.array(list(truth.values()))).items():
+        assert found.parameters[name].standard_deviation == pytest.approx(std, rel=0.25), name
     assert reports[-1] == (round(1e3 * plan.commands.duration),) * 2
     with AnyReader([tmp_path / "bag"]) as reader:
         topics = {connection.topic for connection in reader.connections}

@@ -4,16 +4,18 @@ import signal
 import subprocess
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from rcl_interfaces.srv import SetParameters
 from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, QoSProfile, qos_profile_sensor_data
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy, qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -88,9 +90,8 @@ def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
     heard: list[str] = []
     plans: list[str] = []
     clock: list[float] = []
-    ros_node.create_subscription(
-        String, "moved", lambda m: heard.append(m.data), qos_profile_sensor_data
-    )
+    every_one = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+    ros_node.create_subscription(String, "moved", lambda m: heard.append(m.data), every_one)
     ros_node.create_subscription(
         Clock, "/clock", lambda m: clock.append(m.clock.sec + m.clock.nanosec * 1e-9), 100
     )
@@ -111,6 +112,34 @@ def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
     assert "/foreign is not played" in r.errors()
     assert clock == sorted(clock)
     assert 1000.0 <= clock[0] <= clock[-1] <= 1000.99
+
+
+def test_start_set_while_held_jumps(replayer, ros_node: Node, bag: Path) -> None:  # type: ignore[no-untyped-def]
+    heard: list[str] = []
+    ros_node.create_subscription(
+        String, "odom", lambda m: heard.append(m.data), qos_profile_sensor_data
+    )
+    r = replayer("-p", f"bag:={bag}", "-p", "paused:=true")
+    r.wait(lambda: ros_node.count_publishers("/odom") == 1)
+
+    def jump(seconds: float) -> Any:
+        request = SetParameters.Request(
+            parameters=[Parameter("start", value=seconds).to_parameter_msg()]
+        )
+        response = r.services.call("bag_replayer/set_parameters", SetParameters, request)
+        return response.results[0]
+
+    refused = jump(1.5)
+    assert not refused.successful
+    assert "the bag lasts 0.990 s" in refused.reason
+    for seconds in (0.5, 0.2):
+        assert jump(seconds).successful
+        assert r.call("step").success
+        r.wait(partial(heard.__contains__, f"{100 * seconds:.0f}"))
+    assert r.call("resume").success
+    r.wait(lambda: r.process.poll() is not None)
+    r.wait(lambda: heard[-1] == "99")
+    assert heard == ["50", *(str(i) for i in range(20, 100))]
 
 
 def test_loop_until_interrupted(replayer, ros_node: Node, bag: Path) -> None:  # type: ignore[no-untyped-def]
@@ -198,6 +227,7 @@ def test_simulated_time_never_goes_back(replayer, ros_node: Node, tmp_path: Path
     [
         ((), "the parameter bag is empty"),
         (("-p", "bag:=nowhere"), "nowhere: no such bag"),
+        (("-p", "bag:={bag}", "-p", "start:=2.0"), "start = 2 s, but the bag lasts 0.990 s"),
         (("-p", "bag:={bag}", "-p", "topics:=[/nothing]"), "holds nothing to play on /nothing"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from threading import Thread
 
@@ -78,6 +79,25 @@ def test_pause_step_and_stop(bag: BagReader) -> None:
     thread.join(5)
     assert not thread.is_alive()
     assert len(played) < 32
+
+
+def test_seek_goes_forward_and_back_and_tells_the_latched_topics_again(bag: BagReader) -> None:
+    played: list[tuple[str, int]] = []
+    ticks: list[int] = []
+    player = Player(bag, bag.topics, paused=True)
+    thread = Thread(
+        target=player.run, args=(lambda m: played.append((m.topic, m.stamp // MS)), ticks.append)
+    )
+    thread.start()
+    for start in (0.2, 0.1):
+        player.seek(start)
+        assert player.step()
+        until(partial(played.__contains__, ("/odom", round(start * 1000) + 5)))
+    assert played == [("/plan", 0), ("/odom", 205), ("/plan", 0), ("/odom", 105)]
+    player.resume()
+    thread.join(5)
+    assert [stamp for _, stamp in played[3:]] == list(range(105, 306, 10))
+    assert ticks[-1] // MS == 305
 
 
 def test_loop_begins_again(bag: BagReader) -> None:

@@ -11,7 +11,7 @@ from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_sim.plc.pair import PlcPair
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.real_time]
 SETTINGS = BridgeSettings()
 PLUGS = ("Unplug", "Plug", "Pull", "Put")
 

@@ -7,6 +7,8 @@ from tricycle_bridge.protocol.messages import Board, DriveLimits
 from tricycle_core.errors import LinkError
 from tricycle_sim.plc.pty_port import PtyPort
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.mark.parametrize("board", [Board.STEER, Board.DRIVE])
 def test_it_finds_out_which_board_answers(plc_pair, board):

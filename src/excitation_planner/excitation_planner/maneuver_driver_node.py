@@ -24,18 +24,18 @@ from excitation_planner.playback import (
     FRAME,
     MAX_ROWS,
     Playback,
-    PlaybackState,
     Schedule,
 )
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.joints import JOINTS
+from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
 from tricycle_core.readiness import Readiness
 from tricycle_core.rotations import is_unit, yaw_of
-from tricycle_core.stamps import nanoseconds_of, seconds_of
+from tricycle_core.stamps import SECOND, nanoseconds_of, seconds_of
 from tricycle_core.timing import TICK
 
 try:  # not among the wheels
@@ -307,15 +307,15 @@ class ManeuverDriver(Node):
             if left:
                 self.get_logger().info(f"the drive begins in {left} s")
         self._published = content
-        start = f"{playback.start_time:.9f}" if playback.start_time is not None else ""
-        values = {
-            "state": playback.state.value,
-            "plan_id": playback.plan_id,
-            "start_time": start,
-            "elapsed": f"{playback.elapsed:.3f}",
-            "duration": f"{playback.duration:.3f}",
-            "reason": playback.reason,
-        }
+        start = playback.start_time
+        values = ManeuverState(
+            playback.state,
+            playback.plan_id,
+            None if start is None else round(start * SECOND),
+            playback.elapsed,
+            playback.duration,
+            playback.reason,
+        ).values()
         self._state.publish(
             DiagnosticStatus(
                 level=bytes([Level.ERROR if playback.state is PlaybackState.ABORTED else Level.OK]),

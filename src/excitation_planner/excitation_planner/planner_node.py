@@ -38,6 +38,8 @@ NOISES = {
     "pose_rate": "Hz, of position and heading",
     "gyro_rate": "Hz, of the gyro",
     "yaw_rate_std": "rad/s, of a yaw-rate gyro; 0: there is none",
+    "wheel_rate": "Hz, of the wheel speed",
+    "wheel_speed_std": "rad/s, of the rear wheel's speed; 0: it is not measured",
     "drift_std": "m, of a slow drift of the position",
     "start_position_std": "m, of the start position per axis",
     "start_heading_std": "rad, of the start heading",

@@ -6,7 +6,6 @@ Time is an argument everywhere; the node that owns a `Playback` passes its ROS c
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from excitation_planner.area.fence import Fence
 from excitation_planner.localisation import PlanarState, PoseWatch
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_core.errors import PlanError
+from tricycle_core.maneuver_state import PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC, Readiness
 from tricycle_sim.commands import LONGEST
@@ -57,16 +57,6 @@ NEAR = 1000
 
 MAX_WHEEL_RATE = 100.0
 """Largest rate of the rear wheel [rad/s]; the PLC's limit is a speed, and far below."""
-
-
-class PlaybackState(Enum):
-    """What the driver is doing; the values are those of `maneuver/state`."""
-
-    WAITING = "waiting"
-    STARTING = "starting"
-    RUNNING = "running"
-    DONE = "done"
-    ABORTED = "aborted"
 
 
 @dataclass(frozen=True)
@@ -418,7 +408,7 @@ class Playback:
 
     @property
     def _active(self) -> bool:
-        return self.state in (PlaybackState.STARTING, PlaybackState.RUNNING)
+        return self.state.driving
 
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)

@@ -1,4 +1,4 @@
-"""Playback of a bag against the wall clock: order, rate, pause, step and loop, without ROS."""
+"""Playback of a bag against the wall clock: order, rate, pause, step, seek, loop; without ROS."""
 
 import math
 import time
@@ -59,6 +59,7 @@ class Player:
         self._loop = loop
         self._paused = paused
         self._steps = 0  # messages to play although paused
+        self._sought = False
         self._stopped = False
         self._changed = Condition()
         self._origin: tuple[float, int] | None = None  # wall s and recorded ns that coincide
@@ -75,7 +76,7 @@ class Player:
         """
         while True:
             self._play_once(publish, tick)
-            if self._stopped or not self._loop:
+            if self._stopped or not (self._loop or self._sought):
                 return
 
     def pause(self) -> None:
@@ -99,6 +100,19 @@ class Player:
                 self._changed.notify()
             return self._paused
 
+    def seek(self, start: float) -> None:
+        """Go on from another place, forward or back; latched topics are played up to it.
+
+        Parameters
+        ----------
+        start : float
+            Recorded time to skip [s]; `duration` counts from there.
+        """
+        with self._changed:
+            self._start = round(start * 1e9)
+            self._sought = True
+            self._changed.notify()
+
     def stop(self) -> None:
         """End `run`."""
         with self._changed:
@@ -113,12 +127,15 @@ class Player:
     def _play_once(
         self, publish: Callable[[RecordedMessage], None], tick: Callable[[int], None]
     ) -> None:
-        self._origin = None
+        with self._changed:
+            self._origin = None
+            self._sought = False
+            start = self._start
         begin = next_tick = None
         for message in self._bag.messages_by_stamp(self._topics):
             stamp = message.stamp
             if begin is None:
-                begin = stamp + self._start
+                begin = stamp + start
             if stamp < begin:
                 if self._bag.topics[message.topic].latched:
                     publish(message)
@@ -139,9 +156,9 @@ class Player:
                 self._steps = max(self._steps - 1, 0)
 
     def _wait(self, stamp: int) -> bool:
-        """Wait until a recorded time is due; False when stopped."""
+        """Wait until a recorded time is due; False when stopped or sent elsewhere."""
         with self._changed:
-            while not self._stopped:
+            while not (self._stopped or self._sought):
                 if self._paused and not self._steps:
                     self._origin = None
                     self._changed.wait()

@@ -9,10 +9,12 @@ from functools import partial
 from pathlib import Path
 from threading import Thread
 
+from rcl_interfaces.msg import SetParametersResult
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
@@ -39,7 +41,14 @@ class BagReplayer(Node):
         topics = declare(self, "topics", ["*"], "names to play; * and ? match anything")
         without = declare(self, "exclude", [""], "names not to play, of those that topics matches")
         rate = declare(self, "rate", 1.0, "recorded s per s; 0: as fast as it is taken", (0, 1000))
-        start = declare(self, "start", 0.0, "recorded s to skip", (0, 1e9))
+        start = declare(
+            self,
+            "start",
+            0.0,
+            "recorded s to skip; set while it plays, it jumps there",
+            (0, 1e9),
+            read_only=False,
+        )
         duration = declare(self, "duration", 0.0, "recorded s to play; 0: to the end", (0, 1e9))
         loop = declare(self, "loop", False, "begin again at the end")
         paused = declare(self, "paused", False, "wait for ~/resume or ~/step")
@@ -47,6 +56,8 @@ class BagReplayer(Node):
         if not path:
             raise BagError("the parameter bag is empty: set it to the bag to play")
         self._bag = BagReader(Path(path))
+        if reason := self._beyond(start):
+            raise BagError(reason)
         self._as_fast_as_taken = rate == 0
         self._to: dict[str, Publisher] = {}
         for name in self._bag.topics:
@@ -72,6 +83,8 @@ class BagReplayer(Node):
         self.create_service(Trigger, "~/pause", partial(self._serve, self._player.pause))
         self.create_service(Trigger, "~/resume", partial(self._serve, self._player.resume))
         self.create_service(Trigger, "~/step", partial(self._serve, self._player.step))
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._seek)
         self._failure: BagError | None = None
         self._thread = Thread(target=self._play, name="player")
         self._thread.start()
@@ -94,6 +107,26 @@ class BagReplayer(Node):
         self._to[name] = self.create_publisher(
             kind, name, _profile(topic.qos, lossless=self._as_fast_as_taken)
         )
+
+    def _beyond(self, start: float) -> str:
+        first, last = self._bag.span or (0, 0)
+        lasts = (last - first) * 1e-9
+        return f"start = {start:g} s, but the bag lasts {lasts:.3f} s" if start > lasts else ""
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            if parameter.name == "start":
+                reason = self._beyond(parameter.value)
+                if not self._thread.is_alive():
+                    reason = "the bag has ended"
+                if reason:
+                    return SetParametersResult(successful=False, reason=reason)
+        return SetParametersResult(successful=True)
+
+    def _seek(self, parameters: list[Parameter]) -> None:
+        for parameter in parameters:
+            if parameter.name == "start":
+                self._player.seek(parameter.value)
 
     def _play(self) -> None:
         try:

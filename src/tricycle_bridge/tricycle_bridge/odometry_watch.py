@@ -16,7 +16,7 @@ DIFFERENCE = 0.3
 SHARE = 0.15
 """... and as a share of the larger speed besides."""
 
-PATIENCE = 0.3
+PATIENCE = 0.2
 """Time for which a larger difference is allowed [s]."""
 
 

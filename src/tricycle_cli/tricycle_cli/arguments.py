@@ -56,6 +56,8 @@ def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, Measurement
         ("--pose-rate", "HZ", "rate of position and heading"),
         ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
         ("--gyro-rate", "HZ", "rate of the gyro"),
+        ("--wheel-speed-std", "RAD/S", "of the rear wheel's speed; 0: it is not measured"),
+        ("--wheel-rate", "HZ", "rate of the wheel speed"),
         ("--drift-std", "M", "of a slow drift of the position"),
         ("--start-position-std", "M", "of the start position per axis"),
         ("--start-heading-std", "RAD", "of the start heading"),

@@ -5,9 +5,11 @@ import logging
 import signal
 import sys
 from collections.abc import Collection, Sequence
+from difflib import get_close_matches
 from importlib import import_module
 from keyword import iskeyword
 from types import ModuleType
+from typing import Any, NoReturn
 
 from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
@@ -26,9 +28,10 @@ COMMANDS = {
     "judge": "trajectory error of recorded drives, from their bags alone",
     "import": "write a table (CSV) that another system recorded as a bag",
     "identify": "estimate the unknown parameters from recorded drives",
+    "film": "recorded drives as a film (GIF)",
     "report": "one HTML file with the table and the figures of a run",
     "monitor": "show links, maneuver and speeds of a live run",
-    "bag": "what a bag holds; recovery of a damaged one",
+    "bag": "what a bag holds; cut, filter and join bags, recover a damaged one",
     "vehicle": "write a vehicle file, check it, show what follows from it",
     "plc": "what is on a serial port: which PLC, its telemetry, its counters",
 }
@@ -44,7 +47,7 @@ def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
         Subcommands with their arguments; of the others only name and summary are there, and their
         modules are not imported.
     """
-    top = argparse.ArgumentParser(
+    top = _Parser(
         prog="tricycle",
         description="Plan, drive, record and judge excitation maneuvers of an X-by-wire tricycle.",
     )
@@ -61,6 +64,23 @@ def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
         if name in complete:
             _module(name).add_arguments(command)
     return top
+
+
+class _Parser(argparse.ArgumentParser):
+    """Says a mistake in one line, with the options that are meant perhaps."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse what is unknown here: the parser above would not know whose options to name."""
+        found, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            close = get_close_matches(unknown[0].partition("=")[0], self._option_string_actions, 1)
+            hint = f", did you mean {close[0]}?" if close else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
+        return found, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """End with one line in place of all options."""
+        self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")
 
 
 def _module(name: str) -> ModuleType:
@@ -116,7 +136,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     except (ExcitationError, OSError) as error:
         # what files say of themselves may hold line breaks or terminal escapes
-        line = "".join(c if c.isprintable() else " " for c in str(error))
+        text = str(error)
+        if isinstance(error, OSError) and error.filename and error.strerror:
+            text = f"{error.filename}: {error.strerror}"  # without its number
+        line = "".join(c if c.isprintable() else " " for c in text)
         print(f"tricycle: {line}", file=sys.stderr)
         return 2
     return status

@@ -57,7 +57,7 @@ class Question:
     default : str
         The answer to an empty line; empty: there is none.
     low, high : float
-        Bounds of a number, themselves excluded.
+        Bounds of a number.
     choices : tuple of str
         Of an answer that is no number; empty: any text where `low` is not below `high`.
     asked : callable
@@ -98,7 +98,7 @@ class Question:
             value = float(line)
         except ValueError:
             raise VehicleError(f"{line!r}: needs a number") from None
-        if not self.low < value < self.high:
+        if not self.low <= value <= self.high:
             raise VehicleError(f"{line}: must be between {self.low:g} and {self.high:g}")
         return value
 
@@ -111,7 +111,15 @@ def _pair(axle: str) -> Callable[[Answers], bool]:
     return lambda answers: sum(w.axle == axle for w in _wheels(answers)) == 2
 
 
-_LINKAGES = tuple(sorted(PARTS["steering"], key=lambda law: law != "ackermann"))
+def _has(part: str, law: str) -> Callable[[Answers], bool]:
+    return lambda answers: answers[part] == law
+
+
+def _law(part: str, first: str, asked: Callable[[Answers], bool] = lambda _: True) -> Question:
+    """Return the question for the law of a part; the first is offered."""
+    laws = tuple(sorted(PARTS[part], key=lambda law: law != first))
+    return Question(part, f"law of the {part}: {', '.join(laws)}", first, choices=laws, asked=asked)
+
 
 QUESTIONS = (
     Question("name", "name of the vehicle"),
@@ -122,10 +130,10 @@ QUESTIONS = (
         "tadpole",
         choices=tuple(LAYOUTS),
     ),
-    Question("steering", f"law of the steering: {', '.join(_LINKAGES)}", _LINKAGES[0],
-             choices=_LINKAGES, asked=_pair("front")),
-    Question("tyre", f"law of the tyres: {', '.join(PARTS['tyre'])}", "linear",
-             choices=tuple(PARTS["tyre"])),
+    _law("steering", "ackermann", _pair("front")),
+    _law("tyre", "linear"),
+    _law("servo", "second_order"),
+    _law("motor", "hub_motor"),
     Question("mass", "mass with everything on it / kg", low=0.1, high=5000.0),
     Question("wheelbase", "distance of the axles / m", low=0.05, high=10.0),
     Question("front_track", "distance of the front wheels / m", low=0.02, high=5.0,
@@ -137,9 +145,22 @@ QUESTIONS = (
     Question("tyre_radius", "radius of the tyres / m", low=0.01, high=2.0),
     Question("steering_limit", "largest angle of the steering motor, either side / deg", "45",
              0.6, 68.0),
+    Question("servo_delay", "dead time of the servo / s", "0.02", 0.0, actuators.LONGEST_DELAY,
+             asked=_has("servo", "geared")),
+    Question("servo_backlash", "play of the servo's gear, from stop to stop / deg", "0.5", 0.0,
+             28.0, asked=_has("servo", "geared")),
     Question("top_speed", "top speed / m/s", "5", 0.1, 60.0),
     Question("motor_torque", "largest torque of the motor, at the wheels / N m", low=0.001,
              high=10000.0),
+    Question("setpoint_torque", "torque of the motor per set-point of 1 m/s / N m", low=0.001,
+             high=10000.0, asked=_has("motor", "direct_torque")),
+    Question("throttle_full_setpoint", "set-point of full throttle / m/s", "5", 0.1, 60.0,
+             asked=_has("motor", "throttle_curve")),
+    *(
+        Question(f"throttle_torque_{percent}", f"torque at {percent} % of the throttle / N m",
+                 low=0.0, high=10000.0, asked=_has("motor", "throttle_curve"))
+        for percent in (25, 50, 75, 100)
+    ),
     Question("battery_voltage", "voltage of the battery / V", "48", 1.0, 1000.0),
 )  # fmt: skip
 """In the order in which they are asked."""
@@ -181,7 +202,7 @@ def from_answers(answers: Answers) -> str:
         From `ask`.
     """
     wheels = _wheels(answers)
-    parts = {"steering": answers.get("steering", "parallel"), "tyre": answers["tyre"]}
+    parts = {"steering": "parallel"} | {part: answers[part] for part in PARTS if part in answers}
     known = constant_entries(wheels, parts)
     sized = _Sized.of(answers)
     groups = (_body, _places, _tyres, _steering, _motor)
@@ -342,6 +363,10 @@ def _steering(answers: Answers, _: _Sized) -> Iterator[_Estimate]:
     yield _Estimate("steering_ratio_smoothing", math.radians(2.0), about)
     yield _Estimate("servo_natural_frequency", 25.0, "position loop of a hobby servo")
     yield _Estimate("servo_damping_ratio", 0.9, "hardly any overshoot")
+    if answers["servo"] == "geared":
+        yield _Estimate("servo_delay", answers["servo_delay"], _ANSWERED, "data")
+        backlash = math.radians(answers["servo_backlash"])
+        yield _Estimate("servo_backlash", backlash, _ANSWERED, "data")
     about = "of the steer PLC's set-point: {:.3g} deg/s; its hard limit is 3 rad/s"
     yield _Estimate("steering_slew", 2.0, about.format(math.degrees(2.0)))
 
@@ -364,6 +389,9 @@ def _motor(answers: Answers, _: _Sized) -> Iterator[_Estimate]:
     yield _Estimate("speed_gain_proportional", gain, "speed loop of about 3 rad/s")
     yield _Estimate("speed_gain_integral", gain, "speed loop of about 3 rad/s")
     yield _Estimate("speed_anti_windup", 4.0 / gain, "back-calculation gain of the integrator")
+    for name, answer in answers.items():
+        if name.startswith(("setpoint_", "throttle_")):
+            yield _Estimate(name, answer, _ANSWERED, "data")
     yield _Estimate("brake_torque", 0.2 * mass * GRAVITY * radius, "brakes with 2 m/s^2")
     yield _Estimate("brake_smoothing_speed", 0.5, "the brake's torque changes sign over it")
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from excitation_planner import MeasurementNoise, TrajectoryErrorNoise, TrajectoryNoise
+from excitation_planner.design.noise import GYRO_BIAS_STD
 from tricycle_core.errors import DesignError, PlanError
 
 
@@ -41,6 +42,16 @@ def test_a_gyro_is_one_more_channel():
     assert with_gyro.of_trajectory.std == (0.02, 0.02, 0.003)
     assert MeasurementNoise(noise_std=0.02).of_trajectory.std == (0.02, 0.02)
     assert with_gyro.of_trajectory_error == TrajectoryErrorNoise(0.02)
+
+
+def test_a_wheel_is_one_more_channel_without_a_bias():
+    wheel = MeasurementNoise(wheel_speed_std=0.003, wheel_rate=5.0)
+    assert wheel.channels == ("x", "y", "drive_speed")
+    assert wheel.of_trajectory.std == pytest.approx((0.01, 0.01, 0.006))
+    assert wheel.of_trajectory.bias_std == (0.0,)
+    both = MeasurementNoise(wheel_speed_std=0.003, yaw_rate_std=0.003)
+    assert both.channels == ("x", "y", "yaw_rate", "drive_speed")
+    assert both.of_trajectory.bias_std == (GYRO_BIAS_STD, 0.0)
 
 
 @pytest.mark.parametrize(

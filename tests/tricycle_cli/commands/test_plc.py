@@ -7,6 +7,8 @@ import pytest
 from tricycle_cli.main import main
 from tricycle_sim.plc.pair import PlcPair
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.mark.parametrize(
     ("arguments", "message"),

@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 import sys
 from importlib import resources
 from xml.etree import ElementTree
@@ -99,6 +100,36 @@ def test_a_vehicle_of_answers_drives(tmp_path, layout, size):
     motion = simulate(vehicle, Commands([0.0, 3.0], [0.1, 0.0], [0.5, 0.0]))
     assert motion.x[0, -1] > 0.8
     assert motion.yaw[0, -1] > 0.02
+
+
+ACTUATORS = {
+    "servo": ("geared", {"servo_delay": "0", "servo_backlash": "2"}),
+    "motor": ("direct_torque", {"setpoint_torque": "30"}),
+    "throttle": ("throttle_curve", {
+        "throttle_full_setpoint": "4", "throttle_torque_25": "0", "throttle_torque_50": "40",
+        "throttle_torque_75": "90", "throttle_torque_100": "180"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ACTUATORS)
+def test_a_part_is_asked_for_what_it_uses(tricycle, tmp_path, monkeypatch, case):
+    """A terminal: the questions that are printed, and what the file has of their answers."""
+    law, own = ACTUATORS[case]
+    part = "motor" if case == "throttle" else case
+    answer, prompts = typed({**LARGE, part: law, **own}), []
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("builtins.input", lambda text: prompts.append(text) or answer(text))
+    assert tricycle("vehicle", "new", tmp_path / "new.yaml") == 0
+    vehicle = load_vehicle(tmp_path / "new.yaml")
+    assert vehicle.parts[part] == law
+    for name, value in own.items():
+        scale = math.pi / 180.0 if name == "servo_backlash" else 1.0
+        assert vehicle.values[name] == pytest.approx(scale * float(value))
+    asked = [q.key for q in QUESTIONS if any(text.startswith(q.text) for text in prompts)]
+    others = {name for _, constants in ACTUATORS.values() for name in constants} - own.keys()
+    assert own.keys() <= set(asked)
+    assert not others & set(asked)
+    assert ("speed_gain_proportional" in vehicle.values) == (part == "servo")
 
 
 def test_a_wrong_answer_is_asked_again():

@@ -342,7 +342,7 @@ class Host:
     params=[
         "memory",
         pytest.param("native", marks=pytest.mark.slow),
-        pytest.param("pty", marks=pytest.mark.slow),
+        pytest.param("pty", marks=[pytest.mark.slow, pytest.mark.real_time]),
         pytest.param("uno", marks=pytest.mark.slow),
     ]
 )

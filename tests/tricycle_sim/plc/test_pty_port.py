@@ -7,6 +7,8 @@ import serial
 
 from tricycle_sim.plc.pty_port import PtyPort
 
+pytestmark = pytest.mark.real_time
+
 
 def test_bytes_pass_unchanged_both_ways(tmp_path):
     every_byte = bytes(range(256))

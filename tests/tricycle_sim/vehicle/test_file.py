@@ -129,6 +129,16 @@ def cart(path, change=lambda document: None):
     return path
 
 
+def again(name, *others):
+    """A change that says a constant under other names too."""
+
+    def change(document):
+        constants = document["constants"]
+        constants.update({other: dict(constants[name]) for other in others})
+
+    return change
+
+
 def test_a_file_may_list_its_wheels_and_laws(tmp_path):
     vehicle = load_vehicle(cart(tmp_path / "cart.yaml"))
     assert [wheel.name for wheel in vehicle.wheels][2:] == ["rear_left", "rear_right"]
@@ -159,6 +169,14 @@ def test_a_file_may_list_its_wheels_and_laws(tmp_path):
             "rear.shape_lateral: is no constant of this vehicle; the tyre magic_formula reads it",
         ),
         (lambda d: d["constants"].update({"frnt.x": {}}), "did you mean front.x"),
+        (
+            again("tyre_radius", "front.tyre_radius", "rear.tyre_radius"),
+            "tyre_radius: no wheel reads it, but front.tyre_radius and rear.tyre_radius instead",
+        ),
+        (
+            again("front.x", "com_to_front_axle"),
+            "com_to_front_axle: no wheel reads it, but front.x instead",
+        ),
     ],
 )
 def test_a_wrong_structure_gets_one_line_with_the_place(tmp_path, change, message):

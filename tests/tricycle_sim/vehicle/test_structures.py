@@ -6,6 +6,7 @@ import structures
 
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.kinematics import steered_wheels
 from tricycle_sim.vehicle.live import LiveVehicle
 
 STRUCTURES = structures.STRUCTURES
@@ -24,6 +25,19 @@ def test_a_vehicle_stands_drives_and_turns(name):
     assert trajectory.yaw_rate[0, -1] > 0.1  # to the left, also with the rear wheels
     state = LiveVehicle(vehicle).step(speed=0.5)
     assert len(state.wheel_speeds) == len(vehicle.wheels)
+
+
+@pytest.mark.slow  # compiles
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_every_linkage_has_the_caster_of_its_king_pins(name):
+    """The horizontal wheel angle is that about the king-pin, its tangent by the caster's cosine."""
+    upright, tilted = (
+        steered_wheels(structures.vehicle_of(STRUCTURES[name], caster_angle=caster), 0.3)
+        for caster in (0.0, 0.4)
+    )
+    for wheel, on_road in tilted.items():
+        tangent = np.cos(0.4) * np.tan(upright[wheel].angle)
+        assert np.tan(on_road.angle) == pytest.approx(tangent, abs=1e-12)
 
 
 @pytest.mark.slow  # compiles

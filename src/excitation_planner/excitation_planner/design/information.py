@@ -123,8 +123,8 @@ def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, Float
         add(noise.delay_std, {channel: -rates[:, :, channel] for channel in posed})
         for channel in others:
             add(noise.delay_std, {channel: -rates[:, :, channel]})
-    for channel in others:
-        add(noise.bias_std, {channel: 1.0})
+    for channel, bias_std in zip(others, np.broadcast_to(noise.bias_std, len(others)), strict=True):
+        add(bias_std, {channel: 1.0})
     if not columns:
         return np.zeros((*Y.shape, 0)), np.zeros(0)
     return np.stack(columns, axis=-1), np.array(stds)

@@ -69,8 +69,9 @@ class TrajectoryNoise:
     delay_std : float
         Uncertainty of the clock of the start pose's channels, and of that of each further channel,
         relative to the maneuver's [s]; 0: exact.
-    bias_std : float
+    bias_std : float or tuple of float
         Standard deviation of a constant offset of each further channel, e.g. of a gyro; 0: none.
+        One for all of them, or one each.
 
     Raises
     ------
@@ -86,7 +87,7 @@ class TrajectoryNoise:
     start_heading_std: float = 0.0
     heading_channel: int | None = None
     delay_std: float = 0.0
-    bias_std: float = 0.0
+    bias_std: float | tuple[float, ...] = 0.0
 
     def __post_init__(self) -> None:
         if not (np.all(np.asarray(self.std) > 0) and np.all(np.isfinite(self.std))):
@@ -95,7 +96,8 @@ class TrajectoryNoise:
             *("drift_std", "start_position_std", "start_heading_std"),
             *("delay_std", "bias_std"),
         ):
-            if not 0 <= getattr(self, name) < math.inf:
+            values = np.asarray(getattr(self, name))
+            if not np.all((values >= 0) & (values < math.inf)):
                 raise DesignError(f"noise: {name} = {getattr(self, name)} must not be negative")
         if not (self.drift_time > 0 and self.period > 0):
             raise DesignError("noise: drift_time and period must be positive")
@@ -103,7 +105,7 @@ class TrajectoryNoise:
 
 @dataclass(frozen=True)
 class MeasurementNoise:
-    """How a drive is measured: what a plan assumes about position, gyro and start pose.
+    """How a drive is measured: what a plan assumes about its sensors and the start pose.
 
     Attributes
     ----------
@@ -117,6 +119,10 @@ class MeasurementNoise:
         White noise of a yaw-rate gyro [rad/s]; 0: there is none.
     gyro_rate : float
         Of the gyro [Hz].
+    wheel_speed_std : float
+        White noise of the rear wheel's speed [rad/s]; 0: it is not measured.
+    wheel_rate : float
+        Of the wheel speed [Hz]. Identification counts rounded readings of a second as one.
     drift_std, drift_time : float
         Standard deviation [m] and correlation time [s] of a slow drift of the position.
     start_position_std, start_heading_std : float
@@ -134,6 +140,8 @@ class MeasurementNoise:
     pose_rate: float = 20.0
     yaw_rate_std: float = 0.0
     gyro_rate: float = 20.0
+    wheel_speed_std: float = 0.0
+    wheel_rate: float = 20.0
     drift_std: float = 0.0
     drift_time: float = 5.0
     start_position_std: float = 0.02
@@ -142,12 +150,12 @@ class MeasurementNoise:
     def __post_init__(self) -> None:
         for name, unit in (
             *(("noise_std", "m"), ("heading_std", "rad")),
-            *(("yaw_rate_std", "rad/s"), ("drift_std", "m")),
+            *(("yaw_rate_std", "rad/s"), ("wheel_speed_std", "rad/s"), ("drift_std", "m")),
             *(("start_position_std", "m"), ("start_heading_std", "rad")),
         ):
             if not 0.0 <= getattr(self, name) < 10.0:
                 raise PlanError(f"{name} = {getattr(self, name):g} {unit} must be from 0 to 10")
-        for name in ("pose_rate", "gyro_rate"):
+        for name in ("pose_rate", "gyro_rate", "wheel_rate"):
             if not 0.0 < getattr(self, name) <= 1e4:
                 raise PlanError(f"{name} = {getattr(self, name):g} Hz must be above 0, at most 1e4")
         if not 0.0 < self.drift_time < 1e4:
@@ -161,21 +169,30 @@ class MeasurementNoise:
     @property
     def channels(self) -> tuple[str, ...]:
         """What is measured, by the names of `tricycle_sim.vehicle.batch.Trajectory`."""
-        heading = ("yaw",) if self.heading_std else ()
-        return ("x", "y", *heading, *(("yaw_rate",) if self.yaw_rate_std else ()))
+        measured = {
+            "yaw": self.heading_std,
+            "yaw_rate": self.yaw_rate_std,
+            "drive_speed": self.wheel_speed_std,
+        }
+        return ("x", "y", *(channel for channel, std in measured.items() if std))
 
     @property
     def of_trajectory(self) -> TrajectoryNoise:
         """Noise of these channels, for the criteria C, D and A."""
         # white noise of samples at another rate than the trajectory's points: the same information
         period = TrajectoryNoise.period
-        pose, gyro = (1.0 / math.sqrt(rate * period) for rate in (self.pose_rate, self.gyro_rate))
+        pose, gyro, wheel = (
+            1.0 / math.sqrt(rate * period)
+            for rate in (self.pose_rate, self.gyro_rate, self.wheel_rate)
+        )
         std = {
             "x": pose * self.noise_std,
             "y": pose * self.noise_std,
             "yaw": pose * self.heading_std,
             "yaw_rate": gyro * self.yaw_rate_std,
+            "drive_speed": wheel * self.wheel_speed_std,
         }
+        bias = {"yaw_rate": GYRO_BIAS_STD, "drive_speed": 0.0}
         return TrajectoryNoise(
             std=tuple(std[channel] for channel in self.channels),
             heading_channel=2 if self.heading_std else None,
@@ -184,7 +201,7 @@ class MeasurementNoise:
             start_position_std=self.start_position_std,
             start_heading_std=self.start_heading_std,
             delay_std=DELAY_STD,
-            bias_std=GYRO_BIAS_STD,
+            bias_std=tuple(bias[channel] for channel in self.channels if channel in bias),
         )
 
     @property

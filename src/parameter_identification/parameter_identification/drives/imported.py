@@ -17,6 +17,7 @@ from parameter_identification.drives.windows import commands_of, motion_of
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_core.joints import JOINTS
+from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.stamps import SECOND, split_seconds
 from tricycle_sim.commands import Commands
@@ -145,22 +146,17 @@ def _driven(
         _message("nav_msgs/msg/Path", header=_header(first), poses=poses),
     )
     yield first, "/maneuver/commands", _trajectory(first, commands, vehicle.driven_radius)
-    for stamp, state in ((at, "running"), (at + round(commands.duration * 1e9), "done")):
-        values = {
-            "state": state,
-            "plan_id": "imported",
-            "start_time": f"{at // SECOND}.{at % SECOND:09d}",
-            "duration": f"{commands.duration:.3f}",
-        }
+    for state, elapsed in ((PlaybackState.RUNNING, 0.0), (PlaybackState.DONE, commands.duration)):
+        values = ManeuverState(state, "imported", at, elapsed, commands.duration).values()
         pair = "diagnostic_msgs/msg/KeyValue"
         yield (
-            stamp,
+            at + round(elapsed * 1e9),
             "/maneuver/state",
             _message(
                 "diagnostic_msgs/msg/DiagnosticStatus",
                 level=0,
                 name="tricycle import: maneuver",
-                message=state,
+                message=state.value,
                 hardware_id="",
                 values=[_message(pair, key=key, value=value) for key, value in values.items()],
             ),

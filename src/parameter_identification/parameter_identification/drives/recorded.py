@@ -23,10 +23,11 @@ from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import decode
 from tricycle_core.errors import JudgeError
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, STEERING_JOINT
+from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS
 from tricycle_core.readiness import Readiness
-from tricycle_core.stamps import SECOND, seconds_of
+from tricycle_core.stamps import seconds_of
 
 DURATION_TOLERANCE = 0.05  # s between the reference's end and the driver's
 COMMANDS_TOLERANCE = 1e-6  # rad and rad/s between a set-point planned and played
@@ -311,9 +312,17 @@ class _Collector:
 
     def _start_event(self, messages: Iterable[tuple[int, Any]]) -> _StartEvent:
         """The only start event that the driver's state tells of."""
-        states = [(at, {v.key: v.value for v in message.values}) for at, message in messages]
-        running = [(at, s) for at, s in states if s.get("state") == "running"]
-        starts = {s.get("start_time", "") for _, s in running}
+        try:
+            states = [
+                (at, ManeuverState.from_values({v.key: v.value for v in message.values}))
+                for at, message in messages
+            ]
+        except ValueError as error:
+            raise JudgeError(
+                f"{self.bag}: {self.state}: {error}; want start_time and duration in seconds"
+            ) from error
+        running = [(at, s) for at, s in states if s.state is PlaybackState.RUNNING]
+        starts = {s.start_time for _, s in running}
         if not starts:
             raise JudgeError(f"{self.bag}: {self.state} holds no start event: nothing was driven")
         if len(starts) > 1:
@@ -321,24 +330,19 @@ class _Collector:
                 f"{self.bag}: {len(starts)} maneuvers were started: record every maneuver in a "
                 "bag of its own"
             )
-        (start_time,) = starts
+        (start,) = starts
         recorded, event = running[0]
-        try:
-            start = _nanoseconds(start_time)
-            duration = float(event["duration"])
-        except (ValueError, KeyError) as error:
-            raise JudgeError(
-                f"{self.bag}: {self.state}: want start_time and duration in seconds"
-            ) from error
+        if start is None or not event.duration > 0:
+            raise JudgeError(f"{self.bag}: {self.state}: want start_time and duration in seconds")
         ended = None
         for at, state in states[states.index(running[-1]) :]:
-            if state.get("state") == "aborted":
-                raise JudgeError(f"{self.bag}: the maneuver was aborted: {state.get('reason', '')}")
-            if state.get("state") == "done" and ended is None:
+            if state.state is PlaybackState.ABORTED:
+                raise JudgeError(f"{self.bag}: the maneuver was aborted: {state.reason}")
+            if state.state is PlaybackState.DONE and ended is None:
                 ended = at
         if ended is None:
-            ended = recorded + round(duration * 1e9)
-        return _StartEvent(start, event.get("plan_id", ""), duration, recorded, ended)
+            ended = recorded + round(event.duration * 1e9)
+        return _StartEvent(start, event.plan_id, event.duration, recorded, ended)
 
     def _check_armed(
         self,
@@ -436,12 +440,3 @@ def _yaw_rates(messages: Iterable[Any], start: int) -> YawRates | None:
         return None
     time, rate = np.array(rows, dtype=np.float64).T
     return YawRates(time * 1e-9, rate)
-
-
-def _nanoseconds(seconds: str) -> int:
-    """``"12.000000001"`` -> 12000000001, exactly."""
-    whole, _, fraction = seconds.partition(".")
-    nanoseconds = int(whole) * SECOND + int(fraction.ljust(9, "0")[:9] or 0)
-    if not 0 <= nanoseconds < 2**63:
-        raise ValueError(f"{seconds} s is no time")
-    return nanoseconds

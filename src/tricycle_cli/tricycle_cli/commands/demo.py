@@ -85,6 +85,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.drives.recorded import read_drive
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive
+    from tricycle_cli.campaign.request import SIMULATED
     from tricycle_cli.operation.session import hidden_truth
     from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.run_folder import read_run
@@ -95,7 +96,9 @@ def run(args: argparse.Namespace) -> int:
 
     check_installed("rclpy", "a demo")
     vehicle = load_vehicle(args.vehicle)
-    request = PlanRequest(vehicle, family_by_name(args.maneuver), args.target, seed=args.seed)
+    request = PlanRequest(
+        vehicle, family_by_name(args.maneuver), args.target, seed=args.seed, noise=SIMULATED
+    )
     if args.firmware:
         check_build(args.firmware)
     output: Path = args.output

@@ -25,7 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         Parser of the subcommand.
     """
     parser.description = (
-        "Starts the node bag_replayer; its services ~/pause, ~/resume and ~/step hold and move it."
+        "Starts the node bag_replayer; its services ~/pause, ~/resume and ~/step hold and move "
+        "it; its parameter start, set while it plays, jumps to another time."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument

@@ -10,10 +10,16 @@ from rich.table import Table
 from rich.text import Text
 
 from tricycle_core.diagnostics import Level
+from tricycle_core.maneuver_state import PlaybackState
 
 SILENCE = 3.0  # s after which a source counts as silent; diagnostics come once a second
 
 
+_STATE_STYLES = {
+    PlaybackState.RUNNING.value: "bold cyan",
+    PlaybackState.DONE.value: "green",
+    PlaybackState.ABORTED.value: "bold red",
+}
 _STYLES = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "dim"}
 
 
@@ -141,14 +147,14 @@ def _maneuver(values: Mapping[str, str]) -> RenderableType:
     if not values:
         return Text("no maneuver_driver heard", style="dim")
     state = values.get("state", "")
-    style = {"running": "bold cyan", "done": "green", "aborted": "bold red"}.get(state, "")
+    style = _STATE_STYLES.get(state, "")
     line = Text.assemble(
         (state, style),
         f"   plan {values.get('plan_id') or 'none'}",
         f"   {values.get('reason', '')}",
     )
     elapsed, duration = (_number(values.get(key)) for key in ("elapsed", "duration"))
-    if state == "done":
+    if state == PlaybackState.DONE.value:
         elapsed = duration
     bar = Table.grid(padding=(0, 1), expand=True)
     bar.add_column(ratio=1)

@@ -20,10 +20,11 @@ from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.playback import LONGEST_STOP, PlaybackState
+from excitation_planner.playback import LONGEST_STOP
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
+from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, ignore_impossible_times
 from tricycle_core.quantities import Progress
 
@@ -31,7 +32,6 @@ STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge'
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
 SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
-DRIVING = (PlaybackState.STARTING.value, PlaybackState.RUNNING.value)
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 
 
@@ -139,7 +139,7 @@ class Operator(Closing):
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._plans = PlanPublisher(self._node)
-        self._state: dict[str, str] = {}
+        self._state = ManeuverState(PlaybackState.WAITING)
         self._patience = SERVICE_TIMEOUT
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
         self._services = ServiceCaller(self._node, self._wait)
@@ -180,7 +180,7 @@ class Operator(Closing):
             self._arm()
         with self._recording(bag):
             self._sleep(STANDSTILL)
-            if self._state["plan_id"] != plan.id:  # a planner has published another one meanwhile
+            if self._state.plan_id != plan.id:  # a planner has published another one meanwhile
                 self._hand_over(plan)
             with self._driving():
                 self._follow(plan, progress)
@@ -205,15 +205,14 @@ class Operator(Closing):
 
     def _hand_over(self, plan: Plan) -> None:
         self._plans.publish(plan)
-        waiting = {"plan_id": plan.id, "state": PlaybackState.WAITING.value}
 
         def taken() -> bool:
-            if self._state.get("state") in DRIVING:
+            if self._state.state.driving:
                 raise NodeError(
-                    f"maneuver_driver is driving plan {self._state['plan_id']}: wait for its end, "
+                    f"maneuver_driver is driving plan {self._state.plan_id}: wait for its end, "
                     "or abort it (service maneuver_driver/abort)"
                 )
-            return waiting.items() <= self._state.items()
+            return self._state.state is PlaybackState.WAITING and self._state.plan_id == plan.id
 
         self._wait(taken, "maneuver_driver to take the plan")
         # what the middleware sends again may come seconds later: after the start
@@ -240,22 +239,20 @@ class Operator(Closing):
 
     def _follow(self, plan: Plan, progress: Progress) -> None:
         """Wait for the end of the maneuver started."""
-        self._wait(lambda: self._state["state"] != PlaybackState.WAITING.value, "the start")
-        if self._state["plan_id"] != plan.id:
-            raise NodeError(f"maneuver_driver started another plan, {self._state['plan_id']}")
-        ended = (PlaybackState.DONE.value, PlaybackState.ABORTED.value)
-        while self._state["state"] not in ended:
-            before = dict(self._state)
+        self._wait(lambda: self._state.state is not PlaybackState.WAITING, "the start")
+        if self._state.plan_id != plan.id:
+            raise NodeError(f"maneuver_driver started another plan, {self._state.plan_id}")
+        while not self._state.state.ended:
+            before = self._state
             self._wait(lambda: self._state != before, "news of the running maneuver")  # noqa: B023
-            if self._state["plan_id"] != plan.id:
+            if self._state.plan_id != plan.id:
                 raise NodeError(
-                    f"maneuver_driver took another plan, {self._state['plan_id']}, before it said "
+                    f"maneuver_driver took another plan, {self._state.plan_id}, before it said "
                     "how this one ended"
                 )
-            elapsed, duration = (float(self._state[key]) for key in ("elapsed", "duration"))
-            progress(round(1e3 * elapsed), round(1e3 * duration))
-        if self._state["state"] == PlaybackState.ABORTED.value:
-            raise NodeError(f"maneuver aborted: {self._state['reason']}")
+            progress(round(1e3 * self._state.elapsed), round(1e3 * self._state.duration))
+        if self._state.state is PlaybackState.ABORTED:
+            raise NodeError(f"maneuver aborted: {self._state.reason}")
 
     @contextmanager
     def _recording(self, bag: Path) -> Iterator[None]:
@@ -282,7 +279,8 @@ class Operator(Closing):
             self._sleep(0.1)
 
     def _on_state(self, message: DiagnosticStatus) -> None:
-        self._state = {pair.key: pair.value for pair in message.values}
+        with suppress(ValueError):  # of another publisher
+            self._state = ManeuverState.from_values({v.key: v.value for v in message.values})
 
     def _trigger(self, service: str) -> None:
         answer = self._services.call(service, Trigger, Trigger.Request())

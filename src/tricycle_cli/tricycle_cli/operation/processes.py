@@ -21,8 +21,8 @@ STOP_TIMEOUT = 5.0  # s a node gets to close its bag or port before it is killed
 STOP_PERIOD = 0.1  # s between signals to a node in the foreground that is to end
 
 
-def own_domain(number: int = 0) -> int:
-    """Return a ROS domain for this process.
+def own_domain(number: int = 0, pid: int | None = None) -> int:
+    """Return a ROS domain for a process.
 
     From 1 to 100: above 101 a domain's ports are those that Linux hands out to any program.
 
@@ -30,8 +30,10 @@ def own_domain(number: int = 0) -> int:
     ----------
     number : int
         Several domains of one process have several numbers.
+    pid : int, optional
+        The process; this one by default.
     """
-    return 1 + (os.getpid() * 13 + number) % 100
+    return 1 + ((os.getpid() if pid is None else pid) * 13 + number) % 100
 
 
 def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:

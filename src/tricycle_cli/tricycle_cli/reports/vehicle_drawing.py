@@ -73,7 +73,8 @@ def draw_vehicle(vehicle: Vehicle, path: Path) -> None:
     axes.invert_xaxis()  # y is to the left
     axes.grid(visible=True, color="0.92")
     axes.set_axisbelow(True)
-    figure.savefig(path, bbox_inches="tight")
+    title = f"{vehicle.name}, hash {vehicle.fingerprint}"
+    figure.savefig(path, bbox_inches="tight", metadata={"Title": title})
 
 
 def _draw_frame(axes: Axes, vehicle: Vehicle) -> None:

@@ -369,6 +369,33 @@ def missing_entries(
     return [f"{name}: is missing ({entries[name].unit})" for name in missing()]
 
 
+def check_read(wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Iterable[str]) -> None:
+    """Raise a `VehicleError` for an entry of which every wheel has a more special one.
+
+    Parameters
+    ----------
+    wheels : tuple of Wheel
+        Of the vehicle.
+    parts : mapping
+        Law by part.
+    given : iterable of str
+        Entries that there are, all of them of this vehicle.
+    """
+    names = set(given)
+    for constant in declared(wheels, parts).values():
+        if not constant.per_wheel:
+            continue
+        spelt = [
+            [name for name, _ in wheel.spellings(constant.name) if name in names]
+            for wheel in wheels
+            if reads(wheel, parts, constant)
+        ]
+        read = {entries[0] for entries in spelt if entries}
+        for name in (name for entries in spelt for name in entries if name not in read):
+            first = " and ".join(dict.fromkeys(e[0] for e in spelt if name in e))
+            raise VehicleError(f"{name}: no wheel reads it, but {first} instead; leave it out")
+
+
 def _entry_for(
     constant: Constant, wheel: Wheel, bare: list[Wheel], wheels: tuple[Wheel, ...]
 ) -> str:

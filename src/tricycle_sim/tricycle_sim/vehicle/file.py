@@ -15,7 +15,13 @@ from typing import Any
 
 from tricycle_core.documents import parse_yaml, read_bounded
 from tricycle_core.errors import VehicleError
-from tricycle_sim.vehicle.constants import Vehicle, check_entry, constant_entries, suggest_name
+from tricycle_sim.vehicle.constants import (
+    Vehicle,
+    check_entry,
+    check_read,
+    constant_entries,
+    suggest_name,
+)
 from tricycle_sim.vehicle.laws import Constant
 from tricycle_sim.vehicle.wheels import TADPOLE, Wheel
 
@@ -102,11 +108,13 @@ def _parse(document: Any, where: str) -> Vehicle:
             values[name], limits = _parse_entry(name, constants, entry)
             if limits is not None:
                 unknown[name] = limits
-        return Vehicle(
+        vehicle = Vehicle(
             name=document["name"], values=values, unknown=unknown, parts=parts, wheels=wheels
         )
+        check_read(wheels, parts, values)
     except VehicleError as error:
         raise VehicleError(f"{where}: {error}") from error
+    return vehicle
 
 
 def _parse_wheels(entries: object) -> tuple[Wheel, ...]:
