@@ -10,6 +10,7 @@ import numpy as np
 from excitation_planner.plan import Plan
 from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
+from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
@@ -122,13 +123,15 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 
 @contextmanager
-def running_session(namespace: str = "") -> Iterator[DrivePlan]:
+def running_session(namespace: str = "", *, ask: bool = False) -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
     Parameters
     ----------
     namespace : str
         Of those nodes.
+    ask : bool
+        Whether each drive waits for somebody to say that the vehicle is ready.
 
     Yields
     ------
@@ -143,6 +146,20 @@ def running_session(namespace: str = "") -> Iterator[DrivePlan]:
     ) as operator:
 
         def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+            if ask:
+                _wait_for_enter(plan)
             operator.drive(plan, bag.absolute(), progress=progress)
 
         yield drive
+
+
+def _wait_for_enter(plan: Plan) -> None:
+    along, across, stop = plan.space
+    try:
+        input(
+            f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
+            f"{across:.0f} m and {stop:.0f} m to stop: vehicle at its start and armed? "
+            "Enter drives, Ctrl-C leaves "
+        )
+    except EOFError:
+        raise PlanError("nobody is there to say that the vehicle is ready") from None
