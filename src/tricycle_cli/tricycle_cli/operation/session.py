@@ -15,6 +15,7 @@ from tricycle_bringup.configuration import (
     check_bridge,
 )
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
+from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
 from tricycle_core.readiness import TOPIC
 from tricycle_sim.plants import OWN
@@ -128,7 +129,9 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 
 @contextmanager
-def running_session(vehicle: Vehicle | None, namespace: str = "") -> Iterator[DrivePlan]:
+def running_session(
+    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False
+) -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
     Parameters
@@ -137,6 +140,8 @@ def running_session(vehicle: Vehicle | None, namespace: str = "") -> Iterator[Dr
         For which the bridge has to be started; None: any.
     namespace : str
         Of those nodes.
+    ask : bool
+        Whether each drive waits for somebody to say that the vehicle is ready.
 
     Yields
     ------
@@ -159,6 +164,20 @@ def running_session(vehicle: Vehicle | None, namespace: str = "") -> Iterator[Dr
             check_bridge(vehicle, operator.parameters("tricycle_bridge", IDENTIFYING))
 
         def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+            if ask:
+                _wait_for_enter(plan)
             operator.drive(plan, bag.absolute(), progress=progress)
 
         yield drive
+
+
+def _wait_for_enter(plan: Plan) -> None:
+    along, across, stop = plan.space
+    try:
+        input(
+            f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
+            f"{across:.0f} m and {stop:.0f} m to stop: vehicle at its start and armed? "
+            "Enter drives, Ctrl-C leaves "
+        )
+    except EOFError:
+        raise PlanError("nobody is there to say that the vehicle is ready") from None
