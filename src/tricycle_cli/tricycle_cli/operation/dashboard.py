@@ -88,23 +88,23 @@ class Dashboard:
         By name, `node: part`.
     maneuver : mapping of str to str
         Values of `maneuver/state`.
-    learnt : str
-        What `identification/estimates` says.
     commanded, measured : JointReading, optional
         Newest commands and states of the joints.
     odometry : OdometryReading, optional
         Newest pose and speed.
     heard : float, optional
         When the newest message of any kind came [s].
+    learnt : str
+        What `identification/estimates` says.
     """
 
     diagnostics: dict[str, DiagnosticEntry] = field(default_factory=dict)
     maneuver: Mapping[str, str] = field(default_factory=dict)
-    learnt: str = ""
     commanded: JointReading | None = None
     measured: JointReading | None = None
     odometry: OdometryReading | None = None
     heard: float | None = None
+    learnt: str = ""
 
     def snapshot(self) -> dict[str, object]:
         """Return the same as JSON values."""
