@@ -215,6 +215,7 @@ NODES = {
     "tricycle_sim": "TricycleSim",
     "trajectory_recorder": "TrajectoryRecorder",
     "bag_replayer": "BagReplayer",
+    "identification_monitor": "IdentificationMonitor",
 }
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 

@@ -19,6 +19,7 @@ NODES = {
     "maneuver_driver": "ManeuverDriver",
     "trajectory_recorder": "TrajectoryRecorder",
     "bag_replayer": "BagReplayer",
+    "identification_monitor": "IdentificationMonitor",
 }
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 

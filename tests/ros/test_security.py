@@ -20,6 +20,7 @@ NODES = {
     "excitation_planner": "ExcitationPlanner",
     "maneuver_driver": "ManeuverDriver",
     "trajectory_recorder": "TrajectoryRecorder",
+    "identification_monitor": "IdentificationMonitor",
 }
 
 
