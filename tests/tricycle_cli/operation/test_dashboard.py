@@ -44,7 +44,16 @@ def test_a_running_maneuver_shows_progress_speeds_and_links():
         heard=99.9,
     )
     text = text_of(dashboard)
-    for part in ("running", "plan p1", "5.0 of 20.0 s", "0.7854", "0.7511", "0.93", "e-stop", "700 ± 30"):
+    for part in (
+        "running",
+        "plan p1",
+        "5.0 of 20.0 s",
+        "0.7854",
+        "0.7511",
+        "0.93",
+        "e-stop",
+        "700 ± 30",
+    ):
         assert part in text
     assert "silent" not in text
 
