@@ -32,6 +32,7 @@ STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge'
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
 SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
+UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 
 
@@ -220,8 +221,10 @@ class Operator(Closing):
         found: set[str] = set()
 
         def anybody() -> bool:
-            found.update(end.node_name for end in self._node.get_publishers_info_by_topic(topic))
-            return bool(found)
+            ends = self._node.get_publishers_info_by_topic(topic)
+            found.clear()
+            found.update(end.node_name for end in ends)
+            return bool(found) and UNNAMED not in found
 
         self._wait(anybody, f"a publisher of {topic}")
         return found
