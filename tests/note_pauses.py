@@ -1,13 +1,16 @@
-"""Print every pause in which this process wanted to run and did not [s]; started by stalls.py."""
+"""Print the pauses of one processor of this machine [s]; started by stalls.py."""
 
+import os
+import sys
 import time
 
 PAUSE = 0.1  # s
 PERIOD = 0.01  # s
 
 
-def main() -> None:
-    """Run until killed."""
+def main(cpu: int) -> None:
+    """Run on that processor until killed; print how late it was when it was late."""
+    os.sched_setaffinity(0, {cpu})
     print(0.0, flush=True)
     before = time.monotonic()
     while True:
@@ -19,4 +22,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]))

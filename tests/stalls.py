@@ -53,24 +53,36 @@ class RunningClock:
 
 
 class StallWatch:
-    """A process beside the tests that notes when it wanted to run and did not.
+    """A process on each processor that notes when it wanted to run and did not.
 
-    It is one of its own: a call that holds the interpreter's lock for long is the test's matter.
+    Where the machine is a virtual one, one of its processors may stand still while the others run,
+    and what ran there with it. They are processes of their own: a call that holds the interpreter's
+    lock for long is the test's matter.
     """
 
     def __init__(self) -> None:
+        self._notes, end = os.pipe()
         command = [sys.executable, "-S", "-E", Path(__file__).with_name("note_pauses.py")]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE)
-        atexit.register(self.process.kill)
-        assert self.process.stdout is not None
-        self.process.stdout.readline()  # it runs
-        os.set_blocking(self.process.stdout.fileno(), False)
+        self.processes = []
+        for cpu in os.sched_getaffinity(0):
+            self.processes.append(subprocess.Popen([*command, str(cpu)], stdout=end))
+            os.read(self._notes, 16)  # it runs
+        os.close(end)
+        os.set_blocking(self._notes, False)
+        atexit.register(self.close)
+
+    def close(self) -> None:
+        """End the processes."""
+        for process in self.processes:
+            process.kill()
+            process.wait()
 
     def longest(self) -> float:
         """Return the longest pause since the last call [s]."""
-        assert self.process.stdout is not None
-        lines = self.process.stdout.read() or b"0"
-        return max(float(line) for line in lines.split())
+        try:
+            return max(float(line) for line in os.read(self._notes, 1 << 16).split())
+        except BlockingIOError:
+            return 0.0
 
     def wait_for_quiet(self) -> None:
         """Wait until the machine has kept time for QUIET, or PATIENCE is over."""

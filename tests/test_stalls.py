@@ -10,7 +10,7 @@ from stalls import pytest_runtest_protocol, pytest_terminal_summary
 stalls.QUIET = 0.1
 """
 TESTS = '''
-import ctypes, os, signal, time
+import ctypes, signal, time
 from pathlib import Path
 import pytest, stalls
 
@@ -28,11 +28,11 @@ def hold():
     ctypes.PyDLL(None).usleep(300_000)  # holds the interpreter's lock: no other thread runs
 
 def pause():
-    """As a machine that stands still: neither this process runs nor the one that notes it."""
-    watch = stalls._watch.process.pid
-    os.kill(watch, signal.SIGSTOP)
+    """As a processor that stands still: neither this process runs nor the one that notes it."""
+    noting = stalls._watch.processes[0]
+    noting.send_signal(signal.SIGSTOP)
     hold()
-    os.kill(watch, signal.SIGCONT)
+    noting.send_signal(signal.SIGCONT)
     ctypes.PyDLL(None).usleep(50_000)  # it notes it
 
 def test_paused_once(plc_pair):
