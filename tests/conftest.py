@@ -1,5 +1,6 @@
 """Hypothesis as all tests use it; the firmware, compiled once per run for those that need it."""
 
+import dataclasses
 import os
 import shutil
 import signal
@@ -9,6 +10,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 from stalls import pytest_runtest_protocol, pytest_terminal_summary
+
+from tricycle_sim.vehicle import Vehicle, load_vehicle
 
 __all__ = ["pytest_runtest_protocol", "pytest_terminal_summary"]  # hooks
 
@@ -38,6 +41,16 @@ def install_distribution(tmp_path, monkeypatch):
         monkeypatch.syspath_prepend(str(tmp_path))
 
     return install
+
+
+@pytest.fixture(scope="session")
+def without_speed_loop() -> Vehicle:
+    """The tricycle with a motor whose set-point is a torque."""
+    vehicle = load_vehicle()
+    constants = {n: v for n, v in vehicle.values.items() if not n.startswith("speed_")}
+    return dataclasses.replace(
+        vehicle, parts={"motor": "direct_torque"}, values=constants | {"setpoint_torque": 5.0}
+    )
 
 
 @pytest.fixture(scope="session")

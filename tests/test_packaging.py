@@ -102,6 +102,7 @@ def test_package_dependencies_follow_the_import_order(package):
     assert all(order.index(dependency) < order.index(package) for dependency in own)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("package", PACKAGES)
 def test_package_xml_is_what_bloom_and_the_build_farm_want(package):
     path = ROOT / "deploy" / "rosdistro" / "check_release.py"

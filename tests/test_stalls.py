@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 CONFTEST = """
 import stalls
 from stalls import pytest_runtest_protocol, pytest_terminal_summary
@@ -74,6 +76,7 @@ def test_not_in_real_time():
 '''
 
 
+@pytest.mark.slow
 def test_only_a_failure_after_a_pause_in_real_time_is_run_again(tmp_path):
     (tmp_path / "conftest.py").write_text(CONFTEST)
     (tmp_path / "test_it.py").write_text(TESTS)

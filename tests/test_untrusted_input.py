@@ -103,6 +103,7 @@ def survives(read, error, path, content):
 # --- vehicle --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @fuzzed
 @given(content=damaged(VEHICLE))
 def test_vehicle_bytes(tmp_path, content):
@@ -155,6 +156,7 @@ def test_plan_bytes(tmp_path, plan, data):
     survives(load_plan, PlanError, tmp_path / "plan.json", data.draw(damaged(plan)))
 
 
+@pytest.mark.slow
 @fuzzed
 @given(data=st.data())
 def test_plan_document(tmp_path, plan, data):
@@ -209,6 +211,7 @@ def study(tmp_path):
     return folder
 
 
+@pytest.mark.slow
 @fuzzed
 @given(data=st.data())
 def test_study_files(study, data):
@@ -289,6 +292,7 @@ def sqlite(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @fuzzed
 @given(data=st.data())
 def test_mcap_bytes(tmp_path, mcap, data):
@@ -296,6 +300,7 @@ def test_mcap_bytes(tmp_path, mcap, data):
     survives(read_bag, BagError, tmp_path / "bag.mcap", content)
 
 
+@pytest.mark.slow
 @fuzzed
 @given(data=st.data())
 def test_sqlite_bytes(tmp_path, sqlite, data):
@@ -303,6 +308,7 @@ def test_sqlite_bytes(tmp_path, sqlite, data):
     survives(read_bag, BagError, tmp_path / "bag.db3", data.draw(damaged(file.read_bytes())))
 
 
+@pytest.mark.slow
 @fuzzed
 @given(data=st.data())
 def test_bag_metadata(sqlite, data):

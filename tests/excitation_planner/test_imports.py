@@ -26,6 +26,7 @@ def run(code):
     ).stdout.splitlines()
 
 
+@pytest.mark.slow
 def test_plans_requests_and_families_need_neither_scipy_nor_numba():
     found = f"import sys; print([m for m in {HEAVY} if m in sys.modules])"
     heavy = run("\n".join(f"{line}\n{found}" for line in LIGHT))

@@ -415,6 +415,7 @@ events = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(events, min_size=12, max_size=40))
 def test_it_moves_only_an_armed_vehicle_whose_pose_is_a_number(events):
     playback = ready(odom_timeout=5.0)

@@ -40,6 +40,7 @@ def test_linearly_growing_distance_matches_the_sum_of_squares() -> None:
     assert te[0] == pytest.approx(0.04 * (2 * POINTS - 1) / (6 * (POINTS - 1)), rel=1e-12)
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     samples=st.integers(1, 4),

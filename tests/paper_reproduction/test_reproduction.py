@@ -25,6 +25,7 @@ def test_error_statistics_of_a_known_error():
     assert found.std == pytest.approx(0.1)
 
 
+@pytest.mark.slow
 def test_both_ways_come_near_the_exact_indices():
     x = np.array(TABLE_1_X)
     f, exact = partial(math_model, x), exact_indices(x)
@@ -46,6 +47,7 @@ def test_failed_simulations_are_left_out_of_the_papers_way():
     assert faithful(f, MATH_MODEL_UNKNOWN, budget=SMALL).simulations < 160
 
 
+@pytest.mark.slow
 def test_table_1_holds_the_published_numbers():
     item = table_1()
     exact = [c for c in item.comparisons if "exact" in c.quantity]

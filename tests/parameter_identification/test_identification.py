@@ -39,6 +39,7 @@ def pair():
     return driven_pair()
 
 
+@pytest.mark.slow
 def test_without_noise_the_truth_comes_back(commands):
     drives = [
         driven(c, noise=1e-6, pose=(3.0, -2.0, 2.5), standstill=1.0) for c in commands.values()
@@ -67,6 +68,7 @@ def test_intervals_hold_the_truth_and_agree_with_the_linear_ones(pair):
         assert width == pytest.approx(e.linear[1] - e.linear[0], rel=0.25)
 
 
+@pytest.mark.slow
 def test_what_a_drive_does_not_show_keeps_its_range_and_is_named(pair):
     found = identify(pair[:1], VEHICLE, profiles=True)
     aligning = found.parameters["self_aligning_stiffness"]
@@ -75,6 +77,7 @@ def test_what_a_drive_does_not_show_keeps_its_range_and_is_named(pair):
     assert any("self_aligning_stiffness" in c.weights for c in found.hidden)
 
 
+@pytest.mark.slow
 def test_delays_bias_and_rolling_start_are_found(commands):
     truth = TRUTH
     motion = simulate(VEHICLE, commands["lane"], truth[None], speed=0.03)
@@ -99,6 +102,7 @@ def test_delays_bias_and_rolling_start_are_found(commands):
         assert found.standard_deviation < 0.35 * expected
 
 
+@pytest.mark.slow
 def test_a_gyro_narrows_the_intervals(commands):
     gyro = {Sensor.YAW_RATE: SensorNoise(0.005, rate=100.0)}
     without, found = (
@@ -183,6 +187,7 @@ def test_outliers_are_counted_and_held_back_by_the_robust_loss(pair):
     assert abs(robust.estimates[0] - TRUTH[0]) < 3.5 * robust.standard_deviations[0]
 
 
+@pytest.mark.slow
 def test_a_held_out_drive_is_predicted_to_the_noise(pair):
     found = identify(pair[1:], VEHICLE, held_out=pair[:1])
     (held,) = found.held_out
@@ -202,6 +207,7 @@ def test_two_drives_one_after_the_other_tell_what_both_tell_together(pair):
     np.testing.assert_allclose(second.standard_deviations, both.standard_deviations, rtol=0.3)
 
 
+@pytest.mark.slow
 def test_known_parameters_are_left_alone(pair):
     found = identify(pair, VEHICLE, parameters=["camber_stiffness", "cornering_stiffness"])
     assert found.names == ("cornering_stiffness", "camber_stiffness")
@@ -219,6 +225,7 @@ def test_the_same_drives_give_the_same_numbers(pair):
 # ---- bad input ----
 
 
+@pytest.mark.slow
 def test_three_seconds_leave_the_ranges_as_they_were(commands):
     drive = driven(commands["circle"], noise=0.01)
     short = {s: signal.between(0.0, 3.0) for s, signal in drive.signals.items()}

@@ -303,6 +303,7 @@ def test_a_commander_at_1_khz_does_not_overload_the_line(vehicle):
     assert 90 <= frames <= 112
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300))
 def test_no_finite_command_breaks_or_exceeds_anything(new_vehicle, angle, speed):

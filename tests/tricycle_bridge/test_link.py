@@ -374,6 +374,7 @@ def test_lost_and_repeated_frames_are_counted():
     assert line.link.counters.duplicates == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("plc", [SteerPlc, DrivePlc])
 def test_one_damaged_frame_in_a_hundred_leaves_no_count_open(plc):
     rng = random.Random(3)

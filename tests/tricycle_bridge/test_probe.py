@@ -10,6 +10,7 @@ from tricycle_sim.plc.pty_port import PtyPort
 pytestmark = pytest.mark.real_time
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("board", [Board.STEER, Board.DRIVE])
 def test_it_finds_out_which_board_answers(plc_pair, board):
     path = plc_pair.steer_path if board is Board.STEER else plc_pair.drive_path

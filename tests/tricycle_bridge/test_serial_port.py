@@ -130,6 +130,7 @@ def _replug(host, pair, board, rng):
     )
 
 
+@pytest.mark.slow
 def test_unplugged_and_replugged_at_random_moments_it_comes_back_unarmed(host, plc_pair):
     rng = random.Random(0)
     host.until(host.up, "both links")
@@ -160,6 +161,7 @@ def test_after_replugs_in_mid_drive_each_board_is_back_within_half_a_second(host
     assert sorted(times)[-1 - stalls] < 0.5, sorted(times)[-9:]
 
 
+@pytest.mark.slow
 def test_a_stalled_board_gets_no_stale_command(host, plc_pair):
     host.drive(0.2, 0.5, plc_pair)
     plc_pair.stall(STEER)
@@ -175,6 +177,7 @@ def test_a_stalled_board_gets_no_stale_command(host, plc_pair):
     assert plc_pair.steering_angle == frozen
 
 
+@pytest.mark.slow
 def test_garbage_at_full_line_rate_hurts_nobody(host, plc_pair):
     rng = random.Random(2)
     host.arm()

@@ -12,6 +12,7 @@ from tricycle_bringup.configuration import (
     SIMULATION_CONFIG,
     VEHICLE_CONFIG,
     bridge_parameters,
+    bridge_settings,
     check_bridge,
 )
 from tricycle_core.errors import VehicleError
@@ -44,6 +45,13 @@ def test_what_is_no_vehicle_file_is_named(tmp_path):
     file.write_text("wheels: 3")
     with pytest.raises(VehicleError, match=str(file)):
         bridge_parameters(str(file))
+
+
+def test_the_boards_drive_no_motor_without_a_speed_loop(without_speed_loop):
+    with pytest.raises(
+        VehicleError, match=r"parts\.motor: direct_torque has no speed loop"
+    ):
+        bridge_settings(without_speed_loop)
 
 
 def test_a_bridge_of_another_vehicle_is_named_by_what_differs():

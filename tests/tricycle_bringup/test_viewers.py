@@ -3,6 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
+import pytest
 import yaml
 
 import tricycle_bringup
@@ -50,6 +51,7 @@ def fields(type_name):
             yield name
 
 
+@pytest.mark.slow
 def test_plotjuggler_shows_fields_that_exist():
     layout = ElementTree.parse(SHARE / "plotjuggler" / "tricycle.xml")
     curves = set()

@@ -31,6 +31,7 @@ def imported(*arguments):
     return status, set(names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", [["--help"], ["--version"], ["plan", "show", "--help"]])
 def test_help_imports_nothing_slow(arguments):
     status, names = imported(*arguments)
@@ -46,6 +47,7 @@ def test_help_of_a_command_imports_nothing_slow(command):
     assert names & SLOW == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments", [["fly"], ["plan", "--bad"], ["judge"], ["plc", "taste", "x"]]
 )
@@ -55,6 +57,7 @@ def test_a_wrong_argument_imports_nothing_slow(arguments):
     assert names & SLOW == set()
 
 
+@pytest.mark.slow
 def test_a_bag_is_judged_without_what_only_planning_and_plotting_need(record_drive, tmp_path):
     record_drive(tmp_path / "bag")
     status, names = imported("judge", tmp_path / "bag", "--json")

@@ -47,6 +47,7 @@ class Document:
 numbers = st.floats(allow_nan=False)
 
 
+@pytest.mark.slow
 @given(
     st.sampled_from(Kind),
     st.lists(st.tuples(numbers, numbers), min_size=1),

@@ -39,6 +39,7 @@ def same(one: Design, other: Design) -> bool:
     )
 
 
+@pytest.mark.slow
 def test_interior_optimum_is_found_and_verified():
     design = best(interior, "p")
     assert np.allclose(design.x, (0.3, 0.8), atol=0.05)

@@ -90,6 +90,7 @@ def design(f, target, criterion, operation=None, **arguments):
     )
 
 
+@pytest.mark.slow
 def test_c_design_for_one_parameter():
     result = design(_mix, "p", Criterion.C)
     # best at angle 0, where q does not disturb: information sum(t²)/σ², prior 12
@@ -107,6 +108,7 @@ def test_a_drive_that_teaches_nothing_is_called_so():
     assert "of the prior deviation of q" in result.explanation
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("criterion", [Criterion.D, Criterion.A])
 def test_two_drives_learn_what_one_cannot(criterion):
     one = design(_mix, None, criterion)

@@ -180,6 +180,7 @@ def test_what_is_known_of_a_point_is_not_contradicted(tmp_path):
     assert (tmp_path / "results.csv").read_bytes() == before
 
 
+@pytest.mark.slow
 def test_a_store_of_another_design_is_refused(tmp_path):
     by_call(store=tmp_path)
     with pytest.raises(DesignError, match=r"another design \(different: samples, seed\)"):

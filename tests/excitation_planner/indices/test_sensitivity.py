@@ -35,6 +35,7 @@ def test_quadrature_agrees_with_the_closed_form_of_ishigami():
     assert largest_error(quadrature_indices(ishigami, ISHIGAMI_UNKNOWN), ishigami_indices()) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_math_model_with_300_samples(seed):
     exact = quadrature_indices(lambda P: math_model(TABLE_1, P), MATH_MODEL_UNKNOWN)
@@ -56,6 +57,7 @@ def test_metamodel_predicts_in_the_users_units():
     assert np.allclose(result.predict(P), ishigami(P), atol=0.1)
 
 
+@pytest.mark.slow
 def test_ishigami_with_400_samples():
     result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=400)
     assert largest_error(result, ishigami_indices()) < 2e-3
@@ -101,6 +103,7 @@ def test_infill_helps(infill_by, batch):
     assert largest_error(after, exact) < largest_error(before, exact)
 
 
+@pytest.mark.slow
 def test_failed_simulations_are_counted_and_left_out():
     counted = 0
 
@@ -138,6 +141,7 @@ def test_the_last_third_of_the_samples_goes_where_the_indices_gain():
     assert max(errors) < 2e-3
 
 
+@pytest.mark.slow
 def test_effects_are_those_that_the_indices_measure():
     """Integrated squares of main and total effects, by quasi-random points."""
     result = sensitivity(ishigami, ISHIGAMI_UNKNOWN, samples=200)

@@ -28,6 +28,7 @@ def install(install_distribution):
     return partial(install_distribution, GROUP)
 
 
+@pytest.mark.slow
 def test_the_family_of_the_how_to_is_listed_planned_and_simulated(install, tmp_path, capsys):
     install("skid_pad", "skid_pad", EXAMPLE, ENTRIES)
     assert "j_turn" in family_names()

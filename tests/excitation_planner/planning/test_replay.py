@@ -8,7 +8,7 @@ import pytest
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run, replayed_errors
 from excitation_planner.trajectory_error import POINTS, trajectory_error
-from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
@@ -59,3 +59,10 @@ def test_the_simulator_is_picklable_and_repeatable():
 def test_a_maneuver_that_cannot_be_driven_is_infeasible_with_its_reason():
     with pytest.raises(InfeasibleManeuver, match="steering saturates"):
         ReplayedTrajectoryError(VEHICLE, Circle())(np.array([2.0, 1.0]), samples(2))
+
+
+def test_no_maneuver_is_planned_for_a_motor_without_a_speed_loop(without_speed_loop):
+    with pytest.raises(
+        PlanError, match=r"parts\.motor: direct_torque has no speed loop"
+    ):
+        nominal_run(without_speed_loop, Circle(duration=3.0), np.array([2.0, 1.0]))

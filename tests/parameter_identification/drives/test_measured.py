@@ -42,6 +42,7 @@ def test_a_bag_without_commands_is_told(tmp_path: Path) -> None:
         read_measured_drive(path, VEHICLE)
 
 
+@pytest.mark.slow
 def test_sensors_that_a_bag_lacks_are_done_without(tmp_path: Path) -> None:
     path = SimulatedBag(without=("/imu", "/joint_states")).write(tmp_path / "bag")
     assert set(read_measured_drive(path, VEHICLE).signals) == {Sensor.POSITION, Sensor.HEADING}
@@ -103,6 +104,7 @@ def test_bad_bags_are_one_line_and_status_2(
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_three_seconds_are_told_to_show_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -13,6 +13,7 @@ from parameter_identification.judging.judgement import judge, judge_drive
 from tricycle_core.errors import JudgeError
 
 
+@pytest.mark.slow
 def test_after_one_pass_a_drive_is_judged_and_identified_without_its_bag(tmp_path: Path) -> None:
     bag = SimulatedBag().write(tmp_path / "bag")
     judgement, measured = judge(bag), read_measured_drive(bag, VEHICLE)
@@ -36,6 +37,7 @@ def test_sensors_are_timed_from_the_start_event(tmp_path: Path) -> None:
     assert drive.yaw_rates.yaw_rate[-1] == pytest.approx(1.0 / 3.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_sensors_are_left_out_where_they_are_not_wanted_or_not_there(tmp_path: Path) -> None:
     bag = SimulatedBag(without=("/imu",)).write(tmp_path / "bag")
     drive = read_drive(bag, sensors=False)
@@ -44,6 +46,7 @@ def test_sensors_are_left_out_where_they_are_not_wanted_or_not_there(tmp_path: P
     assert read_drive(bag, topics=TopicNames(joint_states="arm/joint_states")).joint_states is None
 
 
+@pytest.mark.slow
 def test_a_second_imu_in_another_namespace_is_left_alone(tmp_path: Path) -> None:
     ours, other = (imu(START + 10**9, rate) for rate in (0.1, 0.7))
     scene = Scene(deviation=sideways(0.1))

@@ -89,6 +89,7 @@ def columns(tmp_path: Path) -> Columns:
     return load_columns(mapping(tmp_path / "mapping.yaml"))
 
 
+@pytest.mark.slow
 def test_windows_have_their_own_start_and_do_not_share_samples(
     tmp_path: Path, columns: Columns
 ) -> None:
@@ -109,6 +110,7 @@ def test_windows_have_their_own_start_and_do_not_share_samples(
         assert np.hypot(*np.diff(at, axis=1)[:, 0]) == pytest.approx(way, abs=0.06)
 
 
+@pytest.mark.slow
 def test_windows_leave_out_gaps_and_jumps(tmp_path: Path, columns: Columns) -> None:
     def spoil(rows: list[str]) -> None:
         del rows[400:440]
@@ -149,12 +151,11 @@ def test_the_servos_dead_time_and_play_are_the_vehicles(tmp_path: Path, columns:
     assert estimate_map(recording, geared).gain == pytest.approx(GAIN, rel=0.1)
 
 
-def test_a_motor_without_speed_loop_needs_its_set_points(tmp_path: Path, columns: Columns) -> None:
-    torque = dataclasses.replace(VEHICLE, parts={"motor": "direct_torque"}, values={
-        name: value for name, value in VEHICLE.values.items() if not name.startswith("speed_")
-    } | {"setpoint_torque": 5.0})  # fmt: skip
+def test_a_motor_without_speed_loop_needs_its_set_points(
+    tmp_path: Path, columns: Columns, without_speed_loop: Vehicle
+) -> None:
     with pytest.raises(IdentificationError, match="needs speed_command, the set-points of the mot"):
-        read_windows(table(tmp_path / "drive.csv"), torque, columns)
+        read_windows(table(tmp_path / "drive.csv"), without_speed_loop, columns)
 
 
 def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:

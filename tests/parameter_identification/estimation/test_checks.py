@@ -56,6 +56,7 @@ def test_a_drive_planned_with_other_nominal_values_is_taken(pair):
     check_vehicle(with_reference(pair[0], planned_with), VEHICLE)
 
 
+@pytest.mark.slow
 def test_a_vehicle_file_that_is_better_known_than_the_plan_was_is_taken(pair):
     narrow = dataclasses.replace(
         VEHICLE.replace(cornering_stiffness=800.0),

@@ -64,6 +64,7 @@ def estimated(white, drift, drift_time, rng, m=800):
     )
 
 
+@pytest.mark.slow
 def test_noise_is_found_again():
     found = [estimated(0.01, 0.02, 3.0, np.random.default_rng(seed)) for seed in range(12)]
     assert np.mean([f.white for f in found]) == pytest.approx(0.01, rel=0.03)

@@ -10,6 +10,7 @@ from parameter_identification.judging.export import ExportFormat, export, plot
 from parameter_identification.judging.judgement import judge
 
 
+@pytest.mark.slow
 def test_tum_export_agrees_with_evo(tmp_path: Path) -> None:
     evo_io = pytest.importorskip("evo.tools.file_interface")
     from evo.core.metrics import APE, PoseRelation

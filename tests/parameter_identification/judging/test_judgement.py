@@ -101,6 +101,7 @@ def test_foreign_bags(tmp_path: Path, poses: str, plugin: StoragePlugin) -> None
     assert j.te == pytest.approx(0.04 * 3 / 8, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_satellite_fixes_need_datum_and_a_fitted_anchor(tmp_path: Path) -> None:
     bag = Scene(deviation=sideways(0.2), poses="fix").write(tmp_path / "bag")
     with pytest.raises(JudgeError, match="give the datum"):
@@ -312,6 +313,7 @@ def test_a_vehicle_that_is_armed_during_the_drive_is_judged(
     assert judge(Scene(more=told).write(tmp_path / "bag")).te < 1e-9
 
 
+@pytest.mark.slow
 def test_of_several_plans_the_one_driven_is_judged(tmp_path: Path) -> None:
     alone = judge(Scene(deviation=sideways(0.2)).write(tmp_path / "alone"))
     scene = Scene(deviation=sideways(0.2), edit=second_plan)
@@ -337,6 +339,7 @@ def test_types_that_hold_no_pose_are_named(tmp_path: Path) -> None:
         judge(bag, topics=TopicNames(pose="/maneuver/reference"))
 
 
+@pytest.mark.slow
 def test_a_child_frame_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
     bag = Scene(poses="tf").write(tmp_path / "bag")
     with pytest.raises(JudgeError, match="no transform to wheel; it holds those to base_link, lid"):

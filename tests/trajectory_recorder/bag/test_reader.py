@@ -258,6 +258,7 @@ def test_decode_tells_unknown_types_and_wrong_bytes() -> None:
         decode("nav_msgs/msg/Odometry", b"\0\1")
 
 
+@pytest.mark.slow
 def test_a_foreign_directory_with_missing_files(tmp_path: Path) -> None:
     write_with_rosbags(tmp_path / "bag", StoragePlugin.SQLITE3, CompressionMode.NONE)
     shutil.move(tmp_path / "bag" / "bag.db3", tmp_path / "elsewhere.db3")
@@ -265,6 +266,7 @@ def test_a_foreign_directory_with_missing_files(tmp_path: Path) -> None:
         BagReader(tmp_path / "bag")
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_the_bag(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", compression=Compression.NONE) as bag:
         topic = bag.add_topic(Topic.of_type("/chatter", STRING))

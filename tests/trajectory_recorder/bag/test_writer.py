@@ -110,6 +110,7 @@ def test_every_flush_leaves_a_complete_bag(tmp_path: Path) -> None:
     assert read_with_rosbags(tmp_path / "bag") == expected
 
 
+@pytest.mark.slow
 def test_split_by_size_repeats_latched_topics_in_every_file(tmp_path: Path) -> None:
     with BagWriter(
         tmp_path / "bag", split_size=20_000, chunk_size=500, compression=Compression.NONE
@@ -137,6 +138,7 @@ def test_split_by_size_repeats_latched_topics_in_every_file(tmp_path: Path) -> N
     assert stamps == list(range(2, 2000))
 
 
+@pytest.mark.slow
 def test_split_by_duration(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag", split_duration=1.0) as bag:
         topic = bag.add_topic(chatter())
@@ -148,6 +150,7 @@ def test_split_by_duration(tmp_path: Path) -> None:
     assert [file["message_count"] for file in files] == [10, 10, 10, 5]
 
 
+@pytest.mark.slow
 def test_full_disk_leaves_what_was_flushed(tmp_path: Path) -> None:
     """A file size limit stands for a full disk: the write fails half done in the same way."""
     program = textwrap.dedent(

@@ -179,6 +179,7 @@ def _messages(cls):
 any_message = st.sampled_from(m.MESSAGES).flatmap(_messages)
 
 
+@pytest.mark.slow
 @given(any_message, st.integers(0, 255), st.integers(1, 255), st.randoms(use_true_random=False))
 def test_every_message_survives_the_line_however_it_is_cut(message, seq, session, rng):
     board = m.Board.DRIVE if message.BOARD is m.Board.ANY else message.BOARD

@@ -65,6 +65,7 @@ def test_the_table_has_a_row_per_drive(campaign):
         assert part in text
 
 
+@pytest.mark.slow
 def test_the_figure_is_written(campaign, tmp_path):
     plot_campaign(campaign, TRUTH, tmp_path / "report.png")
     assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")

@@ -7,6 +7,7 @@ import pytest
 from tricycle_cli.main import main
 
 
+@pytest.mark.slow
 def test_the_command_writes_one_file_and_says_where(folder, capsys):
     assert main(["report", str(folder), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -40,6 +41,7 @@ def test_a_mistake_is_one_line_and_nothing_is_written(content, message, tmp_path
     assert {p.name for p in tmp_path.iterdir()} == set(content)
 
 
+@pytest.mark.slow
 def test_the_report_of_identify_is_left_alone(identified, tmp_path):
     (tmp_path / "identification.json").write_text(json.dumps(identified))
     (tmp_path / "report.html").write_text("of identify")

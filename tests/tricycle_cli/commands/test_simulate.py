@@ -26,6 +26,7 @@ def read(path):
     return np.genfromtxt(path, delimiter=",", names=True)
 
 
+@pytest.mark.slow
 def test_replays_commands_into_a_csv(tricycle, commands, tmp_path, capsys):
     output = tmp_path / "out.csv"
     assert tricycle("simulate", "--commands", commands, "--output", output, "--plot", "--json") == 0
@@ -52,6 +53,7 @@ def test_makes_the_commands_of_a_maneuver(tricycle, tmp_path, capsys):
     assert "rows of 1 vehicle" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_set_changes_the_vehicle_and_samples_spread_it(tricycle, commands, tmp_path):
     base, soft, many = (tmp_path / name for name in ("a.csv", "b.csv", "c.csv"))
     tricycle("simulate", "--commands", commands, "--output", base)
@@ -65,6 +67,7 @@ def test_set_changes_the_vehicle_and_samples_spread_it(tricycle, commands, tmp_p
     assert len(np.unique(table["cornering_stiffness"])) == 3
 
 
+@pytest.mark.slow
 def test_another_vehicle_needs_nothing_but_its_file(tricycle, commands, tmp_path, capsys):
     output = tmp_path / "cargo.csv"
     tricycle("simulate", "--commands", commands, "--vehicle", CARGO, "--output", output)

@@ -186,6 +186,7 @@ def test_without_a_terminal_nothing_is_asked(tricycle, tmp_path, monkeypatch):
         tricycle("vehicle", "new", tmp_path / "mine.yaml")
 
 
+@pytest.mark.slow
 def test_what_follows_from_a_vehicle_is_printed(tricycle, capsys):
     tricycle("vehicle", "show", "urdf", CARGO)
     assert ElementTree.fromstring(capsys.readouterr().out).get("name") == "cargo_tadpole"

@@ -76,6 +76,7 @@ def found():
     )
 
 
+@pytest.mark.slow
 def test_the_page_begins_with_the_parameters_and_what_the_drives_do_not_show(found):
     page = identification_page(found)
     for text in ("600 ± 5", "590 – 611", "601 ✓", "not shown", "gyro bias", "0.1 ± 0.01"):
@@ -84,6 +85,7 @@ def test_the_page_begins_with_the_parameters_and_what_the_drives_do_not_show(fou
     assert page.count("<img") == 3
 
 
+@pytest.mark.slow
 def test_without_profiles_there_is_no_figure_of_them(found):
     plain = {name: dataclasses.replace(e, profile=None) for name, e in found.parameters.items()}
     page = identification_page(dataclasses.replace(found, parameters=plain))

@@ -19,6 +19,7 @@ VEHICLE = load_vehicle()
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 
 
+@pytest.mark.slow
 def test_the_table_says_what_was_measured(folder):
     page = run_page(read_run(folder), vehicle=VEHICLE)
     table = page.partition("<h2>Results</h2>")[2].partition("</table>")[0]
@@ -33,6 +34,7 @@ def test_a_bag_that_cannot_be_judged_is_shown_with_its_reason(record_drive, tmp_
     assert "Not judged" in run_page(read_run(tmp_path), vehicle=VEHICLE)
 
 
+@pytest.mark.slow
 def test_loads_carry_the_vehicle_and_belong_to_the_plans_vehicle(plan):
     loads = wheel_loads(VEHICLE, plan)
     carried = sum(loads.by_wheel.values())
@@ -42,6 +44,7 @@ def test_loads_carry_the_vehicle_and_belong_to_the_plans_vehicle(plan):
     assert "No wheel loads" in run_page(run, vehicle=VEHICLE)
 
 
+@pytest.mark.slow
 def test_an_identification_is_shown_with_its_profiles(identified, tmp_path):
     (tmp_path / "identification.json").write_text(json.dumps(identified))
     page = run_page(read_run(tmp_path), vehicle=VEHICLE)

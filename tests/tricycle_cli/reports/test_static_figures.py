@@ -10,6 +10,7 @@ from tricycle_cli.reports.static_figures import plot_drives, plot_plan
 PNG, SVG = b"\x89PNG", b"<?xml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "begin"), [("png", PNG), ("svg", SVG)])
 def test_a_plan_is_drawn_in_the_format_of_the_suffix(suffix, begin, plan, tmp_path):
     plot_plan(plan, tmp_path / f"plan.{suffix}")
@@ -25,6 +26,7 @@ def test_what_a_set_will_teach_is_drawn_too(plan, tmp_path):
     assert alone != of_set
 
 
+@pytest.mark.slow
 def test_drives_are_drawn_beside_each_other(record_drive, tmp_path):
     record_drive(tmp_path / "bag")
     judgement = judge(tmp_path / "bag")

@@ -111,6 +111,7 @@ def test_a_drive_is_the_same_every_time():
     assert ends[0] == ends[1]
 
 
+@pytest.mark.slow
 def test_mujoco_is_imported_for_its_plant_only():
     code = (
         "import sys, tricycle_sim.sim_node\n"

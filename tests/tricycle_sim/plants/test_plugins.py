@@ -43,6 +43,7 @@ def drive(rig, angle, speed, seconds):
     return host
 
 
+@pytest.mark.slow
 def test_the_plant_of_the_how_to_is_listed_and_driven_by_the_emulated_boards(bicycle):
     rig = EmulatedRig(VEHICLE, plant=bicycle())
     assert plant_names()[0] == "own"

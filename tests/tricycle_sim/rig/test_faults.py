@@ -149,6 +149,7 @@ def test_a_board_measures_its_supply(driven, kind, board):
     assert host.bridge.links[board].telemetry.supply == pytest.approx(9000, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [FaultKind.STEER_RESET, FaultKind.DRIVE_RESET])
 @pytest.mark.parametrize("hangs", [False, True])
 def test_a_reset_or_hanging_board_stops_the_vehicle(driven, kind, hangs):
@@ -162,6 +163,7 @@ def test_a_reset_or_hanging_board_stops_the_vehicle(driven, kind, hangs):
     assert abs(host.rig.state.vx) < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [FaultKind.STEER_CABLE, FaultKind.DRIVE_CABLE])
 def test_a_pulled_cable_stops_the_vehicle_and_a_plugged_one_resets_the_board(driven, kind):
     host = driven(kind, AT + 5.0, end=AT + 3.0)

@@ -149,6 +149,7 @@ def test_a_file_may_list_its_wheels_and_laws(tmp_path):
     assert front / rear == pytest.approx(0.7 / 0.9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "message"),
     [
