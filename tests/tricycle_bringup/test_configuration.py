@@ -48,9 +48,7 @@ def test_what_is_no_vehicle_file_is_named(tmp_path):
 
 
 def test_the_boards_drive_no_motor_without_a_speed_loop(without_speed_loop):
-    with pytest.raises(
-        VehicleError, match=r"parts\.motor: direct_torque has no speed loop"
-    ):
+    with pytest.raises(VehicleError, match=r"parts\.motor: direct_torque has no speed loop"):
         bridge_settings(without_speed_loop)
 
 

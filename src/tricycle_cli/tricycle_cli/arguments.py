@@ -39,6 +39,22 @@ def add_range_options(parser: ArgumentParser) -> None:
     )
 
 
+def add_area_option(parser: ArgumentParser) -> None:
+    """Declare the option of the ground that plans stay on.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand that plans.
+    """
+    parser.add_argument(
+        "--area",
+        type=Path,
+        metavar="FILE",
+        help="YAML file of the ground to stay on, see docs/how-to-area.md (default: no limit)",
+    )
+
+
 def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, MeasurementNoise]) -> None:
     """Declare the options that say how a drive is measured.
 

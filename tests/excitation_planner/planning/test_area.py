@@ -70,3 +70,7 @@ def test_a_search_that_finds_nothing_says_what_comes_closest() -> None:
         plan_maneuver(asked)
     assert "the circle that comes closest (radius 2" in str(caught.value)
     assert "keep_in" in str(caught.value)
+    with pytest.raises(PlanError) as caught:
+        plan_maneuver(replace(asked, area=yard(40.0, 40.0), budget=10))
+    assert str(caught.value).startswith("budget = 10 is too small")
+    assert "keep_in" not in str(caught.value)  # which is large enough

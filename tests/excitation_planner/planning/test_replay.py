@@ -62,7 +62,5 @@ def test_a_maneuver_that_cannot_be_driven_is_infeasible_with_its_reason():
 
 
 def test_no_maneuver_is_planned_for_a_motor_without_a_speed_loop(without_speed_loop):
-    with pytest.raises(
-        PlanError, match=r"parts\.motor: direct_torque has no speed loop"
-    ):
+    with pytest.raises(PlanError, match=r"parts\.motor: direct_torque has no speed loop"):
         nominal_run(without_speed_loop, Circle(duration=3.0), np.array([2.0, 1.0]))

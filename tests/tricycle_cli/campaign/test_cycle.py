@@ -1,12 +1,14 @@
 """Campaigns: they end within the tolerance, go on after a kill, and refuse what does not fit."""
 
 import contextlib
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
 from excitation_planner import MeasurementNoise
+from excitation_planner.area.area import Area
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import load_plan
 from parameter_identification.drives.measured import Sensor, StartPose
@@ -110,6 +112,27 @@ def test_other_settings_do_not_continue_a_campaign(tmp_path):
     noise = MeasurementNoise(noise_std=0.02, yaw_rate_std=0.005)
     with pytest.raises(PlanError, match=r"other settings \(different: true_seed, noise_std\)"):
         Campaign(tmp_path / "c", request(noise=noise, true_seed=4))
+
+
+def test_another_area_does_not_continue_a_campaign(tmp_path):
+    yard = Area(np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 25.0], [0.0, 25.0]]))
+    Campaign(tmp_path / "c", request(area=yard))
+    assert Campaign(tmp_path / "c", request(area=dataclasses.replace(yard))).steps == ()
+    for other in (None, dataclasses.replace(yard, margin=1.0)):
+        with pytest.raises(PlanError, match=r"other settings \(different: area\)"):
+            Campaign(tmp_path / "c", request(area=other))
+
+
+@pytest.mark.slow
+def test_on_an_area_a_family_that_does_not_fit_is_left_out_and_named(tmp_path):
+    yard = Area(np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 25.0], [0.0, 25.0]]))
+    campaign = Campaign(tmp_path / "c", request(area=yard, budget=2600))
+    plan = campaign.plan(silent)
+    assert (plan.maneuver, plan.area is not None) == ("circle", True)
+    assert plan.clearance >= 0.0
+    (problem,) = campaign.left_out
+    assert problem.startswith("double_lane_change: ")
+    assert "m further out on every side would do" in problem
 
 
 def test_a_foreign_folder_or_a_damaged_state_is_left_alone(tmp_path):

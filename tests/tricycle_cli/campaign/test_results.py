@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from excitation_planner.area.area import Area
 from excitation_planner.maneuver import Circle
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from tricycle_cli.campaign.cycle import Campaign
 from tricycle_cli.campaign.request import CampaignRequest
-from tricycle_cli.campaign.results import campaign_report, campaign_table, plot_campaign
+from tricycle_cli.campaign.results import campaign_report, campaign_table, plot_campaign, plot_yard
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_sim.vehicle import load_vehicle
 
@@ -69,3 +70,10 @@ def test_the_table_has_a_row_per_drive(campaign):
 def test_the_figure_is_written(campaign, tmp_path):
     plot_campaign(campaign, TRUTH, tmp_path / "report.png")
     assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_every_drive_is_drawn_on_the_yard(campaign, record_drive, tmp_path):
+    record_drive(tmp_path / "bags" / "01")
+    area = Area(np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]))
+    plot_yard(campaign, area, tmp_path / "yard.png")
+    assert (tmp_path / "yard.png").read_bytes().startswith(b"\x89PNG")

@@ -95,7 +95,7 @@ def plan_set(
         if (room := _room(request)) is None:
             raise
         remedies = (closest_fit(request.vehicle, family, room) for family in request.families)
-        raise PlanError(f"{error}; {'; '.join(dict.fromkeys(remedies))}") from error
+        raise PlanError("; ".join(filter(None, dict.fromkeys([str(error), *remedies])))) from error
     return _plans(request, judged, design, began)
 
 

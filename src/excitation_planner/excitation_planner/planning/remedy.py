@@ -22,6 +22,8 @@ _HALVINGS = 4  # of the last of them
 def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
     """Return what a family lacks that does not fit an area at all, and what would be enough.
 
+    Empty where one of its maneuvers fits.
+
     Parameters
     ----------
     vehicle : Vehicle
@@ -35,10 +37,13 @@ def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
     corners = np.array(list(itertools.product((0.0, 1.0), repeat=min(len(box), 4))))
     corners = np.pad(corners, ((0, 0), (0, len(box) - corners.shape[1])), constant_values=0.5)
     tried = box.from_unit(np.vstack([corners, sobol_sequence(_INSIDE, len(box))]))
-    found = [(shortage, x) for x in tried if (shortage := _shortage(vehicle, family, room, x))]
+    shortages = ((_shortage(vehicle, family, room, x), x) for x in tried)
+    found = [(shortage, x) for shortage, x in shortages if shortage is not None]
     if not found:
         return f"none of {len(tried)} maneuvers of {family.name} can be driven"
     shortage, x = min(found, key=lambda pair: pair[0])
+    if shortage <= 0.0:
+        return ""
     return (
         f"the {family.name} that comes closest ({_named(family, x)}) needs {shortage:.2f} m more: "
         f"{_larger(room, shortage)}"

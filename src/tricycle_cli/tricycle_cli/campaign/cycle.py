@@ -23,6 +23,7 @@ from parameter_identification.identification_file import document_of
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_cli.operation.session import DrivePlan
+from tricycle_core.documents import encode
 from tricycle_core.errors import DesignError, PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
@@ -65,6 +66,8 @@ class Campaign:
     ----------
     steps : tuple of Step
         Drives so far; the last one may be unfinished.
+    left_out : tuple of str
+        Families that had no maneuver for the last plan, with the reason.
 
     Raises
     ------
@@ -75,6 +78,7 @@ class Campaign:
     def __init__(self, folder: Path, request: CampaignRequest) -> None:
         self.folder, self.request = folder, request
         self.steps: tuple[Step, ...] = ()
+        self.left_out: tuple[str, ...] = ()
         if self._state.exists():
             self.steps = self._read()
         elif folder.exists() and any(folder.iterdir()):
@@ -89,11 +93,10 @@ class Campaign:
 
     def _read(self) -> tuple[Step, ...]:
         state = CampaignState.read(self._state)
-        wanted, found = (
-            vars(settings) | vars(settings.noise)
-            for settings in (self.request.settings(), state.settings)
-        )
-        different = [name for name in wanted if name != "noise" and found[name] != wanted[name]]
+        wanted, found = map(encode, (self.request.settings(), state.settings))
+        for values in (wanted, found):
+            values |= values.pop("noise")
+        different = [name for name in wanted if found[name] != wanted[name]]
         if different:
             raise PlanError(
                 f"{self.folder}: is a campaign with other settings (different: "
@@ -164,10 +167,11 @@ class Campaign:
             try:
                 with progress(f"planning {family.name} for {target}") as report:
                     plans.append(plan_maneuver(request, progress=report))
-            except DesignError as error:
+            except (DesignError, PlanError) as error:
                 problems.append(f"{family.name}: {error}")
         if not plans:
             raise PlanError(f"no family has a maneuver for {target}: {'; '.join(problems)}")
+        self.left_out = tuple(problems)
         plan = min(plans, key=lambda plan: plan.criterion_cost)
         step = Step(
             target=target,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from excitation_planner.area.area import Area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import ManeuverFamily
@@ -50,6 +51,8 @@ class Settings:
         Of the simulated vehicle's hidden parameters; None: the real vehicle.
     ranges : mapping of str to (float, float)
         The search box, by ``FAMILY.NAME``.
+    area : Area, optional
+        Ground that the drives stay on.
     """
 
     vehicle: str
@@ -59,6 +62,7 @@ class Settings:
     noise: MeasurementNoise
     true_seed: int | None
     ranges: Mapping[str, tuple[float, float]]
+    area: Area | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,8 @@ class CampaignRequest:
         How each drive will be measured.
     true_seed : int, optional
         Of the simulated vehicle's hidden parameters; None: the real vehicle.
+    area : Area, optional
+        Ground that the drives stay on.
 
     Raises
     ------
@@ -101,6 +107,7 @@ class CampaignRequest:
     seed: int = 0
     noise: MeasurementNoise = field(default_factory=MeasurementNoise)
     true_seed: int | None = None
+    area: Area | None = None
 
     def __post_init__(self) -> None:
         if not self.targets or len(set(self.targets)) < len(self.targets):
@@ -139,6 +146,7 @@ class CampaignRequest:
             seed=seed,
             noise=self.noise,
             prior=prior,
+            area=self.area,
         )
 
     def settings(self) -> Settings:
@@ -155,4 +163,5 @@ class CampaignRequest:
                 for family in self.families
                 for name, limits in family.operation.bounds().items()
             },
+            area=self.area,
         )

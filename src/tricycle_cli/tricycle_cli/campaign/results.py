@@ -10,8 +10,13 @@ from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from excitation_planner.area.area import Area
+from parameter_identification.drives.recorded import read_drive
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
-from tricycle_core.palette import BLUE, VERMILLION
+from tricycle_cli.reports.static_figures import draw_borders
+from tricycle_core.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
+
+FAMILIES = (BLUE, GREEN, ORANGE, PURPLE)  # on the yard
 
 
 def campaign_report(campaign: Campaign, truth: Mapping[str, float] | None = None) -> dict[str, Any]:
@@ -96,6 +101,41 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
         for after, name in zip_longest(["hidden truth"], campaign.request.targets, fillvalue=""):
             table.add_row(after, name, f"{truth[name]:.5g}", "")
     return table
+
+
+def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
+    """Draw every drive on its area, to scale, as the localisation has seen the vehicle.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What to show; its bags are read.
+    area : Area
+        Where it was driven.
+    path : Path
+        Image to be written; its suffix gives the format.
+    """
+    figure = Figure(figsize=(7.2, 8.4), layout="constrained")
+    axes = figure.subplots()
+    draw_borders(axes, area)
+    families = [family.name for family in campaign.request.families]
+    for number, step in enumerate(campaign.steps, start=1):
+        if not step.driven:
+            continue
+        poses = read_drive(campaign.folder / step.bag, sensors=False).poses
+        color = FAMILIES[families.index(step.maneuver) % len(FAMILIES)]
+        axes.plot(poses.x, poses.y, color=color, linewidth=1.0)
+        axes.plot(poses.x[0], poses.y[0], "o", color=color)
+        axes.annotate(
+            str(number), (poses.x[0], poses.y[0]), xytext=(5, 5), textcoords="offset points"
+        )
+    for name, color in zip(families, FAMILIES, strict=False):
+        axes.plot([], [], "o-", color=color, label=f"{name.replace('_', ' ')}, from its start")
+    axes.set(xlabel=f"x in {area.frame} / m", ylabel=f"y in {area.frame} / m")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2)
+    figure.savefig(path, dpi=150)
 
 
 def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:

@@ -9,9 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from excitation_planner.area.area import load_area
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_names
 from tricycle_cli.arguments import (
+    add_area_option,
     add_noise_options,
     add_range_options,
     families_of,
@@ -37,6 +39,8 @@ EXAMPLE = """\
 examples:
   tricycle campaign --targets cornering_stiffness,camber_stiffness --tolerance 5% \\
       --output out/campaign --true-seed 1
+  tricycle campaign --targets cornering_stiffness --tolerance 5% --area yard.yaml \\
+      --output out/yard
   tricycle campaign --targets cornering_stiffness --tolerance 2% --vehicle-nodes \\
       --vehicle mine.yaml --output out/mine
 """
@@ -75,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_range_options(parser)
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_area_option(parser)
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
     add("--seed", type=seed, default=0, help="of the plans")
@@ -102,7 +107,12 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from tricycle_cli.campaign.cycle import Campaign
-    from tricycle_cli.campaign.results import campaign_report, campaign_table, plot_campaign
+    from tricycle_cli.campaign.results import (
+        campaign_report,
+        campaign_table,
+        plot_campaign,
+        plot_yard,
+    )
     from tricycle_cli.operation.session import hidden_truth
 
     check_installed("rclpy", "a campaign")
@@ -117,6 +127,7 @@ def run(args: argparse.Namespace) -> int:
         seed=args.seed,
         noise=noise_of(args, MeasurementNoise() if args.vehicle_nodes else SIMULATED),
         true_seed=None if args.vehicle_nodes else args.true_seed,
+        area=None if args.area is None else load_area(args.area),
     )
     campaign = Campaign(args.output, request)
     console = Console(stderr=True)
@@ -130,6 +141,8 @@ def run(args: argparse.Namespace) -> int:
     report, table = campaign_report(campaign, truth), campaign_table(campaign, truth)
     write_whole(args.output / "report.json", json.dumps(report, indent=1) + "\n")
     plot_campaign(campaign, truth, args.output / "report.png")
+    if request.area is not None:
+        plot_yard(campaign, request.area, args.output / "yard.png")
     with (args.output / "report.txt").open("w", encoding="utf-8") as file:
         Console(file=file, width=120).print(table)
     if args.json:
@@ -184,6 +197,8 @@ def _step(campaign: Campaign, drive: DrivePlan, console: Console) -> None:
     """Plan, drive and identify once, or what is left of that."""
     number = len(campaign.steps) + (not campaign.steps or campaign.steps[-1].driven)
     campaign.plan(progress_bar)
+    for problem in campaign.left_out:
+        console.print(f"drive {number}: without {problem}", highlight=False, soft_wrap=True)
     step = campaign.steps[-1]
     values = ", ".join(f"{name} {value:.3g}" for name, value in step.operation.items())
     console.print(f"drive {number}: {step.maneuver} ({values}) for {step.target}", highlight=False)

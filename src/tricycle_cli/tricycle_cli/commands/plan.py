@@ -15,6 +15,7 @@ from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_names, operation_point, shown_ranges
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import (
+    add_area_option,
     add_noise_options,
     add_range_options,
     families_of,
@@ -76,12 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: c; h with --noise-std 0)",
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
-    add(
-        "--area",
-        type=Path,
-        metavar="FILE",
-        help="YAML file of the ground to stay on, see docs/how-to-area.md (default: no limit)",
-    )
+    add_area_option(parser)
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
     add("--seed", type=seed, default=0, help="same seed, same plan")
     add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")

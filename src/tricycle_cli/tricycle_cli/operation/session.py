@@ -1,5 +1,6 @@
 """Sessions: nodes, simulated or of the vehicle, on which plans are driven."""
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -173,10 +174,15 @@ def running_session(
 
 def _wait_for_enter(plan: Plan) -> None:
     along, across, stop = plan.space
+    start = "its start"
+    if plan.area is not None and plan.start_pose is not None:
+        x, y, heading = plan.start_pose
+        degrees = math.degrees(heading)
+        start = f"x {x:.2f} m, y {y:.2f} m, heading {degrees:.1f}° in {plan.area.frame}"
     try:
         input(
             f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
-            f"{across:.0f} m and {stop:.0f} m to stop: vehicle at its start and armed? "
+            f"{across:.0f} m and {stop:.0f} m to stop: vehicle at {start}, and armed? "
             "Enter drives, Ctrl-C leaves "
         )
     except EOFError:

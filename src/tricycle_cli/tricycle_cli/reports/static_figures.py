@@ -94,16 +94,29 @@ def _draw_on_area(
 
     fill(plan.stopping_zone, "0.87", "with stops from any point")
     fill(plan.tube, "0.72", "vehicles of the ranges")
-    for number, corners in enumerate((area.keep_in, *area.keep_out)):
-        closed = np.vstack([corners, corners[:1]])
-        names = {0: "keep in", 1: "keep out"}
-        axes.plot(*closed.T, color=MEASURED if number else "0.2", label=names.get(number))
+    draw_borders(axes, area)
     x, y, heading = start_pose
     reference = np.column_stack([plan.reference.x, plan.reference.y])
     axes.plot(*placed(reference, x, y, heading).T, color=REFERENCE, label="nominal trajectory")
     tip = (x + 1.5 * math.cos(heading), y + 1.5 * math.sin(heading))
     axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE})
     axes.plot(x, y, "o", color=REFERENCE, label=f"start; {plan.clearance:.2f} m to the border")
+
+
+def draw_borders(axes: Axes, area: Area) -> None:
+    """Draw the polygons of an area.
+
+    Parameters
+    ----------
+    axes : Axes
+        In metres.
+    area : Area
+        What to draw.
+    """
+    for number, corners in enumerate((area.keep_in, *area.keep_out)):
+        closed = np.vstack([corners, corners[:1]])
+        names = {0: "keep in", 1: "keep out"}
+        axes.plot(*closed.T, color=MEASURED if number else "0.2", label=names.get(number))
 
 
 def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
