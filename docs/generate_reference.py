@@ -7,7 +7,6 @@ A test fails where a page is stale.
 
 import argparse
 import dataclasses
-import importlib
 import inspect
 import json
 import os
@@ -16,8 +15,8 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from importlib.metadata import entry_points
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any
 
 from numpydoc.docscrape import NumpyDocString
@@ -209,12 +208,15 @@ def _attributes(described: type) -> list[tuple[list[str], str, str]]:
 # --- nodes ----------------------------------------------------------------------------------------
 
 NODES = {
-    "excitation_planner": "ExcitationPlanner",
-    "maneuver_driver": "ManeuverDriver",
-    "tricycle_bridge": "BridgeNode",
-    "tricycle_sim": "TricycleSim",
-    "trajectory_recorder": "TrajectoryRecorder",
-    "bag_replayer": "BagReplayer",
+    "excitation_planner": "excitation_planner.planner_node:ExcitationPlanner",
+    "maneuver_driver": "excitation_planner.maneuver_driver_node:ManeuverDriver",
+    "tricycle_bridge": "tricycle_bridge.bridge_node:BridgeNode",
+    "tricycle_sim": "tricycle_sim.sim_node:TricycleSim",
+    "trajectory_recorder": "trajectory_recorder.recorder_node:TrajectoryRecorder",
+    "bag_replayer": "trajectory_recorder.replayer_node:BagReplayer",
+    "identification_monitor": (
+        "parameter_identification.identification_monitor_node:IdentificationMonitor"
+    ),
 }
 OF_EVERY_NODE = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
@@ -239,7 +241,6 @@ def _node(name: str) -> Iterator[Any]:
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    script = next(entry for entry in entry_points(group="console_scripts") if entry.name == name)
     before = Path.cwd()
     with tempfile.TemporaryDirectory() as folder:
         os.environ |= {"ROS_LOG_DIR": folder, "ROS_AUTOMATIC_DISCOVERY_RANGE": "OFF"}
@@ -248,7 +249,7 @@ def _node(name: str) -> Iterator[Any]:
         if name == "bag_replayer":
             arguments = ["--ros-args", "-p", f"bag:={_small_bag(Path(folder) / 'bag')}"]
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        node = getattr(importlib.import_module(script.module), NODES[name])()
+        node = resolve_name(NODES[name])()
         try:
             yield node
         finally:
@@ -310,10 +311,10 @@ def _interfaces(node: Any, name: str) -> Iterator[str]:
 def nodes_help() -> str:
     """What `--help` of the nodes says: by class, the node's name and rows of its parameters."""
     rows = {}
-    for name, kind in NODES.items():
+    for name, where in NODES.items():
         with _node(name) as node:
             shown = [[cell.strip("`") for cell in row] for row in _parameter_rows(node)]
-            rows[kind] = [name, shown]
+            rows[where.partition(":")[2]] = [name, shown]
     return json.dumps(rows, indent=1, ensure_ascii=False) + "\n"
 
 

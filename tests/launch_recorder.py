@@ -14,6 +14,17 @@ import tricycle_bringup.configuration  # noqa: F401 - patch.dict would unload wh
 ROOT = Path(__file__).parents[1]
 LAUNCH_FOLDER = ROOT / "src" / "tricycle_bringup" / "launch"
 LAUNCH_FILES = sorted(path.name for path in LAUNCH_FOLDER.iterdir())
+NODES = {
+    "excitation_planner": "excitation_planner.planner_node:ExcitationPlanner",
+    "maneuver_driver": "excitation_planner.maneuver_driver_node:ManeuverDriver",
+    "tricycle_bridge": "tricycle_bridge.bridge_node:BridgeNode",
+    "tricycle_sim": "tricycle_sim.sim_node:TricycleSim",
+    "trajectory_recorder": "trajectory_recorder.recorder_node:TrajectoryRecorder",
+    "bag_replayer": "trajectory_recorder.replayer_node:BagReplayer",
+    "identification_monitor": (
+        "parameter_identification.identification_monitor_node:IdentificationMonitor"
+    ),
+}
 
 
 def project_scripts():

@@ -1,14 +1,18 @@
-"""What is run again: a failed test in real time, after a pause, and nothing else."""
+"""What is run again: a failed test in real time, after a pause; what a pause is to its clock."""
 
 import subprocess
 import sys
 from pathlib import Path
 
-CONFTEST = "from stalls import pytest_runtest_protocol, pytest_terminal_summary\n"
+CONFTEST = """
+import stalls
+from stalls import pytest_runtest_protocol, pytest_terminal_summary
+stalls.QUIET = 0.1
+"""
 TESTS = '''
-import ctypes, time
+import ctypes, signal, time
 from pathlib import Path
-import pytest
+import pytest, stalls
 
 @pytest.fixture
 def plc_pair():
@@ -20,8 +24,16 @@ def runs(name):
     path.write_text(path.read_text() + "x" if path.exists() else "x")
     return len(path.read_text())
 
+def hold():
+    ctypes.PyDLL(None).usleep(300_000)  # holds the interpreter's lock: no other thread runs
+
 def pause():
-    ctypes.PyDLL(None).usleep(300_000)  # holds the interpreter's lock: no thread runs
+    """As a processor that stands still: neither this process runs nor the one that notes it."""
+    noting = stalls._watch.processes[0]
+    noting.send_signal(signal.SIGSTOP)
+    hold()
+    noting.send_signal(signal.SIGCONT)
+    ctypes.PyDLL(None).usleep(50_000)  # it notes it
 
 def test_paused_once(plc_pair):
     if runs("paused_once") == 1:
@@ -35,15 +47,29 @@ def test_paused_always(plc_pair):
 
 def test_failed_without_a_pause(plc_pair):
     runs("no_pause")
-    raise AssertionError("a race")
+    hold()
+    raise AssertionError("a race, or a call that keeps the interpreter for itself")
 
 def test_passed_with_a_pause(plc_pair):
     runs("passed")
     pause()
 
+def test_its_clock_does_not_count_a_pause(plc_pair):
+    runs("own_clock")
+    begun = time.monotonic()
+    pause()
+    assert time.monotonic() - begun < 0.1
+
+@pytest.mark.ros
+def test_the_clock_of_others_counts_a_pause():
+    runs("others_clock")
+    begun = time.monotonic()
+    pause()
+    assert time.monotonic() - begun >= 0.3
+
 def test_not_in_real_time():
     runs("no_real_time")
-    pause()
+    hold()
     raise AssertionError("wrong")
 '''
 
@@ -58,11 +84,12 @@ def test_only_a_failure_after_a_pause_in_real_time_is_run_again(tmp_path):
         capture_output=True,
         text=True,
     )  # fmt: skip
-    assert "3 failed, 2 passed" in done.stdout, done.stdout + done.stderr
+    assert "2 failed, 4 passed, 1 skipped" in done.stdout, done.stdout + done.stderr
     runs = {p.name: len(p.read_text()) for p in tmp_path.iterdir() if not p.suffix and p.is_file()}
     assert runs == {
-        "paused_once": 2, "paused_always": 3, "no_pause": 1, "passed": 1, "no_real_time": 1
+        "paused_once": 2, "paused_always": 4, "no_pause": 1, "passed": 1, "no_real_time": 1,
+        "own_clock": 1, "others_clock": 1,
     }  # fmt: skip
     again = [line for line in done.stdout.splitlines() if line.startswith("run again")]
-    assert len(again) == 3
+    assert len(again) == 4
     assert sum("::test_paused_once" in line for line in again) == 1

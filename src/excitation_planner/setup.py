@@ -21,8 +21,8 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "excitation_planner = excitation_planner.planner_node:main",
-            "maneuver_driver = excitation_planner.maneuver_driver_node:main",
+            "excitation_planner = excitation_planner.executables:excitation_planner",
+            "maneuver_driver = excitation_planner.executables:maneuver_driver",
         ],
         "excitation_planner.maneuvers": [
             "circle = excitation_planner.maneuver:Circle",

@@ -19,4 +19,9 @@ setup(
     maintainer_email="maintainers@example.org",
     description="JUDGE and IDENTIFY: trajectory error of bags, parameter estimates",
     license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "identification_monitor = parameter_identification.executables:identification_monitor",
+        ],
+    },
 )

@@ -21,8 +21,8 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "trajectory_recorder = trajectory_recorder.recorder_node:main",
-            "bag_replayer = trajectory_recorder.replayer_node:main",
+            "trajectory_recorder = trajectory_recorder.executables:trajectory_recorder",
+            "bag_replayer = trajectory_recorder.executables:bag_replayer",
         ]
     },
 )

@@ -21,7 +21,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "tricycle_bridge = tricycle_bridge.bridge_node:main",
+            "tricycle_bridge = tricycle_bridge.executables:tricycle_bridge",
         ]
     },
 )

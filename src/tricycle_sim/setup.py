@@ -21,7 +21,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "tricycle_sim = tricycle_sim.sim_node:main",
+            "tricycle_sim = tricycle_sim.executables:tricycle_sim",
         ],
         "tricycle_sim.plants": [
             "mujoco = tricycle_sim.plants.mujoco_plant:MujocoPlant",

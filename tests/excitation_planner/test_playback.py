@@ -488,6 +488,15 @@ def test_an_area_of_another_stamp_means_no_start_and_an_empty_one_no_fence():
     assert not playback.fenced
 
 
+def test_a_plan_whose_ground_is_still_on_its_way_is_not_started_without_it():
+    playback = ready(ground_needed=True)
+    with pytest.raises(PlanError, match=r"nothing on maneuver/ground .* or set unfenced_plans"):
+        playback.start(10.0)
+    playback.load_area("ground", ("", ()))
+    playback.start(10.0)
+    assert not playback.fenced
+
+
 @pytest.mark.parametrize(
     ("pose", "reason"),
     [

@@ -25,6 +25,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from excitation_planner.maneuver_driver_node import ManeuverDriver
 from excitation_planner.planner_node import ExcitationPlanner
+from parameter_identification.identification_monitor_node import IdentificationMonitor
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import message_class
 from trajectory_recorder.recorder_node import TrajectoryRecorder
@@ -175,7 +176,9 @@ def spun(on_simulated_time):
         node.destroy_node()
 
 
-@pytest.mark.parametrize("factory", [BridgeNode, ManeuverDriver, ExcitationPlanner])
+@pytest.mark.parametrize(
+    "factory", [BridgeNode, ManeuverDriver, ExcitationPlanner, IdentificationMonitor]
+)
 def test_a_node_outlives_every_message(spun, factory):
     node, spin = spun(factory)
     assert deliver(node, spin) >= 72

@@ -1,25 +1,17 @@
 """Every parameter of the launch files and their YAML is one that its node declares."""
 
-import importlib
 import subprocess
 import sys
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 import rclpy
-from launch_recorder import LAUNCH_FILES, launched_nodes, project_scripts
+from launch_recorder import LAUNCH_FILES, NODES, launched_nodes
 from rclpy.parameter import Parameter
 
 pytestmark = pytest.mark.ros
 
-NODES = {
-    "tricycle_sim": "TricycleSim",
-    "tricycle_bridge": "BridgeNode",
-    "excitation_planner": "ExcitationPlanner",
-    "maneuver_driver": "ManeuverDriver",
-    "trajectory_recorder": "TrajectoryRecorder",
-    "bag_replayer": "BagReplayer",
-}
 BUILT_IN = ("use_sim_time", "start_type_description_service", "qos_overrides.")
 
 
@@ -30,9 +22,7 @@ def declared(ros_environment, tmp_path, monkeypatch):
     rclpy.init()
 
     def describe(executable):
-        module = project_scripts()[executable].partition(":")[0]
-        node_class = getattr(importlib.import_module(module), NODES[executable])
-        node = node_class()
+        node = resolve_name(NODES[executable])()
         try:
             return {d.name: d for d in node.describe_parameters(list(node._parameters))}
         finally:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PolygonStamped, PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rcl_interfaces.srv import SetParameters
@@ -194,6 +194,7 @@ class Chain:
         publisher = self.node.create_publisher
         self._commands = publisher(JointTrajectory, "maneuver/commands", LATCHED)
         self._path = publisher(PathMessage, "maneuver/path", LATCHED)
+        self._ground = publisher(PolygonStamped, "maneuver/ground", LATCHED)
         self._readiness = publisher(DiagnosticStatus, "vehicle/state", LATCHED)
         self._odom = publisher(Odometry, "odom", 10)
         self.pose = Odometry()
@@ -211,9 +212,13 @@ class Chain:
     def values(self):
         return {v.key: v.value for v in self.state[0].values} if self.state else {}
 
-    def plan(self, plan_id, *, path=((0.0, 0.0), (60.0, 0.0))):
-        """Publish a straight plan of a minute, and its path unless that is None."""
+    def plan(self, plan_id, *, path=((0.0, 0.0), (60.0, 0.0)), ground=True):
+        """Publish a straight plan of a minute without an area, and its path unless that is None."""
         stamp = self.node.get_clock().now().to_msg()
+        if ground:
+            message = PolygonStamped()
+            message.header.stamp = stamp
+            self._ground.publish(message)
         if path is not None:
             message = PathMessage(poses=[PoseStamped() for _ in path])
             message.header.stamp = stamp
@@ -271,6 +276,12 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     chain.pose.header.frame_id, chain.pose.pose.pose.position.x = "odom", 7.0
     origin = chain.observer.newest(PoseStamped, "maneuver/start", LATCHED)
     chain.posing = True
+    chain.plan("groundless", ground=False)
+    chain.wait_for(plan_id="groundless", state="waiting")
+    groundless = "nothing on maneuver/ground with the stamp of the commands"
+    chain.observer.wait(lambda: chain.refused().startswith(groundless), "the refusal")
+    chain.plan("whole")
+    chain.wait_for(plan_id="whole", state="waiting")
     chain.start()
     chain.observer.wait(lambda: origin, "where the path lies")
     assert (origin[0].header.frame_id, origin[0].pose.position.x) == ("odom", 7.0)

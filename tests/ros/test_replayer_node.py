@@ -28,6 +28,7 @@ from tricycle_core.nodes import LATCHED
 
 pytestmark = pytest.mark.ros
 TYPE = "std_msgs/msg/String"
+EVERY_ONE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
 @pytest.fixture
@@ -90,8 +91,7 @@ def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
     heard: list[str] = []
     plans: list[str] = []
     clock: list[float] = []
-    every_one = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
-    ros_node.create_subscription(String, "moved", lambda m: heard.append(m.data), every_one)
+    ros_node.create_subscription(String, "moved", lambda m: heard.append(m.data), EVERY_ONE)
     ros_node.create_subscription(
         Clock, "/clock", lambda m: clock.append(m.clock.sec + m.clock.nanosec * 1e-9), 100
     )
@@ -116,9 +116,7 @@ def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
 
 def test_start_set_while_held_jumps(replayer, ros_node: Node, bag: Path) -> None:  # type: ignore[no-untyped-def]
     heard: list[str] = []
-    ros_node.create_subscription(
-        String, "odom", lambda m: heard.append(m.data), qos_profile_sensor_data
-    )
+    ros_node.create_subscription(String, "odom", lambda m: heard.append(m.data), EVERY_ONE)
     r = replayer("-p", f"bag:={bag}", "-p", "paused:=true")
     r.wait(lambda: ros_node.count_publishers("/odom") == 1)
 

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -32,9 +33,9 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_is_still_running(
     ros_environment, ros_node, tmp_path
 ):
-    def save(name, duration):
+    def save(name, duration, vehicle=None):
         family = Circle(duration=duration)
-        request = PlanRequest(load_vehicle(), family, "cornering_stiffness", samples=50)
+        request = PlanRequest(load_vehicle(vehicle), family, "cornering_stiffness", samples=50)
         plan = plan_at(request, np.array([2.5, 1.0]))
         save_plan(plan, tmp_path / name)
         return plan.id
@@ -66,10 +67,10 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
     def armed():
         return services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True)).success
 
-    def drive(plan, bag):
+    def drive(plan, bag, *options):
         return subprocess.Popen(
             [Path(sys.executable).with_name("tricycle"), "drive", plan, "--bag", bag,
-             "--vehicle-nodes"],
+             "--vehicle-nodes", *options],
             cwd=tmp_path, env=ros_environment, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
 
@@ -107,5 +108,14 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
         finished = drive("short.json", "third")
         _, errors = finished.communicate(timeout=60)
         assert finished.returncode == 0, errors
+
+        longer = tmp_path / "longer.yaml"
+        text = (resources.files("tricycle_sim") / "tricycle.yaml").read_text()
+        longer.write_text(text.replace("axle: {value: 0.724", "axle: {value: 0.781"))
+        save("longer.json", 4.0, longer)
+        refused = drive("longer.json", "fourth", "--vehicle", longer)
+        _, errors = refused.communicate(timeout=60)
+        assert refused.returncode == 2
+        assert "another vehicle than tricycle: wheelbase 1.443 instead of 1.5" in errors
     executor.shutdown()
     assert judge(tmp_path / "third").matched_fraction == 1.0

@@ -8,7 +8,12 @@ import yaml
 
 from tricycle_bridge.kinematics import TurningGeometry
 from tricycle_bridge.settings import BridgeSettings
-from tricycle_bringup.configuration import SIMULATION_CONFIG, VEHICLE_CONFIG, bridge_parameters
+from tricycle_bringup.configuration import (
+    SIMULATION_CONFIG,
+    VEHICLE_CONFIG,
+    bridge_parameters,
+    check_bridge,
+)
 from tricycle_core.errors import VehicleError
 from tricycle_sim.vehicle import load_vehicle
 
@@ -39,3 +44,25 @@ def test_what_is_no_vehicle_file_is_named(tmp_path):
     file.write_text("wheels: 3")
     with pytest.raises(VehicleError, match=str(file)):
         bridge_parameters(str(file))
+
+
+def test_a_bridge_of_another_vehicle_is_named_by_what_differs():
+    vehicle = load_vehicle()
+    longer = vehicle.replace(com_to_front_axle=1.281)
+    check_bridge(vehicle, bridge_parameters(""))
+    with pytest.raises(VehicleError) as error:
+        check_bridge(longer, bridge_parameters(""))
+    assert str(error.value).startswith(
+        "tricycle_bridge was started for another vehicle than tricycle: wheelbase 1.443 instead of"
+    )
+    assert "tyre_radius" not in str(error.value)
+
+
+def test_a_bridge_may_have_lower_limits_and_other_values_of_what_is_to_be_found():
+    vehicle = load_vehicle()
+    check_bridge(vehicle, bridge_parameters("") | {"max_steering_angle": 0.3, "mass": 70.0})
+    unknown = dict(vehicle.unknown) | {"tyre_radius": (0.3, 0.35)}
+    check_bridge(
+        dataclasses.replace(vehicle.replace(tyre_radius=0.33), unknown=unknown),
+        bridge_parameters(""),
+    )

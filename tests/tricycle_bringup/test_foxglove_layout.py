@@ -18,7 +18,12 @@ VEHICLE = load_vehicle()
 TOPICS = {
     *("/maneuver/path", "/maneuver/reference", "/maneuver/state", "/odom", "/ground_truth"),
     *("/imu", "/joint_commands", "/joint_states", "/diagnostics", "/robot_description"),
-    *("/maneuver/start", "/foxglove_script/pose", "/foxglove_script/tf"),
+    *(
+        "/maneuver/start",
+        "/identification/estimates",
+        "/foxglove_script/pose",
+        "/foxglove_script/tf",
+    ),
     "/foxglove_script/maneuver_tf",
 }
 

@@ -143,6 +143,12 @@ class ManeuverDriver(Node):
             "s without maneuver/hold that end a run; 0: none has to be held",
             (0.0, 1.0),
         )
+        unfenced = declare(
+            self,
+            "unfenced_plans",
+            False,
+            "drive commands that come without maneuver/ground, from publishers that have none",
+        )
         self._name = self.get_fully_qualified_name()
         simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
@@ -152,6 +158,7 @@ class ManeuverDriver(Node):
             clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
             countdown=countdown,
             hold_timeout=hold,
+            ground_needed=not unfenced,
         )
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))

@@ -161,6 +161,9 @@ class Playback:
     hold_timeout : float
         Age of the newest word of the hold-to-run button beyond which the run is aborted [s]; 0:
         there is no button.
+    ground_needed : bool
+        Whether a plan has to say on what ground it may be driven, if only that there is none; a
+        plan whose ground has not come yet is then not driven without its fence.
     state : PlaybackState
         What it is doing.
     reason : str
@@ -179,6 +182,7 @@ class Playback:
     clock_tolerance: float = CLOCK_TOLERANCE
     countdown: float = 0.0
     hold_timeout: float = 0.0
+    ground_needed: bool = False
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
     start_time: float | None = None
@@ -449,7 +453,7 @@ class Playback:
 
     def _fence_of(self, plan: _Plan) -> Fence | None:
         """What keeps a plan's vehicle on its area; None without one."""
-        if not self._areas:
+        if not self._areas and not self.ground_needed:
             return None
         parts = self._areas.get(plan.stamp, {})
         if "ground" in parts and not parts["ground"][1]:
@@ -458,6 +462,11 @@ class Playback:
             raise PlanError(
                 f"nothing on maneuver/{missing[0]} with the stamp of the commands; publish both "
                 "with one stamp"
+                + (
+                    " (an empty one where there is no area), or set unfenced_plans"
+                    if missing[0] == "ground" and self.ground_needed
+                    else ""
+                )
             )
         frame, rings = parts["ground"]
         fence = Fence(frame, rings, parts["footprint"], parts["twist"], parts["planned_start"])

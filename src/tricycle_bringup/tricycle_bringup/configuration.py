@@ -1,6 +1,7 @@
 """Where the nodes' parameters come from: the packaged YAML files and the vehicle file."""
 
 import dataclasses
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,9 @@ from tricycle_sim.vehicle.kinematics import road_angles
 
 SIMULATION_CONFIG = str(files("tricycle_bringup") / "config" / "simulation.yaml")
 VEHICLE_CONFIG = str(files("tricycle_bringup") / "config" / "vehicle.yaml")
+
+IDENTIFYING = ("wheelbase", "tyre_radius", "hall_pulse", "motor_angles", "road_angles")
+"""Parameters of the bridge by which another vehicle is noticed."""
 
 TURNING_POINTS = 11  # of the steering, between which the bridge interpolates
 
@@ -48,7 +52,60 @@ def bridge_parameters(vehicle_file: str) -> dict[str, Any]:
     """
     vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
     bridge_settings(vehicle)
-    return _settings(vehicle) | {
+    return _settings(vehicle) | _geometry(vehicle)
+
+
+def check_bridge(vehicle: Vehicle, parameters: Mapping[str, Any]) -> None:
+    """Refuse a bridge that was started for another vehicle.
+
+    Its limits may be lower than the vehicle's; wheels and steering are the vehicle's. What depends
+    on an unknown parameter may differ: a drive is there to find it.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That is to be driven.
+    parameters : mapping
+        Of the running bridge, those in `IDENTIFYING` among them.
+
+    Raises
+    ------
+    VehicleError
+        Names the parameters with both values.
+    """
+    expected = _identifying(vehicle)
+    ends = (
+        _identifying(vehicle.replace(**{n: e})) for n, two in vehicle.unknown.items() for e in two
+    )
+    uncertain = {name for other in ends for name in other if other[name] != expected[name]}
+    differing = [
+        f"{name} {_short(parameters[name])} instead of {_short(value)}"
+        for name, value in expected.items()
+        if name not in uncertain and not _alike(parameters[name], value)
+    ]
+    if differing:
+        raise VehicleError(
+            f"tricycle_bridge was started for another vehicle than {vehicle.name}: "
+            f"{', '.join(differing)}; start it with this vehicle's file (vehicle_file)"
+        )
+
+
+def _identifying(vehicle: Vehicle) -> dict[str, Any]:
+    parameters = _settings(vehicle) | _geometry(vehicle)
+    return {name: parameters[name] for name in IDENTIFYING}
+
+
+def _alike(found: Any, expected: Any) -> bool:
+    return np.shape(found) == np.shape(expected) and np.allclose(found, expected, rtol=1e-6, atol=0)
+
+
+def _short(value: Any) -> str:
+    return np.array2string(np.asarray(value), precision=4, separator=", ", max_line_width=1000)
+
+
+def _geometry(vehicle: Vehicle) -> dict[str, Any]:
+    """Those of `TurningGeometry` as ROS parameters have them."""
+    return {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in dataclasses.asdict(turning_geometry(vehicle)).items()
     }
@@ -65,8 +122,13 @@ def bridge_settings(vehicle: Vehicle) -> BridgeSettings:
     Raises
     ------
     VehicleError
-        If a constant is beyond what the boards can be set up for.
+        If a constant is beyond what the boards can be set up for, or the motor holds no speed.
     """
+    if not vehicle.has_speed_loop:
+        raise VehicleError(
+            f"{vehicle.name}: the boards cannot drive it: they hold a speed, and parts.motor: "
+            f"{vehicle.parts['motor']} has no speed loop; hub_motor has one"
+        )
     try:
         return BridgeSettings(**_settings(vehicle))
     except LinkError as error:

@@ -12,19 +12,25 @@ import pytest
 
 import tricycle_sim
 from parameter_identification.drives.measured import Sensor
-from parameter_identification.drives.table import Columns, load_columns, read_recording
+from parameter_identification.drives.table import (
+    Columns,
+    SteeringMap,
+    load_columns,
+    read_recording,
+)
 from parameter_identification.drives.windows import (
     RUN_IN,
     Windows,
     estimate_map,
     estimate_offset,
     read_windows,
+    steering_error,
     windows_of,
 )
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 PACKAGED = Path(tricycle_sim.__file__).parent
@@ -41,14 +47,13 @@ steering: {column: command, unit: "1"}
 
 
 @functools.cache
-def slalom() -> tuple[str, ...]:
+def slalom(vehicle: Vehicle = VEHICLE) -> tuple[str, ...]:
     """Rows of 20 s after a standstill, measured at 50 Hz with 2 mm and 0.5 mrad of noise."""
     time = np.arange(0.0, 20.0, 0.02)
     command = 0.6 * np.sin(0.9 * time) * np.minimum(1.0, time / 3.0)
     commands = Commands(time, GAIN * command + OFFSET, np.minimum(1.5, time))
-    motion = simulate(
-        VEHICLE.replace(**TRUTH), commands, VEHICLE.replace(**TRUTH).nominal_point()[None]
-    )
+    true = vehicle.replace(**TRUTH)
+    motion = simulate(true, commands, true.nominal_point()[None])
     rng = np.random.default_rng(1)
     rows = []
     for t in np.arange(-BEFORE, 20.0 - 0.03, 0.02):
@@ -63,8 +68,12 @@ def slalom() -> tuple[str, ...]:
     return tuple(rows)
 
 
-def table(path: Path, edit: Callable[[list[str]], None] = lambda rows: None) -> Path:
-    rows = list(slalom())
+def table(
+    path: Path,
+    edit: Callable[[list[str]], None] = lambda rows: None,
+    vehicle: Vehicle = VEHICLE,
+) -> Path:
+    rows = list(slalom(vehicle))
     edit(rows)
     path.write_text("\n".join(["stamp,x,y,yaw,command,speed", *rows]) + "\n")
     return path
@@ -124,6 +133,28 @@ def test_map_and_offset_are_estimated_where_the_vehicle_turns_slowly(
     assert isinstance(columns.steering_map, type(found))
     known = dataclasses.replace(columns.steering_map, offset=0.0)
     assert estimate_offset(recording, VEHICLE, known).offset == pytest.approx(OFFSET, abs=0.01)
+
+
+@pytest.mark.slow  # compiles
+def test_the_servos_dead_time_and_play_are_the_vehicles(tmp_path: Path, columns: Columns) -> None:
+    geared = dataclasses.replace(VEHICLE, parts={"servo": "geared"})
+    geared = geared.replace(servo_delay=0.15, servo_backlash=0.04)
+    recording = read_recording(table(tmp_path / "drive.csv", vehicle=geared), columns)
+    assert isinstance(columns.steering_map, SteeringMap)
+    own, neither, no_play = (
+        np.std(steering_error(recording, vehicle, columns.steering_map)[300:])
+        for vehicle in (geared, VEHICLE, geared.replace(servo_backlash=0.0))
+    )
+    assert own < 0.6 * no_play < 0.6 * neither
+    assert estimate_map(recording, geared).gain == pytest.approx(GAIN, rel=0.1)
+
+
+def test_a_motor_without_speed_loop_needs_its_set_points(tmp_path: Path, columns: Columns) -> None:
+    torque = dataclasses.replace(VEHICLE, parts={"motor": "direct_torque"}, values={
+        name: value for name, value in VEHICLE.values.items() if not name.startswith("speed_")
+    } | {"setpoint_torque": 5.0})  # fmt: skip
+    with pytest.raises(IdentificationError, match="needs speed_command, the set-points of the mot"):
+        read_windows(table(tmp_path / "drive.csv"), torque, columns)
 
 
 def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:

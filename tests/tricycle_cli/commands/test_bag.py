@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from trajectory_recorder.bag.topics import OfferedQos, Topic
+from trajectory_recorder.bag.writer import BagWriter
 from tricycle_core.errors import BagError
 
 
@@ -28,6 +30,25 @@ def test_bag_info(tricycle, bag, capsys):
     assert "/chatter" in text
     assert "plan_id: p1" in text
     assert "duration  " in text
+
+
+def test_names_are_whole_at_80_columns(tricycle, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    latched = (OfferedQos(durability="transient_local"),)
+    with BagWriter(tmp_path / "bag") as writer:
+        for name, kind, qos in (
+            ("/maneuver/planned_start", "geometry_msgs/msg/PoseStamped", latched),
+            ("/maneuver/twist", "trajectory_msgs/msg/MultiDOFJointTrajectory", latched),
+            ("/odom", "nav_msgs/msg/Odometry", (OfferedQos(),)),
+        ):
+            writer.add_topic(Topic.of_type(name, kind, qos=qos))
+    assert tricycle("bag", "info", tmp_path / "bag") == 0
+    rows = [line.split(maxsplit=3) for line in capsys.readouterr().out.splitlines()]
+    assert ["0", "/maneuver/planned_start", "geometry_msgs/PoseStamped"] in [r[:3] for r in rows]
+    assert ["0", "/odom", "nav_msgs/Odometry"] in rows
+    twist = next(row for row in rows if "/maneuver/twist" in row)
+    assert twist[2] == "trajectory_msgs/MultiDOFJointTrajectory"
+    assert twist[3] == "latched"
 
 
 def test_bag_convert_keeps_what_is_wanted(tricycle, bag, tmp_path, capsys):

@@ -1,5 +1,8 @@
 """`tricycle drive`: what it refuses before it starts a node."""
 
+import contextlib
+
+import numpy as np
 import pytest
 
 from excitation_planner.plan import save_plan
@@ -57,3 +60,23 @@ def test_a_bag_that_exists_is_refused_at_once(line, tmp_path, capsys):
     (tmp_path / "bag").mkdir()
     assert line() == 2
     assert f"{tmp_path / 'bag'} exists" in capsys.readouterr().err
+
+
+def test_repeats_and_mirror_images_take_turns_and_each_has_a_bag(line, monkeypatch, tmp_path):
+    driven = []
+
+    @contextlib.contextmanager
+    def session_of(**_):
+        yield lambda plan, bag, _: driven.append((bag, plan))
+
+    monkeypatch.setattr(session, "simulated_session", session_of)
+    assert line("--repeat", "2", "--mirror") == 0
+    names = ["1", "1-mirrored", "2", "2-mirrored"]
+    assert [bag for bag, _ in driven] == [tmp_path / "bag" / name for name in names]
+    left, right = (plan.commands.steering_motor_angle for _, plan in driven[:2])
+    np.testing.assert_array_equal(left, -right)
+
+
+def test_a_plan_is_driven_once_at_least(line, capsys):
+    assert line("--repeat", "0") == 2
+    assert "--repeat 0" in capsys.readouterr().err

@@ -37,13 +37,23 @@ def test_a_running_maneuver_shows_progress_speeds_and_links():
             "tricycle_bridge: drive PLC": DiagnosticEntry(Level.ERROR, "e-stop", 99.5),
         },
         maneuver=RUNNING,
+        learnt="8.0 s: cornering_stiffness 700 ± 30 N/rad",
         commanded=JointReading(0.7854, 2.5),
         measured=JointReading(0.7511, 2.4),
         odometry=OdometryReading(1.0, -2.0, 0.93, 0.41),
         heard=99.9,
     )
     text = text_of(dashboard)
-    for part in ("running", "plan p1", "5.0 of 20.0 s", "0.7854", "0.7511", "0.93", "e-stop"):
+    for part in (
+        "running",
+        "plan p1",
+        "5.0 of 20.0 s",
+        "0.7854",
+        "0.7511",
+        "0.93",
+        "e-stop",
+        "700 ± 30",
+    ):
         assert part in text
     assert "silent" not in text
 

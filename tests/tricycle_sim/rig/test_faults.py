@@ -69,7 +69,7 @@ def test_a_broken_wire_of_the_hall_sensor_is_found_at_once(driven, kind):
 
 def test_without_pulses_the_motor_pushes_until_the_board_notices(driven):
     host = driven(FaultKind.HALL_STUCK, 0.0, start=0.0)
-    host.imu = False
+    host.imu = host.odometry = False
     torque = 0.0
     for _ in range(100):
         host.tick()

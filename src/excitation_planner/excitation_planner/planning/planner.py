@@ -307,14 +307,24 @@ def _plans(
                 path=run.path,
                 reference=run.reference,
                 search=searched,
-                **({} if room is None else _on_area(room, vehicle, run.commands)),
+                **({} if room is None else on_area(room, vehicle, run.commands)),
             )
         )
     return tuple(plans)
 
 
-def _on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
-    """Fields of a plan that say where on the area it is driven."""
+def on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
+    """Return the fields of a plan that say where on the area it is driven.
+
+    Parameters
+    ----------
+    room : Room
+        What the maneuver fits.
+    vehicle : Vehicle
+        With the ranges of its unknown parameters.
+    commands : Commands
+        Of the maneuver.
+    """
     fit = room.fit(vehicle, commands)
     placement, angles = fit.placement, commands.steering_motor_angle
     tried = np.linspace(angles.min(), angles.max(), CURVATURES)

@@ -18,10 +18,12 @@ from excitation_planner.design.information import (
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.plan import Plan
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
@@ -66,15 +68,22 @@ class ReplayedTrajectories:
     def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
         """Trajectories (n, t, c) of the samples, with the standstill before them."""
         commands = nominal_run(self.vehicle, self.family, x, self.room).commands
-        every = round(PERIOD / TICK)
-        rest = round(STANDSTILL / PERIOD)
-        batch, blocks = CommandedBatch(self.vehicle, commands), []
-        for first in range(0, len(parameters), BLOCK):
-            run = batch.run(parameters[first : first + BLOCK], self.columns)
-            Y = np.stack([run.columns[name][:, ::every] for name in self.columns], axis=-1)
-            Y[run.feasibility.rolled_over.happened] = np.nan
-            blocks.append(np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1))
-        return np.concatenate(blocks)
+        return _replayed(self.vehicle, commands, self.columns, parameters)
+
+
+def _replayed(
+    vehicle: Vehicle, commands: Commands, columns: tuple[str, ...], parameters: FloatArray
+) -> FloatArray:
+    """Trajectories (n, t, c) of a drive, with the standstill before it."""
+    every = round(PERIOD / TICK)
+    rest = round(STANDSTILL / PERIOD)
+    batch, blocks = CommandedBatch(vehicle, commands), []
+    for first in range(0, len(parameters), BLOCK):
+        run = batch.run(parameters[first : first + BLOCK], columns)
+        Y = np.stack([run.columns[name][:, ::every] for name in columns], axis=-1)
+        Y[run.feasibility.rolled_over.happened] = np.nan
+        blocks.append(np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1))
+    return np.concatenate(blocks)
 
 
 def predicted_covariance(
@@ -119,3 +128,49 @@ def predicted_covariance(
         raise DesignError("every vehicle drawn rolled over in this maneuver")
     covariance: FloatArray = posterior_covariance(F, prior).mean(axis=0)
     return covariance
+
+
+def predicted_progress(plan: Plan, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """Predict what is known during one drive, from nothing but the ranges before it.
+
+    After a drive that was planned alone it is the plan's `predicted_std`.
+
+    Parameters
+    ----------
+    plan : Plan
+        Of the drive.
+    vehicle : Vehicle
+        With k unknown parameters.
+
+    Returns
+    -------
+    time : ndarray of float, shape (s,)
+        Since the start event, every second and the end [s].
+    std : ndarray of float, shape (s, k)
+        Standard deviations then, in the parameters' units.
+
+    Raises
+    ------
+    DesignError
+        If the plan says nothing about the noise, or not one of the vehicles drawn can be simulated.
+    """
+    if plan.noise.noise_std == 0.0:
+        raise DesignError("a plan with noise_std 0 predicts nothing")
+    unknown, noise = Box.of(dict(vehicle.unknown)), plan.noise.of_trajectory
+    time = np.append(np.arange(0.0, plan.commands.duration, 1.0), plan.commands.duration)
+    replayed: list[FloatArray] = []
+
+    def std(end: float) -> FloatArray:
+        def until_then(_: FloatArray, parameters: FloatArray) -> FloatArray:
+            if not replayed:  # the parameters are always the same
+                columns = plan.noise.channels
+                replayed.append(_replayed(vehicle, plan.commands, columns, parameters))
+            return replayed[0][:, : round((STANDSTILL + end) / PERIOD) + 1]
+
+        covariance = predicted_covariance(
+            (until_then,), (np.empty(0),), unknown, noise, seed=plan.seed + 2
+        )
+        variance: FloatArray = np.diag(covariance)
+        return np.sqrt(variance) * (np.array(unknown.high) - unknown.low)
+
+    return time, np.array([std(end) for end in time.tolist()])

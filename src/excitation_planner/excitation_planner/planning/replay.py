@@ -90,7 +90,14 @@ def nominal_run(
     ------
     InfeasibleManeuver
         If the nominal vehicle cannot drive it, or it does not fit, with the reason.
+    PlanError
+        If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
+    if not vehicle.has_speed_loop:
+        raise PlanError(
+            f"{vehicle.name}: maneuvers are driven at a speed, and parts.motor: "
+            f"{vehicle.parts['motor']} has no speed loop; hub_motor has one"
+        )
     try:
         drive = family.drive(x, vehicle)
     except PlanError as error:  # somewhere in ranges that the user has widened

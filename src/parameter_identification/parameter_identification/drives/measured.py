@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -220,7 +221,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
             f"{drive.bag} holds no topic {drive.topics.commands}: without commands there is no "
             "model of the drive"
         )
-    commands = _commands(drive, vehicle)
+    commands = commands_of(drive.commands, vehicle, str(drive.bag))
     poses = drive.poses
     signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
     if np.isfinite(poses.heading).all():
@@ -264,14 +265,29 @@ def _signal(bag: Path, sensor: Sensor, stamps: FloatArray, samples: FloatArray) 
     return Signal(time, values[:, None], STAMP_JITTER[sensor])
 
 
-def _commands(drive: RecordedDrive, vehicle: Vehicle) -> Commands:
-    points = drive.commands.points
+def commands_of(message: Any, vehicle: Vehicle, where: str) -> Commands:
+    """Return the commands that a message of `maneuver/commands` holds.
+
+    Parameters
+    ----------
+    message : JointTrajectory message
+        Of rosbags or rclpy.
+    vehicle : Vehicle
+        Its tyre radius turns wheel rates into speeds.
+    where : str
+        For messages.
+
+    Raises
+    ------
+    IdentificationError
+        If a joint or a value is missing, or the commands are none.
+    """
     try:
-        steer, wheel = map(list(drive.commands.joint_names).index, JOINTS)
+        steer, wheel = map(list(message.joint_names).index, JOINTS)
         return Commands(
-            [seconds_of(p.time_from_start) for p in points],
-            [p.positions[steer] for p in points],
-            [p.velocities[wheel] * vehicle.tyre_radius for p in points],
+            [seconds_of(p.time_from_start) for p in message.points],
+            [p.positions[steer] for p in message.points],
+            [p.velocities[wheel] * vehicle.tyre_radius for p in message.points],
         )
     except (ValueError, IndexError, CommandsError) as error:
-        raise IdentificationError(f"{drive.bag}: commands: {error}") from error
+        raise IdentificationError(f"{where}: commands: {error}") from error

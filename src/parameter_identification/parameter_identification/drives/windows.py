@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import cont2discrete, lfilter, savgol_filter
+from scipy.signal import savgol_filter
 
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
@@ -38,7 +38,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.parts import steering_constants
+from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 from tricycle_sim.vehicle.wheels import AXLES
 
 RUN_IN = 1.0  # s before a window: some time constants of servo and tyres
@@ -223,7 +223,9 @@ def steering_error(recording: Recording, vehicle: Vehicle, steering: SteeringMap
     """
     motion = motion_of(recording)
     angle = steering.angle(recording.steering.at(motion.time, held=True))
-    error: FloatArray = turned_angle(motion, vehicle) - _lagged(angle, vehicle)
+    error: FloatArray = turned_angle(motion, vehicle) - _behind_play(
+        _lagged(angle, vehicle), vehicle
+    )
     return error
 
 
@@ -265,12 +267,25 @@ def _quiet(recording: Recording, motion: Motion) -> NDArray[np.bool_]:
     return quiet
 
 
-def _lagged(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
-    """Steering angles or commands (t,) as the servo follows them, without its slew."""
-    w, z = vehicle.servo_natural_frequency, vehicle.servo_damping_ratio
-    servo = cont2discrete(([w * w], [1.0, 2.0 * z * w, w * w]), TICK)
-    lagged: FloatArray = angle[0] + lfilter(servo[0][0], servo[1], angle - angle[0])
+def _lagged(values: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Steering angles or commands (t,) as the servo's motor follows them, without slew or stop."""
+    scale = 0.5 * vehicle.steering_limit / max(np.abs(values).max(), 1e-9)
+    servo = np.full_like(servo_at_rest(vehicle), scale * values[0])
+    servo[1] = 0.0
+    table, angles = np.empty((len(values) + 1, 8)), np.empty((2, len(values) + 1))
+    constants = steering_constants(vehicle, TICK)
+    functions_for(vehicle).steer(servo, scale * values, constants, 1, table, angles)
+    lagged: FloatArray = angles[0, :-1] / scale
     return lagged
+
+
+def _behind_play(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Angles (t,) behind the gear whose motor has these."""
+    half = 0.5 * vehicle.values.get("servo_backlash", 0.0)
+    behind = angle.copy()
+    for k in range(1, len(angle)):
+        behind[k] = min(max(behind[k - 1], angle[k] - half), angle[k] + half)
+    return behind
 
 
 def read_windows(
@@ -417,6 +432,11 @@ def _commands(
 ) -> Commands:
     """Commands on ticks, timed from the first of the rows."""
     if "speed_command" not in recording.more:
+        if not vehicle.has_speed_loop:
+            raise IdentificationError(
+                f"{recording.name}: needs speed_command, the set-points of the motor: parts.motor: "
+                f"{vehicle.parts['motor']} follows no measured speed"
+            )
         return follow(vehicle, angle[rows], motion.speed[rows])
     time = motion.time[rows]
     speed = recording.more["speed_command"].at(time, held=True)

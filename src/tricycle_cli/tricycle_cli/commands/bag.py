@@ -1,15 +1,22 @@
 """``tricycle bag``: what a bag holds, parts and merging of bags, recovery of damaged ones."""
 
+from __future__ import annotations
+
 import argparse
 import json
 import math
 import sys
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tricycle_cli.arguments import not_negative
 from tricycle_cli.progress import progress_bar
+
+if TYPE_CHECKING:
+    from trajectory_recorder.bag.topics import OfferedQos
 
 EXAMPLE = """\
 examples:
@@ -95,18 +102,27 @@ def run_info(args: argparse.Namespace) -> int:
     console.print(f"start     {_time(start)}", highlight=False)
     console.print(f"end       {_time(end)}", highlight=False)
     console.print(f"duration  {found['duration']:.3f} s", highlight=False)
-    table = Table("topic", "type", "messages", "offered")
-    table.columns[1].overflow = "fold"
-    table.columns[2].justify = "right"
+    # whole names at 80 columns: the usual quality of service and the kind of type are left out
+    table = Table("count", "topic", "type", "", box=None, pad_edge=False)
+    table.columns[0].justify = "right"
+    for column in table.columns[1:]:
+        column.overflow = "fold"
     for topic in topics:
-        offered = sorted({f"{qos.reliability}, {qos.durability}" for qos in topic.qos})
-        table.add_row(topic.name, topic.type, str(topic.count), "; ".join(offered))
+        kind = topic.type.replace("/msg/", "/")
+        table.add_row(str(topic.count), topic.name, kind, ", ".join(_unusual(topic.qos)))
     console.print(table)
     torn = "" if found["complete"] else "; cut off: the recorder was killed"
     console.print(f"{found['messages']} messages{torn}", highlight=False)
     for key, value in bag.metadata.items():
         console.print(f"{key}: {value}", highlight=False)
     return 0
+
+
+def _unusual(offered: Sequence[OfferedQos]) -> list[str]:
+    """What of the quality of service is not reliable and volatile, in words."""
+    words = {"latched" if qos.latched else "" for qos in offered}
+    words |= {"" if qos.reliability == "reliable" else qos.reliability for qos in offered}
+    return sorted(word.replace("_", " ") for word in words - {""})
 
 
 def _time(stamp: int) -> str:

@@ -25,13 +25,11 @@ from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
 from tricycle_core.optional import check_installed
-from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from excitation_planner.plan import Plan
     from tricycle_cli.campaign.cycle import Campaign
     from tricycle_cli.operation.session import DrivePlan
 
@@ -178,21 +176,8 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
         ) as drive:
             yield drive
         return
-    with running_session() as drive:
-
-        def drive_when_ready(plan: Plan, bag: Path, progress: Progress) -> None:
-            along, across, stop = plan.space
-            try:
-                input(
-                    f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
-                    f"{across:.0f} m and {stop:.0f} m to stop: vehicle at its start and armed? "
-                    "Enter drives, Ctrl-C leaves "
-                )
-            except EOFError:
-                raise PlanError("nobody is there to say that the vehicle is ready") from None
-            drive(plan, bag, progress)
-
-        yield drive_when_ready
+    with running_session(load_vehicle(args.vehicle), ask=True) as drive:
+        yield drive
 
 
 def _step(campaign: Campaign, drive: DrivePlan, console: Console) -> None:

@@ -14,6 +14,7 @@ EXAMPLE = """\
 examples:
   tricycle drive out/plan/plan.json --true-seed 1 --bag out/bag
   tricycle drive out/plan/plan.json --vehicle-nodes --bag out/bag
+  tricycle drive out/plan/plan.json --repeat 3 --mirror --bag out/drives
 """
 
 
@@ -29,12 +30,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "Starts the simulation and all nodes, drives the plan open loop and records "
         "it. With --vehicle-nodes it uses the nodes that vehicle.launch.py has started instead: "
         "arm the vehicle first (service tricycle_bridge/arm), and keep the e-stop in hand. Ctrl-C "
-        "aborts the maneuver: the vehicle stops, and the bag is closed."
+        "aborts the maneuver: the vehicle stops, and the bag is closed. Of several drives "
+        "(--repeat, --mirror) each has its bag in the folder --bag; on the vehicle each waits for "
+        "Enter."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
     add("plan", type=Path, metavar="PLAN", help="plan.json of `tricycle plan`")
     add("--bag", type=Path, default=Path("out/bag"), metavar="DIR", help="bag to be recorded")
+    add("--repeat", type=int, default=1, metavar="N", help="drive it so often")
+    add("--mirror", action="store_true", help="drive its mirror image too, after each drive of it")
     add(
         "--vehicle",
         type=Path,
@@ -60,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the plan and say where its bag is.
+    """Drive the plan, as often as asked for, and say where the bags are.
 
     Parameters
     ----------
@@ -69,18 +74,31 @@ def run(args: argparse.Namespace) -> int:
     """
     from excitation_planner.plan import load_plan
     from excitation_planner.planning import check_vehicle
+    from excitation_planner.planning.mirror import mirrored
     from trajectory_recorder.bag.writer import check_new
     from tricycle_cli.operation.session import running_session, simulated_session
 
+    if args.repeat < 1:
+        raise PlanError(f"--repeat {args.repeat}: a plan is driven once or more often")
     check_new(args.bag)
-    plan = load_plan(args.plan)
+    plan, vehicle = load_plan(args.plan), load_vehicle(args.vehicle)
     if not args.other_vehicle:
         try:
-            check_vehicle(plan, load_vehicle(args.vehicle))
+            check_vehicle(plan, vehicle)
         except PlanError as error:
             raise PlanError(f"{error}, give its file (--vehicle), or --other-vehicle") from error
+    plans = {"": plan} | ({"-mirrored": mirrored(plan, vehicle)} if args.mirror else {})
+    drives = [
+        (one, args.bag / f"{number}{side}")
+        for number in range(1, args.repeat + 1)
+        for side, one in plans.items()
+    ]
+    if len(drives) == 1:
+        drives = [(plan, args.bag)]
     session = (
-        running_session(args.namespace)
+        running_session(
+            None if args.other_vehicle else vehicle, args.namespace, ask=len(drives) > 1
+        )
         if args.vehicle_nodes
         else simulated_session(
             vehicle_file=args.vehicle,
@@ -90,9 +108,12 @@ def run(args: argparse.Namespace) -> int:
             plant=args.plant,
         )
     )
-    with session as drive, progress_bar(f"driving {plan.maneuver}, ms") as progress:
-        drive(plan, args.bag, progress)
-    print(f"bag: {args.bag}   judge it: tricycle judge {args.bag}")
+    with session as drive:
+        for one, bag in drives:
+            bag.parent.mkdir(parents=True, exist_ok=True)
+            with progress_bar(f"driving {plan.maneuver}, ms") as progress:
+                drive(one, bag, progress)
+            print(f"bag: {bag}   judge it: tricycle judge {bag}")
     return 0
 
 

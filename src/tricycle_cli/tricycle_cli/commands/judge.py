@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = """\
 examples:
-  tricycle judge out/demo/bags/circle
+  tricycle judge out/demo/bags/designed
   tricycle judge out/demo/bags/* --plot judgement.png --export tum
   tricycle judge drive_0.mcap --pose /gnss/fix --datum=46.5197,6.6323 --anchor fit
 """

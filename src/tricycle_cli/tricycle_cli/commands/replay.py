@@ -10,9 +10,9 @@ from tricycle_cli.operation.processes import run_in_foreground
 
 EXAMPLE = """\
 examples:
-  tricycle replay out/demo/bags/circle
-  tricycle replay out/demo/bags/circle --rate 4 --loop --topics /odom 'maneuver/*'
-  tricycle replay out/demo/bags/circle --remap /odom:=/recorded/odom
+  tricycle replay out/demo/bags/designed
+  tricycle replay out/demo/bags/designed --rate 4 --loop --topics /odom 'maneuver/*'
+  tricycle replay out/demo/bags/designed --remap /odom:=/recorded/odom
 """
 
 

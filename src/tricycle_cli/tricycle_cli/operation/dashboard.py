@@ -94,6 +94,8 @@ class Dashboard:
         Newest pose and speed.
     heard : float, optional
         When the newest message of any kind came [s].
+    learnt : str
+        What `identification/estimates` says.
     """
 
     diagnostics: dict[str, DiagnosticEntry] = field(default_factory=dict)
@@ -102,11 +104,13 @@ class Dashboard:
     measured: JointReading | None = None
     odometry: OdometryReading | None = None
     heard: float | None = None
+    learnt: str = ""
 
     def snapshot(self) -> dict[str, object]:
         """Return the same as JSON values."""
         return {
             "maneuver": dict(self.maneuver),
+            "learnt": self.learnt,
             "diagnostics": {
                 name: {"level": entry.level.name.lower(), "message": entry.message}
                 for name, entry in self.diagnostics.items()
@@ -137,13 +141,14 @@ def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
         news = Text(where)
     return Group(
         news,
-        Panel(_maneuver(dashboard.maneuver), title="maneuver", title_align="left"),
+        Panel(_maneuver(dashboard), title="maneuver", title_align="left"),
         Panel(_speeds(dashboard), title="motion", title_align="left"),
         Panel(_diagnostics(dashboard.diagnostics, now), title="diagnostics", title_align="left"),
     )
 
 
-def _maneuver(values: Mapping[str, str]) -> RenderableType:
+def _maneuver(dashboard: Dashboard) -> RenderableType:
+    values = dashboard.maneuver
     if not values:
         return Text("no maneuver_driver heard", style="dim")
     state = values.get("state", "")
@@ -163,7 +168,7 @@ def _maneuver(values: Mapping[str, str]) -> RenderableType:
         ProgressBar(total=duration or 1.0, completed=elapsed),
         f"{elapsed:.1f} of {duration:.1f} s",
     )
-    return Group(line, bar)
+    return Group(line, bar, *([Text(dashboard.learnt)] if dashboard.learnt else []))
 
 
 def _speeds(dashboard: Dashboard) -> RenderableType:

@@ -56,6 +56,7 @@ class Monitor(Closing):
         listen = self._node.create_subscription
         listen(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
         listen(DiagnosticStatus, "maneuver/state", self._on_maneuver, LATCHED)
+        listen(DiagnosticStatus, "identification/estimates", self._on_estimates, LATCHED)
         listen(JointState, "joint_commands", self._on_commands, qos_profile_sensor_data)
         listen(JointState, "joint_states", self._on_joints, qos_profile_sensor_data)
         listen(Odometry, "odom", self._on_odom, qos_profile_sensor_data)
@@ -86,6 +87,10 @@ class Monitor(Closing):
     def _on_maneuver(self, message: DiagnosticStatus) -> None:
         self._hear()
         self.dashboard.maneuver = {pair.key: pair.value for pair in message.values}
+
+    def _on_estimates(self, message: DiagnosticStatus) -> None:
+        self._hear()
+        self.dashboard.learnt = message.message
 
     def _on_commands(self, message: JointState) -> None:
         self._hear()

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
@@ -32,6 +32,7 @@ STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge'
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
 SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
+UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 
 
@@ -202,6 +203,54 @@ class Operator(Closing):
         """
         self._patience = SERVICE_TIMEOUT
         self._set_parameters("tricycle_sim", real_time_factor=real_time_factor)
+
+    def publishers(self, topic: str) -> set[str]:
+        """Return the names of the nodes that publish a topic, when there is one.
+
+        Parameters
+        ----------
+        topic : str
+            Name.
+
+        Raises
+        ------
+        NodeError
+            If nobody does.
+        """
+        self._patience = SERVICE_TIMEOUT
+        found: set[str] = set()
+
+        def anybody() -> bool:
+            ends = self._node.get_publishers_info_by_topic(topic)
+            found.clear()
+            found.update(end.node_name for end in ends)
+            return bool(found) and UNNAMED not in found
+
+        self._wait(anybody, f"a publisher of {topic}")
+        return found
+
+    def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any]:
+        """Return parameters of a node by name; one that is not set is missing.
+
+        Parameters
+        ----------
+        node : str
+            Name.
+        names : sequence of str
+            Of its parameters.
+
+        Raises
+        ------
+        NodeError
+            If it does not answer.
+        """
+        self._patience = SERVICE_TIMEOUT
+        request = GetParameters.Request(names=names)
+        answer = self._services.call(f"{node}/get_parameters", GetParameters, request)
+        return {
+            name: parameter_value_to_python(value)
+            for name, value in zip(names, answer.values, strict=False)
+        }
 
     def _hand_over(self, plan: Plan) -> None:
         self._plans.publish(plan)

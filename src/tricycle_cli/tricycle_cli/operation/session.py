@@ -8,9 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.plan import Plan
-from tricycle_bringup.configuration import SIMULATION_CONFIG, bridge_parameters
+from tricycle_bringup.configuration import (
+    IDENTIFYING,
+    SIMULATION_CONFIG,
+    bridge_parameters,
+    check_bridge,
+)
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
+from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
+from tricycle_core.readiness import TOPIC
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 
@@ -122,18 +129,29 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 
 @contextmanager
-def running_session(namespace: str = "") -> Iterator[DrivePlan]:
+def running_session(
+    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False
+) -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
     Parameters
     ----------
+    vehicle : Vehicle, optional
+        For which the bridge has to be started; None: any.
     namespace : str
         Of those nodes.
+    ask : bool
+        Whether each drive waits for somebody to say that the vehicle is ready.
 
     Yields
     ------
     drive : DrivePlan
         Drives a plan, records its bag.
+
+    Raises
+    ------
+    VehicleError
+        If the bridge is another vehicle's.
     """
     from tricycle_cli.operation.operator_node import Operator
 
@@ -141,8 +159,25 @@ def running_session(namespace: str = "") -> Iterator[DrivePlan]:
     with Operator(
         domain=domain, check=lambda: None, simulated=False, namespace=namespace
     ) as operator:
+        # another node than the bridge may say that the vehicle is ready; it has no such parameters
+        if vehicle is not None and "tricycle_bridge" in operator.publishers(TOPIC):
+            check_bridge(vehicle, operator.parameters("tricycle_bridge", IDENTIFYING))
 
         def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+            if ask:
+                _wait_for_enter(plan)
             operator.drive(plan, bag.absolute(), progress=progress)
 
         yield drive
+
+
+def _wait_for_enter(plan: Plan) -> None:
+    along, across, stop = plan.space
+    try:
+        input(
+            f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
+            f"{across:.0f} m and {stop:.0f} m to stop: vehicle at its start and armed? "
+            "Enter drives, Ctrl-C leaves "
+        )
+    except EOFError:
+        raise PlanError("nobody is there to say that the vehicle is ready") from None

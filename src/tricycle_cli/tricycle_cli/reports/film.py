@@ -72,6 +72,8 @@ def write_film(
     writer = PillowWriter(fps=FRAMES)
     writer.setup(figure, str(path), dpi=80)
     for number, time in enumerate(times, start=1):
+        if number == 2:
+            figure.set_layout_engine("none")  # as the first frame was laid out
         for s_time, artist, points in moving:
             k = min(int(np.searchsorted(s_time, time)), len(s_time) - 1)
             artist.set_data(*(points[k] if points.ndim == 3 else points[: k + 1]).T)

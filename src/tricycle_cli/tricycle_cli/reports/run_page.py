@@ -71,10 +71,10 @@ def run_sections(
     results = _results(run) if run.maneuvers else []
     results += [_estimates(name, found) for name, found in run.identifications]
     sections = [Section("Results", tuple(results))]
-    for done, maneuver in enumerate(run.maneuvers):
+    for done, maneuver in enumerate(run.maneuvers, start=1):
+        sections.append(Section(_title(maneuver), tuple(_blocks(maneuver, vehicle))))
         if progress is not None:
             progress(done, len(run.maneuvers))
-        sections.append(Section(_title(maneuver), tuple(_blocks(maneuver, vehicle))))
     sections += [
         Section(
             f"{name}: profiles of the estimates",

@@ -1,7 +1,8 @@
 """The vehicle as rigid bodies with hinges and frictional contacts, in MuJoCo.
 
 Masses, inertia, places and caster are the vehicle file's. What the file does not say is taken thus:
-a wheel is a ring with its inertia; the tyre is thin and hard. It slips by another law than ours: in
+a wheel is a ring with its inertia; the tyre is thin, and hard at its radius under the static load.
+It slips by another law than ours: in
 proportion to the force whatever the speed, a wheel with the cornering stiffness C at C N per m/s,
 up to its friction. There is no relaxation, no camber force, no self-aligning moment and no drag.
 """
@@ -82,16 +83,6 @@ class MujocoPlant:
         _give_inertia(self._model, self._data, _body_inertia(vehicle))
         self.place((0.0, 0.0, 0.0))
         self._soften()
-
-    @property
-    def model(self) -> Any:
-        """The compiled `mujoco.MjModel`, for renderers."""
-        return self._model
-
-    @property
-    def data(self) -> Any:
-        """Its `mujoco.MjData` at the present tick."""
-        return self._data
 
     def place(self, start: Pose) -> LiveState:
         """Return the state at rest at a pose, on settled tyres.
@@ -260,9 +251,9 @@ def _xml(vehicle: Vehicle) -> str:
     caster = vehicle.caster_angle
     king_pin = f"{-math.sin(caster)} 0 {math.cos(caster)}"
     bodies, pairs, holds, motors = [], [], [], []
-    for wheel in vehicle.wheels:
+    for wheel, load in zip(vehicle.wheels, vehicle.static_loads(), strict=True):
         own, name = vehicle.of(wheel), wheel.name
-        radius, inertia = own.tyre_radius, own.wheel_inertia
+        radius, inertia = own.tyre_radius - load / own.vertical_stiffness, own.wheel_inertia
         steer = ""
         if wheel.steered:
             steer = f'<joint name="{name}_steer" axis="{king_pin}"/>'

@@ -21,8 +21,10 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.body import SHORTHANDS, upward
 from tricycle_sim.vehicle.laws import Constant
 from tricycle_sim.vehicle.registry import (
+    PARTS,
     check_parts,
     declared,
+    law_name,
     other_owner,
     reads,
     wheel_values,
@@ -199,6 +201,11 @@ class Vehicle:
     def driven_radius(self) -> float:
         """Radius [m] of the driven wheels' tyres: that of the boards' speed and travel."""
         return float(next(self.of(wheel).tyre_radius for wheel in self.wheels if wheel.driven))
+
+    @property
+    def has_speed_loop(self) -> bool:
+        """Whether the motor's set-point is a speed that a controller holds."""
+        return "integral" in PARTS["motor"][law_name("motor", self.wheels, self.parts)].rows
 
     @property
     def nominal(self) -> dict[str, float]:

@@ -42,7 +42,7 @@ class SpeedLoop:
         self._radius = vehicle.driven_radius
         self._lag = vehicle.motor_lag
         self._integrator = 0.0
-        if "speed_gain_integral" in vehicle.values and vehicle.speed_gain_integral:
+        if vehicle.has_speed_loop and vehicle.speed_gain_integral:
             error = (setpoint - speed) / self._radius
             wanted = torque - vehicle.speed_gain_proportional * error
             self._integrator = wanted / vehicle.speed_gain_integral

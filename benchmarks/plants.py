@@ -1,0 +1,262 @@
+"""The trial: vehicles that are not our model, identified from designed, ISO-like and random drives.
+
+    python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects] [--pace]
+
+Each plant is driven by the emulated boards. A set is a step steer and a sine sweep of 12 s each;
+position (1 cm), gyro (5 mrad/s) and wheel speed (3 mrad/s) come at 20 Hz. Our model, with
+the vehicle file's linear tyres, is fitted to each set. Three drives of other kinds (circle, double
+lane change, slalom) are then predicted from their commands and their start alone, nothing of them
+is fitted. Printed: the RMS distance of predicted and true position over the three, median and
+quartiles over the sets, for
+
+guess     the vehicle file, nothing fitted
+ISO       both maneuvers in the middle of their boxes; sets differ by their noise
+random    both maneuvers drawn from their boxes; sets differ by that and their noise
+designed  planned as one set by criterion d; sets differ by their noise
+
+The tricycle's ranges are wider than its file's: of a vehicle that is not our model less is known.
+`own` is a control: our model with true values drawn from the file's ranges.
+--effects  constants that the file has wrong are estimated too: zero and gain of the steering,
+           bandwidth of the servo, wheel radius, speed loop
+--pace     only how fast each plant runs
+"""
+
+import argparse
+import dataclasses
+import time
+from importlib.resources import files
+
+import numpy as np
+
+from excitation_planner import Criterion
+from excitation_planner.box import Box
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.maneuver import Circle, DoubleLaneChange, Slalom
+from excitation_planner.maneuver.steering import SineSweep, StepSteer
+from excitation_planner.planning import PlanRequest, plan_set, random_feasible_point
+from excitation_planner.planning.replay import nominal_run
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
+from parameter_identification.estimation.effects import effects_of
+from parameter_identification.identification import identify
+from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bringup.configuration import bridge_settings
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.plants import OWN
+from tricycle_sim.plants.installed import plant_by_name
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.host import Host
+from tricycle_sim.setpoints import command_rows
+from tricycle_sim.vehicle import draw_truth, load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+DURATION = 12.0  # s of every drive that is fitted
+SENSORS = {
+    Sensor.POSITION: SensorNoise(0.01),
+    Sensor.YAW_RATE: SensorNoise(0.005),
+    Sensor.WHEEL_SPEED: SensorNoise(0.003),
+}
+NOISE = MeasurementNoise(yaw_rate_std=0.005)
+
+
+@dataclasses.dataclass(frozen=True)
+class Trial:
+    """A vehicle file, two families to learn from, and three drives to predict."""
+
+    vehicle: object
+    learnt: tuple
+    predicted: tuple
+
+
+PAPERS = load_vehicle()
+WIDER = {
+    "cornering_stiffness": (300.0, 4000.0),
+    "camber_stiffness": (0.0, 100.0),
+    "self_aligning_stiffness": (0.0, 0.6),
+    "rolling_coefficient_1": (0.001, 0.04),
+}
+EFFECTS = ("steering-zero", "steering-gain", "servo-bandwidth", "wheel-radius", "speed-loop")
+TRICYCLE = Trial(
+    dataclasses.replace(PAPERS, unknown={**PAPERS.unknown, **WIDER}),
+    (StepSteer(duration=DURATION), SineSweep(duration=9.0)),
+    (
+        (Circle(duration=12.0), (3.0, 1.0)),
+        (DoubleLaneChange(), (5.0, 5.0)),
+        (Slalom(), (4.0, 0.5)),
+    ),
+)
+CAR = Trial(
+    load_vehicle(files("tricycle_sim") / "plants" / "bmw_320i.yaml"),
+    (
+        StepSteer(Box.of({"angle": (0.05, 0.45), "speed": (1.5, 4.5)}), duration=DURATION),
+        SineSweep(
+            Box.of({"amplitude": (0.03, 0.2), "frequency": (0.25, 0.5)}), 0.1, 9.0, speed=4.0
+        ),
+    ),
+    (
+        (Circle(duration=12.0), (14.0, 3.5)),
+        (DoubleLaneChange(length=30.0, speed=4.0), (14.0, 14.0)),
+        (Slalom(speed=3.0), (14.0, 0.7)),
+    ),
+)
+TRIALS = {"mujoco": TRICYCLE, "commonroad": CAR, OWN: TRICYCLE}
+
+
+def plant_of(name):
+    vehicle = TRIALS[name].vehicle
+    if name == OWN:
+        vehicle = vehicle.replace(**draw_truth(PAPERS, np.random.default_rng(1)))
+    return plant_by_name(name, vehicle)
+
+
+def lasting(commands):
+    """The commands, cut or held to the duration."""
+    rows = command_rows(commands)[: round(DURATION / TICK)]
+    rows = np.concatenate([rows, np.full(round(DURATION / TICK) + 1 - len(rows), rows[-1])])
+    return Commands(
+        TICK * np.arange(len(rows)), commands.steering_motor_angle[rows], commands.speed[rows]
+    )
+
+
+def driven(plant, vehicle, commands):
+    """The true motion of a plant whose boards get the commands, after they have armed."""
+    host = Host(rig := EmulatedRig(vehicle, plant=plant), bridge_settings(vehicle))
+    host.arm()
+    start, motion = rig.time, []
+
+    def look():
+        s = rig.state
+        motion.append((rig.time - start, s.x, s.y, s.yaw, s.yaw_rate, s.drive_speed))
+
+    look()
+    for row in command_rows(commands):
+        angle, speed = commands.steering_motor_angle[row], commands.speed[row]
+        host.target = VehicleCommand(float(angle), float(speed))
+        host.tick()
+        if not rig.armed:
+            raise SystemExit(f"the boards stopped: {host.log[-3:]}")
+        look()
+    when, x, y, heading, *rest = np.array(motion).T
+    return SensedMotion(when, x, y, np.unwrap(heading), *rest)
+
+
+def distance(vehicle, commands, motion):
+    """RMS distance [m] of the vehicle's simulated way from a motion."""
+    run = simulate(vehicle, commands)
+    n = min(len(motion.x), run.x.shape[1])
+    squares = (run.x[0, :n] - motion.x[:n]) ** 2 + (run.y[0, :n] - motion.y[:n]) ** 2
+    return float(np.sqrt(squares.mean()))
+
+
+def identified(vehicle, motions, all_commands, seed, effects):
+    """The vehicle with the estimates of what the drives show, and with the effects."""
+    rng = np.random.default_rng([seed, 7])
+    drives = [
+        measure(motion, commands, SENSORS, rng=rng, name=f"drive {i}")
+        for i, (motion, commands) in enumerate(zip(motions, all_commands, strict=True))
+    ]
+    found = identify(drives, vehicle, effects=effects, starts=2)
+    values = {
+        # at the end of a range it may be beyond it by round-off
+        n: float(np.clip(e.estimate, *e.range))
+        for n, e in found.parameters.items()
+        if e.identifiable
+    }
+    for effect, estimated in zip(effects_of(vehicle, effects), found.effects, strict=True):
+        for name, change in effect.constants.items():
+            values[name] = vehicle.values[name] + change * estimated.estimate
+    return vehicle.replace(**values)
+
+
+def points(trial, way, seed):
+    """Operation parameters of both maneuvers."""
+    if way == "ISO":
+        return [family.operation.from_unit(np.full(2, 0.5)) for family in trial.learnt]
+    rng = np.random.default_rng([seed, 5])
+    target = next(iter(trial.vehicle.unknown))
+    return [
+        random_feasible_point(PlanRequest(trial.vehicle, family, target), rng)
+        for family in trial.learnt
+    ]
+
+
+def designed(trial):
+    first, *others = trial.learnt
+    target = next(iter(trial.vehicle.unknown))
+    request = PlanRequest(
+        trial.vehicle, first, target, Criterion.D, tuple(others), budget=4000, noise=NOISE
+    )
+    return [np.array(list(plan.operation.values())) for plan in plan_set(request)]
+
+
+def try_plant(name, sets, effects):
+    trial = TRIALS[name]
+    vehicle, plant = trial.vehicle, plant_of(name)
+    to_predict = [nominal_run(vehicle, f, np.array(x)).commands for f, x in trial.predicted]
+    truths = [driven(plant, vehicle, commands) for commands in to_predict]
+    kinds = [family.name for family, _ in trial.predicted]
+
+    def errors(one):
+        return [distance(one, c, m) for c, m in zip(to_predict, truths, strict=True)]
+
+    rows = {"guess": np.array([errors(vehicle)])}
+    for way in ("ISO", "random", "designed"):
+        found, motions = [], []
+        for seed in range(sets):
+            if way == "random" or not motions:
+                x = designed(trial) if way == "designed" else points(trial, way, seed)
+                commands = [
+                    lasting(nominal_run(vehicle, family, one).commands)
+                    for family, one in zip(trial.learnt, x, strict=True)
+                ]
+                motions = [driven(plant, vehicle, each) for each in commands]
+            found.append(errors(identified(vehicle, motions, commands, seed, effects)))
+        rows[way] = np.array(found)
+        if way == "designed":
+            print(f"designed: {', '.join(np.array2string(one, precision=3) for one in x)}")
+    beside = "with effects" if effects else "without effects"
+    print(f"{name}, {sets} sets, {beside}: RMS distance, mm: median (quartiles); of each kind")
+    whole = {way: np.sqrt((each**2).mean(axis=1)) for way, each in rows.items()}
+    for way, each in rows.items():
+        low, middle, high = 1e3 * np.percentile(whole[way], [25, 50, 75])
+        of_kinds = ", ".join(
+            f"{kind} {value:.0f}"
+            for kind, value in zip(kinds, 1e3 * np.median(each, axis=0), strict=True)
+        )
+        print(f"  {way:9s} {middle:7.0f} ({low:.0f} to {high:.0f}); {of_kinds}", flush=True)
+    median = {way: np.median(each) for way, each in whole.items()}
+    for way in ("guess", "ISO", "random"):
+        print(f"  {way} by designed: {median[way] / median['designed']:.2f}", flush=True)
+
+
+def pace(name):
+    """Print how fast a plant runs with both emulated boards and the bridge, on one core."""
+    vehicle = TRIALS[name].vehicle
+    host = Host(EmulatedRig(vehicle, plant=plant_of(name)), bridge_settings(vehicle))
+    host.arm()
+    host.target = VehicleCommand(0.2, 2.0)
+    host.run(4.0)  # at speed
+    begin = time.perf_counter()
+    host.run(5.0)
+    print(f"{name}: times real time {5.0 / (time.perf_counter() - begin):.1f}", flush=True)
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--plant", choices=TRIALS, nargs="+", default=list(TRIALS))
+    parser.add_argument("--sets", type=int, default=20)
+    parser.add_argument("--effects", action="store_true")
+    parser.add_argument("--pace", action="store_true")
+    arguments = parser.parse_args()
+    for name in arguments.plant:
+        if arguments.pace:
+            pace(name)
+        else:
+            try_plant(name, arguments.sets, EFFECTS if arguments.effects else ())
+
+
+if __name__ == "__main__":
+    main()

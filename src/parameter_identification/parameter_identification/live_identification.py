@@ -1,0 +1,383 @@
+"""Identification during a drive: what its samples have shown so far, beside what was planned.
+
+    live = LiveIdentification(vehicle)
+    live.sense(Sensor.POSITION, stamp, (x, y))     # as they come, before the start event too
+    live.begin(commands, start, Planned.of(plan, vehicle))
+    live.update()                                  # once a second: estimates and deviations
+    live.end()                                     # the same after the drive, and the verdict
+
+Every update fits all samples so far by the model, noise and prior of `identify`, from where the
+last one ended: a step or two. Intervals are linear, there is one start and there are no effects.
+"""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.plan import Plan
+from excitation_planner.planning.prediction import predicted_progress
+from parameter_identification.drives.measured import (
+    STAMP_JITTER,
+    STANDSTILL,
+    MeasuredDrive,
+    Sensor,
+    Signal,
+)
+from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.optimum import ROUGH
+from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.problem import LeastSquares, Loss
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.stamps import SECOND
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+
+KEPT = 5 * SECOND
+"""Age of samples that are kept without a drive [ns]: the start event may be heard late."""
+
+JUMP = SECOND
+"""Step back of the stamps [ns] from which the clock has begun anew."""
+
+AS_PLANNED = 1.2
+"""Ratio of a standard deviation to the planned one up to which a drive was as informative."""
+
+NOISIER = 1.5
+"""Ratio of a sensor's noise to the planned one from which it is a reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """What a plan expects of its drive.
+
+    Attributes
+    ----------
+    target : str
+        Parameter that it is to excite.
+    noise : MeasurementNoise
+        Of the sensors.
+    time : ndarray of float, shape (s,)
+        Since the start event [s].
+    std : ndarray of float, shape (s, k)
+        Standard deviations of the unknown parameters then, in their units.
+    """
+
+    target: str
+    noise: MeasurementNoise
+    time: FloatArray
+    std: FloatArray
+
+    @classmethod
+    def of(cls, plan: Plan, vehicle: Vehicle) -> "Planned":
+        """Return what a plan expects.
+
+        Parameters
+        ----------
+        plan : Plan
+            Of the drive alone, also where it was planned as one of several.
+        vehicle : Vehicle
+            With the unknown parameters.
+
+        Raises
+        ------
+        DesignError
+            If the plan predicts nothing.
+        """
+        return cls(plan.target, plan.noise, *predicted_progress(plan, vehicle))
+
+    def at(self, time: float) -> FloatArray:
+        """Return the standard deviations (k,) at a time since the start event [s].
+
+        Parameters
+        ----------
+        time : float
+            Since the start event [s].
+        """
+        return np.array([np.interp(time, self.time, column) for column in self.std.T])
+
+
+@dataclass(frozen=True)
+class LiveEstimate:
+    """What is known of a parameter at a moment of a drive.
+
+    Attributes
+    ----------
+    unit : str
+        Of all its values.
+    estimate, standard_deviation : float
+        From the samples so far and the prior.
+    planned : float, optional
+        Standard deviation that the plan predicts for this moment.
+    """
+
+    unit: str
+    estimate: float
+    standard_deviation: float
+    planned: float | None
+
+    def __str__(self) -> str:
+        text = f"{self.estimate:.4g} ± {self.standard_deviation:.2g}"
+        expected = "" if self.planned is None else f" (planned ± {self.planned:.2g})"
+        return f"{text}{expected} {self.unit}".rstrip()
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What is known at a moment of a drive.
+
+    Attributes
+    ----------
+    elapsed : float
+        Time of the newest position since the start event [s].
+    parameters : mapping of str to LiveEstimate
+        The unknown ones.
+    """
+
+    elapsed: float
+    parameters: Mapping[str, LiveEstimate]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a drive was as informative as planned.
+
+    Attributes
+    ----------
+    target : str
+        Parameter that the drive was planned for.
+    estimate : LiveEstimate
+        Of it, after the drive.
+    reasons : tuple of str
+        Why it was less informative, as far as they are seen.
+    """
+
+    target: str
+    estimate: LiveEstimate
+    reasons: tuple[str, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Standard deviation in planned ones."""
+        return self.estimate.standard_deviation / (self.estimate.planned or math.inf)
+
+    @property
+    def informative(self) -> bool:
+        """Whether the drive was as informative as planned."""
+        return self.ratio <= AS_PLANNED
+
+    def __str__(self) -> str:
+        how = "as informative as planned" if self.informative else "less informative than planned"
+        return "; ".join([f"{how}: {self.target} {self.estimate}", *self.reasons])
+
+
+@dataclass(eq=False)
+class _Drive:
+    """A drive under way, and where its last fit ended."""
+
+    commands: Commands
+    start: int  # ns
+    planned: Planned | None
+    z: FloatArray | None = None  # parameters in their ranges
+    nuisances: dict[str, float] = field(default_factory=dict)  # in their units
+    noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
+    rate: dict[Sensor, float] = field(default_factory=dict)  # Hz
+
+    def variables(self, problem: LeastSquares) -> FloatArray:
+        """Where the next fit starts: the means of the nuisances' priors follow the samples."""
+        (model,) = problem.models
+        z = problem.candidates(1, seed=0)[0][: problem.k] if self.z is None else self.z
+        known = [(self.nuisances.get(n.name, n.mean) - n.mean) / n.std for n in model.nuisances]
+        return np.concatenate([z, known])
+
+    def keep(self, problem: LeastSquares, at: FloatArray) -> None:
+        """Keep where a fit ended."""
+        (model,) = problem.models
+        self.z = at[: problem.k]
+        values = zip(model.nuisances, at[problem.k :].tolist(), strict=True)
+        self.nuisances = {n.name: n.mean + n.std * v for n, v in values}
+        self.noise = dict(problem.noise)
+        self.rate = {
+            sensor: (len(s.time) - 1) / float(np.ptp(s.time))
+            for sensor, s in model.drive.signals.items()
+        }
+
+
+class LiveIdentification:
+    """Estimates of a vehicle's unknown parameters while it drives.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Known constants and ranges.
+    prior : GaussianPrior, optional
+        Knowledge before the drive. Parameters that it does not name keep their ranges.
+    """
+
+    def __init__(self, vehicle: Vehicle, *, prior: GaussianPrior | None = None) -> None:
+        self._vehicle = vehicle
+        self._prior = prior_in_ranges(vehicle, prior)
+        self._samples: dict[Sensor, deque[tuple[int, tuple[float, ...]]]] = {
+            sensor: deque() for sensor in Sensor
+        }
+        self._drive: _Drive | None = None
+
+    def sense(self, sensor: Sensor, stamp: int, values: tuple[float, ...]) -> None:
+        """Take a sample.
+
+        Parameters
+        ----------
+        sensor : Sensor
+            That measured.
+        stamp : int
+            When [ns]; a sample that is not newer than the one before is left out.
+        values : tuple of float
+            One per channel.
+        """
+        samples = self._samples[sensor]
+        if samples and samples[-1][0] - JUMP < stamp <= samples[-1][0]:
+            return
+        samples.append((stamp, values))
+        while self._drive is None and abs(samples[0][0] - stamp) > KEPT:
+            samples.popleft()
+
+    def begin(self, commands: Commands, start: int, planned: Planned | None = None) -> None:
+        """Begin a drive; what was learnt in another one is forgotten.
+
+        Parameters
+        ----------
+        commands : Commands
+            That are played.
+        start : int
+            When the first one is [ns].
+        planned : Planned, optional
+            Compared with what is learnt.
+        """
+        self._drive = _Drive(commands, start, planned)
+
+    def update(self) -> Moment | None:
+        """Return what all samples of the drive have shown so far; None before they show anything.
+
+        Raises
+        ------
+        IdentificationError
+            If a sample is not a finite number.
+        """
+        return None if self._drive is None else self._update(self._drive, math.inf)
+
+    def end(self, elapsed: float = math.inf) -> tuple[Moment | None, Verdict | None]:
+        """End the drive.
+
+        Parameters
+        ----------
+        elapsed : float
+            Since the start event, where it was ended before the commands did [s].
+
+        Returns
+        -------
+        moment : Moment or None
+            From all samples until then; None if they show nothing.
+        verdict : Verdict or None
+            None where nothing was planned or seen.
+
+        Raises
+        ------
+        IdentificationError
+            If a sample is not a finite number.
+        """
+        drive, self._drive = self._drive, None
+        moment = None if drive is None else self._update(drive, elapsed)
+        if drive is None or moment is None or drive.planned is None:
+            return moment, None
+        target = drive.planned.target
+        at_end = float(drive.planned.at(math.inf)[list(moment.parameters).index(target)])
+        verdict = Verdict(target, replace(moment.parameters[target], planned=at_end), ())
+        if not verdict.informative:
+            verdict = replace(verdict, reasons=tuple(self._reasons(drive, moment)))
+        return moment, verdict
+
+    def _signals(self, drive: "_Drive", end: float) -> dict[Sensor, Signal]:
+        signals = {}
+        for sensor, samples in self._samples.items():
+            if samples:
+                stamps, values = zip(*samples, strict=True)
+                time = (np.array(stamps) - drive.start) * 1e-9
+                rows = np.array(values, dtype=np.float64)
+                if sensor is Sensor.HEADING:
+                    rows = np.unwrap(rows, axis=0)
+                jitter = STAMP_JITTER.get(sensor, 0.0)
+                signal = Signal(time, rows, jitter).between(-STANDSTILL, end)
+                if len(signal.time) >= MIN_POSITIONS:
+                    signals[sensor] = signal
+        return signals
+
+    def _reasons(self, drive: "_Drive", moment: Moment) -> Iterator[str]:
+        """Why a drive was less informative than planned, as far as it is seen."""
+        if drive.planned is None:
+            return
+        if moment.elapsed < drive.commands.duration - 0.5:
+            yield f"ended after {moment.elapsed:.1f} of {drive.commands.duration:.1f} s"
+        noise = drive.planned.noise
+        for sensor, white, rate in (
+            (Sensor.POSITION, noise.noise_std, noise.pose_rate),
+            (Sensor.HEADING, noise.heading_std, noise.pose_rate),
+            (Sensor.YAW_RATE, noise.yaw_rate_std, noise.gyro_rate),
+            (Sensor.WHEEL_SPEED, noise.wheel_speed_std, noise.wheel_rate),
+        ):
+            if white and sensor not in drive.noise:
+                yield f"no {sensor.value}"
+            elif white:  # samples at another rate: the same information with other noise
+                found = drive.noise[sensor].white * math.sqrt(rate / drive.rate[sensor])
+                if found > NOISIER * white:
+                    unit = sensor.unit
+                    yield f"noise of {sensor.value} {found:.2g} {unit}, planned {white:.2g} {unit}"
+
+    def _update(self, drive: "_Drive", end: float) -> Moment | None:
+        """Fit the samples until `end`, from where the last update ended."""
+        commands = drive.commands
+        signals = self._signals(drive, min(end, commands.duration))
+        if Sensor.POSITION not in signals:
+            return None
+        elapsed = float(signals[Sensor.POSITION].time[-1])
+        rows = int(np.searchsorted(commands.time, elapsed)) + 1
+        if rows < 2:
+            return None
+        played = (commands.time, commands.steering_motor_angle, commands.speed)
+        so_far = Commands(*(column[:rows] for column in played))
+        signals = {sensor: s.between(-STANDSTILL, so_far.duration) for sensor, s in signals.items()}
+        measured = MeasuredDrive("live", so_far, signals)
+        try:
+            check_motion(measured)
+        except IdentificationError:
+            return None
+        model = DriveModel(self._vehicle, measured)
+        with (
+            threadpool_limits(1, user_api="blas"),
+            LeastSquares([model], *self._prior, Loss.SQUARED) as problem,
+        ):
+            problem.noise |= {s: level for s, level in drive.noise.items() if s in signals}
+            fit = problem.minimise(drive.variables(problem), tolerance=ROUGH)
+            problem.estimate_noise(fit.at)
+            fit = problem.minimise(fit.at, tolerance=ROUGH)
+            covariance = np.linalg.inv(problem.gram(fit.at)[:-1, :-1])
+            drive.keep(problem, fit.at)
+        std = np.sqrt(np.diag(covariance))[: problem.k] * model.width
+        planned = None if drive.planned is None else drive.planned.at(elapsed)
+        found = {
+            name: LiveEstimate(
+                self._vehicle.unit(name),
+                float(value),
+                float(std[i]),
+                None if planned is None else float(planned[i]),
+            )
+            for i, (name, value) in enumerate(
+                zip(self._vehicle.unknown, model.parameters(fit.at[: problem.k]), strict=True)
+            )
+        }
+        return Moment(elapsed, found)

@@ -1,0 +1,148 @@
+"""Identification during a drive, fed sample by sample."""
+
+import time
+
+import numpy as np
+import pytest
+from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven
+
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.maneuver import Circle
+from excitation_planner.planning import PlanRequest, plan_at
+from excitation_planner.planning.prediction import predicted_progress
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.identification import identify
+from parameter_identification.live_identification import LiveIdentification, Planned
+from tricycle_core.errors import IdentificationError
+from tricycle_core.stamps import SECOND
+
+START = 1_700_000_000 * SECOND
+NOISE = MeasurementNoise(noise_std=0.01, yaw_rate_std=0.001)
+SENSORS = {Sensor.YAW_RATE: SensorNoise(0.001)}
+
+
+@pytest.fixture(scope="module")
+def plan():
+    request = PlanRequest(
+        VEHICLE, Circle(duration=8.0), "cornering_stiffness", samples=50, noise=NOISE
+    )
+    return plan_at(request, np.array([2.5, 0.9]))
+
+
+@pytest.fixture(scope="module")
+def planned(plan):
+    return Planned.of(plan, VEHICLE)
+
+
+def fed(drive, planned=None, *, updates=True):
+    """A live identification that has got all samples of a drive, and its moments."""
+    live, moments, due = LiveIdentification(VEHICLE), [], 1.0
+    samples = [
+        (at, sensor, values)
+        for sensor, signal in drive.signals.items()
+        for at, values in zip(signal.time.tolist(), signal.values.tolist(), strict=True)
+    ]
+    begun = False
+    for at, sensor, values in sorted(samples, key=lambda sample: sample[0]):
+        if at > 0.1 and not begun:  # the start event is heard a little late
+            live.begin(drive.commands, START, planned)
+            begun = True
+        if updates and at >= due:
+            moments.append(live.update())
+            due += 1.0
+        live.sense(sensor, START + round(at * SECOND), tuple(values))
+    return live, [moment for moment in moments if moment is not None]
+
+
+@pytest.mark.slow
+def test_a_drive_is_known_at_its_end_as_it_is_afterwards():
+    position = {Sensor.POSITION: SensorNoise(0.01, rate=100.0)}  # as the simulation's odom
+    drive = driven(commands_of_pair()["lane"], standstill=1.0, others=SENSORS | position)
+    before = time.process_time()
+    live, moments = fed(drive)
+    cpu = (time.process_time() - before) / drive.commands.duration
+    print(f"{cpu:.3f} s of CPU per second of the drive")
+    moment, verdict = live.end()
+    afterwards = identify([drive], VEHICLE).parameters
+    assert verdict is None  # nothing was planned
+    for name, truth in zip(NAMES, TRUTH, strict=True):
+        found = moment.parameters[name]
+        std = afterwards[name].standard_deviation
+        assert found.standard_deviation == pytest.approx(std, rel=0.2)
+        assert abs(found.estimate - truth) < 3.0 * found.standard_deviation
+        assert found.estimate == pytest.approx(afterwards[name].estimate, abs=0.2 * std)
+    assert len(moments) > 15
+    stds = np.array(
+        [[e.standard_deviation for e in m.parameters.values()] for m in [*moments, moment]]
+    )
+    print("largest rise of a deviation", np.max(stds[1:] / np.minimum.accumulate(stds)[:-1]) - 1.0)
+    # information grows; the noise that it is counted in is estimated anew every time
+    assert np.all(stds[1:] < 1.15 * np.minimum.accumulate(stds)[:-1])
+    assert np.log(stds[-1] / stds[0]).sum() < -3.0
+
+
+@pytest.mark.slow
+def test_the_prediction_for_the_end_is_the_plans(plan, planned):
+    at, std = predicted_progress(plan, VEHICLE)
+    assert at[0] == 0.0
+    assert at[-1] == plan.commands.duration
+    assert std[-1] == pytest.approx(list(plan.predicted_std.values()))
+    assert np.all(np.diff(std, axis=0) <= 1e-9 * std[0])
+    assert planned.at(1e3) == pytest.approx(std[-1])
+
+
+@pytest.mark.slow
+def test_a_drive_as_planned_is_said_to_be_one(plan, planned):
+    live, _ = fed(driven(plan.commands, standstill=1.0, others=SENSORS), planned, updates=False)
+    moment, verdict = live.end()
+    assert verdict.informative, verdict
+    assert verdict.reasons == ()
+    assert moment.elapsed == pytest.approx(plan.commands.duration, abs=0.1)
+    assert "as informative as planned: cornering_stiffness" in str(verdict)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("measured", "ended", "reason"),
+    [
+        ({}, 1e3, "no yaw rate"),
+        ({Sensor.YAW_RATE: SensorNoise(0.02)}, 1e3, "noise of yaw rate 0.02"),
+        (SENSORS, 3.0, "ended after 3.0 of"),
+    ],
+)
+def test_a_drive_that_shows_less_says_why(plan, planned, measured, ended, reason):
+    live, _ = fed(driven(plan.commands, standstill=1.0, others=measured), planned, updates=False)
+    _, verdict = live.end(ended)
+    assert not verdict.informative
+    assert reason in str(verdict)
+
+
+def test_before_the_vehicle_moves_nothing_is_known():
+    live = LiveIdentification(VEHICLE)
+    assert live.update() is None
+    assert live.end() == (None, None)
+    live.begin(commands_of_pair()["circle"], START)
+    for tick in range(100):
+        live.sense(Sensor.POSITION, START + tick * SECOND // 100, (0.0, 0.0))
+    assert live.update() is None
+
+
+def test_a_sample_that_is_no_number_is_told():
+    live = LiveIdentification(VEHICLE)
+    live.begin(commands_of_pair()["circle"], START)
+    live.sense(Sensor.POSITION, START, (float("nan"), 0.0))
+    with pytest.raises(IdentificationError, match="finite"):
+        live.update()
+
+
+def test_a_clock_that_begins_anew_does_not_silence_the_sensors():
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    live = LiveIdentification(VEHICLE)
+    live.sense(Sensor.POSITION, START + 3600 * SECOND, (0.0, 0.0))  # of the run before a reset
+    position = drive.signals[Sensor.POSITION]
+    for at, values in zip(position.time.tolist(), position.values.tolist(), strict=True):
+        live.sense(Sensor.POSITION, START + round(at * SECOND), tuple(values))
+        if abs(at) < 0.01:
+            live.begin(drive.commands, START)
+    assert live.update() is not None
