@@ -140,9 +140,10 @@ def identify(
                 first = find_optimum(without, starts=starts, seed=seed, level=level)
             near = [first.fit.at[: without.k], *first.rivals]
         optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near)
-        average = None
+        average: Mixture | None = None
+        acts: dict[str, float] = {}
         if weighed and problem.constant_effects():
-            optimum, average = weigh_effects(problem, optimum)
+            optimum, average, acts = weigh_effects(problem, optimum)
         curves: dict[int, ProfileCurve] = {}
         for i in range(problem.k if profiles and average is None else 0):
             curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
@@ -169,7 +170,7 @@ def identify(
             level=level,
             seed=seed,
             seconds=time.perf_counter() - begun,
-            effects=effects_of_drives(problem, optimum),
+            effects=effects_of_drives(problem, optimum, acts),
         )
 
 

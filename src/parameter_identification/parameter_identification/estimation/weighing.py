@@ -111,8 +111,12 @@ def mixture(information: FloatArray, pull: FloatArray, groups: list[list[int]]) 
     )
 
 
-def weigh_effects(problem: LeastSquares, optimum: Optimum) -> tuple[Optimum, Mixture]:
-    """Return the fit with the most probable effects, and the average over all subsets around it.
+def weigh_effects(
+    problem: LeastSquares, optimum: Optimum
+) -> tuple[Optimum, Mixture, dict[str, float]]:
+    """Return the fit with the most probable effects, and what the average over all subsets says.
+
+    That is the distribution of parameters and effects, and the probability of each effect by name.
 
     Parameters
     ----------
@@ -121,8 +125,8 @@ def weigh_effects(problem: LeastSquares, optimum: Optimum) -> tuple[Optimum, Mix
     optimum : Optimum
         The best fit with all effects.
     """
-    k, places = problem.k, problem.constant_effects()
-    variables = np.append(np.arange(k), sorted(i for at in places for i in at)).astype(int)
+    names, places = zip(*problem.constant_effects().items(), strict=True)
+    variables = np.append(np.arange(problem.k), sorted(i for at in places for i in at)).astype(int)
     where = {v: i for i, v in enumerate(variables.tolist())}
     groups = [[where[i] for i in at] for at in places]
     rest = np.setdiff1d(np.arange(problem.n), variables)
@@ -150,4 +154,9 @@ def weigh_effects(problem: LeastSquares, optimum: Optimum) -> tuple[Optimum, Mix
     covariance = np.zeros((problem.n, problem.n))
     covariance[np.ix_(free, free)] = np.linalg.inv(gram[:-1, :-1][np.ix_(free, free)])
     covariance[np.ix_(variables, variables)] = found.covariance(fit.at[variables])
-    return replace(optimum, fit=fit, covariance=covariance), found
+    acting = (found.weights @ found.acting).tolist()
+    return (
+        replace(optimum, fit=fit, covariance=covariance),
+        found,
+        dict(zip(names, acting, strict=True)),
+    )
