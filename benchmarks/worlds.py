@@ -4,10 +4,10 @@
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz. Each is identified without effects,
-with all, and with those that act in that world (the oracle). Printed for the first two parameters
-and the yaw inertia: in how many vehicles it is shown, how many 95 % intervals hold the truth where
-it is, how many do not (wrong, though shown), and the median width of the intervals over all
-vehicles, in % of the range.
+with all, with all weighed, and with those that act in that world (the oracle). Printed for the
+first two parameters and the yaw inertia: in how many vehicles it is shown, how many 95 % intervals
+hold the truth where it is, how many do not (wrong, though shown), and the median width of the
+intervals over all vehicles, in % of the range.
 
 The maneuvers are fixed, not designed with effects. The own firmware is no world here yet.
 """
@@ -32,6 +32,7 @@ SENSORS = {
     Sensor.YAW_RATE: SensorNoise(0.005),
     Sensor.WHEEL_SPEED: SensorNoise(0.0),
 }
+WAYS = ("none", "all", "weighed", "oracle")
 PARAMETERS = ("cornering_stiffness", "camber_stiffness", "yaw_inertia")
 
 
@@ -128,15 +129,16 @@ def drives_in(world, truth, seed, pair):
 
 def one_vehicle(job):
     """For each way and parameter: shown, covered, width in ranges; white."""
-    world, seed, pair = job
+    world, seed, pair, ways = job
     truth = draw(seed)
     drives, true = (
         drives_in(world, truth, seed, pair),
         dict(zip(VEHICLE.unknown, truth, strict=True)),
     )
     rows = []
-    for effects in ((), EFFECTS, WORLDS[world][1]):
-        found = identify(drives, VEHICLE, effects=effects)
+    for way in ways:
+        effects = {"none": (), "oracle": WORLDS[world][1]}.get(way, EFFECTS)
+        found = identify(drives, VEHICLE, effects=effects, weighed=way == "weighed")
         rows.append([])
         for name in PARAMETERS:
             e = found.parameters[name]
@@ -151,18 +153,19 @@ def main():
     )
     parser.add_argument("--vehicles", type=int, default=200)
     parser.add_argument("--world", choices=WORLDS, action="append", default=[])
+    parser.add_argument("--way", choices=WAYS, action="append", default=[])
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
-    pair = commands_of_pair()
+    pair, ways = commands_of_pair(), tuple(arguments.way or WAYS)
     print(f"{arguments.vehicles} vehicles; a cell: shown, covered where shown, wrong; width %")
     print(
         f"{'world':37s}{'effects':>8s}" + "".join(f"{name:>26s}" for name in PARAMETERS) + "  white"
     )
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in arguments.world or WORLDS:
-            jobs = [(world, seed, pair) for seed in range(arguments.vehicles)]
+            jobs = [(world, seed, pair, ways) for seed in range(arguments.vehicles)]
             table = np.array(list(pool.map(one_vehicle, jobs)), dtype=float)
-            for number, way in enumerate(("none", "all", "oracle")):
+            for number, way in enumerate(ways):
                 line = f"{world:37s}{way:>8s}"
                 for i in range(len(PARAMETERS)):
                     shown, covered, width, white = table[:, number, i].T

@@ -51,6 +51,7 @@ from parameter_identification.estimation.validation import (
     predict_held_out,
     whiteness_of_residuals,
 )
+from parameter_identification.estimation.weighing import Mixture, weigh_effects
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
@@ -71,6 +72,7 @@ def identify(
     prior: GaussianPrior | None = None,
     held_out: Sequence[MeasuredDrive] = (),
     effects: Sequence[str] = (),
+    weighed: bool = False,
     loss: Loss = Loss.SQUARED,
     starts: int = 4,
     level: float = 0.95,
@@ -94,6 +96,9 @@ def identify(
         Drives to be predicted with the estimates.
     effects : sequence of str, optional
         Of `EFFECTS`: estimated beside the parameters.
+    weighed : bool
+        Whether the result is the average over the models with and without each effect, instead of
+        that with all of them. Its intervals are those of the average, never profiles.
     loss : Loss
         Cost of a residual.
     starts : int
@@ -135,8 +140,12 @@ def identify(
                 first = find_optimum(without, starts=starts, seed=seed, level=level)
             near = [first.fit.at[: without.k], *first.rivals]
         optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near)
+        average: Mixture | None = None
+        acts: dict[str, float] = {}
+        if weighed and problem.constant_effects():
+            optimum, average, acts = weigh_effects(problem, optimum)
         curves: dict[int, ProfileCurve] = {}
-        for i in range(problem.k if profiles else 0):
+        for i in range(problem.k if profiles and average is None else 0):
             curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
             if progress is not None:
                 progress(i + 1, problem.k)
@@ -145,7 +154,7 @@ def identify(
         return Identification(
             vehicle=vehicle.name,
             vehicle_hash=vehicle.fingerprint,
-            parameters=_estimates(problem, optimum, curves, level),
+            parameters=_estimates(problem, optimum, curves, level, average),
             covariance=optimum.covariance[: problem.k, : problem.k]
             * np.outer(model.width, model.width),
             fixed={n: v for n, v in vehicle.nominal.items() if n not in known.unknown},
@@ -161,7 +170,7 @@ def identify(
             level=level,
             seed=seed,
             seconds=time.perf_counter() - begun,
-            effects=effects_of_drives(problem, optimum),
+            effects=effects_of_drives(problem, optimum, acts),
         )
 
 
@@ -172,7 +181,11 @@ def _common_truth(drives: Sequence[MeasuredDrive]) -> dict[str, float]:
 
 
 def _estimates(
-    problem: LeastSquares, optimum: Optimum, curves: Mapping[int, ProfileCurve], level: float
+    problem: LeastSquares,
+    optimum: Optimum,
+    curves: Mapping[int, ProfileCurve],
+    level: float,
+    average: Mixture | None,
 ) -> dict[str, Estimate]:
     model = problem.models[0]
     quantile = float(norm.ppf(0.5 + 0.5 * level))
@@ -181,7 +194,11 @@ def _estimates(
     found = {}
     for i, (name, limits) in enumerate(model.vehicle.unknown.items()):
         z = optimum.fit.at[i]
-        ends = np.clip([z - quantile * std[i], z + quantile * std[i]], 0.0, 1.0)
+        around = [z - quantile * std[i], z + quantile * std[i]]
+        if average is not None:
+            around = [average.quantile(i, 0.5 + sign * 0.5 * level) for sign in (-1, 1)]
+            around = [min(around[0], z), max(around[1], z)]
+        ends = np.clip(around, 0.0, 1.0)
         linear = tuple(float(v) for v in limits[0] + ends * model.width[i])
         low, high = linear
         profiled = None

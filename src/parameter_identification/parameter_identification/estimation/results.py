@@ -120,6 +120,8 @@ class EffectEstimate:
         Standard deviation before the drives.
     drive : str
         That it belongs to; "": to all.
+    acts : float or None
+        Probability that it does, where the effects were weighed.
     """
 
     name: str
@@ -128,6 +130,7 @@ class EffectEstimate:
     standard_deviation: float
     prior: float
     drive: str = ""
+    acts: float | None = None
 
     def __str__(self) -> str:
         factor, unit = _SHOWN_UNITS.get(self.unit, (1.0, f" {self.unit}"))
@@ -135,7 +138,9 @@ class EffectEstimate:
         digits = max(0, 1 - math.floor(math.log10(deviation))) if deviation > 0.0 else 3
         where = f", {self.drive}" if self.drive else ""
         value = f"{factor * self.estimate:+.{digits}f}{unit} "
-        return f"{self.name}{where}: {value if self.estimate else ''}± {deviation:.{digits}f}{unit}"
+        acts = "" if self.acts is None else f", acts with {self.acts:.0%}"
+        shown = value if self.estimate else ""
+        return f"{self.name}{where}: {shown}± {deviation:.{digits}f}{unit}{acts}"
 
 
 _SHOWN_UNITS = {"rad": (180.0 / math.pi, "°"), "1": (100.0, " %"), "m": (100.0, " cm")}

@@ -1,7 +1,7 @@
 """How well the fitted model predicts: the drives it was fitted to, and held-out ones."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -59,7 +59,9 @@ def fits_of_drives(
     return tuple(fits)
 
 
-def effects_of_drives(problem: LeastSquares, optimum: Optimum) -> tuple[EffectEstimate, ...]:
+def effects_of_drives(
+    problem: LeastSquares, optimum: Optimum, acts: Mapping[str, float]
+) -> tuple[EffectEstimate, ...]:
     """Return the estimate of each effect: those of all drives, then those of each drive.
 
     Parameters
@@ -68,6 +70,8 @@ def effects_of_drives(problem: LeastSquares, optimum: Optimum) -> tuple[EffectEs
         Holds the drives.
     optimum : Optimum
         The best fit.
+    acts : mapping of str to float
+        Probability of each effect, where they were weighed.
     """
     std = np.sqrt(np.diag(optimum.covariance))
     found = []
@@ -78,7 +82,8 @@ def effects_of_drives(problem: LeastSquares, optimum: Optimum) -> tuple[EffectEs
                 continue
             value, deviation = n.std * float(optimum.fit.at[at]), n.std * float(std[at])
             name = model.drive.name if own else ""
-            found.append(EffectEstimate(e.name, e.unit, value, deviation, e.std, name))
+            known = acts.get(e.name)
+            found.append(EffectEstimate(e.name, e.unit, value, deviation, e.std, name, known))
     sizes = problem.sizes()
     processes = [e for e in problem.models[0].effects if e.process]
     return (

@@ -61,9 +61,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--effects",
         default="none",
-        metavar="all|none|NAME,NAME",
+        metavar="all|weighed|none|NAME,NAME",
         help="what the real vehicle has beside the file (steering-zero, wheel-radius, "
-        "sensor-forward, …) and is estimated too",
+        "sensor-forward, …) and is estimated too; weighed: by the average over all their subsets",
     )
     add("--robust", action="store_true", help="hold outliers back")
     add("--seed", type=seed, default=0, help="of the starts")
@@ -116,7 +116,10 @@ def run(args: argparse.Namespace) -> int:
             vehicle,
             parameters=args.parameters,
             held_out=list(chain.from_iterable(drives[len(args.drives) :])),
-            effects={"all": EFFECTS, "none": ()}.get(args.effects, args.effects.split(",")),
+            effects={"all": EFFECTS, "weighed": EFFECTS, "none": ()}.get(
+                args.effects, args.effects.split(",")
+            ),
+            weighed=args.effects == "weighed",
             loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,
             seed=args.seed,

@@ -1,0 +1,73 @@
+"""The average over all subsets of effects, against Bayes' rule written out for a linear model."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+from parameter_identification.estimation.weighing import ACTS, mixture
+
+NOISE = 0.3
+PARAMETERS = 2
+GROUPS = [[2], [3, 4], [5]]  # the second effect is one of each drive
+
+
+def linear(seed, strength):
+    """Design (n, d) and what was measured (n,), with the second effect acting."""
+    rng = np.random.default_rng(seed)
+    design = rng.normal(size=(12, 6))
+    design[:, 5] = design[:, 0] + 0.01 * rng.normal(size=12)  # hides behind a parameter
+    values = np.array([0.5, -0.7, 0.0, strength, -strength, 0.0])
+    return design, design @ values + NOISE * rng.normal(size=12)
+
+
+def weighed(design, seen):
+    """Parameters have the prior N(0, 1) here, as the effects."""
+    information = design.T @ design / NOISE**2 + np.eye(design.shape[1])
+    return mixture(information, design.T @ seen / NOISE**2, GROUPS)
+
+
+@pytest.mark.parametrize(("seed", "strength"), [(0, 0.0), (1, 0.1), (2, 1.0)])
+def test_weights_are_those_of_bayes_rule(seed, strength):
+    design, seen = linear(seed, strength)
+    found = weighed(design, seen)
+    expected = []
+    for acting in product((False, True), repeat=len(GROUPS)):
+        kept = list(range(PARAMETERS)) + [
+            i for g, a in zip(GROUPS, acting, strict=True) if a for i in g
+        ]
+        covariance = design[:, kept] @ design[:, kept].T + NOISE**2 * np.eye(len(seen))
+        likelihood = multivariate_normal(np.zeros(len(seen)), covariance).pdf(seen)
+        expected.append(likelihood * ACTS ** sum(acting) * (1 - ACTS) ** (3 - sum(acting)))
+    np.testing.assert_allclose(found.weights, np.array(expected) / np.sum(expected), rtol=1e-9)
+
+
+def test_a_clear_effect_is_found_and_one_that_is_not_there_is_not():
+    acts = {}
+    for strength in (0.0, 3.0):
+        found = weighed(*linear(3, strength))
+        acts[strength] = found.weights @ found.acting[:, 1]
+    assert acts[0.0] < 0.1
+    assert acts[3.0] > 0.999
+
+
+def test_quantiles_and_moments_are_those_of_draws():
+    found = weighed(*linear(1, 0.1))
+    rng = np.random.default_rng(5)
+    subsets = rng.choice(len(found.weights), p=found.weights, size=200_000)
+    mean, std = found.means[subsets, 0], np.sqrt(found.covariances[subsets, 0, 0])
+    draws = rng.normal(mean, std)
+    for probability in (0.025, 0.5, 0.975):
+        at = found.quantile(0, probability)
+        assert np.mean(draws < at) == pytest.approx(probability, abs=0.002)
+    about = np.full(6, 0.1)
+    assert found.covariance(about)[0, 0] == pytest.approx(np.mean((draws - 0.1) ** 2), rel=0.02)
+
+
+def test_an_effect_that_hides_behind_a_parameter_widens_its_tails():
+    found = weighed(*linear(3, 0.0))
+    without = found.weights.argmax()
+    narrow = norm.ppf(0.9995) * np.sqrt(found.covariances[without, 0, 0])
+    assert found.quantile(0, 0.9995) - found.means[without, 0] > 2.0 * narrow
+    assert 0.5 * ACTS < found.weights @ found.acting[:, 2] < 1.5 * ACTS
