@@ -153,7 +153,7 @@ def with_wind(commands, truth, force):
                 *states[[STATE.x, STATE.y], 0],
                 yaw,
                 states[STATE.r, 0],
-                states[STATE.spin + 2 * WHEEL_STATES, 0],
+                states[STATE.spin + 2 * WHEEL_STATES, 0] - states[STATE.q, 0],  # of the motor
             )
         )
         kick = force / VEHICLE.mass * TICK

@@ -13,7 +13,17 @@ from parameter_identification.estimation.model import DriveModel
 from parameter_identification.identification import identify
 from tricycle_core.errors import IdentificationError
 
+ZERO = np.radians(1.5)  # of the steering
 EXACT = {sensor: SensorNoise(0.0, rate=20.0) for sensor in Sensor}
+
+
+def off_centre(**others):
+    """Return the pair of drives of a vehicle whose steering is off by ZERO."""
+    vehicle = VEHICLE.replace(steering_offset=ZERO)
+    return [
+        driven(c, seed=i, name=name, vehicle=vehicle, **others)
+        for i, (name, c) in enumerate(commands_of_pair().items())
+    ]
 
 
 def test_a_wrong_name_is_refused_with_the_right_one():
@@ -56,14 +66,10 @@ def test_derivatives_are_those_of_the_prediction():
 
 @pytest.mark.slow
 def test_steering_zero_and_sensor_are_found_with_the_parameters():
-    zero = np.radians(1.5)
-    drives = [
-        driven(c, seed=i, name=name, vehicle=VEHICLE.replace(steering_offset=zero))
-        for i, (name, c) in enumerate(commands_of_pair().items())
-    ]
+    drives = off_centre()
     found = identify(drives, VEHICLE, effects=("steering-zero", "sensor-left"))
     (steering,) = (e for e in found.effects if e.name == "steering zero")
-    assert steering.estimate == pytest.approx(zero, abs=4 * steering.standard_deviation)
+    assert steering.estimate == pytest.approx(ZERO, abs=4 * steering.standard_deviation)
     assert steering.standard_deviation < 0.002
     assert str(steering).startswith("steering zero: +1.")
     stiffness = found.parameters["cornering_stiffness"]
@@ -71,3 +77,21 @@ def test_steering_zero_and_sensor_are_found_with_the_parameters():
     assert stiffness.high - stiffness.low < 150.0
     assert found.white
     assert not identify(drives, VEHICLE).white
+
+
+@pytest.mark.slow
+def test_weighed_effects_act_where_they_do_and_cost_less_than_all():
+    drives = off_centre(others={Sensor.YAW_RATE: SensorNoise(0.002, rate=100.0)}.items())
+    weighed, all_act = (
+        identify(drives, VEHICLE, effects=EFFECTS, weighed=w) for w in (True, False)
+    )
+    acts = {e.name: e.acts for e in weighed.effects}
+    assert acts["steering zero"] > 0.99
+    assert acts["load sensitivity"] < 0.5
+    for name, true in zip(NAMES, TRUTH, strict=True):
+        narrow, wide = weighed.parameters[name], all_act.parameters[name]
+        assert narrow.low <= true <= narrow.high
+        assert narrow.high - narrow.low < 1.02 * (wide.high - wide.low)
+    assert weighed.parameters["camber_stiffness"].identifiable
+    assert not all_act.parameters["camber_stiffness"].identifiable
+    assert ", acts with 100%" in str(next(e for e in weighed.effects if e.name == "steering zero"))
