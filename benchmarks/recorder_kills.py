@@ -78,7 +78,7 @@ def found(bag: Path) -> tuple[list[int], bool]:
     torn = False
     try:
         messages, again = of_rosbags(bag), of_mcap(bag)
-    except (ReaderError, McapError):
+    except (ReaderError, McapError, MemoryError, OverflowError):
         torn, whole = True, bag.with_name(f"{bag.name}_recovered")
         recover(bag, whole)
         messages, again = of_rosbags(whole), of_mcap(whole)

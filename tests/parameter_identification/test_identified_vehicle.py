@@ -6,6 +6,7 @@ import pytest
 import yaml
 from found_identification import FOUND
 
+from parameter_identification.estimation.results import EffectEstimate
 from parameter_identification.identified_vehicle import identified_vehicle
 from tricycle_sim.vehicle import load_vehicle
 
@@ -44,3 +45,10 @@ def test_entries_name_their_source():
     assert entry["basis"] == "data"
     assert "identified from monday, tuesday: 95 % interval 590 to 611" in entry["about"]
     assert "not shown by first" in identified_vehicle(FOUND, None)
+
+
+def test_doubts_about_the_model_are_in_the_entries():
+    shown = EffectEstimate("turn deviation", "1", 0.0, 0.001, 0.01, chance=1e-9)
+    text = identified_vehicle(dataclasses.replace(FOUND, effects=(shown,)), None)
+    about = yaml.safe_load(text)["constants"]["cornering_stiffness"]["about"]
+    assert "but the vehicle moves as the model cannot (turn deviation)" in about

@@ -20,6 +20,8 @@ from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.recovery import recover
 
 KILLS = 10
+# of readers that meet half a record; rosbags may take its bytes for a length that is no length
+TORN = (ReaderError, McapError, MemoryError, OverflowError)
 
 # Writes 2000 messages/s as the recorder does, flushing every 0.5 s, or, to be caught in the write
 # itself more often, without a pause.
@@ -81,7 +83,7 @@ def test_kill_9_loses_at_most_the_last_second(tmp_path: Path) -> None:
         try:
             assert stamps_of_rosbags(path) == stamps
             assert stamps_of_mcap(path) == stamps
-        except (ReaderError, McapError):  # killed in the middle of a write
+        except TORN:  # killed in the middle of a write
             torn += 1
             recovered = tmp_path / f"recovered_{path.name}"
             recover(path, recovered)

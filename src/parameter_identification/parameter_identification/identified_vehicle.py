@@ -32,6 +32,12 @@ def identified_vehicle(
     """
     document = vehicle_document(source)
     where = ", ".join(bags or [drive.name for drive in found.drives])
+    doubt = ""
+    if not found.white:
+        doubt = ", but the residuals are not white: the model lacks something or a sensor drifts"
+    elif found.deviations:
+        names = ", ".join(effect.name for effect in found.deviations)
+        doubt = f", but the vehicle moves as the model cannot ({names})"
     for name, estimate in found.parameters.items():
         entry = document["constants"][name]
         about = entry["about"]
@@ -41,8 +47,7 @@ def identified_vehicle(
             about = (
                 f"identified from {where}: {100 * found.level:g} % interval "
                 f"{estimate.low:.5g} to {estimate.high:.5g}"
-                f"{'' if found.white else ', but the residuals are not white: the model lacks '}"
-                f"{'' if found.white else 'something or a sensor drifts'}; range: {RANGE:g} "
+                f"{doubt}; range: {RANGE:g} "
                 f"standard deviations; before: {about}"
             )
         else:

@@ -92,6 +92,20 @@ def test_weighed_effects_act_where_they_do_and_cost_less_than_all():
         narrow, wide = weighed.parameters[name], all_act.parameters[name]
         assert narrow.low <= true <= narrow.high
         assert narrow.high - narrow.low < 1.02 * (wide.high - wide.low)
+    assert weighed.deviations == all_act.deviations == ()
     assert weighed.parameters["camber_stiffness"].identifiable
     assert not all_act.parameters["camber_stiffness"].identifiable
     assert ", acts with 100%" in str(next(e for e in weighed.effects if e.name == "steering zero"))
+
+
+@pytest.mark.slow
+def test_it_is_told_that_the_vehicle_moves_as_no_effect_can():
+    sliding = dataclasses.replace(VEHICLE, parts={"tyre": "fiala"})
+    gyro = {Sensor.YAW_RATE: SensorNoise(0.002, rate=100.0)}.items()
+    drives = [
+        driven(c, seed=i, name=name, vehicle=sliding, others=gyro)
+        for i, (name, c) in enumerate(commands_of_pair().items())
+    ]
+    found = identify(drives, VEHICLE, effects=("speed-deviation", "turn-deviation"))
+    assert found.white  # the deviations have taken it up
+    assert found.deviations

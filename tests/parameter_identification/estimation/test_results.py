@@ -1,11 +1,13 @@
 """Results of an identification: what is derived from them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from found_identification import FOUND
 from matplotlib.figure import Figure
 
-from parameter_identification.estimation.results import Combination
+from parameter_identification.estimation.results import Combination, EffectEstimate
 
 
 def test_arrays_are_in_the_order_of_the_names():
@@ -51,3 +53,17 @@ def test_an_identification_as_a_figure():
     first, second = (label.get_text() for label in drawn.get_yticklabels())
     assert first.startswith("cornering stiffness\n500 to 1500 N/rad")
     assert "not shown" in second
+
+
+def test_deviations_are_shown_where_chance_does_not_explain_them():
+    effects = tuple(
+        EffectEstimate(name, "1", 0.0, 0.001, 0.01, chance=chance)
+        for name, chance in (
+            ("turn deviation", 0.0051),
+            ("speed deviation", 0.0049),
+            ("zero", None),
+        )
+    )
+    found = dataclasses.replace(FOUND, effects=effects)
+    assert [e.name for e in found.deviations] == ["speed deviation"]  # 1 % for both together
+    assert FOUND.deviations == ()

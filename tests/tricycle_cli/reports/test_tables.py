@@ -4,8 +4,10 @@ import dataclasses
 import io
 
 import pytest
+from found_identification import FOUND
 from rich.console import Console
 
+from parameter_identification.estimation.results import EffectEstimate
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.reports.tables import (
     allowed_rise,
@@ -13,6 +15,7 @@ from tricycle_cli.reports.tables import (
     judgement_table,
     plan_table,
     prediction_table,
+    remarks,
 )
 
 
@@ -71,3 +74,10 @@ def test_drives_show_what_was_planned_and_what_was_measured(plan, record_drive, 
 @pytest.mark.parametrize(("level", "rise"), [(0.6827, 1.0), (0.95, 3.8415), (0.9545, 4.0)])
 def test_the_rise_is_the_quantile_of_chi_square(level, rise):
     assert allowed_rise(level) == pytest.approx(rise, abs=1e-3)
+
+
+def test_it_is_said_when_the_vehicle_moves_as_the_model_cannot():
+    shown = EffectEstimate("turn deviation", "1", 0.0, 0.001, 0.01, chance=1e-9)
+    found = dataclasses.replace(FOUND, effects=(shown,))
+    assert any("moves as the model CANNOT (turn deviation)" in line for line in remarks(found))
+    assert not any("CANNOT" in line for line in remarks(FOUND))

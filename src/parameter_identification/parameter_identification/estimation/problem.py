@@ -18,6 +18,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
+from scipy.stats import chi2
 
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
@@ -291,6 +292,41 @@ class LeastSquares(Closing):
             e.name: e.std / math.sqrt(float(self._precision[at[0] - self.k]))
             for e, at in self._processes.items()
         }
+
+    def chances_of_deviations(self, v: FloatArray) -> dict[str, float]:
+        """Return the probability of drives that show as much of each deviation, if there were none.
+
+        The score test of a variance component: without the deviation, the derivatives of the cost
+        along its bases are normal, with the information of the drives as their covariance. The sum
+        of their squares is compared with a chi-squared distribution of the same mean and variance.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables at the minimum.
+
+        Returns
+        -------
+        chances : dict of str to float
+            By name of the deviation.
+
+        References
+        ----------
+        X. Lin, Biometrika 84 (1997) 309-326.
+        """
+        chances = {}
+        information = self.gram(v)[:-1, :-1]
+        for e, places in self._processes.items():
+            at = np.array(places)
+            rest = np.setdiff1d(np.arange(self.n), at)
+            onto = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, at)])
+            own = information[np.ix_(at, at)] - information[np.ix_(at, rest)] @ onto
+            scores = own @ v[at]
+            shown = own - np.diag(self._precision[at - self.k])  # by the drives, without the prior
+            mean, half_variance = np.trace(shown), np.sum(shown**2)
+            scale = half_variance / mean
+            chances[e.name] = float(chi2.sf(scores @ scores / scale, mean / scale))
+        return chances
 
     def estimate_noise(self, v: FloatArray) -> None:
         """Set the weights of the samples and the noise of each sensor from the residuals at `v`."""

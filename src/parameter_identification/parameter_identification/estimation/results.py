@@ -11,7 +11,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import GaussianPrior
-from parameter_identification.estimation.whiteness import Whiteness, all_white
+from parameter_identification.estimation.whiteness import SIGNIFICANCE, Whiteness, all_white
 from tricycle_core.optional import optional, own_axes
 from tricycle_core.palette import BLUE, GREY, VERMILLION
 from tricycle_core.quantities import FloatArray
@@ -122,6 +122,8 @@ class EffectEstimate:
         That it belongs to; "": to all.
     acts : float or None
         Probability that it does, where the effects were weighed.
+    chance : float or None
+        Of a deviation: the probability of drives that show as much of it, if there were none.
     """
 
     name: str
@@ -131,6 +133,7 @@ class EffectEstimate:
     prior: float
     drive: str = ""
     acts: float | None = None
+    chance: float | None = None
 
     def __str__(self) -> str:
         factor, unit = _SHOWN_UNITS.get(self.unit, (1.0, f" {self.unit}"))
@@ -355,6 +358,16 @@ class Identification:
     def identifiable(self) -> dict[str, bool]:
         """Whether the drives show each parameter, by name."""
         return {name: e.identifiable for name, e in self.parameters.items()}
+
+    @property
+    def deviations(self) -> tuple[EffectEstimate, ...]:
+        """Deviations that the drives show: the vehicle moves as the model with its effects cannot.
+
+        They take up what the model lacks, so that residuals are white; the intervals of the
+        parameters do not count what it did to them.
+        """
+        tested = [e for e in self.effects if e.chance is not None]
+        return tuple(e for e in tested if (e.chance or 0.0) * len(tested) < SIGNIFICANCE)
 
     @property
     def white(self) -> bool:

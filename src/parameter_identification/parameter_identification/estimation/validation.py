@@ -84,12 +84,12 @@ def effects_of_drives(
             name = model.drive.name if own else ""
             known = acts.get(e.name)
             found.append(EffectEstimate(e.name, e.unit, value, deviation, e.std, name, known))
-    sizes = problem.sizes()
-    processes = [e for e in problem.models[0].effects if e.process]
-    return (
-        *found,
-        *(EffectEstimate(e.name, e.unit, 0.0, sizes[e.name], e.std) for e in processes),
-    )
+    sizes, chances = problem.sizes(), problem.chances_of_deviations(optimum.fit.at)
+    for e in problem.models[0].effects:
+        if e.process:
+            size = sizes[e.name]
+            found.append(EffectEstimate(e.name, e.unit, 0.0, size, e.std, chance=chances[e.name]))
+    return tuple(found)
 
 
 def whiteness_of_residuals(

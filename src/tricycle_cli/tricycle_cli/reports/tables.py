@@ -224,6 +224,12 @@ def remarks(found: Identification) -> list[str]:
             f"residuals are NOT white ({names}): the model lacks an effect or a sensor drifts. "
             "The intervals count it as drifting noise; they do not cover a wrong model"
         )
+    if found.deviations:
+        names = ", ".join(effect.name for effect in found.deviations)
+        lines.append(
+            f"the vehicle moves as the model CANNOT ({names}): it has something that no effect "
+            "stands for, as tyres that slide or play in the steering. The intervals do not count it"
+        )
     lines += [f"beside them: {effect}" for effect in found.effects]
     if found.rivals:
         lines.append(
