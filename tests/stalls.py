@@ -53,7 +53,7 @@ class RunningClock:
 
 
 class StallWatch:
-    """A process on each processor that notes when it wanted to run and did not.
+    """A process on each processor that notes when that stood still (`note_pauses.py`).
 
     Where the machine is a virtual one, one of its processors may stand still while the others run,
     and what ran there with it. They are processes of their own: a call that holds the interpreter's

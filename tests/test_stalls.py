@@ -1,18 +1,32 @@
 """What is run again: a failed test in real time, after a pause; what a pause is to its clock."""
 
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+import stalls
 
 CONFTEST = """
 import stalls
 from stalls import pytest_runtest_protocol, pytest_terminal_summary
-stalls.QUIET = 0.1
+
+class Watch:
+    noted = 0.0
+
+    def longest(self):
+        found, Watch.noted = Watch.noted, 0.0
+        return found
+
+    def wait_for_quiet(self):
+        pass
+
+stalls.StallWatch = Watch
 """
 TESTS = '''
-import ctypes, signal, time
+import ctypes, time
 from pathlib import Path
 import pytest, stalls
 
@@ -30,12 +44,8 @@ def hold():
     ctypes.PyDLL(None).usleep(300_000)  # holds the interpreter's lock: no other thread runs
 
 def pause():
-    """As a processor that stands still: neither this process runs nor the one that notes it."""
-    noting = stalls._watch.processes[0]
-    noting.send_signal(signal.SIGSTOP)
     hold()
-    noting.send_signal(signal.SIGCONT)
-    ctypes.PyDLL(None).usleep(50_000)  # it notes it
+    type(stalls._watch).noted = 0.3
 
 def test_paused_once(plc_pair):
     if runs("paused_once") == 1:
@@ -96,3 +106,20 @@ def test_only_a_failure_after_a_pause_in_real_time_is_run_again(tmp_path):
     again = [line for line in done.stdout.splitlines() if line.startswith("run again")]
     assert len(again) == 4
     assert sum("::test_paused_once" in line for line in again) == 1
+
+
+def test_a_processor_that_stands_still_is_noted():
+    watch = stalls.StallWatch()
+    try:
+        for process in watch.processes:
+            watch.longest()
+            process.send_signal(signal.SIGSTOP)
+            time.sleep(0.3)
+            process.send_signal(signal.SIGCONT)
+            deadline, noted = time.monotonic() + 10.0, 0.0
+            while noted < 0.25:
+                assert time.monotonic() < deadline
+                noted = watch.longest()
+                time.sleep(0.01)
+    finally:
+        watch.close()
