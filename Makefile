@@ -92,7 +92,8 @@ audit:  ## known vulnerabilities of the pinned dependencies; names those it coul
 docs: setup  ## the documentation, as a site in build/site; warnings are errors
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
-reference: setup  ## write the reference pages that come from the code anew
+reference: setup  ## write the reference pages and the firmware's header, which come from the code, anew
+	header=$$($(BIN)/python -m tricycle_bridge.protocol.firmware_header) && printf '%s\n' "$$header" > firmware/messages.h
 	$(BIN)/python docs/generate_reference.py
 	for vehicle in tricycle cargo_tadpole delta_tricycle car_1_10; do $(BIN)/tricycle vehicle check \
 	  src/tricycle_sim/tricycle_sim/$$vehicle.yaml --draw docs/figures/$$vehicle.png || exit 1; done
@@ -118,7 +119,7 @@ soak: setup  ## an hour of driving on a bad line, a hundred cables pulled, fifty
 KERNELS := $(addprefix tests/tricycle_sim/,vehicle/test_uncompiled.py vehicle/test_kernel.py test_setpoints.py) \
 	-k "uncompiled or setpoints or lagrange or linkage or ratio_of or inverse or servo or static"
 COVERAGE := $(BIN)/python -m coverage
-PROTOCOL := src/tricycle_bridge/*/protocol/*.py,src/tricycle_bridge/*/link.py,src/tricycle_bridge/*/handshake.py,src/tricycle_bridge/*/operations.py,src/tricycle_bridge/*/arming.py,src/tricycle_bridge/*/command_stream.py,src/tricycle_sim/*/plc/plc.py,src/tricycle_sim/*/plc/steer.py,src/tricycle_sim/*/plc/drive.py
+PROTOCOL := src/tricycle_bridge/*/protocol/*.py,src/tricycle_bridge/*/plc_link/*.py,src/tricycle_bridge/*/arming.py,src/tricycle_bridge/*/commands/command_stream.py,src/tricycle_sim/*/plc/plc.py,src/tricycle_sim/*/plc/steer.py,src/tricycle_sim/*/plc/drive.py
 PHYSICS := src/tricycle_sim/*/vehicle/*.py,src/tricycle_sim/*/setpoints.py
 STATISTICS := $(addprefix src/excitation_planner/*/,box.py trajectory_error.py indices/*.py design/criteria.py design/information.py design/noise.py design/prior.py design/problem.py)
 comma := ,

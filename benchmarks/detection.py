@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from stopping import LOAD, SLOPES, make_rig
 
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.messages import Board, PlcState
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.stopping import LINE_DETECTION, MAX_PAYLOAD

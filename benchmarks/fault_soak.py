@@ -38,7 +38,7 @@ from pathlib import Path
 import numpy as np
 from stopping import STOPS, make_rig
 
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.settings import BridgeSettings

@@ -52,9 +52,9 @@ def kriging() -> float:
 def codec() -> float:
     """Encoding and decoding of a state frame [s]."""
     from tricycle_bridge.protocol.framing import FrameDecoder, encode
-    from tricycle_bridge.protocol.messages import Board, DriveState
+    from tricycle_bridge.protocol.messages import Board, DriveState, layout
 
-    state = DriveState(1, 2, 1, 0, 1003, 1000, 12345, 6, 1200, 48000, 1, 0, 7, 1)
+    state = DriveState(**dict.fromkeys(layout(DriveState), 1))
 
     def work() -> None:
         decoder = FrameDecoder(Board.DRIVE, host=True)

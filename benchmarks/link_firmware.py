@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.replay import nominal_run
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_sim.commands import Commands

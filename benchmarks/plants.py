@@ -39,7 +39,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.estimation.effects import effects_of
 from parameter_identification.identification import identify
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands

@@ -24,7 +24,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.stopping import MAX_PAYLOAD, Cause, stopping_distance

@@ -11,12 +11,15 @@ import ctypes
 import dataclasses
 import math
 import os
+import re
 import subprocess
 import sys
 import tempfile
 import time
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 
 import matplotlib as mpl
@@ -26,7 +29,7 @@ from vehicle_checks import integration_errors
 
 from excitation_planner.maneuver import DoubleLaneChange
 from excitation_planner.planning.replay import nominal_run
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import EmulatedRig
@@ -212,34 +215,47 @@ class HandWritten:
         )
 
 
-def common_road() -> Callable[[], None]:
-    """20 s of CommonRoad's single-track model through odeint, commands held for 20 ms as ours."""
+PEER_SECONDS = 4.0  # that CommonRoad's models simulate
+
+
+def common_road(kind: str) -> Callable[[], None]:
+    """A model of CommonRoad, `st` or `mb`, through odeint, commands held for 20 ms as ours."""
     from scipy.integrate import odeint
-    from vehiclemodels.init_st import init_st
     from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
-    from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 
     parameters = parameters_vehicle2()
+    names = f"vehicle_dynamics_{kind}", f"init_{kind}"
+    model, init = (getattr(import_module(f"vehiclemodels.{name}"), name) for name in names)
+    core = [0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0]
+    start = init(core, *([parameters] if kind == "mb" else []))
 
     def rate(state: Array, _: float, inputs: list[float]) -> list[float]:
-        return vehicle_dynamics_st(list(state), inputs, parameters)  # type: ignore[no-any-return]
-
-    start = init_st([0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0])
+        return model(state.tolist(), inputs, parameters)  # type: ignore[no-any-return]
 
     def run() -> None:
-        state = start
-        for k in range(1000):
+        state = np.array(start)
+        for k in range(round(PEER_SECONDS / (2.0 * TICK))):
             inputs = [0.1 * math.cos(0.02 * k), 0.0]
             state = odeint(rate, state, [0.0, TICK, 2.0 * TICK], args=(inputs,))[-1]
 
     return run
 
 
-def mujoco_tricycle(timestep: float, duration: float = 20.0) -> Callable[[], Array]:
-    """MuJoCo's tricycle at a step; the returned run gives its final position."""
+def mujoco_vehicle(wheels: int, timestep: float, duration: float = 20.0) -> Callable[[], Array]:
+    """MuJoCo's tricycle, or with two wheels behind, at a step; the run gives its last position."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_path(str(HERE / "vehicle.xml"))
+    text = (HERE / "vehicle.xml").read_text()
+    if wheels == 4:
+        for part in re.findall(
+            r'<body name="wheel_rear".*?</body>|<velocity.*?/>', text, re.DOTALL
+        ):
+            pair = [
+                part.replace("rear", f"rear_{side}").replace("-0.0035", y)
+                for side, y in (("left", "0.3065"), ("right", "-0.3135"))
+            ]
+            text = text.replace(part, "".join(pair))
+    model = mujoco.MjModel.from_xml_string(text)
     model.opt.timestep = timestep
     steps = round(duration / timestep)
 
@@ -247,30 +263,45 @@ def mujoco_tricycle(timestep: float, duration: float = 20.0) -> Callable[[], Arr
         data = mujoco.MjData(model)
         for k in range(steps):
             angle = 0.1 * math.sin(k * timestep)
-            data.ctrl[:] = angle, angle, min(0.9 * k * timestep, 2.0) / 0.335
+            data.ctrl[:2] = angle
+            data.ctrl[2:] = min(0.9 * k * timestep, 2.0) / 0.335
             mujoco.mj_step(model, data)
         return np.array(data.qpos[:2])
 
     return run
 
 
-def peers(ours: float) -> None:
-    """Print CommonRoad and MuJoCo beside our time [s] per simulated second of a vehicle."""
-    try:
-        (seconds,) = shortest(common_road(), repeats=3)
-        line("CommonRoad single track, odeint: ns per 10 ms", f"{seconds / 2000 * 1e9:.0f}")
-        line("  times ours (all threads)", f"{seconds / 20.0 / ours:.0f}")
-    except ImportError:
-        line("CommonRoad single track", "not installed")
-    try:
-        run = mujoco_tricycle(0.005)
-        (seconds,) = shortest(run, repeats=3)
-        line("MuJoCo tricycle, 5 ms: ns per step", f"{seconds / 4000 * 1e9:.0f}")
-        line("  times ours (all threads), per simulated second", f"{seconds / 20.0 / ours:.0f}")
-        error = np.hypot(*(mujoco_tricycle(0.005, 4.0)() - mujoco_tricycle(0.0002, 4.0)()))
-        line("  planar error after 4 s against its own steps of 0.2 ms", f"{error:.1e} m")
-    except ImportError:
-        line("MuJoCo tricycle", "not installed")
+def peers(vehicle: Vehicle, commands: Commands, threads: int) -> None:
+    """Print CommonRoad and MuJoCo beside ours, with three and with four wheels."""
+    for wheels, own, kind, name in (
+        (3, vehicle, "st", "single track"),
+        (4, with_four_wheels(vehicle), "mb", "multi-body"),
+    ):
+        parameters = draw(own, 512)  # short runs, many of them: others use the machine too
+        ours = partial(simulate_planar, own, commands, parameters, ignore, threads=threads)
+        found = []
+        for peer, seconds, prepare in (
+            (f"CommonRoad {name}, odeint", PEER_SECONDS, partial(common_road, kind)),
+            ("MuJoCo, steps of 5 ms", 20.0, partial(mujoco_vehicle, wheels, 0.005)),
+        ):
+            try:
+                found.append((peer, seconds, prepare()))
+            except ImportError:
+                line(peer, "not installed")
+        batch, *times = shortest(ours, *(run for _, _, run in found))
+        pace = batch / (512 * 20.0)
+        what = f"{wheels} wheels, {threads} threads, 512 samples"
+        line(f"{what}: ns per vehicle step", f"{pace * TICK * 1e9:.0f}")
+        line("  times real time", f"{1.0 / pace:.0f}")
+        for (peer, seconds, _), taken in zip(found, times, strict=True):
+            line(f"  {peer}: us per 10 ms", f"{taken / seconds * TICK * 1e6:.0f}")
+            line("    times ours (all threads)", f"{taken / seconds / pace:.0f}")
+            if peer.startswith("MuJoCo"):
+                error = mujoco_vehicle(wheels, 0.005, 4.0)() - mujoco_vehicle(wheels, 0.0002, 4.0)()
+                line(
+                    "    planar error after 4 s against steps of 0.2 ms",
+                    f"{np.hypot(*error):.1e} m",
+                )
 
 
 def lane_change(vehicle: Vehicle, threads: int) -> None:
@@ -412,15 +443,7 @@ def main() -> int:
 
     structures(vehicle, commands)
 
-    parameters = draw(vehicle, 512)  # short runs, many of them: others use the machine too
-    (batch,) = shortest(
-        lambda: simulate_planar(vehicle, commands, parameters, ignore, threads=args.threads),
-        repeats=60,
-    )
-    per_step = batch / (512 * 2000)
-    line(f"{args.threads} threads, 512 samples: ns per vehicle step", f"{per_step * 1e9:.0f}")
-    line("  times real time", f"{TICK / per_step:.0f}")
-    peers(per_step / TICK)
+    peers(vehicle, commands, args.threads)
     error = integration_errors(vehicle)[1e3 * TICK]
     line("planar error of ours after 4 s against the oracle", f"{error:.1e} m")
     lane_change(vehicle, args.threads)

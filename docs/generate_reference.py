@@ -70,7 +70,7 @@ def protocol_page() -> str:
     """The protocol's page with its tables of messages and fields, from the message table."""
     from tricycle_bridge.protocol.messages import MESSAGES
 
-    tables = {"messages": _message_table(MESSAGES)}
+    tables = {"messages": _message_table(MESSAGES), "load": _load_table()}
     tables |= {m.__name__: _field_table(m) for m in MESSAGES if dataclasses.fields(m)}
 
     def filled(match: re.Match[str]) -> str:
@@ -80,7 +80,40 @@ def protocol_page() -> str:
     text = re.sub(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", filled, text, flags=re.DOTALL)
     if tables:
         raise SystemExit(f"protocol.md has no place for the table of {', '.join(tables)}")
-    return text
+    return re.sub(r"^\| `[0-9a-f]{18,}` (\|.*\|)$", _vector, text, flags=re.MULTILINE)
+
+
+def _vector(row: re.Match[str]) -> str:
+    """A row of the test vectors with the frame that its other cells describe."""
+    from tricycle_bridge.protocol.framing import encode
+    from tricycle_bridge.protocol.messages import MESSAGES, Board, layout
+
+    name, board, seq, session, values = (cell.strip() for cell in row[1].split("|")[1:-1])
+    (message,) = (
+        m for m in MESSAGES if _wire_name(m) == name and m.BOARD in (Board(int(board)), Board.ANY)
+    )
+    given = [int(value, 0) for value in values.split(", ") if value]
+    left_out = len(layout(message)) - len(given)
+    frame = encode(
+        message(*given, *[0] * left_out),
+        board=Board(int(board)),
+        seq=int(seq),
+        session=int(session, 0),
+    )
+    return f"| `{frame.hex()}` {row[1]}"
+
+
+def _load_table() -> str:
+    """Share of one direction of the line that each stream takes."""
+    from tricycle_bridge.protocol import messages as m
+
+    streams = {m.SteerState: 100, m.DriveState: 100, m.SteerCommand: 50, m.DriveCommand: 50}
+    rows = []
+    for message, rate in streams.items():
+        size = m.payload_struct(message).size + 10  # section 1.1
+        load = f"{10 * size * rate / m.BAUD:.1%}".replace("%", " %")
+        rows.append((f"{_wire_name(message)}, {rate} Hz", size, load))
+    return table(("stream", "bytes per frame", "load"), rows)
 
 
 def _message_table(messages: Iterable[Any]) -> str:

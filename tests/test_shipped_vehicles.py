@@ -13,8 +13,9 @@ from excitation_planner.planning import PlanRequest, plan_maneuver
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
+from tricycle_cli.new_vehicle import from_answers
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host
@@ -121,10 +122,8 @@ def test_every_constant_may_be_unknown(name):
                 assert found == pytest.approx(getattr(expected, column)[0, -1], abs=1e-9), entry
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "target"), TARGETS.items())
-def test_it_is_planned_for_driven_on_emulated_boards_and_identified(name, target):
-    vehicle = shipped(name)
+def plan_drive_and_identify(vehicle, target):
+    """On emulated boards; estimates within 4 sigma, the target within 5 % of its range."""
     rng = np.random.default_rng(1)
     family = family_by_name("step-steer")
     request = PlanRequest(vehicle, family, target, criterion=Criterion.C, budget=4000)
@@ -138,3 +137,25 @@ def test_it_is_planned_for_driven_on_emulated_boards_and_identified(name, target
     assert np.all(off < 4.0 * found.standard_deviations)
     at = list(vehicle.unknown).index(target)
     assert found.standard_deviations[at] < 0.05 * (high - low)[at]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "target"), TARGETS.items())
+def test_it_is_planned_for_driven_on_emulated_boards_and_identified(name, target):
+    plan_drive_and_identify(shipped(name), target)
+
+
+@pytest.mark.slow
+def test_a_new_vehicle_is_one_yaml_and_no_code(tmp_path):
+    """No shipped vehicle is like it: driven in front, steered behind, a law for each axle."""
+    answers = {
+        "name": "dumper", "layout": "car", "steered": "rear", "driven": "front",
+        "steering": "ackermann", "front.tyre": "fiala", "rear.tyre": "magic_formula",
+        "servo": "geared", "servo_delay": 0.02, "servo_backlash": 0.5, "motor": "hub_motor",
+        "mass": 60.0, "wheelbase": 1.2, "front_track": 0.7, "rear_track": 0.6, "front_share": 60.0,
+        "com_height": 0.35, "tyre_radius": 0.2, "steering_limit": 40.0, "top_speed": 4.0,
+        "motor_torque": 25.0, "battery_voltage": 48.0,
+    }  # fmt: skip
+    file = tmp_path / "dumper.yaml"
+    file.write_text(from_answers(answers))
+    plan_drive_and_identify(load_vehicle(file), "rear.cornering_stiffness")

@@ -5,17 +5,20 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from paper_reproduction.figures import draw
-from paper_reproduction.first_stage import PaperBudget
+from paper_reproduction.first_stage import OurBudget, PaperBudget
 from paper_reproduction.items import Reproduction
 from paper_reproduction.published import ITEMS
 
+OURS = OurBudget(
+    samples=60, validation=500, design_runs=1000, search_samples={2: 20, 6: 40}, maneuvers=5
+)
 SMALL = PaperBudget(initial=60, infill=5, monte_carlo=2**9, levels=3)
 
 
 @pytest.fixture(scope="module")
 def reproduction():
     with ThreadPoolExecutor(1) as executor:
-        yield Reproduction(executor, budget=SMALL, maneuvers=9)
+        yield Reproduction(executor, ours=OURS, budget=SMALL)
 
 
 @pytest.mark.slow

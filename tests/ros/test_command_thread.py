@@ -7,7 +7,7 @@ import pytest
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Float64
 
-from tricycle_bridge.command_thread import CommandThread
+from tricycle_bridge.commands.command_thread import CommandThread
 
 pytestmark = pytest.mark.ros
 

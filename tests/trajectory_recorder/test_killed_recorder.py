@@ -1,6 +1,6 @@
 """Processes killed while they write: what two independent readers still find.
 
-`benchmarks/recorder_kills.py` kills fifty real recorder nodes.
+`benchmarks/recorder_kills.py` kills fifty real recorder nodes and measures the seconds lost.
 """
 
 import random
@@ -24,7 +24,7 @@ KILLS = 10
 TORN = (ReaderError, McapError, MemoryError, OverflowError)
 
 # Writes 2000 messages/s as the recorder does, flushing every 0.5 s, or, to be caught in the write
-# itself more often, without a pause.
+# itself more often, without a pause. Says after each flush how many messages the bag holds.
 WRITER = textwrap.dedent(
     """
     import itertools, sys, time
@@ -34,13 +34,12 @@ WRITER = textwrap.dedent(
     bag = BagWriter(Path(sys.argv[1]))
     topic = bag.add_topic(Topic.of_type("/odom", "nav_msgs/msg/Odometry"))
     period, flushed = float(sys.argv[2]), time.monotonic()
-    bag.flush()
-    print("ready", flush=True)
     for i in itertools.count():
         bag.write(topic, time.time_ns(), i.to_bytes(720, "little"))
         time.sleep(0.0005)
         if time.monotonic() - flushed >= period:
             bag.flush()
+            print(i + 1, flush=True)
             flushed = time.monotonic()
     """
 )
@@ -58,10 +57,9 @@ def stamps_of_mcap(path: Path) -> list[int]:
 
 
 @pytest.mark.slow
-def test_kill_9_loses_at_most_the_last_second(tmp_path: Path) -> None:
+def test_kill_9_loses_nothing_that_was_flushed(tmp_path: Path) -> None:
     rng = random.Random(1)
     torn = 0
-    worst = 0.0
     for i in range(KILLS):
         path = tmp_path / f"{i}"
         period = "0.5" if i % 2 else "0"
@@ -69,17 +67,16 @@ def test_kill_9_loses_at_most_the_last_second(tmp_path: Path) -> None:
             [sys.executable, "-c", WRITER, str(path), period], stdout=subprocess.PIPE
         ) as process:
             assert process.stdout is not None
-            assert process.stdout.readline() == b"ready\n"
+            said = process.stdout.readline()
             time.sleep(rng.uniform(0.0, 1.2))
             process.kill()
-            killed = time.time_ns()
+            flushed = int((said + process.stdout.read()).split(b"\n")[-2])
         with BagReader(path) as reader:
             messages = list(reader.messages())
         # no message in the middle is missing, none is damaged
         assert [int.from_bytes(m.data, "little") for m in messages] == list(range(len(messages)))
+        assert len(messages) >= flushed
         stamps = [m.stamp for m in messages]
-        if stamps:
-            worst = max(worst, (killed - stamps[-1]) * 1e-9)
         try:
             assert stamps_of_rosbags(path) == stamps
             assert stamps_of_mcap(path) == stamps
@@ -89,6 +86,5 @@ def test_kill_9_loses_at_most_the_last_second(tmp_path: Path) -> None:
             recover(path, recovered)
             assert stamps_of_rosbags(recovered) == stamps
             assert stamps_of_mcap(recovered) == stamps
-    print(f"{KILLS} kills: at most {worst:.2f} s lost, {torn} bags torn in the write")
-    assert worst < 1.0
+    print(f"{KILLS} kills, {torn} bags torn in the write")
     assert torn <= KILLS / 5

@@ -44,6 +44,7 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.001)
 
 
+@pytest.mark.real_time
 def test_messages_come_no_earlier_than_recorded_and_with_a_clock(bag: BagReader) -> None:
     played, ticks = play(Player(bag, bag.topics))
     assert [m for _, m in played] == list(bag.messages())
@@ -52,6 +53,7 @@ def test_messages_come_no_earlier_than_recorded_and_with_a_clock(bag: BagReader)
     assert ticks == list(range(0, 305 * MS, CLOCK_PERIOD))
 
 
+@pytest.mark.real_time
 def test_rate_start_and_topics(bag: BagReader) -> None:
     played, _ = play(Player(bag, ["/odom"], rate=10))
     assert len(played) == 31

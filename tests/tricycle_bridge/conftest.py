@@ -5,7 +5,7 @@ import random
 import pytest
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board, PlcState
 from tricycle_bridge.settings import BridgeSettings

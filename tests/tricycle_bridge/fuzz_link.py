@@ -15,8 +15,8 @@ import atheris
 import tricycle_sim.setpoints  # noqa: F401 - compiled by numba, which instrumented code is not
 
 with atheris.instrument_imports(include=["tricycle_bridge", "tricycle_sim.plc"]):
-    from tricycle_bridge.board_commands import board_setup
-    from tricycle_bridge.link import PlcLink
+    from tricycle_bridge.commands.board_commands import board_setup
+    from tricycle_bridge.plc_link.link import PlcLink
     from tricycle_bridge.protocol.framing import encode
     from tricycle_bridge.protocol.messages import (
         MAJOR,

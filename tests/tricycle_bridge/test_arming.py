@@ -10,8 +10,8 @@ from tricycle_bridge.arming import (
     arming_refusal,
     board_condition,
 )
-from tricycle_bridge.command_stream import VehicleCommand
-from tricycle_bridge.operations import OperationOutcome
+from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bridge.plc_link.operations import OperationOutcome
 from tricycle_bridge.protocol.messages import Board, Op, PlcState, Result
 from tricycle_sim.plc import DriveMeasurement, SteerMeasurement
 

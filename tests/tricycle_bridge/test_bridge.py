@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.protocol.messages import Board, CommandFlag, Fault, PlcState
 from tricycle_core.diagnostics import Level

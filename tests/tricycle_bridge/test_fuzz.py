@@ -15,7 +15,7 @@ def test_a_bounded_fuzzing_run_finds_nothing():
     command = [
         sys.executable,
         str(harness),
-        f"-runs={os.environ.get('FUZZ_RUNS', '4000')}",
+        f"-runs={os.environ.get('FUZZ_RUNS', '2000')}",
         "-seed=1",
         "-max_len=2048",
         "-len_control=0",

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 from tricycle_bridge.settings import BridgeSettings

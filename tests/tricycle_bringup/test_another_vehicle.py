@@ -2,7 +2,7 @@
 
 import pytest
 
-from tricycle_bridge.command_messages import twist_command
+from tricycle_bridge.commands.command_messages import twist_command
 from tricycle_bridge.protocol.messages import SPEED_UNIT, Board
 from tricycle_bringup.configuration import beyond_the_boards, bridge_settings, turning_geometry
 from tricycle_core.errors import VehicleError

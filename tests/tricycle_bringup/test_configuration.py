@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from tricycle_bridge.kinematics import TurningGeometry
+from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_bringup.configuration import (
     SIMULATION_CONFIG,

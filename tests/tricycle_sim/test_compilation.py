@@ -4,11 +4,13 @@ import logging
 import os
 import subprocess
 import sys
+from typing import NamedTuple
 
 import numba
 import pytest
 
 from tricycle_sim import compilation
+from tricycle_sim.vehicle.laws import inlined
 
 FIRST_RUN = """
 import logging, sys, time
@@ -129,6 +131,27 @@ def test_a_template_is_compiled_with_other_functions_in_place_of_its_names():
     assert variant(4.0) == 1.0
     assert compilation.compiled(halved)(4.0) == 2.0
     assert "quarter" in variant.py_func.__qualname__
+
+
+class Rows(NamedTuple):
+    softness: int
+
+
+ROWS = Rows(2)
+
+
+@inlined
+def softness(x):
+    return ROWS.softness * x
+
+
+def softened(x):
+    return softness(x)
+
+
+@pytest.mark.slow
+def test_a_law_may_have_the_name_of_a_row_that_it_reads():
+    assert compilation.compiled(softened)(4.0) == 8.0
 
 
 def test_all_modules_of_the_vehicle_are_in_the_fingerprint():

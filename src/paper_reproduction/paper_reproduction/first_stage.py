@@ -5,8 +5,8 @@ n: samples, k: unknown parameters.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,6 +45,32 @@ class PaperBudget:
     infill: int = published.INFILL_SAMPLES
     monte_carlo: int = 2**14
     levels: int = 5
+
+
+@dataclass(frozen=True)
+class OurBudget:
+    """What our own way spends.
+
+    Attributes
+    ----------
+    samples : int
+        Simulations per operating point where the indices are shown or, on the math model, where
+        they train the second stage.
+    validation : int
+        Random points at which the metamodels of Figs. 5 and 13 predict as well.
+    design_runs : int
+        Simulations per design on the math model.
+    search_samples : mapping of int to int
+        Simulations per maneuver of a search on the tricycle, by the number of unknown parameters.
+    maneuvers : int
+        Evaluated per search on the tricycle.
+    """
+
+    samples: int = 200
+    validation: int = published.FIG_5_VALIDATION
+    design_runs: int = 25_000
+    search_samples: Mapping[int, int] = field(default_factory=lambda: {2: 40, 6: 100})
+    maneuvers: int = 100
 
 
 @dataclass(frozen=True)

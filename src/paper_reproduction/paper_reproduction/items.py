@@ -8,7 +8,7 @@ from typing import Any
 
 from paper_reproduction import math_model
 from paper_reproduction.comparison import Item
-from paper_reproduction.first_stage import PaperBudget
+from paper_reproduction.first_stage import OurBudget, PaperBudget
 from paper_reproduction.tricycle import Tricycle
 from tricycle_core.quantities import Progress
 
@@ -20,22 +20,27 @@ class Reproduction:
     ----------
     executor : Executor
         Where the long computations run.
+    ours : OurBudget, optional
+        What our own way spends.
     budget : PaperBudget, optional
         To do everything the paper's way as well, or None to leave that out.
-    maneuvers : int
-        Evaluated in each search on the tricycle.
     """
 
     def __init__(
-        self, executor: Executor, *, budget: PaperBudget | None = None, maneuvers: int = 100
+        self,
+        executor: Executor,
+        *,
+        ours: OurBudget | None = None,
+        budget: PaperBudget | None = None,
     ) -> None:
-        tricycle = Tricycle(executor, budget=budget, maneuvers=maneuvers)
+        ours = ours or OurBudget()
+        tricycle = Tricycle(executor, ours=ours, budget=budget)
         self._items: dict[str, Callable[[Progress], Item[Any]]] = {
             "table1": lambda _: math_model.table_1(),
-            "fig5": lambda _: math_model.figure_5(budget),
+            "fig5": lambda _: math_model.figure_5(ours, budget),
             "fig6": lambda _: math_model.figure_6(budget),
-            "fig8": lambda report: math_model.figure_8_or_9("p1", budget, executor, report),
-            "fig9": lambda report: math_model.figure_8_or_9("p3", budget, executor, report),
+            "fig8": lambda report: math_model.figure_8_or_9("p1", ours, budget, executor, report),
+            "fig9": lambda report: math_model.figure_8_or_9("p3", ours, budget, executor, report),
             "screening": tricycle.screening,
             "fig13": tricycle.figure_13,
             "fig14": lambda report: tricycle.bars("circle", report),

@@ -31,6 +31,7 @@ from paper_reproduction.comparison import (
 )
 from paper_reproduction.first_stage import (
     FirstStage,
+    OurBudget,
     PaperBudget,
     Predictions,
     faithful,
@@ -40,7 +41,6 @@ from paper_reproduction.first_stage import (
 from tricycle_core.quantities import FloatArray, Progress
 
 _RANDOM_REPEATS = 200  # repetitions of the estimator with random numbers
-_SAMPLES = 200  # runs of f per operating point of the second stage
 _NOISE_VARIANCE = 1e-4  # that ends the degeneracy at x -> 0
 _DIRECT_POINTS = 500
 _VISIBLE = 0.05  # relative difference of two costs
@@ -178,15 +178,17 @@ def _rounded(quantity: str, printed: float, ours: float, tolerance: float) -> Co
 # --- Fig. 5 ---------------------------------------------------------------------------------------
 
 
-def figure_5(budget: PaperBudget | None) -> Item[Predictions]:
+def figure_5(ours: OurBudget, budget: PaperBudget | None) -> Item[Predictions]:
     """Kriging of the math model with 1000 samples, validated on 10 000.
 
     Parameters
     ----------
+    ours : OurBudget
+        What our way spends.
     budget : PaperBudget or None
         To do it the paper's way as well.
     """
-    f, validation = partial(math_model, np.array(published.FIG_5_X)), published.FIG_5_VALIDATION
+    f, validation = partial(math_model, np.array(published.FIG_5_X)), ours.validation
     stages = {
         f"{n} samples": fast(f, MATH_MODEL_UNKNOWN, samples=n, validation=validation)
         for n in (300, published.FIG_5_TRAINING)
@@ -330,7 +332,11 @@ class Verification:
 
 
 def figure_8_or_9(
-    target: str, budget: PaperBudget | None, executor: Executor, progress: Progress
+    target: str,
+    ours: OurBudget,
+    budget: PaperBudget | None,
+    executor: Executor,
+    progress: Progress,
 ) -> Item[Verification]:
     """Compare DIRECT on exact indices, DIRECT on Kriging models of them, and our search.
 
@@ -338,6 +344,8 @@ def figure_8_or_9(
     ----------
     target : str
         Parameter to excite: p1 (Fig. 8) or p3 (Fig. 9).
+    ours : OurBudget
+        What our way spends.
     budget : PaperBudget or None
         To do it the paper's way as well.
     executor : Executor
@@ -351,7 +359,7 @@ def figure_8_or_9(
         "DIRECT, exact indices": (MATH_MODEL_OPERATION, partial(_exact_cost, axis)),
         "DIRECT, Kriging": (
             MATH_MODEL_OPERATION,
-            _kriging_cost(axis, MATH_MODEL_OPERATION, None, executor),
+            _kriging_cost(axis, MATH_MODEL_OPERATION, ours, executor),
         ),
     }
     progress(1, 4)
@@ -376,6 +384,7 @@ def figure_8_or_9(
             MATH_MODEL_UNKNOWN,
             target,
             noise_variance=noise,
+            budget=ours.design_runs,
             executor=executor,
         )
         histories[label] = np.array([e.cost for e in designs[label].history])
@@ -443,7 +452,7 @@ def _exact_cost(axis: int, x: FloatArray) -> float:
 
 
 def _kriging_cost(
-    axis: int, box: Box, budget: PaperBudget | None, executor: Executor
+    axis: int, box: Box, budget: OurBudget | PaperBudget, executor: Executor
 ) -> Callable[[FloatArray], float]:
     """Cost by 2k Kriging models from 96 points (Eq. 12)."""
     X = sobol_sequence(published.SECOND_STAGE_POINTS, len(box), seed=0)
@@ -457,10 +466,10 @@ def _kriging_cost(
     return lambda x: cost(box.to_unit(x))
 
 
-def _first_stage(budget: PaperBudget | None, x: FloatArray) -> FirstStage:
+def _first_stage(budget: OurBudget | PaperBudget, x: FloatArray) -> FirstStage:
     f = partial(math_model, x)
-    if budget is None:
-        return fast(f, MATH_MODEL_UNKNOWN, samples=_SAMPLES)
+    if isinstance(budget, OurBudget):
+        return fast(f, MATH_MODEL_UNKNOWN, samples=budget.samples)
     paper = _for_math_model(budget)
     return faithful(f, MATH_MODEL_UNKNOWN, budget=paper)
 

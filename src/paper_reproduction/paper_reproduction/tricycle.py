@@ -29,6 +29,7 @@ from paper_reproduction import published
 from paper_reproduction.comparison import Agreement, Comparison, Item
 from paper_reproduction.first_stage import (
     FirstStage,
+    OurBudget,
     PaperBudget,
     Predictions,
     faithful,
@@ -44,8 +45,6 @@ T = TypeVar("T")
 
 TARGETS = ("cornering_stiffness", "camber_stiffness")
 NUMBERS = (2, 6)  # k
-_SAMPLES = {2: 40, 6: 100}  # runs per maneuver of the searches
-_MANEUVERS = 100  # per search
 _VISIBLE = 0.05  # relative difference that counts as one
 _SCREENED = 8  # random maneuvers per family
 
@@ -154,10 +153,10 @@ class Tricycle:
     ----------
     executor : Executor
         Where simulations run.
+    ours : OurBudget
+        What our own way spends.
     budget : PaperBudget, optional
         The paper's; None leaves its way out.
-    maneuvers : int
-        Evaluated per search.
     vehicle : Vehicle, optional
         The paper's by default.
     seed : int
@@ -168,12 +167,12 @@ class Tricycle:
         self,
         executor: Executor,
         *,
+        ours: OurBudget,
         budget: PaperBudget | None = None,
-        maneuvers: int = _MANEUVERS,
         vehicle: Vehicle | None = None,
         seed: int = 0,
     ) -> None:
-        self._executor, self._budget, self._maneuvers = executor, budget, maneuvers
+        self._executor, self._ours, self._budget = executor, ours, budget
         # the paper's maneuvers, which are simulated only: it keeps no margin to the end stop
         self._vehicle = (vehicle or load_vehicle()).replace(steering_margin=0.0)
         self._seed = seed
@@ -214,7 +213,7 @@ class Tricycle:
             drawn = self.random_maneuvers(family)
             maneuvers += [(family, next(drawn)) for _ in range(_SCREENED)]
         futures = [
-            self._executor.submit(_indices, *self.simulator(family, 6), x, 200)
+            self._executor.submit(_indices, *self.simulator(family, 6), x, self._ours.samples)
             for family, x in maneuvers
         ]
         found = _in_order(futures, progress)
@@ -252,18 +251,19 @@ class Tricycle:
     def figure_13(self, progress: Progress) -> Item[Predictions]:
         """Kriging of TE for the double lane change x = (2, 2), validated on 10 000 simulations."""
         x, futures = np.array(published.FIG_13_X), {}
+        samples = self._ours.samples
         for k in NUMBERS:
             f, unknown = self.simulator("double_lane_change", k)
-            futures[f"k = {k}, 200 samples"] = self._executor.submit(
-                _fast, f, unknown, x, 200, published.FIG_5_VALIDATION
+            futures[f"k = {k}, {samples} samples"] = self._executor.submit(
+                _fast, f, unknown, x, samples, self._ours.validation
             )
             if self._budget is not None:
                 futures[f"k = {k}, faithful"] = self._executor.submit(
-                    _faithful, f, unknown, x, self._budget, published.FIG_5_VALIDATION
+                    _faithful, f, unknown, x, self._budget, self._ours.validation
                 )
         stages = dict(zip(futures, _in_order(list(futures.values()), progress), strict=True))
         data = predictions(stages, "m²")
-        six = data.statistics["k = 6, 200 samples"]
+        six = data.statistics[f"k = 6, {samples} samples"]
         mean, rms = six.output_mean, np.sqrt(six.output_mean)
         comparisons = (
             Comparison("R²", published.FIG_13_R2, six.r2, _at_least(six.r2, published.FIG_13_R2)),
@@ -282,8 +282,8 @@ class Tricycle:
             f"{np.sqrt(published.FIG_13_MEAN):.1f} m between models that drive the same commands. "
             f"Ours is {mean:.3g} m² (rms {100 * rms:.1f} cm). In cm² the two are near each other: "
             f"{published.FIG_13_MEAN} and {1e4 * mean:.2f}.",
-            f"The mean error of our metamodel is {six.mean:.1e} m² with 200 samples, its deviation "
-            f"{six.std:.1e} m².",
+            f"The mean error of our metamodel is {six.mean:.1e} m² with {samples} samples, its "
+            f"deviation {six.std:.1e} m².",
         ]
         if self._budget is not None:
             paper = data.statistics["k = 6, faithful"]
@@ -431,7 +431,7 @@ class Tricycle:
             futures = [
                 self._executor.submit(
                     _design, *self.simulator(family, k), FAMILIES[family].operation, target,
-                    search, self._maneuvers, self._seed,
+                    search, self._ours, self._seed,
                 )
                 for target, k, search in keys
             ]  # fmt: skip
@@ -484,18 +484,18 @@ def _design(
     operation: Box,
     target: str,
     search: Search,
-    maneuvers: int,
+    ours: OurBudget,
     seed: int,
 ) -> Design:
     """Design with the paper's H: no noise term."""
-    samples = _SAMPLES[len(unknown)]
+    samples = ours.search_samples[len(unknown)]
     return design_excitation(
         f,
         operation,
         unknown,
         target,
         samples=samples,
-        budget=(maneuvers + 9) * samples,
+        budget=(ours.maneuvers + 9) * samples,
         search=search,
         seed=seed,
         workers=1,

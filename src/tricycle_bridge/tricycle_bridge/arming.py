@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from tricycle_bridge.command_stream import VehicleCommand
-from tricycle_bridge.link import DEGRADED_AGE, PlcLink
-from tricycle_bridge.operations import OperationOutcome
+from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bridge.plc_link.link import DEGRADED_AGE, PlcLink
+from tricycle_bridge.plc_link.operations import OperationOutcome
 from tricycle_bridge.protocol.limits import ARMING_COMMANDS, ARMING_SPEED
 from tricycle_bridge.protocol.messages import (
     SPEED_UNIT,

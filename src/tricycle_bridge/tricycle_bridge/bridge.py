@@ -19,24 +19,25 @@ from tricycle_bridge.arming import (
     fresh_state,
     measured_speed,
 )
-from tricycle_bridge.board_commands import (
+from tricycle_bridge.commands.board_commands import (
     board_setup,
     drive_command,
     steer_command,
     stop_command,
 )
-from tricycle_bridge.command_messages import limit_refusal
-from tricycle_bridge.command_stream import (
+from tricycle_bridge.commands.command_messages import limit_refusal
+from tricycle_bridge.commands.command_stream import (
     JITTER,
     Commander,
     CommandStream,
     Source,
     VehicleCommand,
 )
-from tricycle_bridge.joint_pairing import JointPairing, JointReadings, joint_reading
-from tricycle_bridge.link import LinkEvent, LinkEventKind, LinkState, PlcLink
-from tricycle_bridge.odometry_watch import OdometryWatch
-from tricycle_bridge.operations import OperationOutcome
+from tricycle_bridge.measurements.joint_pairing import JointPairing, JointReadings, joint_reading
+from tricycle_bridge.measurements.odometry_watch import OdometryWatch
+from tricycle_bridge.measurements.start_watch import StartWatch
+from tricycle_bridge.plc_link.link import LinkEvent, LinkEventKind, LinkState, PlcLink
+from tricycle_bridge.plc_link.operations import OperationOutcome
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.limits import ARMING_SPEED
 from tricycle_bridge.protocol.messages import (
@@ -51,7 +52,6 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
 )
 from tricycle_bridge.settings import BridgeSettings
-from tricycle_bridge.start_watch import StartWatch
 from tricycle_core.diagnostics import Level
 from tricycle_core.readiness import Readiness
 

@@ -39,14 +39,14 @@ from sensor_msgs.msg import BatteryState, Imu, JointState
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.bring_up_record import BringUpRecord, read_record
-from tricycle_bridge.command_messages import joint_command, twist_command
-from tricycle_bridge.command_stream import INPUT_LEAD, Source, VehicleCommand
-from tricycle_bridge.command_thread import CommandThread
+from tricycle_bridge.commands.command_messages import joint_command, twist_command
+from tricycle_bridge.commands.command_stream import INPUT_LEAD, Source, VehicleCommand
+from tricycle_bridge.commands.command_thread import CommandThread
+from tricycle_bridge.commands.kinematics import TurningGeometry
+from tricycle_bridge.commissioning.record import BringUpRecord, read_record
 from tricycle_bridge.diagnosis import diagnose, vehicle_problem
 from tricycle_bridge.host_clock import HostClock
-from tricycle_bridge.joint_pairing import JointReadings
-from tricycle_bridge.kinematics import TurningGeometry
+from tricycle_bridge.measurements.joint_pairing import JointReadings
 from tricycle_bridge.port_bridge import receive_all, send_all
 from tricycle_bridge.protocol.messages import (
     BAUD,

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from tricycle_bridge.arming import supply_problem
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import Source
-from tricycle_bridge.link import DEGRADED_AGE, LinkState, PlcLink
+from tricycle_bridge.commands.command_stream import Source
+from tricycle_bridge.plc_link.link import DEGRADED_AGE, LinkState, PlcLink
 from tricycle_bridge.protocol.messages import Fault, PlcState
 from tricycle_bridge.protocol.readable import (
     firmware_version,

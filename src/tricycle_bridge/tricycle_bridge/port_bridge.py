@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.link import LinkState
+from tricycle_bridge.plc_link.link import LinkState
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 
 

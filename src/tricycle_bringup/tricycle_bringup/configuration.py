@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tricycle_bridge.kinematics import TurningGeometry
+from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_bridge.protocol.boards import hall_pulse
 from tricycle_bridge.protocol.limits import (
     MAX_POWER,

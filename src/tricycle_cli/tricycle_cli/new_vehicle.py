@@ -20,23 +20,14 @@ from tricycle_sim.vehicle import actuators, body, load_vehicle, steering, tyre, 
 from tricycle_sim.vehicle.constants import constant_entries
 from tricycle_sim.vehicle.laws import Constant, Law
 from tricycle_sim.vehicle.registry import PARTS
-from tricycle_sim.vehicle.wheels import TADPOLE, Wheel
+from tricycle_sim.vehicle.wheels import AXLES, Wheel
 
-LAYOUTS: Mapping[str, tuple[Wheel, ...]] = {
-    "tadpole": TADPOLE,
-    "delta": (
-        Wheel("front", "front", steered=True),
-        Wheel("left", "rear", driven=True, braked=True),
-        Wheel("right", "rear", driven=True, braked=True),
-    ),
-    "car": (
-        Wheel("front_left", "front", steered=True),
-        Wheel("front_right", "front", steered=True),
-        Wheel("rear_left", "rear", driven=True, braked=True),
-        Wheel("rear_right", "rear", driven=True, braked=True),
-    ),
+LAYOUTS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
+    "tadpole": {"front": ("left", "right"), "rear": ("rear",)},
+    "delta": {"front": ("front",), "rear": ("left", "right")},
+    "car": {"front": ("front_left", "front_right"), "rear": ("rear_left", "rear_right")},
 }
-"""Wheels by layout: steered in front, driven and braked behind."""
+"""Names of the wheels by layout and axle."""
 
 GRAVITY = 9.81  # m/s^2
 
@@ -62,6 +53,8 @@ class Question:
         Of an answer that is no number; empty: any text where `low` is not below `high`.
     asked : callable
         From the answers so far to whether it is asked.
+    like : str
+        Key of an earlier answer, which is then the default.
     """
 
     key: str
@@ -71,6 +64,7 @@ class Question:
     high: float = 0.0
     choices: tuple[str, ...] = ()
     asked: Callable[[Answers], bool] = lambda _: True
+    like: str = ""
 
     def read(self, line: str) -> Any:
         """Return the answer in a line.
@@ -85,7 +79,7 @@ class Question:
         VehicleError
             If it is no answer, with what would be one.
         """
-        line = line.strip() or self.default
+        line = line.strip()
         if self.choices:
             if line not in self.choices:
                 raise VehicleError(f"{line!r}: must be one of {', '.join(self.choices)}")
@@ -104,34 +98,44 @@ class Question:
 
 
 def _wheels(answers: Answers) -> tuple[Wheel, ...]:
-    return LAYOUTS[answers["layout"]]
+    return tuple(
+        Wheel(name, axle, steered=axle == answers["steered"], driven=driven, braked=driven)
+        for axle, names in LAYOUTS[answers["layout"]].items()
+        for driven in [answers["driven"] in (axle, "all")]
+        for name in names
+    )
 
 
 def _pair(axle: str) -> Callable[[Answers], bool]:
-    return lambda answers: sum(w.axle == axle for w in _wheels(answers)) == 2
+    return lambda answers: len(LAYOUTS[answers["layout"]][axle]) == 2
 
 
 def _has(part: str, law: str) -> Callable[[Answers], bool]:
     return lambda answers: answers[part] == law
 
 
-def _law(part: str, first: str, asked: Callable[[Answers], bool] = lambda _: True) -> Question:
-    """Return the question for the law of a part; the first is offered."""
-    laws = tuple(sorted(PARTS[part], key=lambda law: law != first))
-    return Question(part, f"law of the {part}: {', '.join(laws)}", first, choices=laws, asked=asked)
+def _law(part: str, first: str, what: str = "", **how: Any) -> Question:
+    """Return the question for the law of a part, of an axle or of all; the first is offered."""
+    laws = tuple(sorted(PARTS[part.rpartition(".")[2]], key=lambda law: law != first))
+    text = f"law of the {what or part}: {', '.join(laws)}"
+    return Question(part, text, first, choices=laws, **how)
 
 
 QUESTIONS = (
     Question("name", "name of the vehicle"),
     Question(
         "layout",
-        "wheels: tadpole (two steered in front, one driven behind), delta (one steered in front, "
-        "two driven behind), car (two steered in front, two driven behind)",
+        "wheels: tadpole (two in front, one behind), delta (one in front, two behind), "
+        "car (two in front, two behind)",
         "tadpole",
         choices=tuple(LAYOUTS),
     ),
-    _law("steering", "ackermann", _pair("front")),
-    _law("tyre", "linear"),
+    Question("steered", "steered axle: front, rear", "front", choices=AXLES),
+    Question("driven", "driven and braked wheels: rear, front, all", "rear",
+             choices=("rear", "front", "all")),
+    _law("steering", "ackermann", asked=lambda answers: _pair(answers["steered"])(answers)),
+    _law("front.tyre", "linear", "front tyres"),
+    _law("rear.tyre", "linear", "rear tyres", like="front.tyre"),
     _law("servo", "second_order"),
     _law("motor", "hub_motor"),
     Question("mass", "mass with everything on it / kg", low=0.1, high=5000.0),
@@ -180,10 +184,11 @@ def ask(read: Callable[[str], str], say: Callable[[str], None]) -> dict[str, Any
     for question in QUESTIONS:
         if not question.asked(answers):
             continue
-        prompt = question.text + (f" [{question.default}]" if question.default else "") + ": "
+        offered = answers.get(question.like, question.default)
+        prompt = question.text + (f" [{offered}]" if offered else "") + ": "
         while question.key not in answers:
             try:
-                answers[question.key] = question.read(read(prompt))
+                answers[question.key] = question.read(read(prompt).strip() or offered)
             except VehicleError as error:
                 say(str(error))
     return answers
@@ -202,7 +207,11 @@ def from_answers(answers: Answers) -> str:
         From `ask`.
     """
     wheels = _wheels(answers)
-    parts = {"steering": "parallel"} | {part: answers[part] for part in PARTS if part in answers}
+    laws = {part: answers[part] for part in PARTS if part in answers}
+    tyres = {f"{axle}.tyre": answers[f"{axle}.tyre"] for axle in AXLES}
+    if len(set(tyres.values())) == 1:
+        tyres = {"tyre": tyres["front.tyre"]}
+    parts = {"steering": "parallel"} | tyres | laws
     known = constant_entries(wheels, parts)
     sized = _Sized.of(answers)
     groups = (_body, _places, _tyres, _steering, _motor)

@@ -127,7 +127,8 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        Of the type `error`, with the line, if it is not YAML or has aliases.
+        Of the type `error`, with the line, if it is not YAML, has aliases, or a key twice in one
+        mapping.
     """
     import yaml  # plans do without
 
@@ -137,8 +138,19 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
                 raise yaml.YAMLError("aliases are not read")
             return super().compose_node(parent, index)
 
+        def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+            seen = set()
+            for key, _ in node.value:
+                if (key.tag, str(key.value)) in seen:
+                    line = key.start_mark.line + 1
+                    raise error(f"{where}:{line}: {key.value}: is there twice")
+                seen.add((key.tag, str(key.value)))
+            return super().construct_mapping(node, deep)
+
     try:
         return yaml.load(content.decode(), Loader=Loader)  # noqa: S506 - a safe loader
+    except error:  # a ValueError, too
+        raise
     except yaml.YAMLError as problem:
         mark = getattr(problem, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""

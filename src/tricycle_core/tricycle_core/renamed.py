@@ -1,4 +1,4 @@
-"""Modules under the names that the documentation of version 0.1 showed."""
+"""Modules under the names that the documentation of earlier versions showed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,16 @@ RENAMED = {
     "excitation_planner.steering_maneuver": "excitation_planner.maneuver.steering",
     "parameter_identification.judge": "parameter_identification.judging.judgement",
     "parameter_identification.measured_drive": "parameter_identification.drives.measured",
-    "tricycle_bridge.command_thread_node": "tricycle_bridge.command_thread",
+    "tricycle_bridge.command_messages": "tricycle_bridge.commands.command_messages",
+    "tricycle_bridge.command_stream": "tricycle_bridge.commands.command_stream",
+    "tricycle_bridge.command_thread": "tricycle_bridge.commands.command_thread",
+    "tricycle_bridge.command_thread_node": "tricycle_bridge.commands.command_thread",
     "tricycle_bridge.framing": "tricycle_bridge.protocol.framing",
+    "tricycle_bridge.joint_pairing": "tricycle_bridge.measurements.joint_pairing",
+    "tricycle_bridge.link": "tricycle_bridge.plc_link.link",
     "tricycle_bridge.messages": "tricycle_bridge.protocol.messages",
+    "tricycle_bridge.odometry_watch": "tricycle_bridge.measurements.odometry_watch",
+    "tricycle_bridge.start_watch": "tricycle_bridge.measurements.start_watch",
     "tricycle_bringup.cli": "tricycle_cli.main",
     "tricycle_sim.firmware_plc": "tricycle_sim.plc.firmware",
     "tricycle_sim.firmware_simulator": "tricycle_sim.rig.firmware",

@@ -5,6 +5,7 @@ numba's folder of the user; `NUMBA_CACHE_DIR` names another place. Where nothing
 process compiles for itself. Processes that start at the same time may compile twice, never break.
 """
 
+import dis
 import hashlib
 import logging
 from collections.abc import Callable
@@ -63,7 +64,9 @@ def compilable(function: Callable[..., Any]) -> Any:
 def _with(function: Any, names: dict[str, Any], qualname: str) -> FunctionType:
     """Return a copy of a function with other globals, what it inlines as numba takes it."""
     scope = {**function.__globals__, **names}
-    for name in function.__code__.co_names:
+    # not `co_names`: attributes are there too, and one may be called as the function itself
+    loaded = {i.argval for i in dis.get_instructions(function) if i.opname == "LOAD_GLOBAL"}
+    for name in loaded:
         if getattr(scope.get(name), "is_inlined", False):
             scope[name] = compilable(scope[name])
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from excitation_planner.maneuver import Circle
+from excitation_planner.planning import PlanRequest
 from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run, replayed_errors
 from excitation_planner.trajectory_error import POINTS, trajectory_error
 from tricycle_core.errors import InfeasibleManeuver, PlanError
@@ -64,3 +65,5 @@ def test_a_maneuver_that_cannot_be_driven_is_infeasible_with_its_reason():
 def test_no_maneuver_is_planned_for_a_motor_without_a_speed_loop(without_speed_loop):
     with pytest.raises(PlanError, match=r"parts\.motor: direct_torque has no speed loop"):
         nominal_run(without_speed_loop, Circle(duration=3.0), np.array([2.0, 1.0]))
+    with pytest.raises(PlanError, match=r"^[^\n]*: maneuvers are driven at a speed"):
+        PlanRequest(without_speed_loop, Circle(), "yaw_inertia")

@@ -33,7 +33,7 @@ def test_a_mistake_is_one_line_and_status_2(capsys, monkeypatch, tmp_path, argum
 @pytest.mark.slow
 def test_a_check_that_fails_is_recorded_with_its_reason(capsys, tmp_path, monkeypatch):
     """Nobody presses the emergency stop."""
-    monkeypatch.setattr("tricycle_bridge.bring_up.BY_HAND", 0.3)
+    monkeypatch.setattr("tricycle_bridge.commissioning.bring_up.BY_HAND", 0.3)
     record = tmp_path / "record.json"
     with PlcPair(tmp_path / "steer", tmp_path / "drive") as pair:
         ports = [pair.steer_path, pair.drive_path]

@@ -15,7 +15,6 @@ from tricycle_core.errors import VehicleError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle, warnings_about
 from tricycle_sim.vehicle.batch import simulate
-from tricycle_sim.vehicle.registry import PARTS
 from tricycle_sim.vehicle.stability import check_step
 
 CARGO = resources.files("tricycle_sim") / "cargo_tadpole.yaml"
@@ -39,8 +38,6 @@ def typed(answers):
 
 
 def vehicle_of(answers, folder):
-    if answers["layout"] == "delta" and "parallel" not in PARTS["steering"]:
-        pytest.skip("no law steers one wheel yet")
     file = folder / "new.yaml"
     file.write_text(from_answers(ask(typed(answers), pytest.fail)))
     return load_vehicle(file)
@@ -85,21 +82,48 @@ def test_a_picture_of_another_format_is_refused(tricycle, tmp_path):
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_dozen_answers_make_a_vehicle(tmp_path, layout, size):
     vehicle = vehicle_of({**size, "layout": layout}, tmp_path)
-    assert vehicle.wheels == LAYOUTS[layout]
+    assert {w.name: w.axle for w in vehicle.wheels} == {
+        name: axle for axle, names in LAYOUTS[layout].items() for name in names
+    }
+    assert {w.axle for w in vehicle.wheels if w.steered} == {"front"}
+    assert {w.axle for w in vehicle.wheels if w.driven and w.braked} == {"rear"}
     assert (vehicle.mass, vehicle.wheelbase) == (float(size["mass"]), float(size["wheelbase"]))
     assert sum(vehicle.static_loads()) == pytest.approx(9.81 * vehicle.mass)
     assert warnings_about(vehicle) == ()
+
+
+def assert_it_drives(vehicle):
+    check_step(vehicle, 0.01)
+    motion = simulate(vehicle, Commands([0.0, 3.0], [0.1, 0.0], [0.5, 0.0]))
+    assert motion.x[0, -1] > 0.8
+    assert motion.yaw[0, -1] > 0.02
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [SMALL, LARGE], ids=lambda size: size["name"])
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_a_vehicle_of_answers_drives(tmp_path, layout, size):
-    vehicle = vehicle_of({**size, "layout": layout}, tmp_path)
-    check_step(vehicle, 0.01)
-    motion = simulate(vehicle, Commands([0.0, 3.0], [0.1, 0.0], [0.5, 0.0]))
-    assert motion.x[0, -1] > 0.8
-    assert motion.yaw[0, -1] > 0.02
+    assert_it_drives(vehicle_of({**size, "layout": layout}, tmp_path))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("driven", ["front", "all"])
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_vehicle_of_answers_drives_with_rear_steering_and_a_law_for_each_axle(
+    tmp_path, layout, driven
+):
+    tyres = {"front.tyre": "fiala", "rear.tyre": "magic_formula"}
+    vehicle = vehicle_of(
+        {**LARGE, **tyres, "layout": layout, "steered": "rear", "driven": driven}, tmp_path
+    )
+    assert {w.axle for w in vehicle.wheels if w.steered} == {"rear"}
+    assert all(w.driven == (driven == "all" or w.axle == driven) for w in vehicle.wheels)
+    assert tyres.items() <= vehicle.parts.items()
+    assert_it_drives(vehicle)
+
+
+def test_the_rear_tyres_law_is_that_of_the_front_unless_another_is_named(tmp_path):
+    assert vehicle_of({**LARGE, "front.tyre": "fiala"}, tmp_path).parts["tyre"] == "fiala"
 
 
 ACTUATORS = {

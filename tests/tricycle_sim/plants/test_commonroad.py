@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import pytest
 
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
 from tricycle_core.errors import PlantError
 from tricycle_sim.plants.installed import plant_by_name

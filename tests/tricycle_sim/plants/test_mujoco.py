@@ -7,7 +7,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.errors import PlantError
 from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.rig.emulated import EmulatedRig

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.errors import PlantError
 from tricycle_sim.plants.installed import plant_by_name, plant_names
 from tricycle_sim.rig.emulated import EmulatedRig

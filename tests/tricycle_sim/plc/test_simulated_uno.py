@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
 from tricycle_bridge.protocol.messages import (
     Board,

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.faults import FaultKind, FaultPlan, RigFault

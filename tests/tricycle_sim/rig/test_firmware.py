@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError

@@ -61,6 +61,22 @@ class Description:
 # ------------------------------------------------------------------------------ kinematics
 
 
+def _compiled(arguments, outputs):
+    """Function of arrays of expressions; common ones are found through all of them.
+
+    SymPy looks for common subexpressions in a flat list only.
+    """
+    arrays = [np.array(output, dtype=object) for output in outputs]
+    flat = sp.lambdify(arguments, [e for a in arrays for e in a.flat], cse=True, modules="math")
+    ends = np.cumsum([a.size for a in arrays])[:-1]
+
+    def function(*given):
+        parts = np.split(np.array(flat(*given)), ends)
+        return [p.reshape(a.shape)[()] for p, a in zip(parts, arrays, strict=True)]
+
+    return function
+
+
 @cache
 def _functions():
     """Derive and lambdify: mass matrix and bias of body and of a wheel; kinematics of a wheel."""
@@ -126,19 +142,11 @@ def _functions():
     of_body = mass * velocity.dot(velocity) / 2 + sum(
         moment * rate**2 / 2 for moment, rate in zip(inertia, omega_body, strict=True)
     )
-    body_motion = sp.lambdify(
-        (q_symbols[:6], dq_symbols[:6], mass, inertia),
-        left_side(of_body, 6),
-        cse=True,
-        modules="math",
-    )
+    body_motion = _compiled((q_symbols[:6], dq_symbols[:6], mass, inertia), left_side(of_body, 6))
     polar = sp.Symbol("iw")
     of_wheel = polar * (omega_body.dot(axle_body) + dq[6]) ** 2 / 2
-    wheel_motion = sp.lambdify(
-        (q_symbols, dq_symbols, steering[:2], polar, caster),
-        left_side(of_wheel, 7),
-        cse=True,
-        modules="math",
+    wheel_motion = _compiled(
+        (q_symbols, dq_symbols, steering[:2], polar, caster), left_side(of_wheel, 7)
     )
 
     # A wheel at r in the body, with its own steering angle
@@ -175,14 +183,12 @@ def _functions():
     )
     arguments = (q_symbols[:6], dq_symbols, steering[:2], position, caster)
     outputs = tuple(item.tolist() if hasattr(item, "tolist") else item for item in outputs)
-    wheel = sp.lambdify(arguments, outputs, cse=True, modules="math")
+    wheel = _compiled(arguments, outputs)
 
     # body frame from Euler angles, to compare with the kernel
-    body = sp.lambdify(
+    body = _compiled(
         (q_symbols[3:6], dq_symbols[3:6], ddq_symbols[3:6]),
-        tuple(plain(item).tolist() for item in (rotation, omega_body, omega_body.diff(t))),
-        cse=True,
-        modules="math",
+        [plain(item).tolist() for item in (rotation, omega_body, omega_body.diff(t))],
     )
     return body_motion, wheel_motion, wheel, body
 

@@ -65,6 +65,16 @@ def constant(name, **entries):
         (constant("mass", basis="guess"), "mass.basis: needs one of data"),
         (constant("mass", about=None), "mass.about: needs a text"),
         (constant("mass", colour="red"), "mass.colour: is no key"),
+        (constant("mass", vale=1), "mass.vale: is no key of a constant; did you mean value?"),
+        (constant("mass", value="5e1"), "not '5e1' (YAML wants 5.0e-4 for 5e-4"),
+        (constant("mass", value=None), "mass.value: is missing"),
+        (constant("mass", value=10**400), "mass.value: is too large a number"),
+        (lambda d: d.update(constant={}), "constant: is no key of a vehicle file; did you mean"),
+        (
+            lambda d: d["constants"].update({"front.mass": {}}),
+            "front.mass: is no constant of this vehicle; did you mean mass?",
+        ),
+        (constant("caster_angle", value=90), "is not in [-0.7, 0.7] (-40.1 to 40.1 deg)"),
         (constant("mass", range=[1, 2], nominal=1), "mass: needs either value"),
         (constant("cornering_stiffness", range=[1500, 500]), "upside down"),
         (constant("cornering_stiffness", nominal=1), "cornering_stiffness.nominal: 1 is outside"),
@@ -190,6 +200,16 @@ def test_a_wrong_structure_gets_one_line_with_the_place(tmp_path, change, messag
 def test_a_setting_of_the_boards_cannot_be_unknown(tmp_path):
     path = write(tmp_path / "v.yaml", unknown("steering_slew", 2.0, 1.0, 3.0))
     with pytest.raises(VehicleError, match="steering_slew: cannot be unknown"):
+        load_vehicle(path)
+
+
+def test_a_key_that_stands_twice_is_refused_with_its_line(tmp_path):
+    path = tmp_path / "v.yaml"
+    lines = TEXT.splitlines()
+    (number,) = (at for at, line in enumerate(lines) if line.startswith("  mass:"))
+    lines.insert(number, lines[number])
+    path.write_text("\n".join(lines), encoding="utf-8")
+    with pytest.raises(VehicleError, match=rf"^{path}:{number + 2}: mass: is there twice$"):
         load_vehicle(path)
 
 

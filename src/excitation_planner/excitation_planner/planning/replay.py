@@ -10,6 +10,7 @@ from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.maneuver.family import kept_margin, path_point, steering_lock
 from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
+from excitation_planner.planning.shaping import check_motor
 from excitation_planner.trajectory_error import NominalTrajectory
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.errors import InfeasibleManeuver, PlanError
@@ -93,11 +94,7 @@ def nominal_run(
     PlanError
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
-    if not vehicle.has_speed_loop:
-        raise PlanError(
-            f"{vehicle.name}: maneuvers are driven at a speed, and parts.motor: "
-            f"{vehicle.parts['motor']} has no speed loop; hub_motor has one"
-        )
+    check_motor(vehicle)
     try:
         drive = family.drive(x, vehicle)
     except PlanError as error:  # somewhere in ranges that the user has widened

@@ -8,6 +8,7 @@ from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.design.problem import Search
 from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.planning.shaping import check_motor
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import Vehicle
 
@@ -64,6 +65,7 @@ class PlanRequest:
     area: Area | None = None
 
     def __post_init__(self) -> None:
+        check_motor(self.vehicle)
         if self.target not in self.vehicle.unknown:
             raise PlanError(
                 f"unknown target {self.target!r}; the unknown parameters of "

@@ -39,6 +39,26 @@ def shaping_constants(vehicle: Vehicle) -> dict[str, float]:
     }
 
 
+def check_motor(vehicle: Vehicle) -> None:
+    """Refuse a vehicle for which no maneuver can be planned: its motor holds no speed.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That is to be planned for.
+
+    Raises
+    ------
+    PlanError
+        Names its motor, and the one that holds a speed.
+    """
+    if not vehicle.has_speed_loop:
+        raise PlanError(
+            f"{vehicle.name}: maneuvers are driven at a speed, and parts.motor: "
+            f"{vehicle.parts['motor']} has no speed loop; hub_motor has one"
+        )
+
+
 def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
     """Refuse a plan of a vehicle that differs in what shapes its commands.
 

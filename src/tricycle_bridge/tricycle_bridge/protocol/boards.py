@@ -1,8 +1,8 @@
 """Constants of the two boards: sensors, actuators and thresholds that no message can change.
 
-Emulation and firmware use the same values: `tricycle_bridge.firmware_header` writes them into the
-firmware's C header. The limits that a host meets (angle, rate, speed, acceleration, watchdog) are
-in `tricycle_bridge.protocol.limits`.
+Emulation and firmware use the same values: `tricycle_bridge.protocol.firmware_header` writes
+them into the firmware's C header. The limits that a host meets (angle, rate, speed, acceleration,
+watchdog) are in `tricycle_bridge.protocol.limits`.
 """
 
 import math

@@ -24,9 +24,9 @@ from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 
 if TYPE_CHECKING:
-    from tricycle_bridge.bring_up_record import StepResult
-    from tricycle_bridge.link import LinkEvent, PlcLink
-    from tricycle_bridge.probe import PortProbe
+    from tricycle_bridge.commissioning.probe import PortProbe
+    from tricycle_bridge.commissioning.record import StepResult
+    from tricycle_bridge.plc_link.link import LinkEvent, PlcLink
 
 EXAMPLE = """\
 examples:
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
     if len(args.ports) != 1:
         raise LinkError(f"plc {args.what} takes one port, not {len(args.ports)}")
 
-    from tricycle_bridge.probe import PortProbe
+    from tricycle_bridge.commissioning.probe import PortProbe
 
     with PortProbe(args.ports[0], baud=args.baud, boot_wait=args.boot_wait) as probe:
         link = probe.handshake(timeout=args.boot_wait + 3.0)
@@ -130,9 +130,9 @@ def _check(args: argparse.Namespace) -> int:
     if not (args.engineer or "").strip():
         raise LinkError("plc check needs --engineer NAME: somebody signs the record off")
 
-    from tricycle_bridge.bring_up import STEPS, bring_up
-    from tricycle_bridge.bring_up_record import BringUpRecord, write_record
-    from tricycle_bridge.bring_up_stand import PortStand
+    from tricycle_bridge.commissioning.bring_up import STEPS, bring_up
+    from tricycle_bridge.commissioning.record import BringUpRecord, write_record
+    from tricycle_bridge.commissioning.stand import PortStand
     from tricycle_bringup.configuration import bridge_settings
     from tricycle_sim.vehicle import load_vehicle
 
@@ -169,7 +169,7 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _monitor(probe: PortProbe, seconds: float, *, file: TextIO) -> None:
-    from tricycle_bridge.link import LinkEventKind
+    from tricycle_bridge.plc_link.link import LinkEventKind
 
     try:
         for count, event in enumerate(probe.events(seconds)):

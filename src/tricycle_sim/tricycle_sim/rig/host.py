@@ -3,7 +3,7 @@
 import random
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError

@@ -328,10 +328,12 @@ def check_entry(name: str, entries: Mapping[str, Constant]) -> None:
     """
     if name in entries:
         return
+    plain = name.rpartition(".")[2]
     hint = suggest_name(name, entries)
-    owner = other_owner(name)
-    if owner is not None:
-        hint = f"{owner} reads it, which is no part of this vehicle there"
+    if owner := other_owner(name):
+        hint = f"{owner} reads it, and this vehicle has none{' there' if plain != name else ''}"
+    elif plain in entries and plain != name:
+        hint = f"did you mean {plain}?"
     raise VehicleError(f"{name}: is no constant of this vehicle; {hint}")
 
 
@@ -437,5 +439,8 @@ def suggest_name(name: str, names: Iterable[str]) -> str:
     names : iterable of str
         The right ones.
     """
-    close = difflib.get_close_matches(name, list(names), n=1)
-    return f"did you mean {close[0]}?" if close else "see tricycle.yaml for the names"
+    known = list(names)
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f"did you mean {close[0]}?"
+    return f"must be one of {', '.join(known)}" if len(known) < 10 else "see tricycle.yaml for them"

@@ -6,6 +6,7 @@ interpreted) and why.
 
 import enum
 import math
+import re
 import reprlib
 from collections.abc import Mapping
 from functools import cache
@@ -26,6 +27,8 @@ from tricycle_sim.vehicle.laws import Constant
 from tricycle_sim.vehicle.wheels import TADPOLE, Wheel
 
 MAX_BYTES = 1_000_000  # of a vehicle file
+KEYS = ("name", "about", "wheels", "parts", "constants")
+ENTRY_KEYS = ("value", "nominal", "range", "unit", "basis", "about")
 
 
 class Basis(enum.Enum):
@@ -54,10 +57,7 @@ def load_vehicle(path: Path | None = None) -> Vehicle:
     """
     if path is None:
         return _packaged()
-    try:
-        return _parse(vehicle_document(path), str(path))
-    except OverflowError as error:  # an integer beyond all bounds
-        raise VehicleError(f"{path}: is not a vehicle file: {error}") from error
+    return _parse(vehicle_document(path), str(path))
 
 
 def vehicle_document(path: Path | None = None) -> Any:
@@ -88,10 +88,10 @@ def _packaged() -> Vehicle:
 
 
 def _parse(document: Any, where: str) -> Vehicle:
+    if isinstance(document, dict):
+        _check_keys(f"{where}: ", document, KEYS, "a vehicle file")
     if not isinstance(document, dict) or not isinstance(document.get("constants"), dict):
-        raise VehicleError(f"{where}: needs the keys 'name' and 'constants'")
-    if unexpected := set(document) - {"name", "about", "wheels", "parts", "constants"}:
-        raise VehicleError(f"{where}: {min(map(str, unexpected))}: is no key of a vehicle file")
+        raise VehicleError(f"{where}: needs the keys 'name' and 'constants' (entries by name)")
     if not isinstance(document.get("name"), str) or not document["name"]:
         raise VehicleError(f"{where}: name: needs a text")
     parts = document.get("parts", {})
@@ -125,10 +125,8 @@ def _parse_wheels(entries: object) -> tuple[Wheel, ...]:
         if not isinstance(entry, dict) or not {"name", "axle"} <= set(entry):
             raise VehicleError(f"wheels: number {number} needs a name and an axle")
         roles = ("steered", "driven", "braked")
+        _check_keys(f"wheels: {entry['name']}.", entry, ("name", "axle", *roles), "a wheel")
         for key, value in entry.items():
-            if key not in ("name", "axle", *roles):
-                hint = suggest_name(str(key), ("name", "axle", *roles))
-                raise VehicleError(f"wheels: {entry['name']}.{key}: is no key of a wheel; {hint}")
             if key in roles and not isinstance(value, bool):
                 raise VehicleError(f"wheels: {entry['name']}.{key}: needs true or false")
             if key not in roles and not isinstance(value, str):
@@ -146,13 +144,13 @@ def _parse_entry(
     unit = constants[name].unit
     if not isinstance(entry, dict):
         raise VehicleError(f"{name}: needs value (or nominal and range), unit, basis and about")
-    if unexpected := set(entry) - {"value", "nominal", "range", "unit", "basis", "about"}:
-        raise VehicleError(f"{name}.{min(map(str, unexpected))}: is no key of a constant")
+    _check_keys(f"{name}.", entry, ENTRY_KEYS, "a constant")
     scale = 1.0
     if unit == "rad" and entry.get("unit") == "deg":
         scale = math.pi / 180.0
     elif entry.get("unit") != unit:
-        raise VehicleError(f"{name}.unit: needs '{unit}', not {reprlib.repr(entry.get('unit'))}")
+        found = f", not {reprlib.repr(entry['unit'])}" if "unit" in entry else ""
+        raise VehicleError(f"{name}.unit: needs '{unit}'{found}")
     bases = [basis.value for basis in Basis]
     if entry.get("basis") not in bases:
         raise VehicleError(f"{name}.basis: needs one of {', '.join(bases)}")
@@ -168,7 +166,23 @@ def _parse_entry(
 
 
 def _number(where: str, value: object) -> float:
+    if value is None:
+        raise VehicleError(f"{where}: is missing")
     if isinstance(value, bool) or not isinstance(value, int | float):
-        found = reprlib.repr(value)
-        raise VehicleError(f"{where}: needs a number, not {found} (YAML wants 5.0e-4 for 5e-4)")
-    return float(value)
+        hint = ""
+        if isinstance(value, str) and re.fullmatch(r"[-+]?[\d.]+[eE][-+]?\d+", value):
+            hint = " (YAML wants 5.0e-4 for 5e-4, 5.0e+4 for 5e4)"
+        raise VehicleError(f"{where}: needs a number, not {reprlib.repr(value)}{hint}")
+    try:
+        return float(value)
+    except OverflowError:  # an integer
+        raise VehicleError(f"{where}: is too large a number") from None
+
+
+def _check_keys(
+    place: str, entries: Mapping[Any, object], keys: tuple[str, ...], what: str
+) -> None:
+    for key in entries:
+        if key not in keys:
+            hint = suggest_name(str(key), keys)
+            raise VehicleError(f"{place}{key}: is no key of {what}; {hint}")

@@ -56,6 +56,8 @@ class Constant:
         inside = (low <= value if self.zero else low < value) and value <= high
         if not inside or not math.isfinite(value):
             bounds = f"{'[' if self.zero else '('}{low:g}, {high:g}]"
+            if self.unit == "rad":
+                bounds += f" ({math.degrees(low):.3g} to {math.degrees(high):.3g} deg)"
             raise VehicleError(f"{where}: {value:g} {self.unit} is not in {bounds}")
 
 

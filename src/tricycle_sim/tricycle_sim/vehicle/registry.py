@@ -77,7 +77,8 @@ def check_parts(wheels: Sequence[Wheel], parts: Mapping[str, str]) -> None:
     for entry, name in parts.items():
         owner, _, part = entry.rpartition(".")
         if part not in PARTS or (owner and (part != "tyre" or owner not in owners)):
-            raise VehicleError(f"parts.{entry}: must be one of {', '.join(PARTS)}")
+            known = (*PARTS, *(f"{axle}.tyre" for axle in AXLES))
+            raise VehicleError(f"parts.{entry}: must be one of {', '.join(known)}")
         if name not in PARTS[part]:
             raise VehicleError(f"parts.{entry}: {name!r} must be one of {', '.join(PARTS[part])}")
     drive, fits = law_name("drive", wheels, parts), _default_law("drive", wheels)

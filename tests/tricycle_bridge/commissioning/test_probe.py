@@ -2,7 +2,7 @@
 
 import pytest
 
-from tricycle_bridge.probe import PortProbe
+from tricycle_bridge.commissioning.probe import PortProbe
 from tricycle_bridge.protocol.messages import Board, DriveLimits
 from tricycle_core.errors import LinkError
 from tricycle_sim.plc.pty_port import PtyPort

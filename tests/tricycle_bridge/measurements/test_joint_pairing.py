@@ -2,7 +2,7 @@
 
 import pytest
 
-from tricycle_bridge.joint_pairing import JointPairing, JointReading, joint_reading
+from tricycle_bridge.measurements.joint_pairing import JointPairing, JointReading, joint_reading
 from tricycle_bridge.protocol.messages import (
     Board,
     DriveLimits,

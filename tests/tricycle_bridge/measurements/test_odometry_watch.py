@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from tricycle_bridge.odometry_watch import OdometryWatch
+from tricycle_bridge.measurements.odometry_watch import OdometryWatch
 
 
 def watched(wheel, odom, *, seconds=1.0, until=math.inf):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from tricycle_bridge.command_stream import VehicleCommand
-from tricycle_bridge.kinematics import TurningGeometry
+from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tricycle_bridge.operations import OperationOutcome, OperationQueue
+from tricycle_bridge.plc_link.operations import OperationOutcome, OperationQueue
 from tricycle_bridge.protocol.messages import Ack, Op, Result
 
 

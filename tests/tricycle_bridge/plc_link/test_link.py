@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from tricycle_bridge.link import LinkEventKind, LinkState, PlcLink
+from tricycle_bridge.plc_link.link import LinkEventKind, LinkState, PlcLink
 from tricycle_bridge.protocol import messages as m
 from tricycle_bridge.protocol.framing import FrameDecoder, encode
 from tricycle_sim.plc import DriveMeasurement, DrivePlc, SteerMeasurement, SteerPlc

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from tricycle_bridge.bring_up import STEPS, TURNS, bring_up
-from tricycle_bridge.bring_up_stand import PortStand
+from tricycle_bridge.commissioning.bring_up import STEPS, TURNS, bring_up
+from tricycle_bridge.commissioning.stand import PortStand
 from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
@@ -88,7 +88,7 @@ def test_every_step_passes_by_what_the_boards_measure(pair):
 
 
 def test_a_hall_sensor_whose_unplugging_is_not_noticed_does_not_pass(pair, monkeypatch):
-    monkeypatch.setattr("tricycle_bridge.bring_up.BY_HAND", 0.5)
+    monkeypatch.setattr("tricycle_bridge.commissioning.bring_up.BY_HAND", 0.5)
     (result,) = run(pair, Engineer(pair, unplug=lambda: None), only("hall sensor's lines"))
     assert not result.passed
     assert "did not notice it" in result.problem

@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from tricycle_bridge.command_stream import Commander, CommandStream, Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Commander, CommandStream, Source, VehicleCommand
 from tricycle_core.errors import LinkError
 
 START = 1000.0  # s

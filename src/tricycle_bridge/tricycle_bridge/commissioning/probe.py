@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 
-from tricycle_bridge.link import LinkEvent, PlcLink
+from tricycle_bridge.plc_link.link import LinkEvent, PlcLink
 from tricycle_bridge.protocol.messages import BAUD, Board
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 from tricycle_core.closing import Closing

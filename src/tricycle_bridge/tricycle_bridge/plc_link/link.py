@@ -12,8 +12,8 @@ import enum
 import random
 from dataclasses import dataclass
 
-from tricycle_bridge.handshake import Handshake
-from tricycle_bridge.operations import OperationOutcome, OperationQueue
+from tricycle_bridge.plc_link.handshake import Handshake
+from tricycle_bridge.plc_link.operations import OperationOutcome, OperationQueue
 from tricycle_bridge.protocol.clock import PlcClock, elapsed_us
 from tricycle_bridge.protocol.framing import DELIMITER, Frame, FrameDecoder, encode
 from tricycle_bridge.protocol.messages import (

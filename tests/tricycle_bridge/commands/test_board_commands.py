@@ -4,13 +4,13 @@ import dataclasses
 
 import pytest
 
-from tricycle_bridge.board_commands import (
+from tricycle_bridge.commands.board_commands import (
     board_setup,
     drive_command,
     steer_command,
     stop_command,
 )
-from tricycle_bridge.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.messages import (
     Board,
     CommandFlag,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tricycle_bridge.command_stream import VehicleCommand
-from tricycle_bridge.link import BoardCommand, BoardSetup, Telemetry
+from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bridge.plc_link.link import BoardCommand, BoardSetup, Telemetry
 from tricycle_bridge.protocol.limits import MAX_SPEED, MAX_STEERING_ANGLE
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from tricycle_bridge.measurements.start_watch import StartWatch
 from tricycle_bridge.protocol.messages import DriveState, layout
-from tricycle_bridge.start_watch import StartWatch
 
 HELD = DriveState(**dict.fromkeys(layout(DriveState), 0) | {"brake": 200})
 

@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from tricycle_bridge.handshake import Handshake
+from tricycle_bridge.plc_link.handshake import Handshake
 from tricycle_bridge.protocol.framing import Frame
 from tricycle_bridge.protocol.messages import Board, HelloAck, layout
 

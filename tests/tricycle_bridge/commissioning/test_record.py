@@ -3,7 +3,12 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from tricycle_bridge.bring_up_record import BringUpRecord, StepResult, read_record, write_record
+from tricycle_bridge.commissioning.record import (
+    BringUpRecord,
+    StepResult,
+    read_record,
+    write_record,
+)
 from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import LinkError
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tricycle_bridge.kinematics import TurningGeometry
+from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_core.errors import LinkError
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from tricycle_bridge.arming import ArmingOutcome
 from tricycle_bridge.bridge import BOARDS, Bridge
-from tricycle_bridge.command_stream import Source, VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.port_bridge import receive_all, send_all
 from tricycle_bridge.protocol.messages import (
     BAUD,

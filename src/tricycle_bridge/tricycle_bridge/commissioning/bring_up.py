@@ -10,9 +10,9 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from tricycle_bridge.bring_up_record import StepResult
-from tricycle_bridge.bring_up_stand import PortStand
-from tricycle_bridge.command_stream import INPUT_AGE
+from tricycle_bridge.commands.command_stream import INPUT_AGE
+from tricycle_bridge.commissioning.record import StepResult
+from tricycle_bridge.commissioning.stand import PortStand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE, STEERING_END_STOP, WATCHDOG
 from tricycle_bridge.protocol.messages import (

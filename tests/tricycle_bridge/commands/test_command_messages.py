@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from tricycle_bridge.command_messages import joint_command, limit_refusal, twist_command
-from tricycle_bridge.command_stream import VehicleCommand
-from tricycle_bridge.kinematics import TurningGeometry
+from tricycle_bridge.commands.command_messages import joint_command, limit_refusal, twist_command
+from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT

@@ -10,7 +10,7 @@ import itertools
 from collections import deque
 from dataclasses import dataclass
 
-from tricycle_bridge.link import Telemetry
+from tricycle_bridge.plc_link.link import Telemetry
 from tricycle_bridge.protocol.messages import (
     ANGLE_UNIT,
     SPEED_UNIT,

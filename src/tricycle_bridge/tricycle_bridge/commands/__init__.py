@@ -1,0 +1,1 @@
+"""Commands of the vehicle: whose count, from ROS messages, and for the boards."""

@@ -1,0 +1,1 @@
+"""Bring-up of two boards on a vehicle, step by step, and its record."""

@@ -1,0 +1,1 @@
+"""What the boards report: joined into joint readings, and held against other sensors."""
