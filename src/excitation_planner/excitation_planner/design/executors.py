@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 
 import cloudpickle
-from loky import ProcessPoolExecutor
+from loky import get_reusable_executor
 
 from excitation_planner.design.evaluation import evaluate
 from excitation_planner.design.problem import DesignProblem, Outcome, Simulator, Verified
@@ -21,6 +21,8 @@ from tricycle_core.quantities import FloatArray
 # x (l,), whether for verification, and its outcome if that is known already
 Task = tuple[FloatArray, bool, Outcome | None]
 Result = tuple[Outcome, Verified]
+IDLE_TIME = 60  # s, after which a process without work ends
+
 Run = Callable[[list[Task], Callable[[int, Result], None]], list[Result]]
 
 
@@ -30,7 +32,7 @@ def running(
 ) -> Iterator[Run]:
     """Give a function that evaluates tasks and reports each (index, result) as soon as it is known.
 
-    Without executor and workers, processes of this machine are made and ended.
+    Without an executor, processes of this machine run them.
 
     Parameters
     ----------
@@ -41,7 +43,7 @@ def running(
     executor : Executor, optional
         Where tasks run.
     workers : int, optional
-        Processes to be made; 1 runs everything in this process.
+        Number of processes; 1 runs everything in this process.
     """
     if executor is None and workers == 1:
 
@@ -63,24 +65,25 @@ def running(
                 "f or noise_variance holds something that cannot be sent to another process: "
                 f"make it inside the function, or give workers=1 ({error})"
             ) from error
-        with process_pool(workers) as pool:
-            yield _submitting(f, problem, pool)
+        yield _submitting(f, problem, process_pool(workers))
 
 
-@contextmanager
-def process_pool(workers: int | None = None) -> Iterator[ProcessPoolExecutor]:
-    """Give processes of this machine; the block ends when they have.
+def process_pool(workers: int | None = None) -> Executor:
+    """Give processes of this machine, kept for the next caller for a minute.
 
-    They get functions by value and never import the caller's script, so that functions of a
-    notebook or of a script without ``if __name__ == "__main__"`` run in them too.
+    A process takes seconds to import what simulates; the next step of a campaign or the next cell
+    of a notebook finds it ready. Processes get functions by value and never import the caller's
+    script, so that functions of a notebook or of a script without ``if __name__ == "__main__"``
+    run in them too.
 
     Parameters
     ----------
     workers : int, optional
         Their number, by default one per core.
     """
-    with ProcessPoolExecutor(workers or os.cpu_count(), initializer=_prepare_worker) as pool:
-        yield pool
+    return get_reusable_executor(
+        workers or os.cpu_count(), timeout=IDLE_TIME, initializer=_prepare_worker
+    )
 
 
 def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run:

@@ -70,12 +70,11 @@ def run(args: argparse.Namespace) -> int:
     names = ITEMS if "all" in args.items else [name for name in ITEMS if name in args.items]
     args.output.mkdir(parents=True, exist_ok=True)
     items, figures = [], []
-    with process_pool() as pool:
-        reproduction = Reproduction(pool, budget=PaperBudget() if args.faithful else None)
-        for name in names:
-            with progress_bar(name) as progress:
-                items.append(reproduction.item(name, progress))
-                progress(1, 1)
+    reproduction = Reproduction(process_pool(), budget=PaperBudget() if args.faithful else None)
+    for name in names:
+        with progress_bar(name) as progress:
+            items.append(reproduction.item(name, progress))
+            progress(1, 1)
     for item in items:
         figures.append(draw(item))
         for suffix in ("png", "svg"):
