@@ -81,9 +81,10 @@ def process_pool(workers: int | None = None) -> Executor:
     workers : int, optional
         Their number, by default one per core.
     """
-    return get_reusable_executor(
+    pool: Executor = get_reusable_executor(
         workers or os.cpu_count(), timeout=IDLE_TIME, initializer=_prepare_worker
     )
+    return pool
 
 
 def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run:
