@@ -53,6 +53,18 @@ class PlanarState:
         """Whether pose and speed are numbers."""
         return all(map(math.isfinite, (self.x, self.y, self.yaw, self.speed)))
 
+    def after(self, time: float) -> tuple[float, float, float]:
+        """Return the pose x, y [m], heading [rad] a short time later, the motion being the same.
+
+        Parameters
+        ----------
+        time : float
+            How much later [s].
+        """
+        turn, way = self.yaw_rate * time, self.speed * time
+        course = self.yaw + self.slip + 0.5 * turn
+        return self.x + way * math.cos(course), self.y + way * math.sin(course), self.yaw + turn
+
 
 @dataclass(frozen=True)
 class _Track:

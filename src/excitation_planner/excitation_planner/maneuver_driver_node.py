@@ -1,7 +1,11 @@
-"""maneuver_driver: plays `maneuver/commands` on `joint_commands`, open loop, at 100 Hz."""
+"""maneuver_driver: plays `maneuver/commands` on `joint_commands`, open loop, at 100 Hz.
+
+On `~/go_back` it drives the vehicle back to the start, closed loop.
+"""
 
 import math
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -26,8 +30,12 @@ from excitation_planner.playback import (
     Playback,
     Schedule,
 )
+from excitation_planner.way_back.dubins import Arc
+from excitation_planner.way_back.pursuit import Chassis
+from excitation_planner.way_back.route import RouteRequest, find_route
+from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import LinkError, PlanError
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node
@@ -159,7 +167,12 @@ class ManeuverDriver(Node):
             countdown=countdown,
             hold_timeout=hold,
             ground_needed=not unfenced,
+            chassis=self._chassis(),
         )
+        # a route may take seconds to find; a tick may not
+        self._routes = ThreadPoolExecutor(1, "routes")
+        self._wanted: RouteRequest | None = None  # what is looked for
+        self._route: Future[tuple[Arc, ...]] | None = None
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
         self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
         self._state = self.create_publisher(
@@ -185,6 +198,7 @@ class ManeuverDriver(Node):
             callback = partial(self._on_area, part, read)
             self.create_subscription(kind, f"maneuver/{part}", callback, **overridable(LATCHED))
         self.create_service(Trigger, "~/start", self._on_start)
+        self.create_service(Trigger, "~/go_back", self._on_go_back)
         self.create_service(Trigger, "~/abort", self._on_abort)
         if simulated:
             # a timer may miss ticks of a clock that runs fast; the clock's own callback does not
@@ -198,6 +212,36 @@ class ManeuverDriver(Node):
             )
         else:
             self.create_timer(TICK, self._on_tick)
+
+    def _chassis(self) -> Chassis:
+        """What the parameters say of the vehicle, for the way back."""
+        own, geometry = Chassis(), TurningGeometry()
+        try:
+            geometry = TurningGeometry(
+                declare(self, "wheelbase", geometry.wheelbase, "m", (0.1, 10.0)),
+                declare(
+                    self, "motor_angles", list(geometry.motor_angles), "rad, of the steering motor"
+                ),
+                declare(
+                    self,
+                    "road_angles",
+                    list(geometry.road_angles),
+                    "rad, at motor_angles, of the one front wheel that would turn the vehicle so",
+                ),
+            )
+        except LinkError as error:
+            raise PlanError(str(error)) from error
+        return Chassis(
+            geometry,
+            declare(
+                self,
+                "unsteered_axle",
+                own.unsteered_axle,
+                "m ahead of base_link, of its middle",
+                (-10.0, 10.0),
+            ),
+            declare(self, "tyre_radius", own.tyre_radius, "m, of the driven wheel", (0.02, 1.0)),
+        )
 
     def _now(self) -> float:
         return float(self.get_clock().now().nanoseconds) * 1e-9
@@ -247,6 +291,23 @@ class ManeuverDriver(Node):
             )
         return response
 
+    def _on_go_back(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        playback = self._playback
+        return self._attempt(response, lambda: playback.go_back(self._now()), "going back")
+
+    def _look_for_route(self) -> None:
+        """Have the route that is wanted looked for, and hand it over when it is found."""
+        wanted = self._playback.route_wanted
+        if wanted is None or self._wanted is None or wanted.start != self._wanted.start:
+            self._wanted, self._route = wanted, None
+            if wanted is not None:
+                self._route = self._routes.submit(find_route, wanted)
+        elif self._route is not None and self._route.done():
+            try:
+                self._playback.follow(self._route.result())
+            except PlanError as error:
+                self._playback.abort(str(error))
+
     def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._attempt(response, lambda: self._playback.abort("asked for"), "aborted")
 
@@ -263,6 +324,7 @@ class ManeuverDriver(Node):
         return response
 
     def _on_tick(self) -> None:
+        self._look_for_route()
         now = self.get_clock().now()
         command = self._playback.tick(float(now.nanoseconds) * 1e-9)
         if command is not None:

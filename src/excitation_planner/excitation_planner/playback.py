@@ -1,4 +1,6 @@
-"""Playback of a maneuver's commands, open loop: the state machine of the driver, without ROS.
+"""Playback of a maneuver's commands, open loop, and the way back to its start, closed loop.
+
+This is the state machine of the driver, without ROS.
 
 Time is an argument everywhere; the node that owns a `Playback` passes its ROS clock.
 """
@@ -12,6 +14,9 @@ import numpy as np
 
 from excitation_planner.area.fence import Fence
 from excitation_planner.localisation import PlanarState, PoseWatch
+from excitation_planner.way_back.dubins import Arc, Pose
+from excitation_planner.way_back.pursuit import Chassis, WayBack
+from excitation_planner.way_back.route import RouteRequest
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
@@ -164,6 +169,8 @@ class Playback:
     ground_needed : bool
         Whether a plan has to say on what ground it may be driven, if only that there is none; a
         plan whose ground has not come yet is then not driven without its fence.
+    chassis : Chassis
+        What takes the vehicle back to a start.
     state : PlaybackState
         What it is doing.
     reason : str
@@ -171,7 +178,7 @@ class Playback:
     start_time : float or None
         When row 0 was played [s].
     elapsed : float
-        Time since then, at the newest tick of the run [s].
+        Time since then, or since the vehicle was asked to go back, at the newest tick [s].
     seconds_left : int
         Of the countdown.
     """
@@ -183,6 +190,7 @@ class Playback:
     countdown: float = 0.0
     hold_timeout: float = 0.0
     ground_needed: bool = False
+    chassis: Chassis = field(default_factory=Chassis)
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
     start_time: float | None = None
@@ -206,6 +214,8 @@ class Playback:
     _pressed: bool = False
     _pressed_at: float = -math.inf
     _anchor: PlanarState | None = None
+    _back: WayBack | None = None  # while the vehicle returns
+    _last_start: Pose | None = None  # where the newest maneuver began
     _held: JointCommand = field(default_factory=lambda: JointCommand(0.0, 0.0))
     _ticked_at: float = -math.inf
     _stopping_since: float | None = None  # None: not since a run has ended
@@ -279,7 +289,7 @@ class Playback:
         """
         self._observed, self._observed_stamp, self._observed_at = state, stamp, now
         if self._active and self._fence is not None and state.finite:
-            driven = self.state is PlaybackState.RUNNING and self._held.wheel_rate != 0.0
+            driven = self.state is not PlaybackState.STARTING and self._held.wheel_rate != 0.0
             reason = self._watch.contradiction(state, stamp, driven=driven)
             self._contradiction = self._contradiction or reason
 
@@ -319,10 +329,7 @@ class Playback:
         PlanError
             The reason why the maneuver cannot start.
         """
-        if self._active:
-            raise PlanError("already running")
-        if self._stopping_since is not None:
-            raise PlanError("the vehicle is being stopped after a run; try again when it rests")
+        self._check_free()
         if self._plan is None:
             raise PlanError("no commands yet; publish a plan on maneuver/commands")
         paths = [points for stamp, points in self._paths if stamp == self._plan.stamp]
@@ -331,29 +338,72 @@ class Playback:
                 "no path on maneuver/path with the stamp of the commands, to limit the deviation "
                 "by; publish both with one stamp"
             )
-        if reason := self._not_ready(now) or self._released(now):
-            raise PlanError(reason)
-        if reason := self._pose_lost(now):
-            raise PlanError(f"{reason}; the maneuver starts only where it can be watched")
-        if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
-            speed = self._observed.speed if self._observed else math.nan
-            raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
+        self._check_standing(now)
         fence = self._fence_of(self._plan)
         if fence is not None:
             rates = self._plan.schedule.wheel_rate
             push = float(rates[np.flatnonzero(rates)[:1]].sum())
-            if reason := self._trespass(fence, now, 0, push) or fence.off_start(self._observed):
+            curvature = float(fence.curvature[0])
+            if reason := self._trespass(fence, now, curvature, push) or self._off_start(fence):
                 raise PlanError(reason)
         self._fence, self._watch, self._contradiction = fence, PoseWatch(), ""
         self._path, self._nearest = paths[-1], 0
         self._anchor = self._observed
+        if self._anchor is not None:
+            self._last_start = self._anchor.x, self._anchor.y, self._anchor.yaw
         self._asked_at = now
         self.seconds_left = math.ceil(self.countdown)
         self.start_time, self.elapsed = None, 0.0
         self.state, self.reason = PlaybackState.STARTING, ""
 
+    def go_back(self, now: float) -> None:
+        """Drive back, closed loop: to the planned start, without an area to that of the last run.
+
+        Raises
+        ------
+        PlanError
+            The reason why the vehicle cannot go back.
+        """
+        self._check_free()
+        self._check_standing(now)
+        fence = self._fence_of(self._plan) if self._plan is not None else None
+        goal = self._last_start if fence is None else fence.start
+        if goal is None:
+            raise PlanError("no start to go back to: no plan with an area, and nothing driven yet")
+        if fence is not None and (reason := self._trespass(fence, now, 0.0, 0.0)):
+            raise PlanError(f"{reason}; drive it back by hand")
+        self._fence, self._watch, self._contradiction = fence, PoseWatch(), ""
+        self._back = WayBack(goal, self.chassis, self._held.steering_motor_angle)
+        self._anchor, self._held = None, JointCommand(self._held.steering_motor_angle, 0.0)
+        self._asked_at = now
+        self.start_time, self.elapsed = None, 0.0
+        self.state, self.reason = PlaybackState.RETURNING, ""
+
+    @property
+    def route_wanted(self) -> RouteRequest | None:
+        """What a route back is looked for; None while none is wanted."""
+        back, fence = self._back, self._fence
+        if back is None or back.wanted is None:
+            return None
+        goal, radius = self.chassis.axle(*back.goal), self.chassis.radius
+        if fence is None:
+            return RouteRequest(back.wanted, goal, radius)
+        footprint = fence.footprint - np.array([self.chassis.unsteered_axle, 0.0])
+        return RouteRequest(back.wanted, goal, radius, fence.ground, footprint)
+
+    def follow(self, route: tuple[Arc, ...]) -> None:
+        """Take the route that was wanted; without one that is wanted any more, nothing is done.
+
+        Parameters
+        ----------
+        route : tuple of Arc
+            For the newest `route_wanted`.
+        """
+        if self._back is not None and self._back.wanted is not None:
+            self._back.follow(route)
+
     def abort(self, reason: str) -> None:
-        """Stop a running maneuver; standstill is commanded.
+        """Stop a running maneuver or the way back; standstill is commanded.
 
         Raises
         ------
@@ -378,6 +428,8 @@ class Playback:
                 self._stopping_since = now
             if self._active:
                 self.abort(f"the clock jumped back by {back:.2f} s")
+        if self._back is not None:
+            return self._return(self._back, now)
         if self._active and self._plan is not None:
             return self._play(self._plan.schedule, now)
         if self._stopping_since is None:
@@ -413,6 +465,52 @@ class Playback:
     @property
     def _active(self) -> bool:
         return self.state.driving
+
+    def _check_free(self) -> None:
+        if self._active:
+            raise PlanError("already running")
+        if self._stopping_since is not None:
+            raise PlanError("the vehicle is being stopped after a run; try again when it rests")
+
+    def _check_standing(self, now: float) -> None:
+        """Refuse unless the vehicle obeys and stands where it can be watched."""
+        if reason := self._not_ready(now) or self._released(now):
+            raise PlanError(reason)
+        if reason := self._pose_lost(now):
+            raise PlanError(f"{reason}; the maneuver starts only where it can be watched")
+        if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
+            speed = self._observed.speed if self._observed else math.nan
+            raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
+
+    def _off_start(self, fence: Fence) -> str:
+        return "no pose on odom" if self._observed is None else fence.off_start(self._observed)
+
+    def _return(self, back: WayBack, now: float) -> JointCommand:
+        pursuit, here, self.elapsed = back.pursuit, self._observed, now - self._asked_at
+        reason = (
+            self._not_ready(now)
+            or self._released(now)
+            or self._pose_lost(now)
+            or self._contradiction
+        )
+        if not reason and self._fence is not None:
+            curvature, push = (pursuit.curvature, pursuit.push) if pursuit else (0.0, 0.0)
+            reason = self._trespass(self._fence, now, curvature, push)
+        command = None
+        if not reason and here is not None:
+            try:
+                pose = here.after(now - self._observed_stamp)
+                command = back.step(pose, now, rests=self._rests(now))
+            except PlanError as error:
+                reason = str(error)
+        if reason:
+            self.abort(reason)
+        elif back.arrived:
+            self._end(PlaybackState.WAITING, self._held.steering_motor_angle)
+        elif command is not None:
+            angle, speed = command
+            self._held = JointCommand(angle, speed / self.chassis.tyre_radius)
+        return self._held
 
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
@@ -482,22 +580,22 @@ class Playback:
         if self._fence is None:
             return ""
         push = 0.0 if self.start_time is None else float(schedule.wheel_rate[row])
-        return self._trespass(self._fence, now, row, push)
+        return self._trespass(self._fence, now, float(self._fence.curvature[row]), push)
 
-    def _trespass(self, fence: Fence, now: float, row: int, push: float) -> str:
+    def _trespass(self, fence: Fence, now: float, curvature: float, push: float) -> str:
         if self._observed is None:
             return "no pose on odom"
         return fence.trespass(
             self._observed,
             age=now - self._observed_stamp,
-            curvature=float(fence.curvature[row]),
+            curvature=curvature,
             push=push,
         )
 
     def _end(self, state: PlaybackState, angle: float, reason: str = "") -> None:
         self._held = JointCommand(angle, 0.0)
         self.state, self.reason, self.seconds_left = state, reason, 0
-        self._stopping_since = self._ticked_at
+        self._stopping_since, self._back = self._ticked_at, None
 
     def _take_next(self) -> None:
         if self._next is None:

@@ -55,6 +55,27 @@ def bridge_parameters(vehicle_file: str) -> dict[str, Any]:
     return _settings(vehicle) | _geometry(vehicle)
 
 
+def driver_parameters(vehicle_file: str) -> dict[str, Any]:
+    """Return the ROS parameters of the maneuver driver that follow from the vehicle.
+
+    Parameters
+    ----------
+    vehicle_file : str
+        Vehicle YAML; empty for the packaged tricycle.
+
+    Raises
+    ------
+    VehicleError
+        If it is not a valid vehicle file.
+    """
+    vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
+    unsteered = [vehicle.of(wheel).x for wheel in vehicle.wheels if not wheel.steered]
+    return _geometry(vehicle) | {
+        "tyre_radius": vehicle.driven_radius,
+        "unsteered_axle": float(np.mean(unsteered)),
+    }
+
+
 def check_bridge(vehicle: Vehicle, parameters: Mapping[str, Any]) -> None:
     """Refuse a bridge that was started for another vehicle.
 

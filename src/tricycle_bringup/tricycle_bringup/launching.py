@@ -20,7 +20,7 @@ from launch_ros.event_handlers import OnStateTransition
 from launch_ros.events.lifecycle import ChangeState
 from lifecycle_msgs.msg import Transition
 
-from tricycle_bringup.configuration import bridge_parameters
+from tricycle_bringup.configuration import bridge_parameters, driver_parameters
 from tricycle_bringup.urdf import tricycle_urdf
 from tricycle_sim.vehicle import load_vehicle
 
@@ -135,7 +135,7 @@ class VehicleNodes:
                 "excitation_planner",
                 {"vehicle_file": vehicle, "plan_file": plan},
             ),
-            self.node("excitation_planner", "maneuver_driver"),
+            self.node("excitation_planner", "maneuver_driver", driver_parameters(vehicle)),
             self.node(
                 "trajectory_recorder",
                 "trajectory_recorder",

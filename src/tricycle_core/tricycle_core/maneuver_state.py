@@ -19,13 +19,14 @@ class PlaybackState(Enum):
     WAITING = "waiting"
     STARTING = "starting"
     RUNNING = "running"
+    RETURNING = "returning"
     DONE = "done"
     ABORTED = "aborted"
 
     @property
     def driving(self) -> bool:
         """Whether commands are sent."""
-        return self in (PlaybackState.STARTING, PlaybackState.RUNNING)
+        return self in (PlaybackState.STARTING, PlaybackState.RUNNING, PlaybackState.RETURNING)
 
     @property
     def ended(self) -> bool:

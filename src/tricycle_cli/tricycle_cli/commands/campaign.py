@@ -80,6 +80,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_range_options(parser)
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add_area_option(parser)
+    add(
+        "--return",
+        action="store_true",
+        dest="back",
+        help="drive to the start of each drive by itself, closed loop at walking pace",
+    )
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
     add("--seed", type=seed, default=0, help="of the plans")
@@ -186,10 +192,11 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
             true_seed=args.true_seed,
             real_time_factor=args.real_time_factor,
             folder=args.output / "session",
+            back=args.back,
         ) as drive:
             yield drive
         return
-    with running_session(load_vehicle(args.vehicle), ask=True) as drive:
+    with running_session(load_vehicle(args.vehicle), ask=True, back=args.back) as drive:
         yield drive
 
 

@@ -14,7 +14,7 @@ EXAMPLE = """\
 examples:
   tricycle drive out/plan/plan.json --true-seed 1 --bag out/bag
   tricycle drive out/plan/plan.json --vehicle-nodes --bag out/bag
-  tricycle drive out/plan/plan.json --repeat 3 --mirror --bag out/drives
+  tricycle drive out/plan/plan.json --repeat 3 --mirror --return --bag out/drives
 """
 
 
@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "arm the vehicle first (service tricycle_bridge/arm), and keep the e-stop in hand. Ctrl-C "
         "aborts the maneuver: the vehicle stops, and the bag is closed. Of several drives "
         "(--repeat, --mirror) each has its bag in the folder --bag; on the vehicle each waits for "
-        "Enter."
+        "Enter. With --return the vehicle drives to the start of each by itself."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
@@ -40,6 +40,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--bag", type=Path, default=Path("out/bag"), metavar="DIR", help="bag to be recorded")
     add("--repeat", type=int, default=1, metavar="N", help="drive it so often")
     add("--mirror", action="store_true", help="drive its mirror image too, after each drive of it")
+    add(
+        "--return",
+        action="store_true",
+        dest="back",
+        help="drive back to the start, closed loop at walking pace, after each drive",
+    )
     add(
         "--vehicle",
         type=Path,
@@ -97,7 +103,10 @@ def run(args: argparse.Namespace) -> int:
         drives = [(plan, args.bag)]
     session = (
         running_session(
-            None if args.other_vehicle else vehicle, args.namespace, ask=len(drives) > 1
+            None if args.other_vehicle else vehicle,
+            args.namespace,
+            ask=len(drives) > 1,
+            back=args.back,
         )
         if args.vehicle_nodes
         else simulated_session(
@@ -106,6 +115,7 @@ def run(args: argparse.Namespace) -> int:
             real_time_factor=args.real_time_factor,
             folder=args.bag.with_name(f"{args.bag.name}.session"),
             plant=args.plant,
+            back=args.back,
         )
     )
     with session as drive:

@@ -151,7 +151,7 @@ class Operator(Closing):
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def drive(self, plan: Plan, bag: Path, *, progress: Progress) -> None:
+    def drive(self, plan: Plan, bag: Path, *, progress: Progress, back: bool = False) -> None:
         """Drive the plan to its end and record it to `bag`.
 
         Parameters
@@ -162,6 +162,8 @@ class Operator(Closing):
             New rosbag2 directory.
         progress : callable
             Called with the time elapsed and the duration [ms of ROS time].
+        back : bool
+            Whether the vehicle drives to the start by itself; a simulated one is not reset then.
 
         Raises
         ------
@@ -170,7 +172,7 @@ class Operator(Closing):
             that was started is aborted then, and its bag closed.
         """
         self._patience = SERVICE_TIMEOUT
-        if self._simulated:
+        if self._simulated and not back:
             x, y, heading = plan.start_pose or (0.0, 0.0, 0.0)
             self._set_parameters("tricycle_sim", start_x=x, start_y=y, start_heading=heading)
             self._trigger("tricycle_sim/reset")
@@ -179,14 +181,32 @@ class Operator(Closing):
         self._hand_over(plan)
         if self._simulated:
             self._arm()
+        if back:
+            self._go_back()
         with self._recording(bag):
             self._sleep(STANDSTILL)
             if self._state.plan_id != plan.id:  # a planner has published another one meanwhile
                 self._hand_over(plan)
-            with self._driving():
+            with self._driving("start"):
                 self._follow(plan, progress)
         if self._simulated:
-            self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
+            self._disarm()
+
+    def go_back(self) -> None:
+        """Have the vehicle drive back to the start of the plan that was driven last.
+
+        Raises
+        ------
+        NodeError
+            If a node does not answer, or the driver refuses or gives up; with its reason.
+        """
+        self._patience = SERVICE_TIMEOUT
+        self._sleep(LONGEST_STOP - STANDSTILL)  # the drive has ended, the driver's stop has not
+        if self._simulated:
+            self._arm()
+        self._go_back()
+        if self._simulated:
+            self._disarm()
 
     def pace(self, real_time_factor: float) -> None:
         """Set how fast the simulation runs.
@@ -267,11 +287,21 @@ class Operator(Closing):
         # what the middleware sends again may come seconds later: after the start
         self._wait(self._plans.received, "every subscriber of maneuver/* to take the plan")
 
+    def _go_back(self) -> None:
+        with self._driving("go_back"):
+            begun = (PlaybackState.RETURNING, PlaybackState.ABORTED)
+            self._wait(lambda: self._state.state in begun, "the way back to begin")
+            while self._state.state is PlaybackState.RETURNING:
+                before = self._state
+                self._wait(lambda: self._state != before, "news of the way back")  # noqa: B023
+            if self._state.state is PlaybackState.ABORTED:
+                raise NodeError(f"way back aborted: {self._state.reason}")
+
     @contextmanager
-    def _driving(self) -> Iterator[None]:
-        """Start the maneuver, abort it on any failure or interruption; then stand still."""
+    def _driving(self, service: str) -> Iterator[None]:
+        """Have the driver begin, abort it on any failure or interruption; then stand still."""
         try:
-            self._trigger("maneuver_driver/start")
+            self._trigger(f"maneuver_driver/{service}")
             yield
         except BaseException as error:
             self._check()  # where the nodes end with a dead one, nobody is left to abort
@@ -326,6 +356,9 @@ class Operator(Closing):
             if time.monotonic() > deadline:
                 raise NodeError(f"tricycle_bridge: {answer.message}")
             self._sleep(0.1)
+
+    def _disarm(self) -> None:
+        self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=False))
 
     def _on_state(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # of another publisher

@@ -14,6 +14,7 @@ from tricycle_bringup.configuration import (
     SIMULATION_CONFIG,
     bridge_parameters,
     check_bridge,
+    driver_parameters,
 )
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_core.errors import PlanError
@@ -38,6 +39,7 @@ def simulated_session(
     folder: Path,
     firmware: Path | None = None,
     plant: str = OWN,
+    back: bool = False,
 ) -> Iterator[DrivePlan]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
 
@@ -56,6 +58,9 @@ def simulated_session(
         Build of the real firmware to run on simulated UNOs; None: emulated PLCs.
     plant : str
         What the boards drive.
+    back : bool
+        Whether the vehicle drives back to the start of each further drive, and at the end to that
+        of the last one, instead of being put there.
 
     Yields
     ------
@@ -98,20 +103,26 @@ def simulated_session(
             config=config,
             parameters={**ports, **bridge_parameters(file), "arm_on_activate": False},
         )
-        nodes.start("maneuver_driver", config=config, parameters={})
+        nodes.start("maneuver_driver", config=config, parameters=driver_parameters(file))
         # the truth too, so that estimates from the bag can be compared with it
         metadata = [f"vehicle={vehicle.name}", f"vehicle_hash={vehicle.fingerprint}"]
         if plant == OWN:
             metadata += [f"true_{k}={v!r}" for k, v in hidden_truth(vehicle, true_seed).items()]
         nodes.start("trajectory_recorder", config=config, parameters={"metadata": metadata})
         with Operator(domain=domain, check=nodes.check) as operator:
+            drives = 0
 
             def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+                nonlocal drives
                 operator.pace(real_time_factor)
-                operator.drive(plan, bag.absolute(), progress=progress)
+                operator.drive(plan, bag.absolute(), progress=progress, back=back and drives > 0)
                 operator.pace(IDLE_PACE)
+                drives += 1
 
             yield drive
+            if back and drives:
+                operator.pace(real_time_factor)
+                operator.go_back()
 
 
 def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
@@ -131,7 +142,7 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 @contextmanager
 def running_session(
-    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False
+    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False, back: bool = False
 ) -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
@@ -143,6 +154,9 @@ def running_session(
         Of those nodes.
     ask : bool
         Whether each drive waits for somebody to say that the vehicle is ready.
+    back : bool
+        Whether the vehicle drives to the start of each drive by itself, and back at the end;
+        without an area somebody puts it at the first one.
 
     Yields
     ------
@@ -164,12 +178,19 @@ def running_session(
         if vehicle is not None and "tricycle_bridge" in operator.publishers(TOPIC):
             check_bridge(vehicle, operator.parameters("tricycle_bridge", IDENTIFYING))
 
+        drives = 0
+
         def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+            nonlocal drives
             if ask:
                 _wait_for_enter(plan)
-            operator.drive(plan, bag.absolute(), progress=progress)
+            there = back and (drives > 0 or plan.area is not None)
+            operator.drive(plan, bag.absolute(), progress=progress, back=there)
+            drives += 1
 
         yield drive
+        if back and drives:
+            operator.go_back()
 
 
 def _wait_for_enter(plan: Plan) -> None:

@@ -1,0 +1,233 @@
+"""A route on the ground from pose to pose: Dubins paths forwards and backwards, pose by pose.
+
+Poses are drawn on the ground, each is tied to each by its Dubins paths, and the shortest chain is
+looked for; whether the vehicle has room on a path is looked at only where the chain takes it (lazy
+probabilistic roadmap: R. Bohlin, L. E. Kavraki, "Path planning using lazy PRM", ICRA 2000).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from excitation_planner.area.polygons import Rings, contains, placed, seen_from
+from excitation_planner.area.stops import longest_stop
+from excitation_planner.way_back.dubins import WORDS, Arc, Pose, dubins_arcs, dubins_lengths
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
+
+APPROACHES = (1.5, 3.0, 5.0)
+"""Lengths of the straight line into the goal, along which deviations die out [m]."""
+
+CLEARANCES = (0.15, 0.05)
+"""Kept from the border of the ground, for what the pursuit deviates [m]; the second if need be."""
+
+RUN_OUT = float(longest_stop(np.array(0.25)))
+"""Room beyond the end of each arc: a stop while the vehicle creeps there [m]."""
+
+CHANGE = 2.0
+"""Length that a stop between two paths counts for [m]."""
+
+POSES = 60
+"""Poses drawn on the ground in the first round, and in each further one."""
+
+ROUNDS = 2
+"""Rounds until no route is found."""
+
+PATHS = 400
+"""Paths that are looked at in each round."""
+
+SPACING = 0.2
+"""Between the poses of a path that are looked at [m]."""
+
+
+@dataclass(frozen=True)
+class RouteRequest:
+    """What a route is looked for.
+
+    Attributes
+    ----------
+    start, goal : (float, float, float)
+        Poses of the middle of the unsteered axle [m, m, rad].
+    radius : float
+        Of its tightest arcs [m].
+    ground : sequence of ndarray of float, each of shape (n, 2)
+        Outlines and holes of where the footprint may be [m]; empty: anywhere.
+    footprint : ndarray of float, shape (m, 2)
+        Corners, seen from the axle [m].
+    """
+
+    start: Pose
+    goal: Pose
+    radius: float
+    ground: Rings = ()
+    footprint: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+
+def find_route(request: RouteRequest) -> tuple[Arc, ...]:
+    """Return the arcs of the shortest route found; the same one for the same request.
+
+    Parameters
+    ----------
+    request : RouteRequest
+        From where to where.
+
+    Raises
+    ------
+    PlanError
+        If there is none.
+    """
+    goal = np.array(request.goal)
+    entries = np.array([_along(goal, -way) for a in APPROACHES for way in (a, -a)])
+    for clearance in CLEARANCES:
+        rng, room = np.random.default_rng(0), Room(request, clearance)
+        poses = np.vstack([request.start, entries])
+        for _ in range(ROUNDS):
+            poses = np.vstack([poses, room.draw(rng, POSES)])
+            if route := _chain(poses, room, request):
+                return route
+    raise PlanError(
+        "no way back to the start: the ground less its margin leaves no room to turn; drive it by "
+        "hand"
+    )
+
+
+class Room:
+    """Whether the vehicle has room on a path.
+
+    Parameters
+    ----------
+    request : RouteRequest
+        With ground and footprint.
+    clearance : float
+        Kept from the border of the ground [m].
+    """
+
+    def __init__(self, request: RouteRequest, clearance: float = CLEARANCES[0]) -> None:
+        self.ground = request.ground
+        self._request = request
+        if not request.ground:
+            return
+        import shapely  # only who looks for a route on a ground needs it
+
+        grown = shapely.Polygon(request.footprint).buffer(clearance, join_style="mitre")
+        self._footprint = np.asarray(grown.exterior.coords)[:-1]
+        self._border = np.concatenate(request.ground)
+
+    def holds(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> NDArray[np.bool_]:
+        """Return whether the footprint is on the ground.
+
+        Parameters
+        ----------
+        x, y, heading : ndarray of float, shape (n,)
+            Poses [m, m, rad].
+
+        Returns
+        -------
+        free : ndarray of bool, shape (n,)
+            At each of them.
+        """
+        if not self.ground:
+            return np.ones(np.shape(x), bool)
+        corners = contains(placed(self._footprint, x, y, heading), self.ground).all(axis=-1)
+        border = contains(seen_from(self._border, x, y, heading), (self._footprint,))
+        return np.asarray(corners & ~border.any(axis=-1))
+
+    def free(self, arcs: tuple[Arc, ...]) -> bool:
+        """Return whether the whole path is, with the room to stop beyond each of its arcs.
+
+        Parameters
+        ----------
+        arcs : tuple of Arc
+            One after the other.
+        """
+        if not self.ground:
+            return True
+        poses = []
+        for arc in arcs:
+            way = abs(arc.length) + RUN_OUT
+            s = np.copysign(np.linspace(0.0, way, 2 + int(way / SPACING)), arc.length)
+            poses.append(arc.at(s))
+        return bool(self.holds(*np.concatenate(poses, axis=1)).all())
+
+    def draw(self, rng: np.random.Generator, number: int) -> FloatArray:
+        """Return random poses on the ground, without one around start and goal.
+
+        Parameters
+        ----------
+        rng : Generator
+            Source of them.
+        number : int
+            At most so many.
+
+        Returns
+        -------
+        poses : ndarray of float, shape (n, 3)
+            x, y, heading [m, m, rad].
+        """
+        request = self._request
+        if self.ground:
+            corners = self._border
+        else:
+            ends, around = np.array([request.start[:2], request.goal[:2]]), 3.0 * request.radius
+            corners = np.vstack([ends - around, ends + around])
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        tries = 20 * number
+        poses = np.column_stack(
+            [rng.uniform(low, high, (tries, 2)), rng.uniform(-np.pi, np.pi, tries)]
+        )
+        # half of them lined up with the goal or across it: from there a straight line leads in
+        lined = rng.integers(0, 4, tries) * 0.5 * np.pi + request.goal[2]
+        poses[::2, 2] = lined[::2]
+        return poses[self.holds(*poses.T)][:number]
+
+
+def _chain(poses: FloatArray, room: Room, request: RouteRequest) -> tuple[Arc, ...]:
+    """Shortest chain of free paths from the first pose over an entry to the goal; empty: none."""
+    from scipy.sparse.csgraph import dijkstra
+
+    n, entries = len(poses), 2 * len(APPROACHES)
+    forwards = dubins_lengths(poses, poses, request.radius)
+    lengths = np.concatenate([forwards, -forwards[:, ::-1].transpose(0, 1, 3, 2)])  # (12, 3, n, n)
+    words = WORDS + tuple(word[::-1] for word in WORDS)
+    cost = np.abs(lengths).sum(axis=1) + CHANGE  # (12, n, n)
+    cost[:, np.arange(n), np.arange(n)] = np.inf
+    into = np.repeat(APPROACHES, 2)
+    legs = [
+        (Arc(tuple(poses[1 + k].tolist()), 0.0, float(np.copysign(way, 1 - 2 * (k % 2)))),)
+        for k, way in enumerate(into)
+    ]
+    for k, leg in enumerate(legs):
+        if not room.free(leg):
+            into[k] = np.inf
+    graph = np.full((n + 1, n + 1), np.inf)
+    graph[:n, :n] = cost.min(axis=0)
+    graph[1 : 1 + entries, n] = into
+    for _ in range(PATHS):
+        distance, before = dijkstra(graph, indices=0, return_predecessors=True)
+        if not np.isfinite(distance[n]):
+            break
+        route: tuple[Arc, ...] = legs[before[n] - 1]
+        node = int(before[n])
+        while node != 0:
+            last = int(before[node])
+            word = int(np.argmin(cost[:, last, node]))
+            start: Pose = tuple(poses[last].tolist())
+            path = dubins_arcs(start, words[word], lengths[word, :, last, node], request.radius)
+            if not room.free(path):
+                cost[word, last, node] = np.inf
+                graph[last, node] = cost[:, last, node].min()
+                break
+            route = path + route
+            node = last
+        else:
+            return route
+    return ()
+
+
+def _along(pose: FloatArray, way: float) -> FloatArray:
+    """Pose moved along its heading."""
+    x, y, heading = pose
+    return np.array([x + way * np.cos(heading), y + way * np.sin(heading), heading])

@@ -1,0 +1,91 @@
+"""Returns on the 9-DOF vehicle; `benchmarks/way_back.py` runs a hundred of them."""
+
+import math
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from excitation_planner.area.area import Area
+from excitation_planner.area.tube import footprint_of
+from excitation_planner.way_back.dubins import Arc
+from excitation_planner.way_back.pursuit import Chassis, Pursuit, WayBack
+from tricycle_bringup.configuration import driver_parameters, turning_geometry
+from tricycle_core.errors import PlanError
+from tricycle_sim.vehicle import draw_truth, load_vehicle
+
+BENCHMARK = Path(__file__).parents[3] / "benchmarks/way_back.py"
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    spec = spec_from_file_location("way_back_benchmark", BENCHMARK)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 5, 13])
+def test_a_return_ends_within_5_cm_and_1_deg(benchmark, seed):
+    vehicle, rng = load_vehicle(), np.random.default_rng(seed)
+    true = vehicle.replace(**draw_truth(vehicle, rng))
+    footprint = footprint_of(vehicle)
+    start, goal = (benchmark.random_pose(rng, benchmark.YARD, footprint) for _ in range(2))
+    end = benchmark.go_back(true, start, goal, seed)
+    assert end.reason == ""
+    assert end.off < 0.05
+    assert end.turned < math.radians(1.0)
+
+
+@pytest.mark.slow
+def test_who_has_no_room_stays_where_it_is(benchmark):
+    alley = Area(np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 3.0], [0.0, 3.0]]))
+    end = benchmark.go_back(load_vehicle(), (6.0, 1.5, 0.0), (15.0, 1.5, math.pi), 0, alley)
+    assert end.reason.startswith("no way back to the start")
+    assert end.off == pytest.approx(9.0, abs=0.05)
+
+
+def test_the_defaults_are_those_of_the_packaged_tricycle():
+    chassis, parameters = Chassis(), driver_parameters("")
+    assert chassis.tyre_radius == parameters["tyre_radius"]
+    assert chassis.unsteered_axle == pytest.approx(parameters["unsteered_axle"], abs=1e-3)
+    assert chassis.geometry.wheelbase == pytest.approx(turning_geometry(load_vehicle()).wheelbase)
+
+
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_deviation_dies_out_forwards_and_backwards(sense):
+    """On a vehicle that turns without slip, at once as commanded."""
+    pursuit = Pursuit((Arc((0.0, 0.0, 0.0), 0.1, sense * 12.0),), Chassis())
+    x, y, heading, now, speed = 0.0, 0.2, 0.1, 0.0, 0.0
+    while not pursuit.done:
+        angle, speed = pursuit.step((x, y, heading), now, rests=speed == 0.0)
+        turn = pursuit.chassis.geometry.turn_rate(speed, angle)
+        x, y = x + 0.01 * speed * math.cos(heading), y + 0.01 * speed * math.sin(heading)
+        heading, now = heading + 0.01 * turn, now + 0.01
+    np.testing.assert_allclose((x, y, heading), pursuit.arcs[0].end, atol=0.02)
+
+
+def test_who_is_far_off_is_stopped():
+    pursuit = Pursuit((Arc((0.0, 0.0, 0.0), 0.0, 5.0),), Chassis())
+
+    def drive():
+        for tick in range(200):
+            pursuit.step((0.0, 0.6, 0.0), 0.01 * tick, rests=True)
+
+    with pytest.raises(PlanError, match=r"0.60 m off the way back"):
+        drive()
+
+
+def test_who_misses_the_start_too_often_gives_up():
+    back = WayBack((0.0, 0.0, 0.0), Chassis())
+
+    def drive():
+        for tick in range(10_000):
+            back.step((0.3, 0.0, 0.0), 0.01 * tick, rests=True)
+            if back.wanted is not None:
+                back.follow(())
+
+    with pytest.raises(PlanError, match=r"0.30 m and 0.0 deg off the start after 4 routes"):
+        drive()

@@ -1,0 +1,66 @@
+"""A route joins two poses by arcs that the vehicle has room on."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from excitation_planner.area.area import Area
+from excitation_planner.area.polygons import placed
+from excitation_planner.way_back.route import RouteRequest, find_route
+from tricycle_core.errors import PlanError
+
+FOOTPRINT = np.array([[1.8, 0.5], [1.8, -0.5], [-0.4, -0.5], [-0.4, 0.5]])
+YARD = Area(
+    np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 12.0], [0.0, 12.0]]),
+    keep_out=(np.array([[11.0, 0.0], [13.0, 0.0], [13.0, 4.0], [11.0, 4.0]]),),
+)
+RADIUS = 3.0
+HEADINGS = st.floats(-math.pi, math.pi)
+LEFT = st.tuples(st.floats(3.5, 7.0), st.floats(3.5, 8.5), HEADINGS)
+RIGHT = st.tuples(st.floats(17.0, 21.5), st.floats(3.5, 8.5), HEADINGS)
+
+
+def request(start, goal, area=YARD):
+    return RouteRequest(start, goal, RADIUS, tuple(area.within(area.margin)), FOOTPRINT)
+
+
+def assert_joined(route, start, goal):
+    pose = start
+    for arc in route:
+        np.testing.assert_allclose(arc.start[:2], pose[:2], atol=1e-6)
+        assert abs(math.remainder(arc.start[2] - pose[2], math.tau)) < 1e-6
+        assert abs(arc.curvature) <= 1.0 / RADIUS + 1e-9
+        pose = arc.end
+    np.testing.assert_allclose(pose[:2], goal[:2], atol=1e-6)
+    assert abs(math.remainder(pose[2] - goal[2], math.tau)) < 1e-6
+    assert route[-1].curvature == 0.0
+
+
+@given(start=LEFT, goal=RIGHT)
+@settings(max_examples=12)
+def test_the_footprint_stays_on_the_ground_all_along(start, goal):
+    route = find_route(request(start, goal))
+    assert_joined(route, start, goal)
+    assert route == find_route(request(start, goal))
+    ground = shapely.Polygon(YARD.keep_in).difference(shapely.Polygon(YARD.keep_out[0]))
+    for arc in route:
+        for s in np.linspace(0.0, arc.length, 50):
+            x, y, heading = arc.at(s)
+            footprint = shapely.Polygon(placed(FOOTPRINT, x, y, heading))
+            assert ground.buffer(-YARD.margin).contains(footprint)
+
+
+def test_without_a_ground_it_goes_anywhere() -> None:
+    start, goal = (0.0, 0.0, 0.0), (0.0, 1.0, math.pi)
+    assert_joined(find_route(RouteRequest(start, goal, RADIUS)), start, goal)
+
+
+@pytest.mark.slow
+def test_where_there_is_no_room_to_turn_it_says_so() -> None:
+    alley = Area(np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 3.0], [0.0, 3.0]]))
+    with pytest.raises(PlanError, match=r"no way back to the start: .* no room to turn"):
+        find_route(request((6.0, 1.5, 0.0), (15.0, 1.5, math.pi), alley))
