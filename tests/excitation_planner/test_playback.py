@@ -19,6 +19,7 @@ from excitation_planner.playback import (
     PlaybackState,
     Schedule,
 )
+from excitation_planner.way_back.dubins import Arc
 from tricycle_core.errors import PlanError
 from tricycle_core.readiness import Readiness
 
@@ -551,3 +552,72 @@ def test_hold_to_run_released_or_silent_ends_the_run_and_is_needed_to_start():
     playback.start(10.1)
     playback.tick(10.21)
     assert playback.reason == "nothing heard on maneuver/hold for 0.21 s"
+
+
+def returning(now=10.0):
+    """A playback that has driven, stands 1 m ahead of its start, and is asked to go back."""
+    playback = running(now)
+    there = replace(AT_REST, y=AT_REST.y + 1.0)
+    for t in np.arange(now, now + 4.0, 0.1):
+        playback.observe(AT_REST if playback.state is PlaybackState.RUNNING else there, t, t)
+        playback.hear(ARMED, t)
+        playback.tick(t)
+    assert playback.state is PlaybackState.DONE
+    playback.go_back(t)
+    return playback, there, float(t)
+
+
+def test_the_way_back_leads_to_where_the_run_began():
+    playback, there, now = returning()
+    assert playback.state is PlaybackState.RETURNING
+    with pytest.raises(PlanError, match="already running"):
+        playback.start(now)
+    while playback.route_wanted is None:
+        now += 0.1
+        playback.observe(there, now, now)
+        playback.hear(ARMED, now)
+        assert playback.tick(now).wheel_rate == 0.0
+    wanted, chassis = playback.route_wanted, playback.chassis
+    np.testing.assert_allclose(wanted.start, chassis.axle(there.x, there.y, there.yaw))
+    np.testing.assert_allclose(wanted.goal, chassis.axle(AT_REST.x, AT_REST.y, AT_REST.yaw))
+    playback.follow((Arc(wanted.start, 0.0, -1.0),))
+    driven = []
+    for t in np.arange(now, now + 3.0, 0.01):
+        playback.observe(there, t, t)
+        playback.hear(ARMED, t)
+        driven.append(playback.tick(t).wheel_rate)
+    assert min(driven) < 0.0 == max(driven)
+    playback.hear(PRESSED, t)
+    assert playback.state is PlaybackState.ABORTED
+    assert playback.tick(t).wheel_rate == 0.0
+    assert playback.route_wanted is None
+
+
+def test_who_is_back_already_waits_for_the_next_start():
+    playback, _, now = returning()
+    for t in np.arange(now, now + 1.0, 0.1):
+        playback.observe(AT_REST, t, t)
+        playback.hear(ARMED, t)
+        playback.tick(t)
+    assert (playback.state, playback.reason) == (PlaybackState.WAITING, "")
+
+
+def test_a_vehicle_that_has_no_start_cannot_go_back_to_it():
+    with pytest.raises(PlanError, match="no start to go back to"):
+        ready().go_back(10.0)
+
+
+@pytest.mark.parametrize(
+    ("state", "readiness", "reason"),
+    [(MOVING, ARMED, "it must stand still"), (AT_REST, PRESSED, "hardware e-stop pressed")],
+)
+def test_a_way_back_begins_at_rest_and_armed(state, readiness, reason):
+    playback, _, now = returning()
+    playback.abort("asked for")
+    for t in np.arange(now, now + 6.0, 0.1):
+        playback.observe(AT_REST, t, t)
+        playback.tick(t)
+    playback.observe(state, t, t)
+    playback.hear(readiness, t)
+    with pytest.raises(PlanError, match=reason):
+        playback.go_back(t)
