@@ -1,6 +1,6 @@
 """Returns to a planned start in a yard: the driver's own state machine on the 9-DOF vehicle.
 
-    python benchmarks/way_back.py [--returns 100]
+    python benchmarks/way_back.py [--returns 100] [--vehicle FILE]
 
 Start and goal are random poses with room for a stop. The vehicle is of a random draw from its
 ranges, its boards are emulated, the localisation is that of the simulation with its noise, at 20 Hz
@@ -10,6 +10,7 @@ and one period late; the fence is on.
 import argparse
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from excitation_planner.way_back.dubins import Arc, Pose
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import Room, RouteRequest, find_route
 from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bringup.configuration import bridge_settings, turning_geometry
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
 from tricycle_core.readiness import Readiness
@@ -74,14 +76,20 @@ def random_pose(rng: np.random.Generator, area: Area, footprint: np.ndarray) -> 
             return pose
 
 
+def chassis_of(vehicle: Vehicle) -> Chassis:
+    """What the driver's parameters say of a vehicle."""
+    unsteered = [vehicle.of(wheel).x for wheel in vehicle.wheels if not wheel.steered]
+    return Chassis(turning_geometry(vehicle), float(np.mean(unsteered)), vehicle.driven_radius)
+
+
 def go_back(vehicle: Vehicle, start: Pose, goal: Pose, seed: int, area: Area = YARD) -> Return:
     """Let a vehicle that stands at a start go back to a goal."""
     rng = np.random.default_rng(seed)
     rig = EmulatedRig(vehicle)
     rig.reset(start)
-    host = Host(rig)
+    host = Host(rig, bridge_settings(vehicle))
     host.arm()
-    playback = Playback(max_deviation=1.0, odom_timeout=0.5, chassis=Chassis())
+    playback = Playback(max_deviation=1.0, odom_timeout=0.5, chassis=chassis_of(vehicle))
     playback.load(Schedule(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2)))
     ground = area.frame, tuple(area.within(area.margin))
     parts = dict(zip(AREA_PARTS, (ground, footprint_of(vehicle), goal, np.zeros(2)), strict=True))
@@ -131,8 +139,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--returns", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="seed of the first return")
+    parser.add_argument("--vehicle", type=Path, help="vehicle YAML")
     args = parser.parse_args()
-    vehicle, ends = load_vehicle(), []
+    vehicle, ends = load_vehicle(args.vehicle), []
     for seed in range(args.first, args.first + args.returns):
         rng = np.random.default_rng(seed)
         true = vehicle.replace(**draw_truth(vehicle, rng))
