@@ -88,14 +88,14 @@ RADIUS = {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}
 WORLDS = {  # motion, and the effects that act
     "nothing": (of(), ()),
     "steering 2° off": (of(steering_offset=np.radians(2.0)), ("steering-zero",)),
-    "gain +2 %, backlash 0.5°": (gain_and_backlash, ("steering-gain", "turn-deviation")),
+    "gain +2 %, backlash 0.5°": (gain_and_backlash, ("steering-gain", "steering-play")),
     "tyre radius +1 %": (of(**RADIUS), ("wheel-radius",)),
     "sensor 5 cm aside, COM 3 cm forward": (
         aside,
         ("sensor-forward", "sensor-left", "centre-of-mass-forward"),
     ),
     "stiffness grows with load": (of(load_sensitivity=1.0), ("load-sensitivity",)),
-    "tyre saturates": (saturating, ("turn-deviation", "speed-deviation")),
+    "tyre saturates": (saturating, ("tyre-saturation",)),
     "wind 5 N": (
         lambda commands, truth: with_wind(commands, truth, 5.0),
         ("slope-or-wind-along", "slope-or-wind-across"),
@@ -106,7 +106,7 @@ WORLDS = {  # motion, and the effects that act
     ),
     "slow servo and speed loop": (
         slow_actuators,
-        ("servo-bandwidth", "speed-loop", "turn-deviation"),
+        ("servo-bandwidth", "servo-dead-time", "speed-loop"),
     ),
     "localisation late, drifts": (of(), ()),
 }

@@ -27,6 +27,7 @@ from parameter_identification.estimation.effects import (
     TURN_DEVIATION,
     WHEEL_RADIUS,
     Effect,
+    extend,
 )
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -421,6 +422,8 @@ class DriveModel:
 
 def _with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
     """Return the vehicle with the constants that effects change as further unknown ones."""
+    for e in effects:
+        vehicle = extend(vehicle, e.parts)
     unknown = dict(vehicle.unknown)
     for e in effects:
         for name, change in e.constants.items():
