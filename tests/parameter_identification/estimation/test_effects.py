@@ -73,6 +73,7 @@ def test_derivatives_are_those_of_the_prediction():
     z, k = shares(TRUTH), len(NAMES)
     b = 0.1 * np.random.default_rng(0).standard_normal(len(model.nuisances))
     b = np.maximum(b, [n.low / n.std + 0.05 for n in model.nuisances])
+    b[[n.name for n in model.nuisances].index("steering play")] = 1.0  # beyond what the servo rings
     before = model.predict(z, b)
     for i, n in enumerate(model.nuisances):
         if n.effect is not None:
@@ -80,8 +81,8 @@ def test_derivatives_are_those_of_the_prediction():
             for p, lower, upper in zip(before, low, high, strict=True):
                 slope = (upper.residual - lower.residual) / 0.04
                 found = p.jacobian[:, :, k + i]
-                if n.name == "steering play":  # which jumps where the gear turns round
-                    assert np.linalg.norm(found - slope) < 0.2 * np.linalg.norm(slope) + 1e-6
+                if n.name == "steering play":  # it jumps where the gear turns round
+                    assert np.linalg.norm(found - slope) < 0.25 * np.linalg.norm(slope) + 1e-6
                 else:
                     tolerance = 0.03 * np.abs(slope).max() + 1e-6
                     np.testing.assert_allclose(found, slope, atol=tolerance, err_msg=n.name)
