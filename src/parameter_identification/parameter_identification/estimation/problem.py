@@ -10,7 +10,7 @@ All that the minimisation needs of thousands of residuals r and their Jacobian J
 import itertools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -296,11 +296,45 @@ class LeastSquares(Closing):
                 self._precision[of_priors] = 1.0 / np.clip(size, LEAST_SIZE**2, MOST_SIZE**2)
 
     def sizes(self) -> dict[str, float]:
-        """Return the standard deviation of each deviation, in its unit, by name."""
+        """Return the size of each deviation, in standard deviations of its prior, by name."""
         return {
-            e.name: e.std / math.sqrt(float(self._precision[at[0] - self.k]))
+            e.name: 1.0 / math.sqrt(float(self._precision[at[0] - self.k]))
             for e, at in self._processes.items()
         }
+
+    def set_sizes(self, sizes: Mapping[str, float]) -> None:
+        """Set how large the deviations are.
+
+        Parameters
+        ----------
+        sizes : mapping of str to float
+            Standard deviation of each, in those of its effect's prior, by name.
+        """
+        self._precision = self._precision + self.more_precision(sizes)[self.k :]
+
+    def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
+        """Return what other sizes of the deviations add to the information's diagonal (n,).
+
+        Parameters
+        ----------
+        sizes : mapping of str to float
+            As for `set_sizes`.
+        """
+        more = np.zeros(self.n)
+        for e, places in self._processes.items():
+            at = np.array(places)
+            more[at] = 1.0 / sizes[e.name] ** 2 - self._precision[at - self.k]
+        return more
+
+    def log_normaliser(self, sizes: Mapping[str, float]) -> float:
+        """Return the logarithm of the density of no deviation, for their sizes, but for a constant.
+
+        Parameters
+        ----------
+        sizes : mapping of str to float
+            As for `set_sizes`.
+        """
+        return -sum(len(at) * math.log(sizes[e.name]) for e, at in self._processes.items())
 
     def chances_of_deviations(self, v: FloatArray) -> dict[str, float]:
         """Return the probability of drives that show as much of each deviation, if there were none.

@@ -4,13 +4,14 @@ Near the minimum the residuals are linear in parameters and effects, so that the
 subset of the effects follows from one gram matrix (Laplace's method, exact for linear residuals).
 The parameters' distribution is the mixture of those of all subsets: it counts that nobody knows
 which effects act. An effect that the data cannot tell from a parameter keeps about the probability
-that it had before, and with it widens the tails. The deviations are in every subset: their sizes
-are estimated.
+that it had before, and with it widens the tails. The deviations are weighed alike: not at all, or
+of one of several sizes.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ from tricycle_sim.compilation import compiled
 ACTS = 0.1  # probability of each effect before the drives: about one of them acts
 NEGLECTED = 1e-4  # probability of all the subsets that are left out
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
+NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
+SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
+MOST_SIZES = 8  # combinations of them that are averaged
 ROUNDS = 3  # of weights, and fit with the most probable effects
 
 
@@ -43,12 +47,15 @@ class Mixture:
         Of the variables; 0 for effects that it lacks.
     covariances : ndarray of float, shape (s, d, d)
         Of the variables.
+    evidence : float
+        Logarithm of that of all subsets together, but for what they have in common.
     """
 
     weights: FloatArray
     acting: NDArray[np.bool_]
     means: FloatArray
     covariances: FloatArray
+    evidence: float
 
     def covariance(self, about: FloatArray) -> FloatArray:
         """Return the second moments (d, d) about a point.
@@ -139,7 +146,10 @@ def mixture(
         cut = kept[:, i]
         means[cut], covariances[cut], within = _cut_off(means[cut], covariances[cut], i, value)
         weights[cut] += within - log_ndtr(-value)
-    return Mixture(np.exp(weights - logsumexp(weights)), acting, means, covariances)
+    total = float(logsumexp(weights))
+    weights = np.exp(weights - total)
+    order = np.argsort(-weights)
+    return Mixture(weights[order], acting[order], means[order], covariances[order], total)
 
 
 def _bits(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
@@ -257,6 +267,29 @@ def _sweep(matrix: FloatArray, pivot: int) -> float:
     return math.log(p)
 
 
+def joined(mixtures: Sequence[Mixture], evidence: FloatArray) -> Mixture:
+    """Return the average of mixtures.
+
+    Parameters
+    ----------
+    mixtures : sequence of Mixture
+        Of the same variables and effects.
+    evidence : ndarray of float, shape (m,)
+        Logarithm of that of each.
+    """
+    total = float(logsumexp(evidence))
+    shares = np.exp(evidence - total)
+    weights = np.concatenate([share * m.weights for share, m in zip(shares, mixtures, strict=True)])
+    order = np.argsort(-weights)
+    return Mixture(
+        weights[order],
+        np.concatenate([m.acting for m in mixtures])[order],
+        np.concatenate([m.means for m in mixtures])[order],
+        np.concatenate([m.covariances for m in mixtures])[order],
+        total,
+    )
+
+
 def weigh_effects(
     problem: LeastSquares, optimum: Optimum
 ) -> tuple[Optimum, Mixture, dict[str, float]]:
@@ -278,34 +311,73 @@ def weigh_effects(
     rest = np.setdiff1d(np.arange(problem.n), variables)
     of_effects = [i for at in places for i in at]
     least = {where[i]: problem.low[i] for i in of_effects if problem.low[i] > -CERTAIN}
-    fit, free = optimum.fit, np.ones(problem.n, dtype=bool)
+    fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
     for _ in range(ROUNDS):
         gram = problem.gram(fit.at)
-        H, pull = gram[:-1, :-1], gram[:-1, :-1] @ fit.at - gram[:-1, -1]
-        onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
-        found = mixture(
-            H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
-            pull[variables] - onto.T @ pull[rest],
-            groups,
-            least,
-        )
-        best = found.acting[np.argmax(found.weights)]
+        pull = gram[:-1, :-1] @ fit.at - gram[:-1, -1]
+        mixtures, evidence, likely = [], [], _likely_sizes(problem, gram, pull, free)
+        for of_deviations, prior in likely:
+            H = gram[:-1, :-1] + np.diag(problem.more_precision(of_deviations))
+            onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
+            mixtures.append(
+                mixture(
+                    H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
+                    pull[variables] - onto.T @ pull[rest],
+                    groups,
+                    least,
+                )
+            )
+            evidence.append(prior + mixtures[-1].evidence + _log_evidence(H, pull, rest))
+        found = joined(mixtures, np.array(evidence))
         acts = np.ones(problem.n, dtype=bool)
-        for at, acting in zip(places, best, strict=True):
+        for at, acting in zip(places, found.acting[0], strict=True):
             acts[at] = acting
-        if np.array_equal(acts, free):
+        best = likely[int(np.argmax(evidence))][0]
+        if np.array_equal(acts, free) and best == sizes:
             break
-        free = acts
+        free, sizes = acts, best
+        problem.set_sizes(sizes)
         fit = problem.minimise(np.where(free, fit.at, 0.0), free)
-        problem.estimate_sizes(fit.at)
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)
     covariance = np.zeros((problem.n, problem.n))
-    covariance[np.ix_(free, free)] = np.linalg.inv(gram[:-1, :-1][np.ix_(free, free)])
+    information = problem.gram(fit.at)[:-1, :-1]
+    covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
     covariance[np.ix_(variables, variables)] = found.covariance(fit.at[variables])
-    acting = (found.weights @ found.acting).tolist()
-    return (
-        replace(optimum, fit=fit, covariance=covariance),
-        found,
-        dict(zip(names, acting, strict=True)),
-    )
+    probable = dict(zip(names, (found.weights @ found.acting).tolist(), strict=True))
+    shares = np.exp(np.array(evidence) - found.evidence).tolist()
+    for name in sizes:
+        of_name = zip(shares, (chosen[name] for chosen, _ in likely), strict=True)
+        probable[name] = sum(share for share, size in of_name if size != NO_DEVIATION)
+    return replace(optimum, fit=fit, covariance=covariance), found, probable
+
+
+def _likely_sizes(
+    problem: LeastSquares, gram: FloatArray, pull: FloatArray, free: NDArray[np.bool_]
+) -> list[tuple[dict[str, float], float]]:
+    """Sizes of the deviations that are not improbable, with the logarithm of what precedes drives.
+
+    That is their probability before the drives, and the normaliser of the deviations' priors. Which
+    sizes are probable is found with the effects that are free; there are no other deviations than
+    of size `NO_DEVIATION` with a probability of 1 - `ACTS`.
+    """
+    names, kept = list(problem.sizes()), np.flatnonzero(free)
+    found, evidence = [], []
+    before = [math.log(1.0 - ACTS), *[math.log(ACTS / len(SIZES))] * len(SIZES)]
+    for chosen in product(range(1 + len(SIZES)), repeat=len(names)):
+        sizes = {n: (NO_DEVIATION, *SIZES)[i] for n, i in zip(names, chosen, strict=True)}
+        prior = sum(before[i] for i in chosen) + problem.log_normaliser(sizes)
+        H = gram[:-1, :-1] + np.diag(problem.more_precision(sizes))
+        found.append((sizes, prior))
+        evidence.append(prior + _log_evidence(H, pull, kept))
+    order = np.argsort(-np.array(evidence))
+    share = np.cumsum(np.exp(np.array(evidence)[order] - logsumexp(evidence)))
+    count = min(MOST_SIZES, 1 + int(np.searchsorted(share, 1.0 - NEGLECTED)))
+    return [found[i] for i in order[:count]]
+
+
+def _log_evidence(information: FloatArray, pull: FloatArray, at: NDArray[np.int64]) -> float:
+    """Logarithm of the integral over variables, of which the others are 0."""
+    factor = np.linalg.cholesky(information[np.ix_(at, at)])
+    reduced = np.linalg.solve(factor, pull[at])
+    return float(0.5 * reduced @ reduced - np.log(np.diag(factor)).sum())
