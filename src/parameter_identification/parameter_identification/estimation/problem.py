@@ -358,14 +358,15 @@ class LeastSquares(Closing):
         X. Lin, Biometrika 84 (1997) 309-326.
         """
         chances = {}
-        information = self.gram(v)[:-1, :-1]
+        gram = self.gram(v)
+        information, pull = gram[:-1, :-1], gram[:-1, :-1] @ v - gram[:-1, -1]
         for e, places in self._processes.items():
             at = np.array(places)
             rest = np.setdiff1d(np.arange(self.n), at)
             onto = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, at)])
-            own = information[np.ix_(at, at)] - information[np.ix_(at, rest)] @ onto
-            scores = own @ v[at]
-            shown = own - np.diag(self._precision[at - self.k])  # by the drives, without the prior
+            scores = pull[at] - onto.T @ pull[rest]
+            shown = information[np.ix_(at, at)] - information[np.ix_(at, rest)] @ onto
+            shown -= np.diag(self._precision[at - self.k])  # by the drives, without the prior
             mean, half_variance = np.trace(shown), np.sum(shown**2)
             scale = half_variance / mean
             chances[e.name] = float(chi2.sf(scores @ scores / scale, mean / scale))
