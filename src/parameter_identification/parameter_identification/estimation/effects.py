@@ -48,6 +48,8 @@ class Effect:
         Whether each drive has its own.
     process : bool
         Whether it varies during a drive.
+    step : float
+        Of finite differences, in standard deviations of the prior.
     """
 
     name: str
@@ -59,7 +61,11 @@ class Effect:
     high: float = math.inf
     per_drive: bool = False
     process: bool = False
+    step: float = 0.01
 
+
+# finite differences of effects by which the gear turns round at another step of the simulation
+_COARSE = {"servo_backlash": 0.1, "servo_delay": 0.1}
 
 # by law of a part: the law that adds constants to it, and moves alike with these at their defaults
 _EXTENDED = {
@@ -135,7 +141,8 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             low, high = _limits(extended, change, std)
             per_drive = name.startswith("slope")
             parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
-            found.append(Effect(name, unit, std, change, parts, low, high, per_drive))
+            step = max(_COARSE.get(constant, Effect.step) for constant in owned)
+            found.append(Effect(name, unit, std, change, parts, low, high, per_drive, step=step))
     return tuple(e for e in (*found, *_OTHERS) if e.name.replace(" ", "-") in names)
 
 

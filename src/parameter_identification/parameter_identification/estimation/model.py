@@ -37,7 +37,6 @@ from tricycle_sim.vehicle.batch import CommandedBatch
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
-EFFECT_STEP = 1e-2  # of the finite differences by effects, in standard deviations of the prior
 NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
 
@@ -193,6 +192,9 @@ class DriveModel:
         # the last ones by sensor, and the point (z, moving nuisances) that they are of
         self._derivatives: tuple[tuple[FloatArray, ...], dict[Sensor, FloatArray]] = (), {}
         self._stepped = [*self._by_simulation, *(i for i, e in effect_at if not e.constants)]
+        self._effect_steps = np.array(
+            [e.step for i in self._stepped if (e := self.nuisances[i].effect) is not None]
+        )
 
     def _effects(self, effects: Sequence[Effect]) -> tuple[Nuisance, ...]:
         """Nuisances of effects, those that all drives share first."""
@@ -320,7 +322,7 @@ class DriveModel:
         speeds[k + 1] += SPEED_STEP
         stepped = self._stepped
         values = np.repeat(b[np.newaxis], k + 2 + len(stepped), axis=0)
-        effect_steps = EFFECT_STEP * np.where(nuisances[stepped] > 0.0, -1.0, 1.0)
+        effect_steps = self._effect_steps * np.where(nuisances[stepped] > 0.0, -1.0, 1.0)
         std = np.array([self.nuisances[i].std for i in stepped])
         values[np.arange(k + 2, len(values)), stepped] += effect_steps * std
         points = np.tile(self._nominal, (len(ranges), 1))
