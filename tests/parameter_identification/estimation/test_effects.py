@@ -118,19 +118,19 @@ def test_steering_zero_and_sensor_are_found_with_the_parameters():
 @pytest.mark.slow
 def test_play_and_saturation_are_found_with_the_parameters():
     play = np.radians(0.6)
-    values = {"servo_backlash": play, "friction_coefficient": 0.7}
-    worn = dataclasses.replace(VEHICLE, parts={"servo": "geared", "tyre": "fiala"})
+    values = {"servo_backlash": play, "tyre_saturation": 1.2}
+    worn = dataclasses.replace(VEHICLE, parts={"servo": "geared", "tyre": "softened"})
     drives = [
         driven(c, seed=i, name=name, vehicle=worn.replace(**values))
         for i, (name, c) in enumerate(commands_of_pair().items())
     ]
     found = identify(drives, VEHICLE, effects=("steering-play", "tyre-saturation"))
     effects = {e.name: e for e in found.effects}
-    expected = {"steering play": play, "tyre saturation": VEHICLE.friction_coefficient / 0.7}
+    expected = {"steering play": play, "tyre saturation": 1.2}
     for name, value in expected.items():
         e = effects[name]
         assert e.estimate == pytest.approx(value, abs=4 * e.standard_deviation)
-        assert e.standard_deviation < 0.1 * value
+        assert e.standard_deviation < 0.3 * value
     stiffness = found.parameters["cornering_stiffness"]
     assert stiffness.identifiable
     assert stiffness.low <= TRUTH[0] <= stiffness.high
