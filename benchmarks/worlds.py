@@ -84,6 +84,26 @@ def saturating(commands, truth):
     return driven(dataclasses.replace(VEHICLE, parts={"tyre": "fiala"}), commands, truth)
 
 
+def magic(commands, truth):
+    own = {
+        "shape_longitudinal": 1.6,
+        "curvature_longitudinal": 0.3,
+        "shape_lateral": 1.5,
+        "curvature_lateral": -0.8,
+        "friction_load_slope": 0.1,
+    }
+    values = {**VEHICLE.values, **own}
+    vehicle = dataclasses.replace(VEHICLE, parts={"tyre": "magic_formula"}, values=values)
+    return driven(vehicle, commands, truth)
+
+
+def late_drive(commands, truth):
+    time, angle, speed = on_ticks(commands)
+    late = round(0.12 / TICK)
+    speed = np.concatenate([np.full(late, speed[0]), speed[:-late]])
+    return driven(VEHICLE, Commands(time, angle, speed), truth)
+
+
 RADIUS = {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}
 WORLDS = {  # motion, and the effects that act
     "nothing": (of(), ()),
@@ -109,6 +129,9 @@ WORLDS = {  # motion, and the effects that act
         ("servo-bandwidth", "servo-dead-time", "speed-loop"),
     ),
     "localisation late, drifts": (of(), ()),
+    # no effect is of their kind
+    "tyre of the magic formula": (magic, ("turn-deviation", "speed-deviation")),
+    "drive 120 ms late": (late_drive, ("turn-deviation", "speed-deviation")),
 }
 
 
