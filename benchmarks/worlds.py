@@ -84,18 +84,38 @@ def saturating(commands, truth):
     return driven(dataclasses.replace(VEHICLE, parts={"tyre": "fiala"}), commands, truth)
 
 
+def magic(commands, truth):
+    own = {
+        "shape_longitudinal": 1.6,
+        "curvature_longitudinal": 0.3,
+        "shape_lateral": 1.5,
+        "curvature_lateral": -0.8,
+        "friction_load_slope": 0.1,
+    }
+    values = {**VEHICLE.values, **own}
+    vehicle = dataclasses.replace(VEHICLE, parts={"tyre": "magic_formula"}, values=values)
+    return driven(vehicle, commands, truth)
+
+
+def late_drive(commands, truth):
+    time, angle, speed = on_ticks(commands)
+    late = round(0.12 / TICK)
+    speed = np.concatenate([np.full(late, speed[0]), speed[:-late]])
+    return driven(VEHICLE, Commands(time, angle, speed), truth)
+
+
 RADIUS = {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}
 WORLDS = {  # motion, and the effects that act
     "nothing": (of(), ()),
     "steering 2° off": (of(steering_offset=np.radians(2.0)), ("steering-zero",)),
-    "gain +2 %, backlash 0.5°": (gain_and_backlash, ("steering-gain", "turn-deviation")),
+    "gain +2 %, backlash 0.5°": (gain_and_backlash, ("steering-gain", "steering-play")),
     "tyre radius +1 %": (of(**RADIUS), ("wheel-radius",)),
     "sensor 5 cm aside, COM 3 cm forward": (
         aside,
         ("sensor-forward", "sensor-left", "centre-of-mass-forward"),
     ),
     "stiffness grows with load": (of(load_sensitivity=1.0), ("load-sensitivity",)),
-    "tyre saturates": (saturating, ("turn-deviation", "speed-deviation")),
+    "tyre saturates": (saturating, ("tyre-saturation",)),
     "wind 5 N": (
         lambda commands, truth: with_wind(commands, truth, 5.0),
         ("slope-or-wind-along", "slope-or-wind-across"),
@@ -106,9 +126,12 @@ WORLDS = {  # motion, and the effects that act
     ),
     "slow servo and speed loop": (
         slow_actuators,
-        ("servo-bandwidth", "speed-loop", "turn-deviation"),
+        ("servo-bandwidth", "servo-dead-time", "speed-loop"),
     ),
     "localisation late, drifts": (of(), ()),
+    # no effect is of their kind
+    "tyre of the magic formula": (magic, ("turn-deviation", "speed-deviation")),
+    "drive 120 ms late": (late_drive, ("turn-deviation", "speed-deviation")),
 }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from parameter_identification.estimation.weighing import ACTS, mixture
+from parameter_identification.estimation.weighing import ACTS, NEGLECTED, mixture
 
 NOISE = 0.3
 PARAMETERS = 2
@@ -40,7 +40,33 @@ def test_weights_are_those_of_bayes_rule(seed, strength):
         covariance = design[:, kept] @ design[:, kept].T + NOISE**2 * np.eye(len(seen))
         likelihood = multivariate_normal(np.zeros(len(seen)), covariance).pdf(seen)
         expected.append(likelihood * ACTS ** sum(acting) * (1 - ACTS) ** (3 - sum(acting)))
-    np.testing.assert_allclose(found.weights, np.array(expected) / np.sum(expected), rtol=1e-9)
+    expected = np.array(expected) / np.sum(expected)
+    number = found.acting @ [4, 2, 1]
+    np.testing.assert_allclose(found.weights, expected[number], rtol=2 * NEGLECTED)
+    assert expected[number].sum() > 1.0 - NEGLECTED
+    assert list(found.weights) == sorted(found.weights, reverse=True)
+
+
+def test_an_effect_with_a_least_value_is_weighed_as_by_integration():
+    design, seen = linear(2, 0.4)
+    information = design.T @ design / NOISE**2 + np.eye(6)
+    pull = design.T @ seen / NOISE**2
+    one = [*range(PARAMETERS), 3]  # the only effect; it cannot be negative
+    found = mixture(information[np.ix_(one, one)], pull[one], [[2]], {2: 0.0})
+    rng = np.random.default_rng(0)
+    draws = rng.standard_normal((400_000, 3))
+    draws[:, 2] = np.abs(draws[:, 2])
+    evidence, means = [], []
+    for acting in (0.0, 1.0):
+        misfit = seen - (draws * [1.0, 1.0, acting]) @ design[:, one].T
+        likelihood = np.exp(-0.5 * np.sum(misfit**2, axis=1) / NOISE**2)
+        evidence.append(likelihood.mean() * (ACTS if acting else 1.0 - ACTS))
+        means.append(likelihood @ draws / likelihood.sum())
+    expected = np.array(evidence) / np.sum(evidence)
+    number = found.acting[:, 0].astype(int)
+    np.testing.assert_allclose(found.weights, expected[number], rtol=0.1)
+    acts = found.acting[:, 0]
+    np.testing.assert_allclose(found.means[acts][0], means[1], atol=0.05)
 
 
 def test_a_clear_effect_is_found_and_one_that_is_not_there_is_not():

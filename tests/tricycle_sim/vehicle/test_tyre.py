@@ -1,5 +1,6 @@
 """The tyre: load, relaxation, rolling resistance, and the law of its force."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,9 +10,12 @@ from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.layout import LANES
 from tricycle_sim.vehicle.tyre import (
     LINEAR,
+    SOFTENED,
+    fiala,
     linear,
     rolling_resistance,
     slip_slopes,
+    softened,
     vertical_load,
 )
 from tricycle_sim.vehicle.tyre import TYRE as TYRE_ROWS
@@ -84,3 +88,22 @@ def test_carcass_damping_fades_out_with_speed():
     slow, fast = (force(vx=speed, slip_speed=0.01, vy=0.01) for speed in (0.0, 50.0))
     assert slow[:2] == pytest.approx((-0.5, -0.6), rel=1e-3)
     assert fast[:2] == pytest.approx((0.0, 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("slip", [0.0, 0.003, 0.05, 0.3, 2.0])
+@pytest.mark.parametrize("load", [0.0, 200.0])
+def test_a_softened_tyre_is_a_mixture_of_a_linear_and_a_brush_tyre(slip, load):
+    state = (load, 0.3 * slip, slip, 0.01, 5.0, 0.0, 0.0)
+    soft = dataclasses.replace(VEHICLE, parts={"tyre": "softened"})
+    constants = {
+        saturation: constants_of(SOFTENED, soft.replace(tyre_saturation=saturation))
+        for saturation in (0.0, 0.5, 1.0, 2.0)
+    }
+    own = constants_of(LINEAR)
+    found = {s: softened(rows, 0, *state) for s, rows in constants.items()}
+    assert found[0.0] == pytest.approx(linear(own, 0, *state), abs=1e-12)
+    assert found[1.0] == pytest.approx(fiala(own, 0, *state), rel=1e-9, abs=1e-12)
+    slippery = constants_of(LINEAR, VEHICLE.replace(friction_coefficient=0.4))
+    assert found[2.0] == pytest.approx(fiala(slippery, 0, *state), rel=1e-9, abs=1e-12)
+    middle = 0.5 * (np.array(found[0.0]) + found[1.0])
+    np.testing.assert_allclose(found[0.5], middle, rtol=1e-12, atol=1e-12)

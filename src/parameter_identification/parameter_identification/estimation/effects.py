@@ -9,13 +9,15 @@ much more it turns. They stand for what no constant can, e.g. a servo or a speed
 kind. Their size is estimated, so that they vanish where nothing is missing.
 """
 
+import dataclasses
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.registry import PARTS, law_name
 
 SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
@@ -37,30 +39,48 @@ class Effect:
         Of the prior.
     constants : mapping of str to float
         Change of each constant of the vehicle per unit of the effect.
+    parts : mapping of str to str
+        Laws that the vehicle needs to have these constants, by part; with the constants at their
+        defaults it moves as with its own.
     low, high : float
         Values between which it lies.
     per_drive : bool
         Whether each drive has its own.
     process : bool
         Whether it varies during a drive.
+    step : float
+        Of finite differences, in standard deviations of the prior.
     """
 
     name: str
     unit: str
     std: float
     constants: Mapping[str, float] = field(default_factory=dict)
+    parts: Mapping[str, str] = field(default_factory=dict)
     low: float = -math.inf
     high: float = math.inf
     per_drive: bool = False
     process: bool = False
+    step: float = 0.01
 
+
+# finite differences of effects by which the gear turns round at another step of the simulation
+_COARSE = {"servo_backlash": 0.1, "servo_delay": 0.1}
+
+# by law of a part: the law that adds constants to it, and moves alike with these at their defaults
+_EXTENDED = {
+    ("servo", "second_order"): "geared",
+    ("tyre", "linear"): "softened",
+}
 
 # name, unit, standard deviation; the first set of constants that the vehicle has is changed, by so
 # much per unit, where `None` stands for the constant's own value
 _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ...]], ...] = (
     ("steering zero", "rad", 0.02, ({"steering_offset": 1.0},)),
     ("steering gain", "1", 0.02, ({"steering_scale": 1.0},)),
+    ("steering play", "rad", 0.01, ({"servo_backlash": 1.0},)),
     ("servo bandwidth", "1", 0.3, ({"servo_natural_frequency": None},)),
+    ("servo dead time", "s", 0.05, ({"servo_delay": 1.0},)),
     (WHEEL_RADIUS, "1", 0.01, ({"speed_scale": 1.0},)),
     (
         *("speed loop", "1", 0.3),
@@ -74,6 +94,7 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
         ),
     ),
     ("load sensitivity", "1", 0.5, ({"load_sensitivity": 1.0},)),
+    ("tyre saturation", "1", 1.0, ({"tyre_saturation": 1.0},)),
     ("slope or wind along", "rad", 0.01, ({"road_grade": 1.0},)),
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
@@ -112,14 +133,45 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             hint = f"; did you mean {close[0]}?" if close else f"; there are: {', '.join(EFFECTS)}"
             raise IdentificationError(f"{name!r} is no effect{hint}")
     found = []
+    extended = extend(vehicle, _extensions(vehicle))
     for name, unit, std, choices in _OF_CONSTANTS:
-        owned = next((c for c in choices if set(c) <= set(vehicle.values)), None)
+        owned = next((c for c in choices if set(c) <= set(extended.values)), None)
         if owned is not None and not set(owned) & set(vehicle.unknown):
-            change = {c: vehicle.values[c] if per is None else per for c, per in owned.items()}
-            low, high = _limits(vehicle, change, std)
+            change = {c: extended.values[c] if per is None else per for c, per in owned.items()}
+            low, high = _limits(extended, change, std)
             per_drive = name.startswith("slope")
-            found.append(Effect(name, unit, std, change, low, high, per_drive))
+            parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
+            step = max(_COARSE.get(constant, Effect.step) for constant in owned)
+            found.append(Effect(name, unit, std, change, parts, low, high, per_drive, step=step))
     return tuple(e for e in (*found, *_OTHERS) if e.name.replace(" ", "-") in names)
+
+
+def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:
+    """Return a vehicle with other laws, and the constants that only these read at their defaults.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With constants of all that these laws read otherwise.
+    parts : mapping of str to str
+        Law by part.
+    """
+    return dataclasses.replace(vehicle, parts={**vehicle.parts, **parts}) if parts else vehicle
+
+
+def _extensions(vehicle: Vehicle, constants: Collection[str] | None = None) -> dict[str, str]:
+    """Laws that add constants to a vehicle, by part: all, or those that add one of these."""
+    found = {}
+    for (part, law), other in _EXTENDED.items():
+        has_own = any(entry.endswith(f".{part}") for entry in vehicle.parts)
+        added = {c.name for c in PARTS[part][other].constants} - set(vehicle.values)
+        if (
+            law_name(part, vehicle.wheels, vehicle.parts) == law
+            and not has_own
+            and (constants is None or added & set(constants))
+        ):
+            found[part] = other
+    return found
 
 
 def _limits(vehicle: Vehicle, change: Mapping[str, float], std: float) -> tuple[float, float]:

@@ -27,6 +27,7 @@ from parameter_identification.estimation.effects import (
     TURN_DEVIATION,
     WHEEL_RADIUS,
     Effect,
+    extend,
 )
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -36,7 +37,7 @@ from tricycle_sim.vehicle.batch import CommandedBatch
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
-EFFECT_STEP = 1e-2  # of the finite differences by effects, in standard deviations of the prior
+NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
 
 # Standard deviations of the nuisances' priors
@@ -185,7 +186,15 @@ class DriveModel:
         effect_of = enumerate(n.effect for n in self.nuisances)
         effect_at = [(i, e) for i, e in effect_of if e is not None]
         self._by_simulation = {i: e for i, e in effect_at if e.constants}
+        # all that the motion and when it is seen depend on, beside the parameters
+        still = {"start x", "start y", "start heading", "gyro bias"}
+        self._moving = [i for i, n in enumerate(self.nuisances) if n.name not in still]
+        # the last ones by sensor, and the point (z, moving nuisances) that they are of
+        self._derivatives: tuple[tuple[FloatArray, ...], dict[Sensor, FloatArray]] = (), {}
         self._stepped = [*self._by_simulation, *(i for i, e in effect_at if not e.constants)]
+        self._effect_steps = np.array(
+            [e.step for i in self._stepped if (e := self.nuisances[i].effect) is not None]
+        )
 
     def _effects(self, effects: Sequence[Effect]) -> tuple[Nuisance, ...]:
         """Nuisances of effects, those that all drives share first."""
@@ -258,6 +267,9 @@ class DriveModel:
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
 
+        Derivatives of the motion are those of a point nearby (`NEAR`) if there is one: at the end
+        of a search, where steps are small, one vehicle is simulated instead of dozens.
+
         Parameters
         ----------
         z : ndarray of float, shape (k,)
@@ -265,36 +277,65 @@ class DriveModel:
         nuisances : ndarray of float, shape (q,)
             Deviations from the means of their priors, in standard deviations.
         """
-        k = len(z)
         b = np.array([n.mean + n.std * v for n, v in zip(self.nuisances, nuisances, strict=True)])
+        point, kept = self._derivatives
+        here = z, nuisances[self._moving]
+        near = bool(kept) and all(
+            np.all(np.abs(now - then) <= limit)
+            for now, then, limit in zip(here, point, NEAR, strict=True)
+        )
+        motion, differences = self._stepped_motions(z, nuisances, b, steps=not near)
+        found = {}
+        for sensor, signal in self.drive.signals.items():
+            delay = b[self._at[CLOCKS[sensor]]]
+            columns, slopes = motion.sensed(sensor, signal.time - delay)  # (c, lanes, m), (c, m)
+            found[sensor] = columns[:, 0], slopes, (columns[:, 1:] - columns[:, :1]) / differences
+        if not near:
+            kept = {sensor: derivatives for sensor, (_, _, derivatives) in found.items()}
+            self._derivatives = (z.copy(), here[1]), kept
+        return [
+            self._assemble(sensor, self.drive.signals[sensor], values, slopes, kept[sensor], b)
+            for sensor, (values, slopes, _) in found.items()
+        ]
+
+    def _stepped_motions(
+        self, z: FloatArray, nuisances: FloatArray, b: FloatArray, *, steps: bool
+    ) -> tuple["_Motions", FloatArray]:
+        """Motions (n, t) at a point and, with `steps`, one step of each variable from it.
+
+        The variables are parameters, start speed and effects; returned with the lengths of the
+        steps (n - 1, 1). Nuisances are given in standard deviations, and in their units as `b`.
+        """
+        k = len(z)
         speed = b[self._at["start speed"]]
-        steps = np.where(z < 0.5, STEP, -STEP)
+        if not steps:
+            point = self._nominal[np.newaxis].copy()
+            point[:, self._parameters] = self.parameters(z)
+            self._apply_effects(point, b[np.newaxis])
+            motion = self._motion(self._batch, point, np.array([speed]))
+            return self._distorted(motion, b[np.newaxis]), np.empty((0, 1))
+        lengths = np.where(z < 0.5, STEP, -STEP)
         # lanes: here, a step of each parameter, of the start speed, of each effect
         ranges = np.repeat(z[np.newaxis], k + 2 + len(self._by_simulation), axis=0)
-        ranges[np.arange(1, k + 1), np.arange(k)] += steps
+        ranges[np.arange(1, k + 1), np.arange(k)] += lengths
         speeds = np.full(len(ranges), speed)
         speeds[k + 1] += SPEED_STEP
         stepped = self._stepped
         values = np.repeat(b[np.newaxis], k + 2 + len(stepped), axis=0)
-        effect_steps = EFFECT_STEP * np.where(nuisances[stepped] > 0.0, -1.0, 1.0)
+        effect_steps = self._effect_steps * np.where(nuisances[stepped] > 0.0, -1.0, 1.0)
         std = np.array([self.nuisances[i].std for i in stepped])
         values[np.arange(k + 2, len(values)), stepped] += effect_steps * std
         points = np.tile(self._nominal, (len(ranges), 1))
         points[:, self._parameters] = self.parameters(ranges)
+        self._apply_effects(points, values[: len(points)])
+        motion = self._distorted(self._motion(self._batch, points, speeds), values)
+        return motion, np.concatenate([lengths, [SPEED_STEP / START_SPEED], effect_steps])[:, None]
+
+    def _apply_effects(self, points: FloatArray, values: FloatArray) -> None:
+        """Change the constants of vehicles (n, K) by the effects' values among those of (n, q)."""
         for i, effect in self._by_simulation.items():
             for constant, change in effect.constants.items():
-                points[:, self._place[constant]] += change * values[: len(points), i]
-        motion = self._distorted(self._motion(self._batch, points, speeds), values)
-        differences = np.concatenate([steps, [SPEED_STEP / START_SPEED], effect_steps])[:, None]
-        predictions = []
-        for sensor, signal in self.drive.signals.items():
-            delay = b[self._at[CLOCKS[sensor]]]
-            columns, slopes = motion.sensed(sensor, signal.time - delay)  # (c, lanes, m), (c, m)
-            derivatives = (columns[:, 1:] - columns[:, :1]) / differences
-            predictions.append(
-                self._assemble(sensor, signal, columns[:, 0], slopes, derivatives, b)
-            )
-        return predictions
+                points[:, self._place[constant]] += change * values[:, i]
 
     def _distorted(self, motion: "_Motions", values: FloatArray) -> "_Motions":
         """Motions (n, t) with the effects that are no constants, by values (n, q).
@@ -421,6 +462,8 @@ class DriveModel:
 
 def _with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
     """Return the vehicle with the constants that effects change as further unknown ones."""
+    for e in effects:
+        vehicle = extend(vehicle, e.parts)
     unknown = dict(vehicle.unknown)
     for e in effects:
         for name, change in e.constants.items():

@@ -10,7 +10,7 @@ All that the minimisation needs of thousands of residuals r and their Jacobian J
 import itertools
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -40,6 +40,7 @@ CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
 OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
 MAX_STEPS = 50
+KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
 LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
 SIZE_ROUNDS = 1
 
@@ -117,6 +118,7 @@ class LeastSquares(Closing):
             }
             for model in models
         ]
+        self._predicted: dict[bytes, list[list[Prediction]]] = {}
         self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
 
     def _floors(self) -> dict[Sensor, float]:
@@ -137,13 +139,20 @@ class LeastSquares(Closing):
         return levels
 
     def predictions(self, v: FloatArray) -> list[list[Prediction]]:
-        """Return the predictions of each drive at variables (n,)."""
+        """Return the predictions of each drive at variables (n,); the last ones are kept."""
+        key = v.tobytes()
+        if key in self._predicted:
+            return self._predicted[key]
 
         def predict(pair: tuple[DriveModel, NDArray[np.int64]]) -> list[Prediction]:
             model, at = pair
             return model.predict(v[: self.k], v[at[self.k :]])
 
-        return list(self._pool.map(predict, zip(self.models, self._at, strict=True)))
+        found = list(self._pool.map(predict, zip(self.models, self._at, strict=True)))
+        if len(self._predicted) == KEPT:
+            del self._predicted[next(iter(self._predicted))]
+        self._predicted[key] = found
+        return found
 
     def gram(self, v: FloatArray) -> FloatArray:
         """Return [J r]ᵀ[J r] (n + 1, n + 1), whitened and with the priors, at variables (n,)."""
@@ -287,11 +296,45 @@ class LeastSquares(Closing):
                 self._precision[of_priors] = 1.0 / np.clip(size, LEAST_SIZE**2, MOST_SIZE**2)
 
     def sizes(self) -> dict[str, float]:
-        """Return the standard deviation of each deviation, in its unit, by name."""
+        """Return the size of each deviation, in standard deviations of its prior, by name."""
         return {
-            e.name: e.std / math.sqrt(float(self._precision[at[0] - self.k]))
+            e.name: 1.0 / math.sqrt(float(self._precision[at[0] - self.k]))
             for e, at in self._processes.items()
         }
+
+    def set_sizes(self, sizes: Mapping[str, float]) -> None:
+        """Set how large the deviations are.
+
+        Parameters
+        ----------
+        sizes : mapping of str to float
+            Standard deviation of each, in those of its effect's prior, by name.
+        """
+        self._precision = self._precision + self.more_precision(sizes)[self.k :]
+
+    def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
+        """Return what other sizes of the deviations add to the information's diagonal (n,).
+
+        Parameters
+        ----------
+        sizes : mapping of str to float
+            As for `set_sizes`.
+        """
+        more = np.zeros(self.n)
+        for e, places in self._processes.items():
+            at = np.array(places)
+            more[at] = 1.0 / sizes[e.name] ** 2 - self._precision[at - self.k]
+        return more
+
+    def log_normaliser(self, sizes: Mapping[str, float]) -> float:
+        """Return the logarithm of the density of no deviation, for their sizes, but for a constant.
+
+        Parameters
+        ----------
+        sizes : mapping of str to float
+            As for `set_sizes`.
+        """
+        return -sum(len(at) * math.log(sizes[e.name]) for e, at in self._processes.items())
 
     def chances_of_deviations(self, v: FloatArray) -> dict[str, float]:
         """Return the probability of drives that show as much of each deviation, if there were none.
@@ -315,14 +358,15 @@ class LeastSquares(Closing):
         X. Lin, Biometrika 84 (1997) 309-326.
         """
         chances = {}
-        information = self.gram(v)[:-1, :-1]
+        gram = self.gram(v)
+        information, pull = gram[:-1, :-1], gram[:-1, :-1] @ v - gram[:-1, -1]
         for e, places in self._processes.items():
             at = np.array(places)
             rest = np.setdiff1d(np.arange(self.n), at)
             onto = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, at)])
-            own = information[np.ix_(at, at)] - information[np.ix_(at, rest)] @ onto
-            scores = own @ v[at]
-            shown = own - np.diag(self._precision[at - self.k])  # by the drives, without the prior
+            scores = pull[at] - onto.T @ pull[rest]
+            shown = information[np.ix_(at, at)] - information[np.ix_(at, rest)] @ onto
+            shown -= np.diag(self._precision[at - self.k])  # by the drives, without the prior
             mean, half_variance = np.trace(shown), np.sum(shown**2)
             scale = half_variance / mean
             chances[e.name] = float(chi2.sf(scores @ scores / scale, mean / scale))

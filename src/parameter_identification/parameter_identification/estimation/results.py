@@ -146,6 +146,7 @@ class EffectEstimate:
         return f"{self.name}{where}: {shown}± {deviation:.{digits}f}{unit}{acts}"
 
 
+SURE = 0.9  # probability from which a weighed deviation counts as shown
 _SHOWN_UNITS = {"rad": (180.0 / math.pi, "°"), "1": (100.0, " %"), "m": (100.0, " cm")}
 
 
@@ -364,10 +365,15 @@ class Identification:
         """Deviations that the drives show: the vehicle moves as the model with its effects cannot.
 
         They take up what the model lacks, so that residuals are white; the intervals of the
-        parameters do not count what it did to them.
+        parameters do not count what it did to them. Of weighed ones also those that act with a
+        probability of `SURE`.
         """
         tested = [e for e in self.effects if e.chance is not None]
-        return tuple(e for e in tested if (e.chance or 0.0) * len(tested) < SIGNIFICANCE)
+        return tuple(
+            e
+            for e in tested
+            if (e.chance or 0.0) * len(tested) < SIGNIFICANCE or (e.acts or 0.0) > SURE
+        )
 
     @property
     def white(self) -> bool:

@@ -87,8 +87,10 @@ def effects_of_drives(
     sizes, chances = problem.sizes(), problem.chances_of_deviations(optimum.fit.at)
     for e in problem.models[0].effects:
         if e.process:
-            size = sizes[e.name]
-            found.append(EffectEstimate(e.name, e.unit, 0.0, size, e.std, chance=chances[e.name]))
+            size, known = e.std * sizes[e.name], acts.get(e.name)
+            found.append(
+                EffectEstimate(e.name, e.unit, 0.0, size, e.std, acts=known, chance=chances[e.name])
+            )
     return tuple(found)
 
 

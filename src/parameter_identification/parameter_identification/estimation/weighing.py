@@ -4,24 +4,32 @@ Near the minimum the residuals are linear in parameters and effects, so that the
 subset of the effects follows from one gram matrix (Laplace's method, exact for linear residuals).
 The parameters' distribution is the mixture of those of all subsets: it counts that nobody knows
 which effects act. An effect that the data cannot tell from a parameter keeps about the probability
-that it had before, and with it widens the tails. The deviations are in every subset: their sizes
-are estimated.
+that it had before, and with it widens the tails. The deviations are weighed alike: not at all, or
+of one of several sizes.
 """
 
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import logsumexp
+from scipy.special import log_ndtr, logsumexp
 from scipy.stats import norm
 
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
 from tricycle_core.quantities import FloatArray
+from tricycle_sim.compilation import compiled
 
 ACTS = 0.1  # probability of each effect before the drives: about one of them acts
+NEGLECTED = 1e-4  # probability of all the subsets that are left out
+CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
+NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
+SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
+MOST_SIZES = 8  # combinations of them that are averaged
 ROUNDS = 3  # of weights, and fit with the most probable effects
 
 
@@ -32,19 +40,22 @@ class Mixture:
     Attributes
     ----------
     weights : ndarray of float, shape (s,)
-        Probability of each subset.
+        Probability of each subset, the most probable ones first.
     acting : ndarray of bool, shape (s, g)
         Which effects it has.
     means : ndarray of float, shape (s, d)
         Of the variables; 0 for effects that it lacks.
     covariances : ndarray of float, shape (s, d, d)
         Of the variables.
+    evidence : float
+        Logarithm of that of all subsets together, but for what they have in common.
     """
 
     weights: FloatArray
     acting: NDArray[np.bool_]
     means: FloatArray
     covariances: FloatArray
+    evidence: float
 
     def covariance(self, about: FloatArray) -> FloatArray:
         """Return the second moments (d, d) about a point.
@@ -79,8 +90,13 @@ class Mixture:
         return float(brentq(excess, ends.min() - 1e-9, ends.max() + 1e-9))
 
 
-def mixture(information: FloatArray, pull: FloatArray, groups: list[list[int]]) -> Mixture:
-    """Return the average over all subsets of effects.
+def mixture(
+    information: FloatArray,
+    pull: FloatArray,
+    groups: Sequence[Sequence[int]],
+    least: Mapping[int, float] | None = None,
+) -> Mixture:
+    """Return the average over all subsets of effects, but for the least probable ones.
 
     Parameters
     ----------
@@ -88,26 +104,189 @@ def mixture(information: FloatArray, pull: FloatArray, groups: list[list[int]]) 
         Of parameters and effects, with their priors; effects have a prior of mean 0, deviation 1.
     pull : ndarray of float, shape (d,)
         Information times the mean.
-    groups : list of list of int
+    groups : sequence of sequence of int
         Variables of each effect.
+    least : mapping of int to float, optional
+        Values below which variables of effects cannot be. Their distributions are cut off there,
+        and replaced by normal ones of the same moments.
 
     References
     ----------
     A. E. Raftery, D. Madigan, J. A. Hoeting, J. Am. Stat. Assoc. 92 (1997) 179-191.
     """
-    d = len(pull)
-    acting = np.array(list(product((False, True), repeat=len(groups))))
+    d, bounds = len(pull), dict(least or {})
+    members = np.array([i for at in groups for i in at], dtype=np.int64)
+    ends = np.cumsum([0, *(len(at) for at in groups)])
+    matrix = np.zeros((d + 1, d + 1))
+    matrix[:d, :d], matrix[:d, d], matrix[d, :d] = information, pull, pull
+    evidence = _evidence(
+        matrix,
+        np.setdiff1d(np.arange(d), members),
+        members,
+        ends,
+        np.array(list(bounds), dtype=np.int64),
+        np.array(list(bounds.values()), dtype=np.float64),
+    )
+    evidence += np.log(ACTS / (1.0 - ACTS)) * _bits(np.arange(len(evidence)), len(groups)).sum(1)
+    order = np.argsort(-evidence)
+    share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
+    probable = order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]
+    acting = _bits(probable, len(groups))
     kept = np.ones((len(acting), d), dtype=bool)
-    for g, members in enumerate(groups):
-        kept[:, members] = acting[:, g : g + 1]
+    for g, at in enumerate(groups):
+        kept[:, list(at)] = acting[:, g : g + 1]
     both = kept[:, :, None] & kept[:, None, :]
     covariances = np.linalg.inv(np.where(both, information, np.eye(d)))
     pulls = np.where(kept, pull, 0.0)
     means = np.einsum("sij,sj->si", covariances, pulls)
-    evidence = 0.5 * np.sum(means * pulls, axis=1) + 0.5 * np.linalg.slogdet(covariances)[1]
-    evidence += np.sum(acting, axis=1) * np.log(ACTS / (1.0 - ACTS))
+    weights = 0.5 * np.sum(means * pulls, axis=1) + 0.5 * np.linalg.slogdet(covariances)[1]
+    weights += np.sum(acting, axis=1) * np.log(ACTS / (1.0 - ACTS))
+    covariances = np.where(both, covariances, 0.0)
+    for i, value in bounds.items():
+        cut = kept[:, i]
+        means[cut], covariances[cut], within = _cut_off(means[cut], covariances[cut], i, value)
+        weights[cut] += within - log_ndtr(-value)
+    total = float(logsumexp(weights))
+    weights = np.exp(weights - total)
+    order = np.argsort(-weights)
+    return Mixture(weights[order], acting[order], means[order], covariances[order], total)
+
+
+def _bits(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
+    """Which of so many effects subsets have, by number (s,); the last effect is the lowest bit."""
+    found: NDArray[np.bool_] = (numbers[:, None] >> np.arange(count - 1, -1, -1)) & 1 == 1
+    return found
+
+
+def _cut_off(
+    means: FloatArray, covariances: FloatArray, i: int, least: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Moments of normal distributions (s, d) that end where a variable is least; log of the rest.
+
+    Parameters
+    ----------
+    means : ndarray of float, shape (s, d)
+        Before.
+    covariances : ndarray of float, shape (s, d, d)
+        Before.
+    i : int
+        The variable.
+    least : float
+        Its least value.
+    """
+    variance = covariances[:, i, i]
+    std = np.sqrt(variance)
+    start = (least - means[:, i]) / std
+    within = log_ndtr(-start)
+    hazard = np.exp(norm.logpdf(start) - within)
+    shrinks = np.clip(hazard * (hazard - start), 0.0, 1.0 - 1e-9)  # of the variance, by this share
+    gains = covariances[:, :, i] / variance[:, None]
+    means = means + gains * (std * hazard)[:, None]
+    change = (variance * shrinks)[:, None, None] * gains[:, :, None] * gains[:, None, :]
+    return means, covariances - change, within
+
+
+@compiled
+def _evidence(
+    matrix: FloatArray,
+    always: NDArray[np.int64],
+    members: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    bounded: NDArray[np.int64],
+    least: FloatArray,
+) -> FloatArray:
+    """Logarithm of the evidence (2 ** g,) of every subset of g effects, by sweeping their gram.
+
+    Parameters
+    ----------
+    matrix : ndarray of float, shape (d + 1, d + 1)
+        Information, and the pull in the last row and column.
+    always : ndarray of int
+        Variables in every subset.
+    members, ends : ndarray of int
+        Variables of all effects; effect g has those from `ends[g]` to `ends[g + 1]`.
+    bounded : ndarray of int
+        Variables with a least value.
+    least : ndarray of float
+        These values.
+
+    References
+    ----------
+    J. H. Goodnight, The American Statistician 33 (1979) 149-158: the sweep operator.
+    """
+    count, size = len(ends) - 1, len(matrix)
+    levels = np.empty((count + 1, size, size))  # with the first so many effects decided
+    determinants = np.zeros(count + 1)
+    swept = np.zeros((count + 1, size), dtype=np.bool_)
+    levels[0] = matrix
+    for v in always:
+        determinants[0] += _sweep(levels[0], v)
+    found = np.empty(1 << count)
+    for subset in range(1 << count):
+        changed = 0
+        if subset > 0:  # counting up changes the last bits only
+            changed = count - 1
+            while (subset >> (count - 1 - changed)) & 1 == 0:
+                changed -= 1
+        for g in range(changed, count):
+            levels[g + 1] = levels[g]
+            determinants[g + 1] = determinants[g]
+            swept[g + 1] = swept[g]
+            if (subset >> (count - 1 - g)) & 1:
+                for v in members[ends[g] : ends[g + 1]]:
+                    determinants[g + 1] += _sweep(levels[g + 1], v)
+                    swept[g + 1, v] = True
+        last = levels[count]
+        value = -0.5 * (last[-1, -1] + determinants[count])
+        for b in range(len(bounded)):
+            v = bounded[b]
+            if swept[count, v]:
+                above = (last[v, -1] - least[b]) / math.sqrt(2.0 * last[v, v])
+                value += math.log(max(math.erfc(-above), 1e-300))
+                value -= math.log(math.erfc(least[b] / math.sqrt(2.0)))
+        found[subset] = value
+    return found
+
+
+@compiled
+def _sweep(matrix: FloatArray, pivot: int) -> float:
+    """Invert a matrix by one variable, in place; return the logarithm of the pivot."""
+    p = matrix[pivot, pivot]
+    size = len(matrix)
+    for i in range(size):
+        if i != pivot:
+            share = matrix[i, pivot] / p
+            for j in range(size):
+                if j != pivot:
+                    matrix[i, j] -= share * matrix[pivot, j]
+            matrix[i, pivot] = -share
+    for j in range(size):
+        if j != pivot:
+            matrix[pivot, j] /= p
+    matrix[pivot, pivot] = 1.0 / p
+    return math.log(p)
+
+
+def joined(mixtures: Sequence[Mixture], evidence: FloatArray) -> Mixture:
+    """Return the average of mixtures.
+
+    Parameters
+    ----------
+    mixtures : sequence of Mixture
+        Of the same variables and effects.
+    evidence : ndarray of float, shape (m,)
+        Logarithm of that of each.
+    """
+    total = float(logsumexp(evidence))
+    shares = np.exp(evidence - total)
+    weights = np.concatenate([share * m.weights for share, m in zip(shares, mixtures, strict=True)])
+    order = np.argsort(-weights)
     return Mixture(
-        np.exp(evidence - logsumexp(evidence)), acting, means, np.where(both, covariances, 0.0)
+        weights[order],
+        np.concatenate([m.acting for m in mixtures])[order],
+        np.concatenate([m.means for m in mixtures])[order],
+        np.concatenate([m.covariances for m in mixtures])[order],
+        total,
     )
 
 
@@ -130,33 +309,75 @@ def weigh_effects(
     where = {v: i for i, v in enumerate(variables.tolist())}
     groups = [[where[i] for i in at] for at in places]
     rest = np.setdiff1d(np.arange(problem.n), variables)
-    fit, free = optimum.fit, np.ones(problem.n, dtype=bool)
+    of_effects = [i for at in places for i in at]
+    least = {where[i]: problem.low[i] for i in of_effects if problem.low[i] > -CERTAIN}
+    fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
     for _ in range(ROUNDS):
         gram = problem.gram(fit.at)
-        H, pull = gram[:-1, :-1], gram[:-1, :-1] @ fit.at - gram[:-1, -1]
-        onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
-        found = mixture(
-            H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
-            pull[variables] - onto.T @ pull[rest],
-            groups,
-        )
-        best = found.acting[np.argmax(found.weights)]
+        pull = gram[:-1, :-1] @ fit.at - gram[:-1, -1]
+        mixtures, evidence, likely = [], [], _likely_sizes(problem, gram, pull, free)
+        for of_deviations, prior in likely:
+            H = gram[:-1, :-1] + np.diag(problem.more_precision(of_deviations))
+            onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
+            mixtures.append(
+                mixture(
+                    H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
+                    pull[variables] - onto.T @ pull[rest],
+                    groups,
+                    least,
+                )
+            )
+            evidence.append(prior + mixtures[-1].evidence + _log_evidence(H, pull, rest))
+        found = joined(mixtures, np.array(evidence))
         acts = np.ones(problem.n, dtype=bool)
-        for at, acting in zip(places, best, strict=True):
+        for at, acting in zip(places, found.acting[0], strict=True):
             acts[at] = acting
-        if np.array_equal(acts, free):
+        best = likely[int(np.argmax(evidence))][0]
+        if np.array_equal(acts, free) and best == sizes:
             break
-        free = acts
+        free, sizes = acts, best
+        problem.set_sizes(sizes)
         fit = problem.minimise(np.where(free, fit.at, 0.0), free)
-        problem.estimate_sizes(fit.at)
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)
     covariance = np.zeros((problem.n, problem.n))
-    covariance[np.ix_(free, free)] = np.linalg.inv(gram[:-1, :-1][np.ix_(free, free)])
+    information = problem.gram(fit.at)[:-1, :-1]
+    covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
     covariance[np.ix_(variables, variables)] = found.covariance(fit.at[variables])
-    acting = (found.weights @ found.acting).tolist()
-    return (
-        replace(optimum, fit=fit, covariance=covariance),
-        found,
-        dict(zip(names, acting, strict=True)),
-    )
+    probable = dict(zip(names, (found.weights @ found.acting).tolist(), strict=True))
+    shares = np.exp(np.array(evidence) - found.evidence).tolist()
+    for name in sizes:
+        of_name = zip(shares, (chosen[name] for chosen, _ in likely), strict=True)
+        probable[name] = sum(share for share, size in of_name if size != NO_DEVIATION)
+    return replace(optimum, fit=fit, covariance=covariance), found, probable
+
+
+def _likely_sizes(
+    problem: LeastSquares, gram: FloatArray, pull: FloatArray, free: NDArray[np.bool_]
+) -> list[tuple[dict[str, float], float]]:
+    """Sizes of the deviations that are not improbable, with the logarithm of what precedes drives.
+
+    That is their probability before the drives, and the normaliser of the deviations' priors. Which
+    sizes are probable is found with the effects that are free; there are no other deviations than
+    of size `NO_DEVIATION` with a probability of 1 - `ACTS`.
+    """
+    names, kept = list(problem.sizes()), np.flatnonzero(free)
+    found, evidence = [], []
+    before = [math.log(1.0 - ACTS), *[math.log(ACTS / len(SIZES))] * len(SIZES)]
+    for chosen in product(range(1 + len(SIZES)), repeat=len(names)):
+        sizes = {n: (NO_DEVIATION, *SIZES)[i] for n, i in zip(names, chosen, strict=True)}
+        prior = sum(before[i] for i in chosen) + problem.log_normaliser(sizes)
+        H = gram[:-1, :-1] + np.diag(problem.more_precision(sizes))
+        found.append((sizes, prior))
+        evidence.append(prior + _log_evidence(H, pull, kept))
+    order = np.argsort(-np.array(evidence))
+    share = np.cumsum(np.exp(np.array(evidence)[order] - logsumexp(evidence)))
+    count = min(MOST_SIZES, 1 + int(np.searchsorted(share, 1.0 - NEGLECTED)))
+    return [found[i] for i in order[:count]]
+
+
+def _log_evidence(information: FloatArray, pull: FloatArray, at: NDArray[np.int64]) -> float:
+    """Logarithm of the integral over variables, of which the others are 0."""
+    factor = np.linalg.cholesky(information[np.ix_(at, at)])
+    reduced = np.linalg.solve(factor, pull[at])
+    return float(0.5 * reduced @ reduced - np.log(np.diag(factor)).sum())

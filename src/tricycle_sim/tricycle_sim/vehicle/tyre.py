@@ -6,6 +6,8 @@ that it reads. A vehicle file chooses one under `parts: {tyre: NAME}`.
 
 import math
 
+import numpy as np
+
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle.approximations import arctan_positive, sine
 from tricycle_sim.vehicle.laws import Constant, Law, between, inlined, not_negative, positive
@@ -267,6 +269,61 @@ def fiala(
     return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * adhering, share
 
 
+SOFTENED: Formulas = {
+    **LINEAR,
+    "brush": lambda v: np.minimum(v.tyre_saturation, 1.0),
+    "brush_friction": lambda v: v.friction_coefficient / np.maximum(v.tyre_saturation, 1.0),
+}
+_S = numbered(SOFTENED, step=LANES)
+
+
+@inlined
+def softened(
+    g: FloatArray,
+    c: int,
+    load: float,
+    kappa: float,
+    alpha: float,
+    lean: float,
+    vx: float,
+    slip_speed: float,
+    vy: float,
+) -> tuple[float, float, float, float]:
+    """Return a mixture of the forces of `linear` (saturation 0) and of `fiala` (1).
+
+    Above 1 the tyre is a brush tyre whose friction is divided by the saturation.
+
+    Parameters
+    ----------
+    g : ndarray of float, shape (rows * LANES,)
+        Group.
+    c : int
+        Where the law's constants of the vehicle start in `g`.
+    load, kappa, alpha, lean, vx, slip_speed, vy : float
+        As for `linear`.
+
+    Returns
+    -------
+    force_x, force_y, aligning, share : float
+        As of `linear`.
+    """
+    x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
+    limit = g[c + _S.friction] * load
+    limit2 = limit * limit
+    force2 = x0 * x0 + y0 * y0
+    inverse = 1.0 / math.sqrt(math.sqrt(limit2 * limit2 + force2 * force2 + 1e-12))
+    slides = max(3.0 * g[c + _S.brush_friction] * load, 1e-12)
+    theta = math.sqrt(force2) / slides  # 1: the whole contact of the brush tyre slides
+    sliding = min(theta, 1.0)
+    adhering = (1.0 - sliding) * (1.0 - sliding) * (1.0 - sliding)
+    brush, rest = g[c + _S.brush], 1.0 - g[c + _S.brush]
+    circle = rest * limit * inverse
+    grip = circle + brush * (1.0 - sliding + sliding * sliding / 3.0) / max(theta, 1.0)
+    share = rest * force2 * inverse * inverse + brush * (1.0 - adhering) * (1.0 - adhering)
+    aligning = -g[c + _S.aligning] * alpha * (circle + brush * adhering)
+    return grip * x0, grip * y0, aligning, share
+
+
 MAGIC_FORMULA: Formulas = {
     **LINEAR,
     "shape_x": lambda v: v.shape_longitudinal,
@@ -333,6 +390,12 @@ def magic_formula(
 LAWS = {
     "linear": Law(linear, LINEAR),
     "fiala": Law(fiala, LINEAR),
+    "softened": Law(
+        softened,
+        SOFTENED,
+        # 0: linear up to the friction limit, 1: as `fiala`
+        (between("tyre_saturation", "1", 0.0, 4.0, default=0.0, per_wheel=True),),
+    ),
     "magic_formula": Law(
         magic_formula,
         MAGIC_FORMULA,
