@@ -19,7 +19,9 @@ from excitation_planner.playback import (
     PlaybackState,
     Schedule,
 )
+from excitation_planner.preflight import Check
 from excitation_planner.way_back.dubins import Arc
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.readiness import Readiness
 
@@ -231,6 +233,52 @@ def test_start_is_refused_with_its_reason(prepare, reason):
         playback.start(10.0)
     assert playback.state is PlaybackState.WAITING
     assert playback.tick(10.01) is None
+
+
+def test_the_preflight_says_how_everything_stands_that_a_start_needs():
+    playback = fenced()
+    for k in range(20):
+        playback.observe(replace(AT_REST_IN_ODOM, x=1.0 + 0.004 * (-1) ** k), 9.0 + 0.05 * k, 10.0)
+    playback.observe(AT_REST_IN_ODOM, 10.0, 10.0)
+    items = {item.name: item for item in playback.preflight(10.03)}
+    assert all(item.level is Level.OK for item in items.values())
+    assert re.fullmatch(
+        r"20 Hz, 0\.03 s old, scatters by 4 mm and 0\.0 deg", items["localisation"].message
+    )
+    assert items["ground"].message == "fenced in odom"
+    playback.observe(replace(AT_REST_IN_ODOM, x=1.2), 10.04, 10.04)
+    playback.hear(PRESSED, 10.04)
+    failing = {i.name: i.message for i in playback.preflight(10.05) if i.level is Level.ERROR}
+    assert sorted(failing) == ["start", "vehicle"]
+    with pytest.raises(PlanError, match=r"vehicle: the vehicle is not armed"):  # the first one
+        playback.start(10.05)
+
+
+def test_without_anything_the_preflight_says_what_is_missing():
+    items = Playback(max_deviation=1.0, odom_timeout=0.5).preflight(10.0)
+    assert [i.name for i in items if i.level is Level.ERROR] == [
+        "plan", "vehicle", "localisation", "standstill"
+    ]  # fmt: skip
+
+
+def test_a_pose_that_jumps_at_rest_refuses_the_start_until_it_has_stayed_for_a_second():
+    playback = ready()
+    playback.load_area("ground", ("", ()))
+    away = replace(AT_REST, x=3.0)
+    playback.observe(away, 10.05, 10.05)
+    with pytest.raises(PlanError, match=r"localisation: the pose is 2\.00 m from where"):
+        playback.start(10.1)
+    for k in range(25):
+        playback.observe(away, 10.1 + 0.05 * k, 10.1 + 0.05 * k)
+        playback.hear(ARMED, 10.1 + 0.05 * k)
+    playback.start(11.31)
+
+
+def test_a_check_of_another_node_refuses_the_start_with_its_name():
+    playback = ready()
+    with pytest.raises(PlanError, match="bag: not recording"):
+        playback.start(10.0, [Check("bag", "not recording", Level.ERROR)])
+    playback.start(10.0, [Check("bag", "not recording", Level.WARN)])
 
 
 def test_a_running_maneuver_refuses_a_start():

@@ -65,7 +65,11 @@ class StandingVehicle:
 @pytest.mark.parametrize(
     ("when", "error", "refusal"),
     [
-        ("before", "maneuver_driver/start: the vehicle is not armed: hardware", "no start event"),
+        (
+            "before",
+            "maneuver_driver/start: vehicle: the vehicle is not armed: hardware",
+            "no start event",
+        ),
         ("during", "maneuver aborted: the vehicle is not armed: hardware", "maneuver was aborted"),
     ],
 )
@@ -94,3 +98,36 @@ def test_a_drive_of_a_vehicle_that_is_not_armed_fails(
     assert (drive.returncode, errors.splitlines()[-1]) == (2, f"tricycle: {error} e-stop pressed")
     with pytest.raises(JudgeError, match=refusal):
         read_drive(tmp_path / "bag")
+
+
+def test_each_of_several_drives_waits_for_enter_and_for_what_fails_to_be_mended(
+    ros_environment, ros_node, tmp_path
+):
+    request = PlanRequest(load_vehicle(), Circle(duration=8.0), "cornering_stiffness", samples=50)
+    save_plan(plan_at(request, np.array([2.5, 1.0])), tmp_path / "plan.json")
+    vehicle, screen = StandingVehicle(ros_node), tmp_path / "screen.txt"
+    vehicle.readiness = PRESSED
+    with NodeProcesses(ros_environment, tmp_path / "log") as nodes, screen.open("w") as output:
+        for name in ("maneuver_driver", "trajectory_recorder"):
+            nodes.start(name, config=VEHICLE_CONFIG, parameters={})
+        drive = subprocess.Popen(
+            [Path(sys.executable).with_name("tricycle"), "drive", "plan.json", "--vehicle-nodes",
+             "--repeat", "2", "--bag", "bags"],
+            cwd=tmp_path, env=ros_environment | {"COLUMNS": "120"}, text=True,
+            stdin=subprocess.PIPE, stdout=output, stderr=subprocess.PIPE,
+        )  # fmt: skip
+        vehicle.until(lambda: "Enter looks again (vehicle)" in screen.read_text())
+        assert "the vehicle is not armed: hardware e-stop pressed" in screen.read_text()
+        assert "trajectory_recorder: bag" in screen.read_text()
+        vehicle.readiness = Readiness(armed=True)
+        vehicle.say()
+        drive.stdin.write("\n")
+        drive.stdin.flush()
+        vehicle.until(lambda: "Enter drives, Ctrl-C leaves" in screen.read_text())
+        assert vehicle.state["state"] == "waiting"  # nothing moves before the second Enter
+        drive.stdin.close()
+        vehicle.until(lambda: drive.poll() is not None)
+        errors = drive.stderr.read()
+        drive.stderr.close()
+    assert drive.returncode == 2
+    assert errors.splitlines()[-1] == "tricycle: nobody is there to say that the vehicle is ready"

@@ -21,7 +21,7 @@ STEER, DRIVE = Board.STEER, Board.DRIVE
 def test_diagnostics_name_states_and_faults(driving):
     vehicle, steer, drive = diagnose(driving.bridge, driving.now)
     assert (vehicle.level, vehicle.message) == (Level.OK, "armed")
-    assert (steer.level, steer.message) == (Level.OK, "ARMED")
+    assert (steer.level, steer.message) == (Level.OK, "ARMED, firmware 2.0.0, 12.0 V")
     assert steer.values["firmware_steer"].count(".") == 2  # copied to a bag's metadata
     driving.target = None
     driving.step(150)
@@ -30,7 +30,10 @@ def test_diagnostics_name_states_and_faults(driving):
         Level.WARN,
         "not armed: waiting for the operator; stopped: steer PLC is STOPPING (CMD_TIMEOUT)",
     )
-    assert (drive.level, drive.message) == (Level.WARN, "SAFE (CMD_TIMEOUT)")
+    assert (drive.level, drive.message) == (
+        Level.WARN,
+        "SAFE (CMD_TIMEOUT), firmware 2.0.0, 48.0 V",
+    )
     assert drive.values["PLC: watchdog trips"] == "1"
     driving.bridge.closed(STEER, "/dev/x does not exist")
     _, steer, _ = diagnose(driving.bridge, driving.now)
@@ -61,7 +64,7 @@ def test_a_limit_is_no_warning_and_a_fault_is_an_error(driving):
     driving.target = (2.0, 1.0)  # beyond the largest angle
     driving.step(20)
     _, steer, _ = diagnose(driving.bridge, driving.now)
-    assert (steer.level, steer.message) == (Level.OK, "ARMED")
+    assert (steer.level, steer.message) == (Level.OK, "ARMED, firmware 2.0.0, 12.0 V")
     driving.measured[STEER] = SteerMeasurement(0.2, adc=2)
     driving.step(2)
     _, steer, _ = diagnose(driving.bridge, driving.now)

@@ -4,6 +4,11 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from excitation_planner.preflight import Check
+from tricycle_core.diagnostics import Level
+
 JUMP = 0.3
 """Distance between a pose and where its own velocity leads that is no noise [m]."""
 
@@ -18,6 +23,9 @@ WINDOW = 1.0
 
 FROZEN = 0.5
 """Time for which the pose of a driven vehicle may be the same to the last digit [s]."""
+
+SCATTER = 0.05
+"""Standard deviation of the position at rest that deserves a warning [m]."""
 
 
 @dataclass(frozen=True)
@@ -115,6 +123,51 @@ class PoseWatch:
         if (still := stamp - self._changed_at) > FROZEN:
             return f"the pose has been the same for {still:.2f} s, but the wheels are driven"
         return _difference(last, new) or _difference(self._tracks[0], new)
+
+
+class RestingPoses:
+    """Poses of the last `WINDOW` of a vehicle at rest: how often they come, how they scatter."""
+
+    def __init__(self) -> None:
+        self._poses: deque[tuple[float, float, float, float]] = deque()
+
+    def take(self, state: PlanarState, stamp: float) -> None:
+        """Take a pose.
+
+        Parameters
+        ----------
+        state : PlanarState
+            Finite.
+        stamp : float
+            Of the measurement [s].
+        """
+        poses = self._poses
+        if poses and stamp <= poses[-1][0]:  # a clock that was set back
+            poses.clear()
+        poses.append((stamp, state.x, state.y, state.yaw))
+        while poses[0][0] < stamp - WINDOW:
+            poses.popleft()
+
+    def check(self, age: float) -> Check:
+        """Return how the localisation is.
+
+        Parameters
+        ----------
+        age : float
+            Of the newest pose [s].
+        """
+        stamps, x, y, yaw = np.array(self._poses).reshape(-1, 4).T
+        if stamps.size < 2:
+            return Check("localisation", f"one pose, {age:.2f} s old", Level.WARN)
+        rate = (stamps.size - 1) / (stamps[-1] - stamps[0])
+        position = math.hypot(np.std(x), np.std(y))
+        heading = np.std(np.unwrap(yaw))
+        return Check(
+            "localisation",
+            f"{rate:.0f} Hz, {max(age, 0.0):.2f} s old, scatters by {position * 1e3:.0f} mm and "
+            f"{math.degrees(heading):.1f} deg",
+            Level.WARN if position > SCATTER else Level.OK,
+        )
 
 
 def _moved(last: _Track, state: PlanarState, stamp: float) -> _Track:

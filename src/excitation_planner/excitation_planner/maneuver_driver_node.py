@@ -4,16 +4,17 @@ On `~/go_back` it drives the vehicle back to the start, closed loop.
 """
 
 import math
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PolygonStamped, PoseStamped, TransformStamped
 from nav_msgs.msg import Odometry, Path
-from rclpy.clock import JumpThreshold
+from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -30,6 +31,7 @@ from excitation_planner.playback import (
     Playback,
     Schedule,
 )
+from excitation_planner.preflight import RECORDER, Check, Report, commanders, recording
 from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import RouteRequest, find_route
@@ -52,6 +54,8 @@ except ImportError:
     TFMessage = None
 
 OVERTAKING = 1.0  # s of simulated time by which a pose may overtake its tick of /clock
+PREFLIGHT_EVERY = 1.0  # s between looks at what a start needs
+REPORTING = "tricycle_bridge: ", "trajectory_recorder: "  # names that the pre-flight heeds
 STATE_EVERY = 0.5  # s between repeated state messages while running
 ORIGIN_EVERY = 0.5  # s at least between poses at which a maneuver would start
 ORIGIN_STEP = 0.05  # m or rad by which they differ at least
@@ -157,6 +161,9 @@ class ManeuverDriver(Node):
             False,
             "drive commands that come without maneuver/ground, from publishers that have none",
         )
+        self._recording_needed = declare(
+            self, "recording_needed", False, "refuse to start while no bag is recorded"
+        )
         self._name = self.get_fully_qualified_name()
         simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
@@ -178,6 +185,10 @@ class ManeuverDriver(Node):
         self._state = self.create_publisher(
             DiagnosticStatus, "maneuver/state", **overridable(LATCHED)
         )
+        self._reports: dict[str, Report] = {}  # of other nodes, by the name of their part
+        self._preflight = self.create_publisher(
+            DiagnosticArray, "maneuver/preflight", **overridable(LATCHED)
+        )
         self._countdown = self.create_publisher(UInt8, "maneuver/countdown", **overridable(LATCHED))
         self._start = self.create_publisher(PoseStamped, "maneuver/start", **overridable(LATCHED))
         self._static = TFMessage and self.create_publisher(
@@ -192,14 +203,18 @@ class ManeuverDriver(Node):
             (Odometry, "odom", self._on_odom, qos_profile_sensor_data),
             (DiagnosticStatus, READINESS_TOPIC, self._on_readiness, LATCHED),
             (Bool, "maneuver/hold", self._on_hold, qos_profile_sensor_data),
+            (DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
         ):
             self.create_subscription(kind, topic, callback, **overridable(qos))
         for part, (kind, read) in AREA_MESSAGES.items():
             callback = partial(self._on_area, part, read)
             self.create_subscription(kind, f"maneuver/{part}", callback, **overridable(LATCHED))
+        self.create_service(Trigger, "~/preflight", self._on_preflight)
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/go_back", self._on_go_back)
         self.create_service(Trigger, "~/abort", self._on_abort)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # also while /clock stands still
+        self.create_timer(PREFLIGHT_EVERY, self._publish_preflight, clock=steady)
         if simulated:
             # a timer may miss ticks of a clock that runs fast; the clock's own callback does not
             every_tick = JumpThreshold(
@@ -281,9 +296,53 @@ class ManeuverDriver(Node):
     def _on_hold(self, message: Bool) -> None:
         self._playback.hold(message.data, self._now())
 
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.startswith(REPORTING):
+                level = Level(int.from_bytes(status.level, "little") & 3)
+                values = {pair.key: pair.value for pair in status.values}
+                report = Report(level, status.message, time.monotonic(), values)
+                self._reports[status.name] = report
+
+    def _others(self) -> tuple[Check, ...]:
+        """Items of the pre-flight that are not the playback's."""
+        now, needed = time.monotonic(), self._recording_needed
+        joints = self.resolve_topic_name("joint_commands")
+        publishers = [
+            f"{end.node_namespace.rstrip('/')}/{end.node_name}"
+            for end in self.get_publishers_info_by_topic(joints)
+        ]
+        bag = self._reports.get(RECORDER)
+        return (
+            *(self._reports[n].check(n, now) for n in sorted(self._reports) if n != RECORDER),
+            commanders(self._name, publishers),
+            recording(bag, self._playback.duration, now, needed=needed),
+        )
+
+    def _on_preflight(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        checks = (*self._playback.preflight(self._now()), *self._others())
+        response.success = all(check.level is not Level.ERROR for check in checks)
+        response.message = "\n".join(
+            f"{check.level.name:5}  {check.name}: {check.message}" for check in checks
+        )
+        return response
+
+    def _publish_preflight(self) -> None:
+        if self._playback.state.driving:
+            return
+        checks = (*self._playback.preflight(self._now()), *self._others())
+        message = DiagnosticArray(
+            status=[
+                DiagnosticStatus(level=bytes([c.level]), name=c.name, message=c.message)
+                for c in checks
+            ]
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._preflight.publish(message)
+
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         started = f"started plan {self._playback.plan_id}".strip()
-        self._attempt(response, lambda: self._playback.start(self._now()), started)
+        self._attempt(response, lambda: self._playback.start(self._now(), self._others()), started)
         if response.success and not self._playback.fenced:
             self.get_logger().warning(
                 "the plan has no area: only max_deviation, "

@@ -7,17 +7,20 @@ Time is an argument everywhere; the node that owns a `Playback` passes its ROS c
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from excitation_planner.area.fence import Fence
-from excitation_planner.localisation import PlanarState, PoseWatch
+from excitation_planner.localisation import PlanarState, PoseWatch, RestingPoses
+from excitation_planner.preflight import Check
 from excitation_planner.way_back.dubins import Arc, Pose
 from excitation_planner.way_back.pursuit import Chassis, WayBack
 from excitation_planner.way_back.route import RouteRequest
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
 from tricycle_core.quantities import FloatArray
@@ -59,6 +62,9 @@ MAX_ROWS = 360_000
 
 NEAR = 1000
 """Points of the path, either way of the nearest one, among which it is looked for first."""
+
+DRIVEN = PlaybackState.RUNNING, PlaybackState.RETURNING
+"""States in which the wheels turn as commanded."""
 
 MAX_WHEEL_RATE = 100.0
 """Largest rate of the rear wheel [rad/s]; the PLC's limit is a speed, and far below."""
@@ -201,6 +207,7 @@ class Playback:
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
     _areas: dict[int, dict[str, Any]] = field(default_factory=dict)  # by stamp, part
     _fence: Fence | None = None  # of the maneuver running
+    _resting: RestingPoses = field(default_factory=RestingPoses)  # before a start
     _watch: PoseWatch = field(default_factory=PoseWatch)
     _contradiction: str = ""
     _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
@@ -288,10 +295,15 @@ class Playback:
             Time of receipt [s].
         """
         self._observed, self._observed_stamp, self._observed_at = state, stamp, now
-        if self._active and self._fence is not None and state.finite:
-            driven = self.state is not PlaybackState.STARTING and self._held.wheel_rate != 0.0
-            reason = self._watch.contradiction(state, stamp, driven=driven)
-            self._contradiction = self._contradiction or reason
+        if not state.finite:
+            return
+        driven = self.state in DRIVEN and self._held.wheel_rate != 0.0
+        contradiction = self._watch.contradiction(state, stamp, driven=driven)
+        if not self._active:
+            self._contradiction = contradiction
+            self._resting.take(state, stamp)
+        elif self._fence is not None or self._back is not None:
+            self._contradiction = self._contradiction or contradiction
 
     def hear(self, readiness: Readiness, now: float) -> None:
         """Take what the vehicle says about itself; a run is aborted at once if it is not armed.
@@ -321,33 +333,62 @@ class Playback:
         if self._active and (reason := self._released(now)):
             self.abort(reason)
 
-    def start(self, now: float) -> None:
+    def preflight(self, now: float) -> tuple[Check, ...]:
+        """Look at everything that a start needs.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+
+        Returns
+        -------
+        tuple of Check
+            Plan, vehicle, hold-to-run button, localisation, standstill, ground, start pose.
+        """
+        plan = self._plan
+        name = f"{plan.plan_id}, {plan.schedule.duration:.1f} s" if plan else ""
+        localisation = Check.of("localisation", self._pose_lost(now) or self._contradiction, "")
+        if localisation.level is Level.OK:
+            localisation = self._resting.check(now - self._observed_stamp)
+        speed = self._observed.speed if self._observed else math.nan
+        moves = "" if speed <= STANDSTILL_SPEED else f"moves at {speed:.2f} m/s; it must stand"
+        return (
+            Check.of("plan", self._plan_missing(), name),
+            Check.of("vehicle", self._not_ready(now), "armed"),
+            Check.of(
+                "hold to run",
+                self._released(now),
+                "pressed" if self.hold_timeout else "no button has to be held",
+            ),
+            localisation,
+            Check.of("standstill", moves, f"{speed:.2f} m/s"),
+            *self._check_ground(now),
+        )
+
+    def start(self, now: float, others: Sequence[Check] = ()) -> None:
         """Start the maneuver; row 0 is played after the countdown and `LEAD_IN`.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        others : sequence of Check
+            Of the pre-flight, by others than the playback.
 
         Raises
         ------
         PlanError
-            The reason why the maneuver cannot start.
+            If it cannot start: the first check of the pre-flight that fails.
         """
         self._check_free()
-        if self._plan is None:
-            raise PlanError("no commands yet; publish a plan on maneuver/commands")
-        paths = [points for stamp, points in self._paths if stamp == self._plan.stamp]
-        if not paths:
-            raise PlanError(
-                "no path on maneuver/path with the stamp of the commands, to limit the deviation "
-                "by; publish both with one stamp"
-            )
-        self._check_standing(now)
-        fence = self._fence_of(self._plan)
-        if fence is not None:
-            rates = self._plan.schedule.wheel_rate
-            push = float(rates[np.flatnonzero(rates)[:1]].sum())
-            curvature = float(fence.curvature[0])
-            if reason := self._trespass(fence, now, curvature, push) or self._off_start(fence):
-                raise PlanError(reason)
-        self._fence, self._watch, self._contradiction = fence, PoseWatch(), ""
-        self._path, self._nearest = paths[-1], 0
+        checks, plan = (*self.preflight(now), *others), self._plan
+        failures = [f"{c.name}: {c.message}" for c in checks if c.level is Level.ERROR]
+        if failures or plan is None:
+            raise PlanError(failures[0])
+        self._fence = self._fence_of(plan)
+        self._watch, self._contradiction = PoseWatch(), ""
+        self._path, self._nearest = self._paths_of(plan)[-1], 0
         self._anchor = self._observed
         if self._anchor is not None:
             self._last_start = self._anchor.x, self._anchor.y, self._anchor.yaw
@@ -424,6 +465,7 @@ class Playback:
         self._ticked_at = now
         if back > CLOCK_TOLERANCE:
             self._observed = self._readiness = None  # of an unknown age
+            self._watch, self._contradiction = PoseWatch(), ""
             if self._stopping_since is not None:
                 self._stopping_since = now
             if self._active:
@@ -472,18 +514,48 @@ class Playback:
         if self._stopping_since is not None:
             raise PlanError("the vehicle is being stopped after a run; try again when it rests")
 
+    def _paths_of(self, plan: _Plan) -> list[FloatArray]:
+        return [points for stamp, points in self._paths if stamp == plan.stamp]
+
+    def _plan_missing(self) -> str:
+        if self._plan is None:
+            return "no commands yet; publish a plan on maneuver/commands"
+        if not self._paths_of(self._plan):
+            return (
+                "no path on maneuver/path with the stamp of the commands, to limit the deviation "
+                "by; publish both with one stamp"
+            )
+        return ""
+
+    def _check_ground(self, now: float) -> tuple[Check, ...]:
+        """Whether the vehicle stands at the start of its plan, on its ground."""
+        plan, here = self._plan, self._observed
+        if plan is None or here is None:
+            return ()
+        try:
+            fence = self._fence_of(plan)
+        except PlanError as error:
+            return (Check("ground", str(error), Level.ERROR),)
+        if fence is None:
+            limit = f"no area: only max_deviation, {self.max_deviation:g} m, limits the drive"
+            return (Check("ground", limit, Level.WARN),)
+        rates = plan.schedule.wheel_rate
+        push = float(rates[np.flatnonzero(rates)[:1]].sum())
+        outside = self._trespass(fence, now, float(fence.curvature[0]), push)
+        return (
+            Check.of("ground", outside, f"fenced in {fence.frame}"),
+            Check.of("start", fence.off_start(here), "at the planned start"),
+        )
+
     def _check_standing(self, now: float) -> None:
         """Refuse unless the vehicle obeys and stands where it can be watched."""
         if reason := self._not_ready(now) or self._released(now):
             raise PlanError(reason)
-        if reason := self._pose_lost(now):
-            raise PlanError(f"{reason}; the maneuver starts only where it can be watched")
+        if reason := self._pose_lost(now) or self._contradiction:
+            raise PlanError(f"{reason}; the vehicle drives only where it can be watched")
         if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
             speed = self._observed.speed if self._observed else math.nan
             raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
-
-    def _off_start(self, fence: Fence) -> str:
-        return "no pose on odom" if self._observed is None else fence.off_start(self._observed)
 
     def _return(self, back: WayBack, now: float) -> JointCommand:
         pursuit, here, self.elapsed = back.pursuit, self._observed, now - self._asked_at

@@ -9,7 +9,7 @@ from tricycle_bridge.arming import supply_problem
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.commands.command_stream import Source
 from tricycle_bridge.plc_link.link import DEGRADED_AGE, LinkState, PlcLink
-from tricycle_bridge.protocol.messages import Fault, PlcState
+from tricycle_bridge.protocol.messages import VOLTAGE_UNIT, Fault, PlcState
 from tricycle_bridge.protocol.readable import (
     firmware_version,
     readable_fields,
@@ -138,6 +138,9 @@ def _diagnose_link(link: PlcLink, now: float) -> Diagnosis:
     if (supply := supply_problem(link)) is not None:
         return Diagnosis(name, Level.WARN, f"{message}; {supply}", values)
     level = Level.WARN if telemetry.faults & ~Fault.LIMIT else Level.OK
+    if link.identity is not None:
+        message += f", firmware {firmware_version(link.identity)}"
+    message += f", {telemetry.supply * VOLTAGE_UNIT:.1f} V"
     return Diagnosis(name, level, message, values)
 
 

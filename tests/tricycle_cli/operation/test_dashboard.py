@@ -79,3 +79,12 @@ def test_a_snapshot_is_json():
     assert told["diagnostics"] == {"a: b": {"level": "warn", "message": "hm"}}
     assert told["commanded"] == {"steering_motor_angle": 0.1, "wheel_rate": 0.2}
     assert told["odom"] is None
+
+
+def test_the_preflight_is_shown_until_the_drive_begins():
+    item = DiagnosticEntry(Level.ERROR, "no pose on odom", 99.5)
+    waiting = Dashboard(maneuver={"state": "waiting"}, preflight={"localisation": item}, heard=99.9)
+    assert "pre-flight" in text_of(waiting)
+    assert "no pose on odom" in text_of(waiting)
+    driving = Dashboard(maneuver=RUNNING, preflight={"localisation": item}, heard=99.9)
+    assert "no pose on odom" not in text_of(driving)

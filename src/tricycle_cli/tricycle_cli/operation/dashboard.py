@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Self
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -20,6 +21,7 @@ _STATE_STYLES = {
     PlaybackState.DONE.value: "green",
     PlaybackState.ABORTED.value: "bold red",
 }
+_DRIVING = {state.value for state in PlaybackState if state.driving}
 _STYLES = {Level.OK: "green", Level.WARN: "yellow", Level.ERROR: "bold red", Level.STALE: "dim"}
 
 
@@ -40,6 +42,21 @@ class DiagnosticEntry:
     level: Level
     message: str
     heard: float
+
+    @classmethod
+    def of(cls, level: bytes, message: str, heard: float) -> Self:
+        """Return the entry of a DiagnosticStatus.
+
+        Parameters
+        ----------
+        level : bytes
+            As the message has it.
+        message : str
+            The same in words.
+        heard : float
+            When it came [s].
+        """
+        return cls(Level(int.from_bytes(level, "little") & 3), message, heard)
 
 
 @dataclass(frozen=True)
@@ -96,6 +113,8 @@ class Dashboard:
         When the newest message of any kind came [s].
     learnt : str
         What `identification/estimates` says.
+    preflight : mapping of str to DiagnosticEntry
+        What `maneuver/preflight` says.
     """
 
     diagnostics: dict[str, DiagnosticEntry] = field(default_factory=dict)
@@ -105,20 +124,26 @@ class Dashboard:
     odometry: OdometryReading | None = None
     heard: float | None = None
     learnt: str = ""
+    preflight: Mapping[str, DiagnosticEntry] = field(default_factory=dict)
 
     def snapshot(self) -> dict[str, object]:
         """Return the same as JSON values."""
         return {
             "maneuver": dict(self.maneuver),
             "learnt": self.learnt,
-            "diagnostics": {
-                name: {"level": entry.level.name.lower(), "message": entry.message}
-                for name, entry in self.diagnostics.items()
-            },
+            "preflight": _levels_and_messages(self.preflight),
+            "diagnostics": _levels_and_messages(self.diagnostics),
             "commanded": self.commanded and vars(self.commanded),
             "measured": self.measured and vars(self.measured),
             "odom": self.odometry and vars(self.odometry),
         }
+
+
+def _levels_and_messages(entries: Mapping[str, DiagnosticEntry]) -> dict[str, dict[str, str]]:
+    return {
+        name: {"level": entry.level.name.lower(), "message": entry.message}
+        for name, entry in entries.items()
+    }
 
 
 def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
@@ -139,11 +164,14 @@ def screen(dashboard: Dashboard, *, now: float, where: str) -> RenderableType:
         news = Text(f"{where}: silent for {now - dashboard.heard:.0f} s", style="bold red")
     else:
         news = Text(where)
+    parts = {"maneuver": _maneuver(dashboard), "motion": _speeds(dashboard)}
+    if dashboard.preflight and dashboard.maneuver.get("state") not in _DRIVING:
+        parts["pre-flight"] = diagnostics_table(dashboard.preflight, now)
+    entries = dashboard.diagnostics
+    ordered = {name: entries[name] for name in sorted(entries)}
+    parts["diagnostics"] = diagnostics_table(ordered, now)
     return Group(
-        news,
-        Panel(_maneuver(dashboard), title="maneuver", title_align="left"),
-        Panel(_speeds(dashboard), title="motion", title_align="left"),
-        Panel(_diagnostics(dashboard.diagnostics, now), title="diagnostics", title_align="left"),
+        news, *(Panel(part, title=name, title_align="left") for name, part in parts.items())
     )
 
 
@@ -190,12 +218,20 @@ def _speeds(dashboard: Dashboard) -> RenderableType:
     return table
 
 
-def _diagnostics(entries: Mapping[str, DiagnosticEntry], now: float) -> RenderableType:
+def diagnostics_table(entries: Mapping[str, DiagnosticEntry], now: float) -> RenderableType:
+    """Return entries as a table: what, how, and for how long it has been silent.
+
+    Parameters
+    ----------
+    entries : mapping of str to DiagnosticEntry
+        By name, in the order of the rows.
+    now : float
+        Present time on the clock of the entries [s].
+    """
     if not entries:
         return Text("none heard", style="dim")
     table = Table.grid(padding=(0, 3))
-    for name in sorted(entries):
-        entry = entries[name]
+    for name, entry in entries.items():
         age = now - entry.heard
         silent = age > SILENCE
         table.add_row(

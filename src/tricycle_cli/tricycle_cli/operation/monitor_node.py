@@ -20,7 +20,6 @@ from tricycle_cli.operation.dashboard import (
 )
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
-from tricycle_core.diagnostics import Level
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED
 
@@ -55,6 +54,7 @@ class Monitor(Closing):
         self._executor.add_node(self._node)
         listen = self._node.create_subscription
         listen(DiagnosticArray, "diagnostics", self._on_diagnostics, 10)
+        listen(DiagnosticArray, "maneuver/preflight", self._on_preflight, LATCHED)
         listen(DiagnosticStatus, "maneuver/state", self._on_maneuver, LATCHED)
         listen(DiagnosticStatus, "identification/estimates", self._on_estimates, LATCHED)
         listen(JointState, "joint_commands", self._on_commands, qos_profile_sensor_data)
@@ -81,8 +81,14 @@ class Monitor(Closing):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         now = self._hear()
         for status in message.status:
-            level = Level(int.from_bytes(status.level, "little") & 3)
-            self.dashboard.diagnostics[status.name] = DiagnosticEntry(level, status.message, now)
+            entry = DiagnosticEntry.of(status.level, status.message, now)
+            self.dashboard.diagnostics[status.name] = entry
+
+    def _on_preflight(self, message: DiagnosticArray) -> None:
+        now = self._hear()
+        self.dashboard.preflight = {
+            s.name: DiagnosticEntry.of(s.level, s.message, now) for s in message.status
+        }
 
     def _on_maneuver(self, message: DiagnosticStatus) -> None:
         self._hear()

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.client import Client
 from rclpy.executors import SingleThreadedExecutor
@@ -21,6 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.playback import LONGEST_STOP
+from tricycle_cli.operation.dashboard import DiagnosticEntry
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
@@ -143,6 +144,11 @@ class Operator(Closing):
         self._state = ManeuverState(PlaybackState.WAITING)
         self._patience = SERVICE_TIMEOUT
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
+        self._preflight: dict[str, DiagnosticEntry] = {}
+        self._looked = 0  # messages of it
+        self._node.create_subscription(
+            DiagnosticArray, "maneuver/preflight", self._on_preflight, LATCHED
+        )
         self._services = ServiceCaller(self._node, self._wait)
 
     def close(self) -> None:
@@ -151,7 +157,15 @@ class Operator(Closing):
         self._node.destroy_node()
         rclpy.try_shutdown(context=self._context)
 
-    def drive(self, plan: Plan, bag: Path, *, progress: Progress, back: bool = False) -> None:
+    def drive(
+        self,
+        plan: Plan,
+        bag: Path,
+        *,
+        progress: Progress,
+        back: bool = False,
+        ask: Callable[[], None] | None = None,
+    ) -> None:
         """Drive the plan to its end and record it to `bag`.
 
         Parameters
@@ -164,6 +178,8 @@ class Operator(Closing):
             Called with the time elapsed and the duration [ms of ROS time].
         back : bool
             Whether the vehicle drives to the start by itself; a simulated one is not reset then.
+        ask : callable, optional
+            Waits for the start signal, when the driver has the plan; before anything moves.
 
         Raises
         ------
@@ -179,6 +195,8 @@ class Operator(Closing):
             clock = self._node.get_clock()
             self._wait(lambda: clock.now().nanoseconds > 0, "/clock")  # for the plan's stamp
         self._hand_over(plan)
+        if ask is not None:
+            ask()
         if self._simulated:
             self._arm()
         if back:
@@ -191,6 +209,20 @@ class Operator(Closing):
                 self._follow(plan, progress)
         if self._simulated:
             self._disarm()
+
+    def preflight(self) -> dict[str, DiagnosticEntry]:
+        """Return how everything stands that a start needs, as the driver sees it now.
+
+        Raises
+        ------
+        NodeError
+            If the driver does not say.
+        """
+        self._patience = SILENCE_TIMEOUT
+        seen = self._looked
+        # the next message may have been waiting for long: the one after it is new
+        self._wait(lambda: self._looked >= seen + 2, "maneuver_driver to say how everything stands")
+        return self._preflight
 
     def go_back(self) -> None:
         """Have the vehicle drive back to the start of the plan that was driven last.
@@ -363,6 +395,13 @@ class Operator(Closing):
     def _on_state(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # of another publisher
             self._state = ManeuverState.from_values({v.key: v.value for v in message.values})
+
+    def _on_preflight(self, message: DiagnosticArray) -> None:
+        self._looked += 1
+        now = time.monotonic()
+        self._preflight = {
+            s.name: DiagnosticEntry.of(s.level, s.message, now) for s in message.status
+        }
 
     def _trigger(self, service: str) -> None:
         answer = self._services.call(service, Trigger, Trigger.Request())

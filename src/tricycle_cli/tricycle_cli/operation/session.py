@@ -2,8 +2,10 @@
 
 import math
 import os
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,9 @@ from tricycle_bringup.configuration import (
     check_bridge,
     driver_parameters,
 )
+from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
 from tricycle_core.readiness import TOPIC
@@ -182,10 +186,11 @@ def running_session(
 
         def drive(plan: Plan, bag: Path, progress: Progress) -> None:
             nonlocal drives
-            if ask:
-                _wait_for_enter(plan)
             there = back and (drives > 0 or plan.area is not None)
-            operator.drive(plan, bag.absolute(), progress=progress, back=there)
+            wait = partial(_wait_for_enter, plan, operator.preflight, there)
+            operator.drive(
+                plan, bag.absolute(), progress=progress, back=there, ask=wait if ask else None
+            )
             drives += 1
 
         yield drive
@@ -193,18 +198,34 @@ def running_session(
             operator.go_back()
 
 
-def _wait_for_enter(plan: Plan) -> None:
+def _wait_for_enter(
+    plan: Plan, preflight: Callable[[], Mapping[str, DiagnosticEntry]], back: bool
+) -> None:
+    """Show the pre-flight until nothing fails and somebody says Enter."""
+    from rich.console import Console
+
     along, across, stop = plan.space
     start = "its start"
     if plan.area is not None and plan.start_pose is not None:
         x, y, heading = plan.start_pose
         degrees = math.degrees(heading)
         start = f"x {x:.2f} m, y {y:.2f} m, heading {degrees:.1f}° in {plan.area.frame}"
-    try:
-        input(
-            f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
-            f"{across:.0f} m and {stop:.0f} m to stop: vehicle at {start}, and armed? "
-            "Enter drives, Ctrl-C leaves "
+    print(
+        f"\n{plan.maneuver}, {plan.commands.duration:.0f} s, needs {along:.0f} m x "
+        f"{across:.0f} m and {stop:.0f} m to stop, from {start}"
+    )
+    while True:
+        items = preflight()
+        Console().print(diagnostics_table(items, time.monotonic()))
+        # the way back ends at the start
+        failing = {n for n, item in items.items() if item.level is Level.ERROR} - (
+            {"start"} if back else set()
         )
-    except EOFError:
-        raise PlanError("nobody is there to say that the vehicle is ready") from None
+        drives = "drives back to the start and then the maneuver" if back else "drives"
+        does = f"looks again ({', '.join(sorted(failing))})" if failing else drives
+        try:
+            input(f"Enter {does}, Ctrl-C leaves ")
+        except EOFError:
+            raise PlanError("nobody is there to say that the vehicle is ready") from None
+        if not failing:
+            return

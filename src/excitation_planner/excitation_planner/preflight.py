@@ -1,0 +1,134 @@
+"""Checks before a drive: what a start needs, each with how it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from tricycle_core.diagnostics import Level
+
+SILENCE = 3.0
+"""Age beyond which what another node said of itself does not count [s]."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One item of the pre-flight.
+
+    Attributes
+    ----------
+    name : str
+        What is looked at.
+    message : str
+        How it stands, in one line.
+    level : Level
+        ERROR refuses the start.
+    """
+
+    name: str
+    message: str
+    level: Level = Level.OK
+
+    @classmethod
+    def of(cls, name: str, problem: str, well: str) -> Check:
+        """Return a check that fails where there is a problem.
+
+        Parameters
+        ----------
+        name : str
+            What is looked at.
+        problem : str
+            What is wrong; empty: nothing.
+        well : str
+            How it stands where nothing is.
+        """
+        return cls(name, problem or well, Level.ERROR if problem else Level.OK)
+
+
+def commanders(own: str, publishers: Iterable[str]) -> Check:
+    """Return who could command the vehicle beside the driver.
+
+    Parameters
+    ----------
+    own : str
+        Name of the driver.
+    publishers : iterable of str
+        Names of all publishers of commands.
+    """
+    others = sorted(set(publishers) - {own})
+    if others:
+        return Check("commanders", f"{', '.join(others)} could command too", Level.WARN)
+    return Check("commanders", "nobody else")
+
+
+@dataclass(frozen=True)
+class Report:
+    """What another node said of itself.
+
+    Attributes
+    ----------
+    level : Level
+        How it is.
+    message : str
+        The same in words.
+    heard : float
+        When it came [s].
+    values : mapping of str to str
+        Details.
+    """
+
+    level: Level
+    message: str
+    heard: float
+    values: Mapping[str, str] = field(default_factory=dict)
+
+    def check(self, name: str, now: float) -> Check:
+        """Return the item of the pre-flight; a node that fell silent fails.
+
+        Parameters
+        ----------
+        name : str
+            Of the part.
+        now : float
+            Present time on the clock of `heard` [s].
+        """
+        if (age := now - self.heard) > SILENCE:
+            return Check(name, f"silent for {age:.0f} s: {self.message}", Level.ERROR)
+        return Check(name, self.message, min(self.level, Level.ERROR))
+
+
+RECORDER = "trajectory_recorder: bag"
+"""Name under which the recorder says how it is."""
+
+
+def recording(report: Report | None, duration: float, now: float, *, needed: bool) -> Check:
+    """Return whether a bag is recorded, and whether the disk has room for the drive.
+
+    Parameters
+    ----------
+    report : Report, optional
+        Of the recorder.
+    duration : float
+        Of the drive [s].
+    now : float
+        Present time on the clock of the report [s].
+    needed : bool
+        Whether a drive that is not recorded is refused.
+    """
+    missing = Level.ERROR if needed else Level.WARN
+    if report is None:
+        return Check(RECORDER, "no recorder heard", missing)
+    check = report.check(RECORDER, now)
+    if check.level is Level.ERROR:
+        return Check(RECORDER, check.message, missing)
+    if "bag" not in report.values:
+        return Check(RECORDER, check.message, missing)
+    try:
+        free, rate = (float(report.values[key]) for key in ("disk_free", "bytes_per_second"))
+    except (KeyError, ValueError):
+        return check
+    room = f"{free / 1e9:.1f} GB free"
+    if rate * duration > free:
+        wanted = f"{room}, but the drive may take {rate * duration / 1e9:.1f} GB: make room"
+        return Check(RECORDER, wanted, missing)
+    return Check(RECORDER, f"{check.message}, {room}", check.level)

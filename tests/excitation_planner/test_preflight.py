@@ -1,0 +1,47 @@
+"""What others say of themselves before a drive."""
+
+import pytest
+
+from excitation_planner.preflight import SILENCE, Report, commanders, recording
+from tricycle_core.diagnostics import Level
+
+
+def report(age=0.0, level=Level.OK, message="recording", **values):
+    return Report(level, message, 100.0 - age, values)
+
+
+BAG = {"bag": "/data/run", "disk_free": "2e9", "bytes_per_second": "1e6"}
+
+
+@pytest.mark.parametrize(
+    ("heard", "level", "message"),
+    [
+        (report(**BAG), Level.OK, "recording, 2.0 GB free"),
+        (None, Level.ERROR, "no recorder heard"),
+        (report(message="not recording"), Level.ERROR, "not recording"),
+        (report(age=SILENCE + 1.0, **BAG), Level.ERROR, "silent for 4 s: recording"),
+        (report(level=Level.ERROR, message="disk full", **BAG), Level.ERROR, "disk full"),
+        (
+            report(**BAG | {"bytes_per_second": "1e8"}),
+            Level.ERROR,
+            "2.0 GB free, but the drive may take 6.0 GB: make room",
+        ),
+    ],
+)
+def test_a_drive_that_has_to_be_recorded_needs_a_recorder_and_room_for_it(heard, level, message):
+    check = recording(heard, 60.0, 100.0, needed=True)
+    assert (check.level, check.message) == (level, message)
+    if level is Level.ERROR:  # otherwise it is only said
+        assert recording(heard, 60.0, 100.0, needed=False).level is Level.WARN
+
+
+def test_a_stale_or_failed_part_fails():
+    assert report().check("link", 100.0).level is Level.OK
+    assert report(level=Level.STALE).check("link", 100.0).level is Level.ERROR
+    assert report(age=3.5).check("link", 100.0).message == "silent for 4 s: recording"
+
+
+def test_other_commanders_are_named():
+    assert commanders("/driver", ["/driver"]).message == "nobody else"
+    other = commanders("/driver", ["/driver", "/teleop", "/teleop"])
+    assert (other.level, other.message) == (Level.WARN, "/teleop could command too")
