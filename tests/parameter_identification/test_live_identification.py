@@ -1,6 +1,7 @@
 """Identification during a drive, fed sample by sample."""
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from parameter_identification.identification import identify
 from parameter_identification.live_identification import LiveIdentification, Planned
 from tricycle_core.errors import IdentificationError
 from tricycle_core.stamps import SECOND
+from tricycle_sim.commands import Commands
 
 START = 1_700_000_000 * SECOND
 NOISE = MeasurementNoise(noise_std=0.01, yaw_rate_std=0.001)
@@ -116,6 +118,20 @@ def test_a_drive_that_shows_less_says_why(plan, planned, measured, ended, reason
     _, verdict = live.end(ended)
     assert not verdict.informative
     assert reason in str(verdict)
+
+
+@pytest.mark.slow
+def test_a_drive_that_was_slower_or_clipped_says_so(plan, planned):
+    as_commanded = plan.commands
+    slow = Commands(as_commanded.time, as_commanded.steering_motor_angle, 0.6 * as_commanded.speed)
+    drive = replace(driven(slow, standstill=1.0, others=SENSORS), commands=as_commanded)
+    live, _ = fed(drive, planned, updates=False)
+    largest = np.abs(as_commanded.steering_motor_angle).max()
+    live.steer(-0.8 * largest)
+    _, verdict = live.end()
+    assert not verdict.informative
+    assert "slower: " in str(verdict)
+    assert f"steering clipped: {0.8 * largest:.3f} rad reached" in str(verdict)
 
 
 def test_before_the_vehicle_moves_nothing_is_known():

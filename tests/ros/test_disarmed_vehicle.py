@@ -67,7 +67,7 @@ class StandingVehicle:
     [
         (
             "before",
-            "maneuver_driver/start: vehicle: the vehicle is not armed: hardware",
+            "maneuver_driver/start: the vehicle is not armed: hardware",
             "no start event",
         ),
         ("during", "maneuver aborted: the vehicle is not armed: hardware", "maneuver was aborted"),

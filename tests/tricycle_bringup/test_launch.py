@@ -81,6 +81,12 @@ def test_a_simulation_starts_every_node_of_a_drive():
     }
 
 
+def test_the_monitor_is_started_where_it_is_asked_for_and_compares_with_the_plan():
+    nodes = launched_nodes("vehicle.launch.py", identification="true", plan_file="mine.json")
+    (monitor,) = (node for node in nodes if node["executable"] == "identification_monitor")
+    assert monitor["parameters"]["plan_file"] == "mine.json"
+
+
 def test_the_vehicle_never_starts_the_simulation_nor_arms_by_itself():
     nodes = launched_nodes("vehicle.launch.py", odom_topic="/localization/odometry")
     assert "tricycle_sim" not in {node["executable"] for node in nodes}

@@ -348,11 +348,12 @@ class Playback:
         """
         plan = self._plan
         name = f"{plan.plan_id}, {plan.schedule.duration:.1f} s" if plan else ""
-        localisation = Check.of("localisation", self._pose_lost(now) or self._contradiction, "")
+        localisation = Check.of("localisation", self._unwatched(now), "")
         if localisation.level is Level.OK:
             localisation = self._resting.check(now - self._observed_stamp)
         speed = self._observed.speed if self._observed else math.nan
-        moves = "" if speed <= STANDSTILL_SPEED else f"moves at {speed:.2f} m/s; it must stand"
+        moving = not speed <= STANDSTILL_SPEED
+        moves = f"the vehicle moves at {speed:.2f} m/s; it must stand still" if moving else ""
         return (
             Check.of("plan", self._plan_missing(), name),
             Check.of("vehicle", self._not_ready(now), "armed"),
@@ -382,8 +383,9 @@ class Playback:
             If it cannot start: the first check of the pre-flight that fails.
         """
         self._check_free()
-        checks, plan = (*self.preflight(now), *others), self._plan
-        failures = [f"{c.name}: {c.message}" for c in checks if c.level is Level.ERROR]
+        plan = self._plan
+        failures = [c.message for c in self.preflight(now) if c.level is Level.ERROR]
+        failures += [f"{c.name}: {c.message}" for c in others if c.level is Level.ERROR]
         if failures or plan is None:
             raise PlanError(failures[0])
         self._fence = self._fence_of(plan)
@@ -551,8 +553,8 @@ class Playback:
         """Refuse unless the vehicle obeys and stands where it can be watched."""
         if reason := self._not_ready(now) or self._released(now):
             raise PlanError(reason)
-        if reason := self._pose_lost(now) or self._contradiction:
-            raise PlanError(f"{reason}; the vehicle drives only where it can be watched")
+        if reason := self._unwatched(now):
+            raise PlanError(reason)
         if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
             speed = self._observed.speed if self._observed else math.nan
             raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
@@ -714,6 +716,11 @@ class Playback:
         if age > self.odom_timeout:
             return f"no pose on odom for {age:.2f} s, by its stamp"
         return ""
+
+    def _unwatched(self, now: float) -> str:
+        """Why the vehicle cannot be watched; empty if it can."""
+        reason = self._pose_lost(now) or self._contradiction
+        return f"{reason}; the vehicle drives only where it can be watched" if reason else ""
 
     def _rests(self, now: float) -> bool:
         return (

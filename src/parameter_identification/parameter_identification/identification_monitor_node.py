@@ -25,7 +25,7 @@ from parameter_identification.live_identification import (
 )
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import ExcitationError, IdentificationError
-from tricycle_core.joints import REAR_WHEEL_JOINT
+from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node
 from tricycle_sim.commands import Commands
@@ -79,6 +79,9 @@ class IdentificationMonitor(Node):
         self._live.sense(Sensor.YAW_RATE, stamp_of(message), (message.angular_velocity.z,))
 
     def _on_joints(self, message: JointState) -> None:
+        angle = dict(zip(message.name, message.position, strict=False)).get(STEERING_JOINT)
+        if angle is not None:
+            self._live.steer(angle)
         rate = dict(zip(message.name, message.velocity, strict=False)).get(REAR_WHEEL_JOINT)
         if rate is not None:
             self._live.sense(Sensor.WHEEL_SPEED, stamp_of(message), (rate,))

@@ -52,6 +52,15 @@ AS_PLANNED = 1.2
 NOISIER = 1.5
 """Ratio of a sensor's noise to the planned one from which it is a reason."""
 
+SLOWER = 0.9
+"""Share of the commanded way below which a drive was slower than planned."""
+
+CLIPPED = 0.95
+"""Share of the commanded steering below which it was clipped."""
+
+CHORD = 0.5
+"""Time between the positions that a way is summed over [s]: shorter ones would add noise."""
+
 
 @dataclass(frozen=True, eq=False)
 class Planned:
@@ -188,6 +197,7 @@ class _Drive:
     nuisances: dict[str, float] = field(default_factory=dict)  # in their units
     noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
     rate: dict[Sensor, float] = field(default_factory=dict)  # Hz
+    steered: float | None = None  # largest angle of the steering motor either way, rad
 
     def variables(self, problem: LeastSquares) -> FloatArray:
         """Where the next fit starts: the means of the nuisances' priors follow the samples."""
@@ -246,6 +256,17 @@ class LiveIdentification:
         samples.append((stamp, values))
         while self._drive is None and abs(samples[0][0] - stamp) > KEPT:
             samples.popleft()
+
+    def steer(self, angle: float) -> None:
+        """Take a measured angle of the steering motor, for the reasons of the verdict.
+
+        Parameters
+        ----------
+        angle : float
+            Left positive [rad]; what is no finite number is left out.
+        """
+        if self._drive is not None and math.isfinite(angle):
+            self._drive.steered = max(self._drive.steered or 0.0, abs(angle))
 
     def begin(self, commands: Commands, start: int, planned: Planned | None = None) -> None:
         """Begin a drive; what was learnt in another one is forgotten.
@@ -323,6 +344,17 @@ class LiveIdentification:
             return
         if moment.elapsed < drive.commands.duration - 0.5:
             yield f"ended after {moment.elapsed:.1f} of {drive.commands.duration:.1f} s"
+        commands, signal = drive.commands, self._signals(drive, math.inf)[Sensor.POSITION]
+        steps = np.arange(0.0, min(moment.elapsed, commands.duration), CHORD)
+        path = [np.interp(steps, signal.time, column) for column in signal.values.T]
+        way = float(np.hypot(*np.diff(path)).sum())
+        gone = np.cumsum(np.abs(commands.speed[:-1]) * np.diff(commands.time))
+        meant = float(np.interp(steps[-1], commands.time[1:], gone))
+        if way < SLOWER * meant:
+            yield f"slower: {way:.1f} m driven, {meant:.1f} m commanded"
+        most = float(np.abs(commands.steering_motor_angle).max())
+        if drive.steered is not None and drive.steered < CLIPPED * most:
+            yield f"steering clipped: {drive.steered:.3f} rad reached, {most:.3f} rad commanded"
         noise = drive.planned.noise
         for sensor, white, rate in (
             (Sensor.POSITION, noise.noise_std, noise.pose_rate),

@@ -34,8 +34,9 @@ DIAGNOSTICS_PERIOD = 1.0  # s
 DRAIN = 1000  # messages taken in one callback, so that services are answered in a flood
 CLOCK_DEPTH = 10_000  # ticks that wait for the next message
 TOPICS = [
-    *("maneuver/*", "vehicle/state", "odom", "imu", "joint_states", "joint_commands"),
-    *("battery_state", "/diagnostics", "cmd_vel", "/tf", "/tf_static", "robot_description"),
+    *("maneuver/*", "identification/*", "vehicle/state", "odom", "imu"),
+    *("joint_states", "joint_commands", "battery_state", "/diagnostics", "cmd_vel"),
+    *("/tf", "/tf_static", "robot_description"),
 ]
 
 

@@ -36,6 +36,7 @@ VEHICLE_ARGUMENTS: Mapping[str, tuple[str | None, str]] = {
     "payload": ("0.0", "kg that the vehicle carries at most, besides what the file says"),
     "plan_file": ("plan.json", "of the planner, to read and write"),
     "bag": ("", "empty: ~/start records"),
+    "identification": ("false", "identify while driving, and compare with the plan"),
 }
 """Launch arguments of `VehicleNodes`: default and description by name."""
 
@@ -119,7 +120,7 @@ class VehicleNodes:
         return self.node(name, name, *parameters, on_exit=_shut_down_after(name))
 
     def actions(self, ports: Parameters) -> list[Action]:
-        """Return bridge, planner, maneuver driver, recorder and, where installed, the model.
+        """Return all nodes; the monitor where asked for, the model where it can be published.
 
         Parameters
         ----------
@@ -128,19 +129,20 @@ class VehicleNodes:
         """
         vehicle, plan = self.value["vehicle_file"], self.value["plan_file"]
         bag = self.value["bag"]
+        files: Parameters = {"vehicle_file": vehicle, "plan_file": plan}
+        monitors = []
+        if self.value["identification"].lower() == "true":
+            monitors = [self.node("parameter_identification", "identification_monitor", files)]
         return [
             *self._bridge(ports),
-            self.node(
-                "excitation_planner",
-                "excitation_planner",
-                {"vehicle_file": vehicle, "plan_file": plan},
-            ),
+            self.node("excitation_planner", "excitation_planner", files),
             self.node("excitation_planner", "maneuver_driver", driver_parameters(vehicle)),
             self.node(
                 "trajectory_recorder",
                 "trajectory_recorder",
                 {"output": bag, "record": bool(bag)},
             ),
+            *monitors,
             *self._state_publisher(),
         ]
 
