@@ -100,7 +100,7 @@ def magic(commands, truth):
 def late_drive(commands, truth):
     time, angle, speed = on_ticks(commands)
     late = round(0.12 / TICK)
-    speed = np.concatenate([np.full(late, speed[0]), speed[:-late]])
+    speed = np.concatenate([np.zeros(late), speed[:-late]])
     return driven(VEHICLE, Commands(time, angle, speed), truth)
 
 
@@ -129,9 +129,9 @@ WORLDS = {  # motion, and the effects that act
         ("servo-bandwidth", "servo-dead-time", "speed-loop"),
     ),
     "localisation late, drifts": (of(), ()),
-    # no effect is of their kind
+    "drive 120 ms late": (late_drive, ("drive-dead-time",)),
+    # no effect is of its kind
     "tyre of the magic formula": (magic, ("turn-deviation", "speed-deviation")),
-    "drive 120 ms late": (late_drive, ("turn-deviation", "speed-deviation")),
 }
 
 

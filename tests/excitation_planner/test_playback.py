@@ -605,7 +605,7 @@ def test_hold_to_run_released_or_silent_ends_the_run_and_is_needed_to_start():
 def returning(now=10.0):
     """A playback that has driven, stands 1 m ahead of its start, and is asked to go back."""
     playback = running(now)
-    there = replace(AT_REST, y=AT_REST.y + 1.0)
+    there = replace(AT_REST_IN_ODOM, y=AT_REST.y + 1.0)
     for t in np.arange(now, now + 4.0, 0.1):
         playback.observe(AT_REST if playback.state is PlaybackState.RUNNING else there, t, t)
         playback.hear(ARMED, t)
@@ -629,16 +629,89 @@ def test_the_way_back_leads_to_where_the_run_began():
     np.testing.assert_allclose(wanted.start, chassis.axle(there.x, there.y, there.yaw))
     np.testing.assert_allclose(wanted.goal, chassis.axle(AT_REST.x, AT_REST.y, AT_REST.yaw))
     playback.follow((Arc(wanted.start, 0.0, -1.0),))
-    driven = []
-    for t in np.arange(now, now + 3.0, 0.01):
+    now, pose = backwards(playback, there, now)
+    assert pose.y < there.y - 0.3
+    playback.hear(PRESSED, now)
+    assert playback.state is PlaybackState.ABORTED
+    assert playback.tick(now).wheel_rate == 0.0
+    assert playback.route_wanted is None
+
+
+def backwards(playback, pose, now):
+    """Time and pose after 3 s in which the vehicle, heading +y, does what it is told."""
+    end = now + 3.0
+    while now < end and playback.state is PlaybackState.RETURNING:
+        now += 0.01
+        command = playback.tick(now)
+        speed = command.wheel_rate * playback.chassis.tyre_radius
+        slip = np.pi if speed < 0.0 else 0.0
+        pose = replace(pose, y=pose.y + 0.01 * speed, speed=abs(speed), slip=slip)
+        playback.observe(pose, now, now)
+        playback.hear(ARMED, now)
+        if playback.hold_timeout:
+            playback.hold(True, now)
+    return now, pose
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        (
+            lambda p, pose, t: p.observe(replace(pose, y=pose.y - 0.4), t + 0.01, t + 0.01),
+            r"the pose is 0\.39 m from where",
+        ),
+        (lambda p, pose, t: p.observe(replace(pose, x=math.nan), t, t), "not finite"),
+        (lambda p, pose, t: [p.hear(ARMED, t + 0.6), p.tick(t + 0.6)], r"no pose on odom for 0\.6"),
+        (
+            lambda p, pose, t: [
+                [p.hear(ARMED, t + d), p.observe(pose, t + d, t + d), p.tick(t + d)]
+                for d in np.arange(0.05, 0.7, 0.05)
+            ],
+            "the pose has been the same for",
+        ),
+        (lambda p, pose, t: p.hold(False, t), "maneuver/hold is not pressed"),
+        (lambda p, pose, t: p.abort("asked for"), "asked for"),
+        (lambda p, pose, t: p.tick(t - 1.0), "the clock jumped back"),
+    ],
+)
+def test_what_ends_a_run_ends_the_way_back_too(fault, reason):
+    playback, there, now = returning()
+    playback.hold_timeout = 1.0
+    playback.hold(True, now)
+    while playback.route_wanted is None:
+        now, _ = backwards(playback, there, now)
+    playback.follow((Arc(playback.route_wanted.start, 0.0, -1.0),))
+    now, pose = backwards(playback, there, now)
+    assert pose.speed > 0.1
+    fault(playback, pose, now)
+    command = playback.tick(now + 0.01)
+    assert playback.state is PlaybackState.ABORTED
+    assert re.search(reason, playback.reason)
+    assert command.wheel_rate == 0.0
+
+
+def test_the_way_back_stops_before_it_leads_off_the_area():
+    playback = fenced()
+    playback.start(10.0)
+    playback.abort("asked for")
+    there = replace(AT_REST_IN_ODOM, y=3.0)
+    for t in np.arange(10.0, 16.0, 0.1):
         playback.observe(there, t, t)
         playback.hear(ARMED, t)
-        driven.append(playback.tick(t).wheel_rate)
-    assert min(driven) < 0.0 == max(driven)
-    playback.hear(PRESSED, t)
+        playback.tick(t)
+    playback.go_back(t)
+    while playback.route_wanted is None:
+        t, _ = backwards(playback, there, t)
+    assert playback.fenced
+    assert playback.route_wanted.ground
+    far = Arc(playback.route_wanted.start, 0.0, -9.0)  # a wrong route, beyond y = 0
+    playback.follow((far,))
+    pose = there
+    for _ in range(10):
+        t, pose = backwards(playback, pose, t)
     assert playback.state is PlaybackState.ABORTED
-    assert playback.tick(t).wheel_rate == 0.0
-    assert playback.route_wanted is None
+    assert playback.reason.startswith("fence: ")
+    assert pose.y + BODY[:, 0].min() > 0.0
 
 
 def test_who_is_back_already_waits_for_the_next_start():

@@ -12,6 +12,7 @@ from parameter_identification.estimation.effects import EFFECTS, effects_of, ext
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.identification import identify
 from tricycle_core.errors import IdentificationError
+from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle.batch import simulate
 
 ZERO = np.radians(1.5)  # of the steering
@@ -86,7 +87,7 @@ def test_derivatives_are_those_of_the_prediction():
     b = 0.1 * np.random.default_rng(0).standard_normal(len(model.nuisances))
     b = np.maximum(b, [n.low / n.std + 0.5 for n in model.nuisances])
     for name, _, found, slope in slopes(model, shares(TRUTH), b):
-        tolerance = (0.1 if name == "servo dead time" else 0.03) * np.abs(slope).max() + 1e-6
+        tolerance = (0.1 if name.endswith("dead time") else 0.03) * np.abs(slope).max() + 1e-6
         np.testing.assert_allclose(found, slope, atol=tolerance, err_msg=name)
 
 
@@ -134,6 +135,23 @@ def test_play_and_saturation_are_found_with_the_parameters():
     stiffness = found.parameters["cornering_stiffness"]
     assert stiffness.identifiable
     assert stiffness.low <= TRUTH[0] <= stiffness.high
+
+
+@pytest.mark.slow
+def test_a_drive_that_answers_late_is_found_with_the_parameters():
+    late = 0.06  # s
+    drives = []
+    for i, (name, c) in enumerate(commands_of_pair().items()):
+        rows = round(late / c.time[1])
+        speed = np.concatenate([np.zeros(rows), c.speed[:-rows]])
+        delayed = driven(Commands(c.time, c.steering_motor_angle, speed), seed=i, name=name)
+        drives.append(dataclasses.replace(delayed, commands=c))
+    found = identify(drives, VEHICLE, effects=("drive-dead-time",))
+    (delay,) = found.effects
+    assert delay.estimate == pytest.approx(late, abs=4 * delay.standard_deviation)
+    assert delay.standard_deviation < 0.01
+    for name, true in zip(NAMES, TRUTH, strict=True):
+        assert found.parameters[name].low <= true <= found.parameters[name].high
 
 
 @pytest.mark.slow

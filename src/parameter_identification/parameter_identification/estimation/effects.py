@@ -22,6 +22,7 @@ from tricycle_sim.vehicle.registry import PARTS, law_name
 SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
 WHEEL_RADIUS = "wheel radius"
+DRIVE_DEAD_TIME = "drive dead time"
 REACH = 4.0  # standard deviations of the prior that an effect may have at most
 
 
@@ -99,6 +100,7 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
 _OTHERS = (
+    Effect(DRIVE_DEAD_TIME, "s", 0.05, low=0.0, high=REACH * 0.05, step=0.1),
     Effect(SENSOR_FORWARD, "m", 0.03),
     Effect(SENSOR_LEFT, "m", 0.03),
     Effect(SENSOR_YAW, "rad", 0.02),

@@ -2,9 +2,10 @@
 
 One batch of the simulator gives the motion and its finite differences: the vehicle of the moment,
 one per parameter, one per effect on the vehicle, one for the start speed; eight lanes cost what one
-does. The other effects change this motion afterwards (`_distorted`), and are differentiated by
-doing so once more. The other nuisances act in closed form: start pose (a rigid motion), time
-offsets of the clocks (a derivative by time), gyro bias (a constant).
+does. The drive's dead time, common to a batch, takes another one. The other effects change this
+motion afterwards (`_distorted`), and are differentiated by doing so once more. The other nuisances
+act in closed form: start pose (a rigid motion), time offsets of the clocks (a derivative by time),
+gyro bias (a constant).
 
 All variables are scaled to be of the order 1: parameters in their ranges (0 to 1), a nuisance in
 the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuisances of
@@ -20,6 +21,7 @@ import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
 from parameter_identification.estimation.effects import (
+    DRIVE_DEAD_TIME,
     SENSOR_FORWARD,
     SENSOR_LEFT,
     SENSOR_YAW,
@@ -77,6 +79,12 @@ class _Motions:
         seen = [_interpolate(rows, time, held=held) for rows in self.channels(sensor)]
         values, slopes = zip(*seen, strict=True)
         return np.array(values), np.array(slopes)
+
+    def with_another(self, more: "_Motions") -> "_Motions":
+        """These motions and others after them."""
+        names = [field.name for field in dataclasses.fields(self)]
+        rows = {name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in names}
+        return _Motions(**rows)
 
     def one(self, i: int) -> "_Motions":
         """One of the motions, as n = 1."""
@@ -182,7 +190,8 @@ class DriveModel:
         self.shared = sum(not e.per_drive for e in effects)
         self.nuisances += self._start_and_sensors()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
-        # by a simulation each: effects on constants and the start speed; by a distortion: the rest
+        # by a simulation each: effects on constants, the start speed, the drive's dead time; by a
+        # distortion: the rest
         effect_of = enumerate(n.effect for n in self.nuisances)
         effect_at = [(i, e) for i, e in effect_of if e is not None]
         self._by_simulation = {i: e for i, e in effect_at if e.constants}
@@ -191,7 +200,10 @@ class DriveModel:
         self._moving = [i for i, n in enumerate(self.nuisances) if n.name not in still]
         # the last ones by sensor, and the point (z, moving nuisances) that they are of
         self._derivatives: tuple[tuple[FloatArray, ...], dict[Sensor, FloatArray]] = (), {}
-        self._stepped = [*self._by_simulation, *(i for i, e in effect_at if not e.constants)]
+        self._delay = self._at.get(DRIVE_DEAD_TIME)
+        delay = [] if self._delay is None else [self._delay]
+        others = (i for i, e in effect_at if not e.constants and i != self._delay)
+        self._stepped = [*self._by_simulation, *delay, *others]
         self._effect_steps = np.array(
             [e.step for i in self._stepped if (e := self.nuisances[i].effect) is not None]
         )
@@ -253,16 +265,22 @@ class DriveModel:
         return values
 
     def _motion(
-        self, batch: CommandedBatch, constants: FloatArray, speeds: FloatArray | None = None
+        self,
+        batch: CommandedBatch,
+        constants: FloatArray,
+        speeds: FloatArray | None = None,
+        delay: float = 0.0,
     ) -> "_Motions":
         """Motions of vehicles with values (n, K) of the batch's unknown, from start speeds (n,).
 
-        Default: the measured start speed.
+        Default: the measured start speed. The drive has the same dead time in all [s].
         """
         if speeds is None:
             speeds = np.full(len(constants), self.drive.start.speed)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
-        return _Motions(*batch.run(constants, names, speed=speeds).columns.values())
+        return _Motions(
+            *batch.run(constants, names, speed=speeds, drive_delay=delay).columns.values()
+        )
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
@@ -308,11 +326,12 @@ class DriveModel:
         """
         k = len(z)
         speed = b[self._at["start speed"]]
+        delay = 0.0 if self._delay is None else float(b[self._delay])
         if not steps:
             point = self._nominal[np.newaxis].copy()
             point[:, self._parameters] = self.parameters(z)
             self._apply_effects(point, b[np.newaxis])
-            motion = self._motion(self._batch, point, np.array([speed]))
+            motion = self._motion(self._batch, point, np.array([speed]), delay)
             return self._distorted(motion, b[np.newaxis]), np.empty((0, 1))
         lengths = np.where(z < 0.5, STEP, -STEP)
         # lanes: here, a step of each parameter, of the start speed, of each effect
@@ -328,7 +347,11 @@ class DriveModel:
         points = np.tile(self._nominal, (len(ranges), 1))
         points[:, self._parameters] = self.parameters(ranges)
         self._apply_effects(points, values[: len(points)])
-        motion = self._distorted(self._motion(self._batch, points, speeds), values)
+        motion = self._motion(self._batch, points, speeds, delay)
+        if self._delay is not None:
+            later = float(values[len(points), self._delay])
+            motion = motion.with_another(self._motion(self._batch, points[:1], speeds[:1], later))
+        motion = self._distorted(motion, values)
         return motion, np.concatenate([lengths, [SPEED_STEP / START_SPEED], effect_steps])[:, None]
 
     def _apply_effects(self, points: FloatArray, values: FloatArray) -> None:

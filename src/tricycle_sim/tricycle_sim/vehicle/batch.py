@@ -297,6 +297,7 @@ class CommandedBatch:
     def __init__(self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0) -> None:
         check_step(vehicle, TICK)
         self._vehicle, self._functions = vehicle, functions_for(vehicle)
+        self._setpoint = setpoint
         rows = command_rows(commands)
         ticks = len(rows)
         self.time = np.arange(ticks + 1, dtype=np.float64) * TICK
@@ -361,6 +362,7 @@ class CommandedBatch:
         columns: Sequence[str],
         *,
         speed: FloatArray | None = None,
+        drive_delay: float = 0.0,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
 
@@ -373,15 +375,20 @@ class CommandedBatch:
             not the steering motor's angle.
         speed : ndarray of float, shape (n,), optional
             At which the vehicles roll at the start [m/s]; by default they are at rest.
+        drive_delay : float
+            By which the motor hears of its set-point later [s].
         """
+        drive = self._drive
+        if drive_delay:
+            drive, demand = drive.copy(), drive[:, COMMAND.demand]
+            before = self.time - drive_delay
+            drive[:, COMMAND.demand] = np.interp(before, self.time, demand, left=self._setpoint)
         needs = {name: self.available[name][0] for name in columns}
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
         out = np.empty((len(rows), len(groups) * LANES, len(self.time)))
         table, axles, angles = self._steering(parameters)
-        self._advance(
-            groups, table, self._lag, self._drive, 1, 0, np.array(rows, dtype=np.int64), out
-        )
+        self._advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), out)
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
         found = {
             name: self.available[name][1](axles, *(recorded[row] for row in need))
