@@ -658,7 +658,7 @@ def backwards(playback, pose, now):
     [
         (
             lambda p, pose, t: p.observe(replace(pose, y=pose.y - 0.4), t + 0.01, t + 0.01),
-            r"the pose is 0\.39 m from where",
+            r"the pose is 0\.40 m from where",
         ),
         (lambda p, pose, t: p.observe(replace(pose, x=math.nan), t, t), "not finite"),
         (lambda p, pose, t: [p.hear(ARMED, t + 0.6), p.tick(t + 0.6)], r"no pose on odom for 0\.6"),
