@@ -15,6 +15,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from tricycle_core import __version__
+from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
 from tricycle_core.timing import TICK
 from tricycle_sim.fmi.expressions import Expression, c_text, literal
@@ -47,8 +48,6 @@ from tricycle_sim.vehicle.registry import wheel_values
 from tricycle_sim.vehicle.stability import check_step
 
 COMPILER = "gcc"
-LIBRARIES = {"linux-vdso.so.1", "libm.so.6", "libc.so.6", "/lib64/ld-linux-x86-64.so.2"}
-"""All that the binary may need."""
 _FIRST_OUTPUT, _FIRST_PARAMETER = 100, 1000  # value references
 _CAMBER = "camber_stiffness"  # set aside where the vehicle stands, as `groups.equilibrium` does
 _INPUTS = (
@@ -106,7 +105,7 @@ class _Variable:
     high: float | None = None
 
 
-def export_fmu(vehicle: Vehicle, output: Path) -> None:
+def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
     """Write a vehicle as an FMU 2.0 for co-simulation on 64-bit Linux.
 
     Its inputs are the boards' set-points before slewing. Parameters are all constants but those of
@@ -119,6 +118,11 @@ def export_fmu(vehicle: Vehicle, output: Path) -> None:
         With wheels that touch the ground.
     output : Path
         File to write.
+
+    Returns
+    -------
+    tuple of str
+        Unknown parameters of the vehicle that are no parameters of the FMU.
 
     Raises
     ------
@@ -157,13 +161,12 @@ def export_fmu(vehicle: Vehicle, output: Path) -> None:
             archive.write(
                 place / f"{identifier}.so", f"binaries/linux64/{identifier}.so"
             )
-        part = output.with_name(f"{output.name}.part")
         try:
-            shutil.copyfile(whole, part)
-            part.replace(output)
+            write_whole(output, whole.read_bytes())
         except OSError as error:
-            part.unlink(missing_ok=True)
-            raise VehicleError(f"{output}: {error.strerror}") from None
+            raise VehicleError(f"{output}: cannot be written: {error.strerror}") from None
+    names = {variable.name for variable in variables}
+    return tuple(name for name in vehicle.unknown if name not in names)
 
 
 def fmu_parameters(vehicle: Vehicle) -> tuple[str, ...]:
