@@ -27,7 +27,7 @@ setup(
             "mujoco = tricycle_sim.plants.mujoco_plant:MujocoPlant",
             "commonroad = tricycle_sim.plants.commonroad_plant:MultiBodyPlant",
             "elsewhere = tricycle_sim.plants.elsewhere_node:ElsewherePlant",
-            "fmu = tricycle_sim.plants.fmu_plant:FmuPlant",
+            "fmu = tricycle_sim.plants.fmu_plant:fmu_plant",
         ],
         "pytest11": ["tricycle = tricycle_sim.pytest_plugin"],
     },

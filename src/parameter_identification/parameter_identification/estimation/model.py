@@ -15,6 +15,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -32,8 +33,9 @@ from parameter_identification.estimation.effects import (
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import CommandedBatch
+from tricycle_sim.vehicle.batch import CommandedBatch, Run
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
@@ -51,6 +53,26 @@ CLOCKS = {  # position and heading come from one localisation
     Sensor.YAW_RATE: "gyro delay",
     Sensor.WHEEL_SPEED: "wheel delay",
 }
+
+
+class Batch(Protocol):
+    """Simulates samples of a vehicle under the same commands, as `CommandedBatch` does."""
+
+    time: FloatArray
+
+    def run(
+        self, parameters: FloatArray, columns: Sequence[str], *, speed: FloatArray | None = None
+    ) -> Run:
+        """Return the columns of samples (n, k) that start with speeds (n,)."""
+        ...
+
+
+class Simulator(Protocol):
+    """Makes a `Batch`."""
+
+    def __call__(self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0) -> Batch:
+        """Return what simulates a vehicle under commands."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +169,8 @@ class DriveModel:
         Commands and signals.
     effects : sequence of Effect, optional
         Estimated beside the parameters.
+    simulator : callable
+        Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
 
     Attributes
     ----------
@@ -157,16 +181,21 @@ class DriveModel:
     """
 
     def __init__(
-        self, vehicle: Vehicle, drive: MeasuredDrive, effects: Sequence[Effect] = ()
+        self,
+        vehicle: Vehicle,
+        drive: MeasuredDrive,
+        effects: Sequence[Effect] = (),
+        simulator: Simulator = CommandedBatch,
     ) -> None:
+        self.simulator = simulator
         self.vehicle, self.drive, self.effects = vehicle, drive, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
         simulated = _with_effects(vehicle, effects)
-        self._batch = CommandedBatch(simulated, drive.commands, setpoint=drive.start.speed)
+        self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
         # the starts are chosen without effects
         self._unaffected = (
-            CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
+            simulator(vehicle, drive.commands, setpoint=drive.start.speed)
             if effects
             else self._batch
         )
@@ -253,7 +282,7 @@ class DriveModel:
         return values
 
     def _motion(
-        self, batch: CommandedBatch, constants: FloatArray, speeds: FloatArray | None = None
+        self, batch: Batch, constants: FloatArray, speeds: FloatArray | None = None
     ) -> "_Motions":
         """Motions of vehicles with values (n, K) of the batch's unknown, from start speeds (n,).
 

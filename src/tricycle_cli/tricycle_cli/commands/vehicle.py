@@ -67,9 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         verbs, "export-fmu", "write it as an FMU 2.0 for co-simulation that needs no Python"
     )
     _add_file(export)
-    export.add_argument(
-        "--output", type=Path, required=True, metavar="OUTPUT", help="FMU to write"
-    )
+    export.add_argument("--output", type=Path, required=True, metavar="OUTPUT", help="FMU to write")
     export.add_argument("--overwrite", action="store_true", help="replace OUTPUT if it is there")
     export.set_defaults(run=run_export_fmu)
 

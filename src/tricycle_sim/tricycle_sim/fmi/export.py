@@ -147,7 +147,7 @@ def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
         (place / "vehicle.o").write_bytes(object_file(vehicle))
         command = f"{compiler} -std=gnu11 -O2 -fPIC -shared -fvisibility=hidden".split()
         command += ["-Wl,--no-undefined", "-Wl,-z,noexecstack", "-o", f"{identifier}.so"]
-        made = subprocess.run(
+        made = subprocess.run(  # noqa: S603 - our own source
             [*command, "fmu.c", "vehicle.o", "-lm"], cwd=place, capture_output=True, text=True
         )
         if made.returncode:
@@ -158,9 +158,7 @@ def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
             archive.writestr(
                 "modelDescription.xml", _description(vehicle, identifier, guid, variables)
             )
-            archive.write(
-                place / f"{identifier}.so", f"binaries/linux64/{identifier}.so"
-            )
+            archive.write(place / f"{identifier}.so", f"binaries/linux64/{identifier}.so")
         try:
             write_whole(output, whole.read_bytes())
         except OSError as error:
@@ -307,9 +305,7 @@ def _exponents(unit: str) -> dict[str, int]:
     return {base: number for base, number in found.items() if number}
 
 
-def _description(
-    vehicle: Vehicle, identifier: str, guid: str, variables: list[_Variable]
-) -> bytes:
+def _description(vehicle: Vehicle, identifier: str, guid: str, variables: list[_Variable]) -> bytes:
     """Return modelDescription.xml."""
     root = ElementTree.Element(
         "fmiModelDescription",

@@ -190,23 +190,10 @@ def object_file(vehicle: Vehicle) -> bytes:
     """
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
-    whole = None
-    made = functions(vehicle)
-    for name, function in made.items():
-        # numba has no public way to its LLVM code before it is bound to this processor
-        code = function._library.get_llvm_str().replace(function._wrapper_name, name)  # noqa: SLF001
-        module = llvm.parse_assembly(code)
-        for part in module.functions:
-            if not part.is_declaration and part.name != name:
-                part.linkage = "internal"
-        for number in module.global_variables:
-            if not number.is_declaration:
-                number.linkage = "internal"
-        if whole is None:
-            whole = module
-        else:
-            whole.link_in(module)
-    assert whole is not None
+    modules = [_module(name, function) for name, function in functions(vehicle).items()]
+    whole, *others = modules
+    for other in others:
+        whole.link_in(other)
     target = llvm.Target.from_triple("x86_64-unknown-linux-gnu")
     machine = target.create_target_machine(
         cpu="x86-64", features="", opt=3, reloc="pic", codemodel="default"
@@ -215,3 +202,14 @@ def object_file(vehicle: Vehicle) -> bytes:
     passes.getModulePassManager().run(whole, passes)
     whole.verify()
     return bytes(machine.emit_object(whole))
+
+
+def _module(name: str, function: Any) -> Any:
+    """Return the LLVM code of a function, of which only its name in C is seen from outside."""
+    # numba has no public way to its code before that is bound to this processor
+    code = function._library.get_llvm_str().replace(function._wrapper_name, name)  # noqa: SLF001
+    module = llvm.parse_assembly(code)
+    for part in (*module.functions, *module.global_variables):
+        if not part.is_declaration and part.name != name:
+            part.linkage = "internal"
+    return module

@@ -34,11 +34,18 @@ QUANTITIES = {
 """Our quantities by name, with their units."""
 INPUTS = ("steering", "speed", "torque", "brake", "torque_mode")
 """Those that go into an FMU; all others come out."""
+START = {"start_speed": "m/s", "start_speed_setpoint": "m/s"}
+"""Parameters that are none of the vehicle's: its speed at the start, and the set-point's."""
 UNITS = {
     "rad": {"rad": 1.0, "deg": math.pi / 180.0},
     "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3},
     "m/s": {"m/s": 1.0, "km/h": 1.0 / 3.6},
-    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rev/min": math.pi / 30.0, "rpm": math.pi / 30.0},
+    "rad/s": {
+        "rad/s": 1.0,
+        "deg/s": math.pi / 180.0,
+        "rev/min": math.pi / 30.0,
+        "rpm": math.pi / 30.0,
+    },
     "m/s^2": {"m/s^2": 1.0, "m/s2": 1.0, "g": 9.80665},
     "N m": {"N m": 1.0, "N.m": 1.0, "kN.m": 1e3},
     "1": {"1": 1.0, "%": 0.01},
@@ -132,7 +139,9 @@ def load_mapping(path: Path) -> FmuMapping:
         for name in () if part == "parameters" else entries:
             right = [q for q in QUANTITIES if (q in INPUTS) == (part == "inputs")]
             if name not in right:
-                raise PlantError(f"{path}: {part}.{name}: unknown; {suggest_name(str(name), right)}")
+                raise PlantError(
+                    f"{path}: {part}.{name}: unknown; {suggest_name(str(name), right)}"
+                )
     mapping = decode(FmuMapping, {**filled, "folder": str(path.parent)}, str(path), PlantError)
     if not (math.isfinite(mapping.step) and mapping.step > 0.0):
         raise PlantError(f"{path}: step: {mapping.step:g} must be positive (s)")
