@@ -25,6 +25,7 @@ MAPPING = {
     "parameters": {
         name: name for name in (*VEHICLE.unknown, "start_speed", "start_speed_setpoint")
     },
+    "start_values": {"slewed": True},
 }
 
 

@@ -48,7 +48,6 @@ def test_it_moves_as_the_batch_does_with_any_parameters(exported):
         list(zip(held, angle, speed, strict=True)),
         dtype=[("time", float), ("steering_setpoint", float), ("speed_setpoint", float)],
     )
-    # FMPy interpolates inputs between their samples: step where they step
     for i, point in enumerate(points):
         found = _driven(exported, signals, dict(zip(VEHICLE.unknown, point, strict=True)))
         for name, column in (

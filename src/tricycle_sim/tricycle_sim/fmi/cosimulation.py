@@ -32,11 +32,6 @@ class Fmu:
     units : mapping of str to str, optional
         Unit of each parameter of the caller; those that the mapping lacks are left out.
 
-    Raises
-    ------
-    PlantError
-        In one line: no FMU, not for co-simulation, no such variable, wrong unit or causality.
-
     Attributes
     ----------
     mapping : FmuMapping
@@ -45,6 +40,11 @@ class Fmu:
         By part of the mapping and name: type, value reference, our value by the FMU's.
     readings : dict
         By type: names of outputs, their value references, our values by the FMU's.
+
+    Raises
+    ------
+    PlantError
+        In one line: no FMU, not for co-simulation, no such variable, wrong unit or causality.
     """
 
     def __init__(self, mapping: FmuMapping, units: Mapping[str, str] | None = None) -> None:

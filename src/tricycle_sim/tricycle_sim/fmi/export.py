@@ -108,9 +108,9 @@ class _Variable:
 def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
     """Write a vehicle as an FMU 2.0 for co-simulation on 64-bit Linux.
 
-    Its inputs are the boards' set-points before slewing. Parameters are all constants but those of
-    the steering and the boards, which are compiled in. It moves in steps of 10 ms, one Runge-Kutta
-    step each, as batches do.
+    Its inputs are the boards' set-points, before slewing unless `slewed` is set. Parameters are all
+    constants but those of the steering and the boards, which are compiled in. It moves in steps of
+    10 ms, one Runge-Kutta step each, as batches do.
 
     Parameters
     ----------
@@ -363,6 +363,17 @@ def _description(vehicle: Vehicle, identifier: str, guid: str, variables: list[_
         description="whether torque_setpoint counts, not speed_setpoint",
     )
     ElementTree.SubElement(mode, "Boolean", start="false")
+    slewed = ElementTree.SubElement(
+        listed,
+        "ScalarVariable",
+        name="slewed",
+        valueReference="1",
+        causality="parameter",
+        variability="fixed",
+        initial="exact",
+        description="whether the set-points come slewed, as from boards",
+    )
+    ElementTree.SubElement(slewed, "Boolean", start="false")
     structure = ElementTree.SubElement(root, "ModelStructure")
     for kind in ("Outputs", "InitialUnknowns"):
         part = ElementTree.SubElement(structure, kind)

@@ -35,6 +35,7 @@ void vehicle_settle(double *group, double *servo, double *constants, double *tab
                     double *pose, double *work, double *lags, double *steps, int64_t *none);
 double vehicle_slew(double setpoint, double target, double rate);
 
+enum { TORQUE_MODE, SLEWED, BOOLEANS };
 enum { SETTING_UP, INITIALISING, STEPPING, ENDED };
 
 typedef struct {
@@ -43,7 +44,7 @@ typedef struct {
     int state;
     long ticks;
     double inputs[INPUTS], parameters[PARAMETERS];
-    int torque_mode;
+    fmi2Boolean booleans[BOOLEANS];
     double time, steering, speed; /* slewed set-points */
     double heading, drive_angle, drive_speed;
     int was_speed_mode;
@@ -133,10 +134,11 @@ static fmi2Status start(Vehicle *v) {
 }
 
 static fmi2Status tick(Vehicle *v) {
-    int speed_mode = !v->torque_mode;
-    v->steering = vehicle_slew(v->steering, v->inputs[STEERING_SETPOINT], STEERING_SLEW);
+    int speed_mode = !v->booleans[TORQUE_MODE], slewed = v->booleans[SLEWED];
+    double steering = v->inputs[STEERING_SETPOINT], speed = v->inputs[SPEED_SETPOINT];
+    v->steering = slewed ? steering : vehicle_slew(v->steering, steering, STEERING_SLEW);
     if (speed_mode)
-        v->speed = vehicle_slew(v->speed, v->inputs[SPEED_SETPOINT], ACCELERATION);
+        v->speed = slewed ? speed : vehicle_slew(v->speed, speed, ACCELERATION);
     else /* the set-point goes on from the speed there is */
         v->speed = v->drive_speed * wheel_radius(v->parameters, DRIVEN);
     if (speed_mode && !v->was_speed_mode) /* the controller starts anew */
@@ -203,7 +205,7 @@ FMI fmi2Status fmi2Reset(fmi2Component c) {
     Vehicle *v = c;
     memset(v->inputs, 0, sizeof v->inputs);
     memcpy(v->parameters, starts, sizeof starts);
-    v->torque_mode = 0;
+    memset(v->booleans, 0, sizeof v->booleans);
     v->state = SETTING_UP;
     return start(v);
 }
@@ -290,8 +292,8 @@ FMI fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference r[], size_t
 FMI fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference r[], size_t n,
                               fmi2Boolean out[]) {
     for (size_t i = 0; i < n; ++i) {
-        if (r[i] != 0) return fail(c, "fmi2GetBoolean: no such variable");
-        out[i] = ((Vehicle *)c)->torque_mode;
+        if (r[i] >= BOOLEANS) return fail(c, "fmi2GetBoolean: no such variable");
+        out[i] = ((Vehicle *)c)->booleans[r[i]];
     }
     return fmi2OK;
 }
@@ -299,8 +301,10 @@ FMI fmi2Status fmi2GetBoolean(fmi2Component c, const fmi2ValueReference r[], siz
 FMI fmi2Status fmi2SetBoolean(fmi2Component c, const fmi2ValueReference r[], size_t n,
                               const fmi2Boolean in[]) {
     for (size_t i = 0; i < n; ++i) {
-        if (r[i] != 0) return fail(c, "fmi2SetBoolean: no such variable");
-        ((Vehicle *)c)->torque_mode = in[i] != 0;
+        if (r[i] >= BOOLEANS) return fail(c, "fmi2SetBoolean: no such variable");
+        if (r[i] == SLEWED && ((Vehicle *)c)->state >= STEPPING)
+            return fail(c, "fmi2SetBoolean: parameters are fixed by now");
+        ((Vehicle *)c)->booleans[r[i]] = in[i] != 0;
     }
     return fmi2OK;
 }
