@@ -14,10 +14,8 @@ from tricycle_sim.vehicle import load_vehicle
 pytest.importorskip("fmpy")
 pytestmark = pytest.mark.slow
 VEHICLE = load_vehicle()
-LEAN = dict.fromkeys(
-    ["vx", "vy", "yaw_rate", "ax", "ay", "drive_speed", "motor_torque"]
-    + ["steering_motor_angle", "steering_motor_rate"]
-)
+STEERING = ("steering_motor_angle", "steering_motor_rate")
+LEAN = dict.fromkeys([*STEERING, "vx", "vy", "yaw_rate", "ax", "ay", "drive_speed", "motor_torque"])
 
 
 def plant(file):

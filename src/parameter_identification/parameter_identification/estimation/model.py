@@ -63,7 +63,17 @@ class Batch(Protocol):
     def run(
         self, parameters: FloatArray, columns: Sequence[str], *, speed: FloatArray | None = None
     ) -> Run:
-        """Return the columns of samples (n, k) that start with speeds (n,)."""
+        """Return the columns of samples.
+
+        Parameters
+        ----------
+        parameters : ndarray of float, shape (n, k)
+            Values of the vehicle's unknown parameters in its order.
+        columns : sequence of str
+            Names of columns of a trajectory.
+        speed : ndarray of float, shape (n,), optional
+            At which the samples roll at the start [m/s]; by default they are at rest.
+        """
         ...
 
 
