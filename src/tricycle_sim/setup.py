@@ -8,7 +8,7 @@ setup(
     name=NAME,
     version="0.2.0",
     packages=find_packages(include=[f"{NAME}*"]),
-    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json"]},
+    package_data={"": ["py.typed", "*.yaml", "*.xml", "*.html", "*.json", "*.c"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -27,6 +27,7 @@ setup(
             "mujoco = tricycle_sim.plants.mujoco_plant:MujocoPlant",
             "commonroad = tricycle_sim.plants.commonroad_plant:MultiBodyPlant",
             "elsewhere = tricycle_sim.plants.elsewhere_node:ElsewherePlant",
+            "fmu = tricycle_sim.plants.fmu_plant:fmu_plant",
         ],
         "pytest11": ["tricycle = tricycle_sim.pytest_plugin"],
     },

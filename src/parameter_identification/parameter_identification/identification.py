@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 from parameter_identification.drives.measured import MeasuredDrive
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.effects import EFFECTS, effects_of
-from parameter_identification.estimation.model import DriveModel, restrict
+from parameter_identification.estimation.model import DriveModel, Simulator, restrict
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import Optimum, find_optimum
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
@@ -55,6 +55,7 @@ from parameter_identification.estimation.weighing import Mixture, weigh_effects
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import CommandedBatch
 
 __all__ = [
     "EFFECTS", "Combination", "DriveFit", "EffectEstimate", "Estimate", "GaussianPrior", "HeldOut",
@@ -73,6 +74,7 @@ def identify(
     held_out: Sequence[MeasuredDrive] = (),
     effects: Sequence[str] = (),
     weighed: bool = False,
+    simulator: Simulator = CommandedBatch,
     loss: Loss = Loss.SQUARED,
     starts: int = 4,
     level: float = 0.95,
@@ -99,6 +101,8 @@ def identify(
     weighed : bool
         Whether the result is the average over the models with and without each effect, instead of
         that with all of them. Its intervals are those of the average, never profiles.
+    simulator : callable
+        Of the drives: our own model, or an FMU (`tricycle_sim.fmi.batch.FmuSimulator`).
     loss : Loss
         Cost of a residual.
     starts : int
@@ -127,7 +131,7 @@ def identify(
     with (
         threadpool_limits(1, user_api="blas"),  # for small matrices more threads only cost
         LeastSquares(
-            [DriveModel(known, drive, beside) for drive in drives],
+            [DriveModel(known, drive, beside, simulator) for drive in drives],
             *prior_in_ranges(known, prior),
             loss,
         ) as problem,
@@ -135,7 +139,9 @@ def identify(
         near = None
         if beside:  # without effects a search takes a tenth of the time
             with LeastSquares(
-                [DriveModel(known, drive) for drive in drives], *prior_in_ranges(known, prior), loss
+                [DriveModel(known, drive, (), simulator) for drive in drives],
+                *prior_in_ranges(known, prior),
+                loss,
             ) as without:
                 first = find_optimum(without, starts=starts, seed=seed, level=level)
             near = [first.fit.at[: without.k], *first.rivals]

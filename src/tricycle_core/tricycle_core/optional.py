@@ -15,6 +15,7 @@ EXTRAS = {
     "pyarrow": "parquet",
     "mujoco": "mujoco",
     "vehiclemodels": "commonroad",
+    "fmpy": "fmi",
 }
 """Extra of this distribution that brings a library."""
 

@@ -82,3 +82,20 @@ def slew_all(targets: FloatArray, rate: float, start: float = 0.0) -> tuple[Floa
         if behind > rate * TICK * (1.0 + 1e-6):
             lag[k] = behind
     return setpoints, lag
+
+
+def delayed(setpoints: FloatArray, delay: float, before: float) -> FloatArray:
+    """Return set-points of consecutive ticks that are heard later, linear between ticks.
+
+    Parameters
+    ----------
+    setpoints : ndarray of float, shape (t,)
+        Of every tick.
+    delay : float
+        By how much [s].
+    before : float
+        Set-point until the first one is heard.
+    """
+    ticks = np.arange(len(setpoints)) * TICK
+    heard: FloatArray = np.interp(ticks - delay, ticks, setpoints, left=before)
+    return heard

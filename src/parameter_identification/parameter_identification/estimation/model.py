@@ -16,6 +16,7 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -34,8 +35,9 @@ from parameter_identification.estimation.effects import (
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import CommandedBatch
+from tricycle_sim.vehicle.batch import CommandedBatch, Run
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
@@ -53,6 +55,43 @@ CLOCKS = {  # position and heading come from one localisation
     Sensor.YAW_RATE: "gyro delay",
     Sensor.WHEEL_SPEED: "wheel delay",
 }
+
+
+class Batch(Protocol):
+    """Simulates samples of a vehicle under the same commands, as `CommandedBatch` does."""
+
+    time: FloatArray
+
+    def run(
+        self,
+        parameters: FloatArray,
+        columns: Sequence[str],
+        *,
+        speed: FloatArray | None = None,
+        drive_delay: float = 0.0,
+    ) -> Run:
+        """Return the columns of samples.
+
+        Parameters
+        ----------
+        parameters : ndarray of float, shape (n, k)
+            Values of the vehicle's unknown parameters in its order.
+        columns : sequence of str
+            Names of columns of a trajectory.
+        speed : ndarray of float, shape (n,), optional
+            At which the samples roll at the start [m/s]; by default they are at rest.
+        drive_delay : float
+            By which the motor hears of its set-point later [s].
+        """
+        ...
+
+
+class Simulator(Protocol):
+    """Makes a `Batch`."""
+
+    def __call__(self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0) -> Batch:
+        """Return what simulates a vehicle under commands."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,6 +194,8 @@ class DriveModel:
         Commands and signals.
     effects : sequence of Effect, optional
         Estimated beside the parameters.
+    simulator : callable
+        Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
 
     Attributes
     ----------
@@ -165,16 +206,21 @@ class DriveModel:
     """
 
     def __init__(
-        self, vehicle: Vehicle, drive: MeasuredDrive, effects: Sequence[Effect] = ()
+        self,
+        vehicle: Vehicle,
+        drive: MeasuredDrive,
+        effects: Sequence[Effect] = (),
+        simulator: Simulator = CommandedBatch,
     ) -> None:
+        self.simulator = simulator
         self.vehicle, self.drive, self.effects = vehicle, drive, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
         simulated = _with_effects(vehicle, effects)
-        self._batch = CommandedBatch(simulated, drive.commands, setpoint=drive.start.speed)
+        self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
         # the starts are chosen without effects
         self._unaffected = (
-            CommandedBatch(vehicle, drive.commands, setpoint=drive.start.speed)
+            simulator(vehicle, drive.commands, setpoint=drive.start.speed)
             if effects
             else self._batch
         )
@@ -266,7 +312,7 @@ class DriveModel:
 
     def _motion(
         self,
-        batch: CommandedBatch,
+        batch: Batch,
         constants: FloatArray,
         speeds: FloatArray | None = None,
         delay: float = 0.0,

@@ -137,7 +137,7 @@ def predict_held_out(
         Of the residuals.
     """
     k, like = problem.k, problem.models[0]
-    model = DriveModel(like.vehicle, drive, like.effects)
+    model = DriveModel(like.vehicle, drive, like.effects, like.simulator)
     with LeastSquares([model], problem.mean, problem.information, loss) as alone:
         alone.noise |= {
             sensor: problem.noise[sensor] for sensor in alone.noise if sensor in problem.noise

@@ -65,6 +65,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what the real vehicle has beside the file (steering-zero, wheel-radius, "
         "sensor-forward, …) and is estimated too; weighed: by the average over all their subsets",
     )
+    add(
+        "--fmu",
+        type=Path,
+        metavar="MAPPING",
+        help="simulate with the FMU of this mapping file in place of our own model",
+    )
     add("--robust", action="store_true", help="hold outliers back")
     add("--seed", type=seed, default=0, help="of the starts")
     add("--json", action="store_true", help="print one JSON object")
@@ -93,12 +99,19 @@ def run(args: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
+    from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
     from parameter_identification.identification import EFFECTS, identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.tables import parameter_table, remarks
+    from tricycle_sim.vehicle.batch import CommandedBatch
 
+    simulator: Simulator = CommandedBatch
+    if args.fmu is not None:
+        from tricycle_sim.fmi.batch import FmuSimulator
+
+        simulator = FmuSimulator(args.fmu)
     vehicle = load_vehicle(args.vehicle)
     read, paths = _reader(args, vehicle), [*args.drives, *args.held_out]
     alike = len({path.stem for path in paths}) < len(paths)
@@ -120,6 +133,7 @@ def run(args: argparse.Namespace) -> int:
                 args.effects, args.effects.split(",")
             ),
             weighed=args.effects == "weighed",
+            simulator=simulator,
             loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,
             seed=args.seed,

@@ -18,6 +18,7 @@ examples:
   tricycle vehicle new my_vehicle.yaml
   tricycle vehicle check my_vehicle.yaml --draw my_vehicle.svg
   tricycle vehicle show bridge my_vehicle.yaml > bridge.yaml
+  tricycle vehicle export-fmu my_vehicle.yaml --output my_vehicle.fmu
 """
 
 SHOWN = {
@@ -62,6 +63,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_file(show)
     show.set_defaults(run=run_show)
+    export = _verb(
+        verbs, "export-fmu", "write it as an FMU 2.0 for co-simulation that needs no Python"
+    )
+    _add_file(export)
+    export.add_argument("--output", type=Path, required=True, metavar="OUTPUT", help="FMU to write")
+    export.add_argument("--overwrite", action="store_true", help="replace OUTPUT if it is there")
+    export.set_defaults(run=run_export_fmu)
 
 
 def _verb(verbs: Any, name: str, summary: str) -> argparse.ArgumentParser:
@@ -105,6 +113,30 @@ def run_new(args: argparse.Namespace) -> int:
             raise VehicleError("the questions were not answered: nothing is written") from None
     write_whole(args.output, text)
     print(f"{args.output}: written; look at it with: tricycle vehicle check {args.output}")
+    return 0
+
+
+def run_export_fmu(args: argparse.Namespace) -> int:
+    """Write the vehicle as an FMU.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments.
+
+    Raises
+    ------
+    VehicleError
+        If the file is there already, or there is no C compiler.
+    """
+    from tricycle_sim.fmi.export import export_fmu
+
+    if args.output.exists() and not args.overwrite:
+        raise VehicleError(f"{args.output}: exists already; --overwrite replaces it")
+    vehicle = load_vehicle(args.file)
+    for name in export_fmu(vehicle, args.output):
+        print(f"{name}: unknown, but no parameter of the FMU: it is compiled in", file=sys.stderr)
+    print(f"{args.output}: written")
     return 0
 
 

@@ -1,6 +1,7 @@
 """The plants of all installed distributions, by name."""
 
 from importlib.metadata import entry_points
+from pathlib import Path
 
 from tricycle_core.errors import ExcitationError, PlantError
 from tricycle_sim.plants import OWN
@@ -23,7 +24,7 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     Parameters
     ----------
     name : str
-        One of `plant_names`.
+        One of `plant_names`; `NAME:FILE` gives a plant a file of its own, as `fmu:car.yaml`.
     vehicle : Vehicle
         With its true values.
     seed : int
@@ -34,7 +35,8 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     PlantError
         Unknown name, with those that are known; or a plant that cannot be made, with the reason.
     """
-    if name == OWN:
+    name, _, file = name.partition(":")
+    if name == OWN and not file:
         return OwnPlant(vehicle, seed)
     # a colcon workspace over an installed wheel registers the same class twice
     points = {point.value: point for point in entry_points(group=ENTRY_POINTS, name=name)}
@@ -43,8 +45,9 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     if len(points) > 1:
         raise PlantError(f"plant {name!r} is registered for {' and for '.join(sorted(points))}")
     ((value, point),) = points.items()
+    more = (Path(file),) if file else ()
     try:
-        plant: Plant = point.load()(vehicle, seed)
+        plant: Plant = point.load()(vehicle, seed, *more)
     except ExcitationError:
         raise
     except Exception as error:  # whatever an installed package may raise

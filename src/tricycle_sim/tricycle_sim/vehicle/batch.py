@@ -18,7 +18,7 @@ from tricycle_core.quantities import FloatArray, Progress
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
-from tricycle_sim.setpoints import command_rows, slew_all
+from tricycle_sim.setpoints import command_rows, delayed, slew_all
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack, sample_values
@@ -381,8 +381,7 @@ class CommandedBatch:
         drive = self._drive
         if drive_delay:
             drive, demand = drive.copy(), drive[:, COMMAND.demand]
-            before = self.time - drive_delay
-            drive[:, COMMAND.demand] = np.interp(before, self.time, demand, left=self._setpoint)
+            drive[:, COMMAND.demand] = delayed(demand, drive_delay, self._setpoint)
         needs = {name: self.available[name][0] for name in columns}
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)

@@ -30,6 +30,10 @@ from tricycle_sim.vehicle.parts import (
 )
 from tricycle_sim.vehicle.registry import wheel_values
 
+SETTLE_STEPS = 8
+"""Steps of Newton's method from a first guess to the pose at rest."""
+SETTLE_WIDTH = 1e-7
+"""Of the central differences in it [m, rad]."""
 _AT_REST = 1e-9  # m/s^2 and rad/s^2: a vehicle with smaller accelerations stands
 
 
@@ -236,14 +240,14 @@ def _settle(vehicle: Vehicle, parameters: FloatArray, steered_by: list[int]) -> 
     # with all wheels on the ground: where one is lifted, its stiffness does not show
     poses = np.zeros((len(parameters), 3))
     poses[:, 0] = values["com_height"] - values["mass"] * values["gravity"] / stiffness
-    steps = 1e-7 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    steps = SETTLE_WIDTH * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     n, m = len(poses), len(steps)
     repeated = np.repeat(parameters, m, axis=0)
     groups = _groups(vehicle, repeated, camber_stiffness=0.0)
     evaluate = _standing(vehicle, repeated, steered_by)
-    for _ in range(8):  # Newton's method, Jacobian by central differences
+    for _ in range(SETTLE_STEPS):  # Jacobian by central differences
         varied = (poses[:, np.newaxis] + steps).reshape(-1, 3)
         residuals = _accelerations(evaluate, groups, varied).reshape(n, m, 3)
-        jacobian = np.swapaxes(residuals[:, 1:4] - residuals[:, 4:], 1, 2) / 2e-7
+        jacobian = np.swapaxes(residuals[:, 1:4] - residuals[:, 4:], 1, 2) / (2.0 * SETTLE_WIDTH)
         poses = poses - np.linalg.solve(jacobian, residuals[:, 0, :, np.newaxis])[..., 0]
     return poses

@@ -1,0 +1,244 @@
+"""An FMU in place of our own model: samples that are driven by the same commands."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tricycle_core.errors import PlantError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.fmi.cosimulation import Fmu
+from tricycle_sim.fmi.mapping import START, load_mapping
+from tricycle_sim.setpoints import command_rows, delayed, slew_all
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import Run
+from tricycle_sim.vehicle.constants import suggest_name
+
+COLUMNS = ("x", "y", "yaw", "vx", "vy", "yaw_rate", "drive_speed")
+"""What a batch can record."""
+
+
+class FmuSimulator:
+    """Simulates with an FMU what the vehicle would do.
+
+    It can be sent to another process, which unpacks the FMU for itself.
+
+    Parameters
+    ----------
+    file : Path
+        The mapping; its parameters are named as the vehicle's, or as in `START`.
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = Path(file).absolute()
+
+    def __call__(
+        self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0
+    ) -> "FmuBatch":
+        """Return what drives samples of a vehicle by commands.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            Its unknown parameters are those of the samples; others of the mapping have its values.
+        commands : Commands
+            Each held until the next, slewed as the boards do.
+        setpoint : float
+            Of the speed before the first command [m/s].
+
+        Raises
+        ------
+        PlantError
+            If the FMU does not fit the mapping, or the mapping lacks an unknown parameter.
+        """
+        return FmuBatch(self._file, vehicle, commands, setpoint=setpoint)
+
+
+class FmuBatch:
+    """One history of commands on any samples of a vehicle that is an FMU.
+
+    Parameters
+    ----------
+    file : Path
+        The mapping.
+    vehicle : Vehicle
+        As of `FmuSimulator`.
+    commands : Commands
+        As of `FmuSimulator`.
+    setpoint : float
+        As of `FmuSimulator`.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (t,)
+        Of all columns [s].
+
+    Raises
+    ------
+    PlantError
+        As of `FmuSimulator`.
+    """
+
+    def __init__(
+        self, file: Path, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0
+    ) -> None:
+        mapping = load_mapping(file)
+        for part, names in (("inputs", ("steering", "speed")), ("outputs", ("x", "y", "heading"))):
+            for name in names:
+                if name not in getattr(mapping, part):
+                    raise PlantError(f"{file}: {part}: a simulation needs {name}")
+        known = {*vehicle.values, *START}
+        for name in mapping.parameters:
+            if name not in known:
+                hint = suggest_name(name, known)
+                raise PlantError(
+                    f"{file}: parameters.{name}: {vehicle.name} has no such constant; {hint}"
+                )
+        for name in vehicle.unknown:
+            if name not in mapping.parameters:
+                raise PlantError(f"{file}: parameters: lacks {name}, which is unknown")
+        self._steps = round(TICK / mapping.step)
+        if self._steps < 1 or abs(self._steps * mapping.step - TICK) > 1e-9:
+            raise PlantError(f"{file}: step: {mapping.step:g} s does not divide {TICK:g} s")
+        units = {n: START.get(n) or vehicle.unit(n) for n in mapping.parameters}
+        self._vehicle, self._mapping, self._file = vehicle, mapping, file
+        self._fmu = Fmu(mapping, units)
+        rows = command_rows(commands)
+        self.time = np.arange(len(rows) + 1, dtype=np.float64) * TICK
+        self._setpoint = setpoint
+        self._steering, _ = slew_all(commands.steering_motor_angle[rows], vehicle.steering_slew)
+        self._speeds, _ = slew_all(commands.speed[rows], vehicle.acceleration, setpoint)
+
+    def run(
+        self,
+        parameters: FloatArray,
+        columns: Sequence[str],
+        *,
+        speed: FloatArray | None = None,
+        drive_delay: float = 0.0,
+    ) -> Run:
+        """Drive samples from the origin, heading +x, to the end of the commands.
+
+        Parameters
+        ----------
+        parameters : ndarray of float, shape (n, k)
+            Values of the vehicle's unknown parameters in its order.
+        columns : sequence of str
+            Of `COLUMNS`.
+        speed : ndarray of float, shape (n,), optional
+            At which the vehicles roll at the start [m/s], if the mapping has `start_speed`; by
+            default they are at rest.
+        drive_delay : float
+            By which the motor hears of its set-point later [s].
+
+        Raises
+        ------
+        PlantError
+            If the FMU fails, or would have to start with a speed that it does not take.
+        """
+        speeds = np.zeros(len(parameters)) if speed is None else np.asarray(speed, dtype=float)
+        if "start_speed" not in self._mapping.parameters and self._setpoint:
+            raise PlantError(f"{self._file}: parameters: lacks start_speed, and the drive has one")
+        demands = delayed(self._speeds, drive_delay, self._setpoint)
+        driven = [
+            self._drive(p, float(v), demands) for p, v in zip(parameters, speeds, strict=True)
+        ]
+        found = {name: np.array([each[name] for each in driven]) for name in columns}
+        nothing = np.empty((0, 0))
+        angles = np.tile(np.append(self._steering[:1], self._steering), (len(parameters), 1))
+        return Run(found, angles, nothing, self._vehicle.wheels)
+
+    def _drive(
+        self, parameters: FloatArray, speed: float, demands: FloatArray
+    ) -> dict[str, FloatArray]:
+        values = {
+            **self._vehicle.values,
+            **dict(zip(self._vehicle.unknown, parameters.tolist(), strict=True)),
+            "start_speed": speed,
+            "start_speed_setpoint": self._setpoint,
+        }
+        instance = self._fmu.start({name: values[name] for name in self._mapping.parameters})
+        try:
+            rows = [instance.read()]
+            for steering, demand in zip(self._steering, demands, strict=True):
+                instance.set(steering=float(steering), speed=float(demand))
+                for _ in range(self._steps):
+                    instance.advance()
+                rows.append(instance.read())
+        finally:
+            instance.close()
+        return self._columns({name: np.array([row[name] for row in rows]) for name in rows[0]})
+
+    def _columns(self, told: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        """Return the columns from what the FMU told, each (t,)."""
+        heading = np.unwrap(told["heading"])
+        c, s = np.cos(heading[0]), np.sin(heading[0])
+        dx, dy = told["x"] - told["x"][0], told["y"] - told["y"][0]
+        x, y, yaw = c * dx + s * dy, c * dy - s * dx, heading - heading[0]
+        rates = [np.gradient(column, TICK) for column in (x, y, yaw)]
+        vx = told.get("vx", rates[0] * np.cos(yaw) + rates[1] * np.sin(yaw))
+        vy = told.get("vy", rates[1] * np.cos(yaw) - rates[0] * np.sin(yaw))
+        return {
+            "x": x,
+            "y": y,
+            "yaw": yaw,
+            "vx": vx,
+            "vy": vy,
+            "yaw_rate": told.get("yaw_rate", rates[2]),
+            "drive_speed": told.get("drive_speed", vx / self._vehicle.driven_radius),
+        }
+
+    def __del__(self) -> None:
+        """Remove what was unpacked."""
+        fmu: Any = self.__dict__.get("_fmu")
+        if fmu is not None:
+            fmu.close()
+
+
+class FmuFunction:
+    """An FMU as the simulator f of `excitation_planner.design_excitation`.
+
+    Parameters
+    ----------
+    file : Path
+        The mapping; the planner's unknown parameters are the vehicle's.
+    vehicle : Vehicle
+        With the unknown parameters in the planner's order.
+    commands : callable
+        From operation parameters x (l,) to `Commands`.
+    output : callable
+        From the columns (`COLUMNS`, each (n, t)) and the operation parameters to outputs (n,).
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        vehicle: Vehicle,
+        commands: Callable[[FloatArray], Commands],
+        output: Callable[[dict[str, FloatArray], FloatArray], FloatArray],
+    ) -> None:
+        self._simulator, self._vehicle = FmuSimulator(file), vehicle
+        self._commands, self._output = commands, output
+
+    def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
+        """Return the outputs (n,) of samples, NaN for those in which the FMU fails.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        parameters : ndarray of float, shape (n, k)
+            Unknown parameters.
+        """
+        batch = self._simulator(self._vehicle, self._commands(x))
+        outputs = np.full(len(parameters), np.nan)
+        for i, row in enumerate(parameters):
+            try:
+                columns = batch.run(row[np.newaxis], COLUMNS).columns
+            except PlantError:
+                continue
+            (outputs[i],) = self._output(columns, x)
+        return outputs

@@ -1,0 +1,271 @@
+"""An FMU 2.0 or 3.0 for co-simulation, through FMPy, in our quantities and units."""
+
+import contextlib
+import math
+import shutil
+import tempfile
+from collections.abc import Mapping
+from typing import Any
+
+from tricycle_core.errors import PlantError
+from tricycle_core.optional import missing
+from tricycle_sim.fmi.mapping import QUANTITIES, UNITS, FmuMapping, Variable
+from tricycle_sim.vehicle.constants import suggest_name
+
+try:
+    import fmpy
+    from fmpy.simulation import instantiate_fmu
+except ModuleNotFoundError as error:
+    raise PlantError(missing("fmpy", "an FMU")) from error
+
+_FLOATS = ("Real", "Float64", "Float32")
+_TYPES = (*_FLOATS, "Boolean", "Integer", "Int32", "Enumeration")
+
+
+class Fmu:
+    """An FMU with a mapping: its description checked, its binary unpacked.
+
+    Parameters
+    ----------
+    mapping : FmuMapping
+        From `load_mapping`.
+    units : mapping of str to str, optional
+        Unit of each parameter of the caller; those that the mapping lacks are left out.
+
+    Attributes
+    ----------
+    mapping : FmuMapping
+        Of the FMU.
+    places : dict
+        By part of the mapping and name: type, value reference, our value by the FMU's.
+    readings : dict
+        By type: names of outputs, their value references, our values by the FMU's.
+
+    Raises
+    ------
+    PlantError
+        In one line: no FMU, not for co-simulation, no such variable, wrong unit or causality.
+    """
+
+    def __init__(self, mapping: FmuMapping, units: Mapping[str, str] | None = None) -> None:
+        self.mapping = mapping
+        path = mapping.path
+        if not path.is_file():
+            raise PlantError(f"{path}: there is no such FMU")
+        try:
+            self._description = fmpy.read_model_description(str(path), validate=False)
+        except Exception as error:
+            raise PlantError(f"{path}: is no FMU: {_line(error)}") from error
+        if self._description.coSimulation is None:
+            raise PlantError(f"{path}: needs an FMU for co-simulation; this one is not")
+        self._variables = {v.name: v for v in self._description.modelVariables}
+        self.places: dict[tuple[str, str], tuple[str, int, float]] = {}
+        self.readings: dict[str, tuple[list[str], list[int], list[float]]] = {}
+        for name, variable in mapping.inputs.items():
+            self._check("inputs", name, variable, ("input",), QUANTITIES[name])
+        for name, variable in mapping.outputs.items():
+            self._check("outputs", name, variable, ("output", "local"), QUANTITIES[name])
+        for name, variable in mapping.parameters.items():
+            unit = (units or {}).get(name)
+            self._check("parameters", name, variable, ("parameter", "input"), unit)
+        for name in mapping.start_values:
+            found = self._find("start_values", name)
+            self.places["start_values", name] = found.type, found.valueReference, 1.0
+        self._folder = tempfile.mkdtemp(prefix="fmu-")
+        try:
+            fmpy.extract(str(path), unzipdir=self._folder)
+        except Exception as error:
+            self.close()
+            raise PlantError(f"{path}: cannot be unpacked: {_line(error)}") from error
+
+    def _find(self, part: str, name: str) -> Any:
+        if name not in self._variables:
+            hint = suggest_name(name, self._variables).replace("see tricycle.yaml for them", "")
+            raise PlantError(
+                f"{self.mapping.path}: {part}: no variable {name!r}; {hint}".rstrip("; ")
+            )
+        return self._variables[name]
+
+    def _check(
+        self, part: str, name: str, wanted: Variable, causalities: tuple[str, ...], unit: str | None
+    ) -> None:
+        """Raise a `PlantError` unless a variable fits; keep the factor of its unit."""
+        where = f"{self.mapping.path}: {part}.{name}"
+        found = self._find(part, wanted.variable)
+        if found.causality not in causalities:
+            raise PlantError(
+                f"{where}: {wanted.variable} is {found.causality or 'local'}, needs "
+                f"{' or '.join(causalities)}"
+            )
+        if found.type not in _TYPES:
+            raise PlantError(f"{where}: {wanted.variable} is {found.type}, needs a number")
+        own = found.unit or (found.declaredType.unit if found.declaredType else None)
+        if own and wanted.unit and _plain(own) != _plain(wanted.unit):
+            raise PlantError(
+                f"{where}: unit: the FMU has {wanted.variable} in {own}, not {wanted.unit}"
+            )
+        told = wanted.unit or own
+        factor = 1.0
+        if told and unit and _plain(told) != _plain(unit):
+            factors = {_plain(name): value for name, value in UNITS.get(unit, {}).items()}
+            if _plain(told) not in factors:
+                raise PlantError(
+                    f"{where}: unit: {wanted.variable} is in {told}, needs "
+                    f"{' or '.join(UNITS.get(unit, {unit: 1.0}))}"
+                )
+            factor = factors[_plain(told)]
+        self.places[part, name] = found.type, found.valueReference, factor * wanted.scale
+        if part == "outputs":
+            names, references, factors = self.readings.setdefault(found.type, ([], [], []))
+            names.append(name)
+            references.append(found.valueReference)
+            factors.append(factor * wanted.scale)
+
+    def start(self, parameters: Mapping[str, float] | None = None) -> "Instance":
+        """Return an instance that is initialised.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float, optional
+            Values of parameters of the mapping, in our units.
+
+        Raises
+        ------
+        PlantError
+            If the FMU refuses.
+        """
+        return Instance(self, parameters or {})
+
+    def close(self) -> None:
+        """Remove what was unpacked."""
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+class Instance:
+    """A running FMU.
+
+    Parameters
+    ----------
+    fmu : Fmu
+        Of which it is.
+    parameters : mapping of str to float
+        As of `Fmu.start`.
+    """
+
+    def __init__(self, fmu: Fmu, parameters: Mapping[str, float]) -> None:
+        self._fmu, self._steps = fmu, 0
+        self._where = fmu.mapping.path
+        description = fmu._description  # noqa: SLF001 (of the same module)
+        with self._telling("does not start"):
+            self._slave = instantiate_fmu(
+                fmu._folder,  # noqa: SLF001
+                description,
+                fmi_type="CoSimulation",
+                logger=_quiet,
+            )
+        try:
+            self._write("start_values", fmu.mapping.start_values)
+            self._write("parameters", parameters)
+            with self._telling("does not initialise"):
+                if description.fmiVersion.startswith("3"):
+                    self._slave.enterInitializationMode(startTime=0.0)
+                else:
+                    self._slave.setupExperiment(startTime=0.0)
+                    self._slave.enterInitializationMode()
+                self._slave.exitInitializationMode()
+        except PlantError:
+            self.close()
+            raise
+
+    @contextlib.contextmanager
+    def _telling(self, what: str) -> Any:
+        try:
+            yield
+        except PlantError:
+            raise
+        except Exception as error:  # whatever FMPy makes of the FMU's answer
+            raise PlantError(f"{self._where}: {what}: {_line(error)}") from error
+
+    def _write(self, part: str, values: Mapping[str, float]) -> None:
+        by_kind: dict[str, tuple[list[int], list[Any]]] = {}
+        for name, value in values.items():
+            place = self._fmu.places.get((part, name))
+            if place is None:
+                continue
+            kind, reference, factor = place
+            references, numbers = by_kind.setdefault(kind, ([], []))
+            references.append(reference)
+            number = value / factor
+            numbers.append(number if kind in _FLOATS else round(number))
+        for kind, (references, numbers) in by_kind.items():
+            with self._telling(
+                f"refuses {', '.join(f'{name} = {v:g}' for name, v in values.items())}"
+            ):
+                getattr(self._slave, f"set{kind}")(references, numbers)
+
+    def set(self, **inputs: float) -> None:
+        """Set inputs; those that the mapping lacks are left out.
+
+        Parameters
+        ----------
+        **inputs : float
+            By our quantity, in our units.
+        """
+        self._write("inputs", inputs)
+
+    def advance(self) -> None:
+        """Move on by a communication step.
+
+        Raises
+        ------
+        PlantError
+            If the FMU fails.
+        """
+        step = self._fmu.mapping.step
+        with self._telling(f"fails at {self._steps * step:.2f} s"):
+            self._slave.doStep(
+                currentCommunicationPoint=self._steps * step, communicationStepSize=step
+            )
+        self._steps += 1
+
+    def read(self) -> dict[str, float]:
+        """Return all outputs of the mapping by our quantity, in our units.
+
+        Raises
+        ------
+        PlantError
+            If one is not finite.
+        """
+        found = {}
+        for kind, (names, references, factors) in self._fmu.readings.items():
+            with self._telling("does not tell its outputs"):
+                values = getattr(self._slave, f"get{kind}")(references)
+            for name, value, factor in zip(names, values, factors, strict=True):
+                found[name] = float(value) * factor
+                if not math.isfinite(found[name]):
+                    variable = self._fmu.mapping.outputs[name].variable
+                    time = self._steps * self._fmu.mapping.step
+                    raise PlantError(f"{self._where}: {variable} is {value} at {time:.2f} s")
+        return found
+
+    def close(self) -> None:
+        """End the instance."""
+        with contextlib.suppress(Exception):  # it may be beyond that already
+            self._slave.terminate()
+        with contextlib.suppress(Exception):
+            self._slave.freeInstance()
+
+
+def _quiet(*_: Any) -> None:
+    """Take the FMU's log: what matters comes back as a status."""
+
+
+def _plain(unit: str) -> str:
+    """Return a unit without what is written one way or another."""
+    return unit.replace(" ", "").replace(".", "").replace("*", "").replace("^", "")
+
+
+def _line(error: Exception) -> str:
+    """Return the first line of what an exception says."""
+    text = str(error).strip() or type(error).__name__
+    return text.splitlines()[0]

@@ -1,0 +1,202 @@
+"""An FMU as a plant: `plant:=fmu:mapping.yaml`.
+
+What its mapping lacks follows from the rest: velocities and accelerations from the poses, the
+driven wheels' speed from the forward velocity, the steering motor from the vehicle file's servo.
+"""
+
+import math
+from pathlib import Path
+
+from tricycle_core.errors import PlantError
+from tricycle_core.timing import TICK
+from tricycle_sim.fmi.cosimulation import Fmu, Instance
+from tricycle_sim.fmi.mapping import START, load_mapping
+from tricycle_sim.plants.actuators import SteeringServo
+from tricycle_sim.plants.plant import PlanarMotion, Pose, planar_state
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.live import LiveState
+
+
+def fmu_plant(vehicle: Vehicle, seed: int = 0, file: Path | None = None) -> "FmuPlant":
+    """Return an FMU as a plant.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        What boards and planner know of it; gives values to the parameters of the mapping.
+    seed : int
+        Not used.
+    file : Path
+        The mapping.
+
+    Raises
+    ------
+    PlantError
+        If there is no mapping, or the FMU does not fit it.
+    """
+    if file is None:
+        raise PlantError("the plant fmu needs its mapping file: fmu:FILE.yaml")
+    mapping = load_mapping(file)
+    kind = SpeedFmuPlant if "speed" in mapping.inputs else FmuPlant
+    return kind(vehicle, seed, file)
+
+
+class FmuPlant:
+    """An FMU that takes a torque.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        What boards and planner know of it; gives values to the parameters of the mapping.
+    seed : int
+        Not used.
+    file : Path
+        The mapping.
+
+    Raises
+    ------
+    PlantError
+        If the FMU does not fit the mapping, or the mapping lacks what a plant needs.
+    """
+
+    def __init__(self, vehicle: Vehicle, seed: int, file: Path) -> None:  # noqa: ARG002
+        self._vehicle = vehicle
+        mapping = load_mapping(file)
+        self._has_torque = "torque" in mapping.inputs
+        self._has_brake = "brake" in mapping.inputs
+        if not self._has_torque and "speed" not in mapping.inputs:
+            raise PlantError(f"{file}: inputs: a plant needs torque or speed")
+        for part, names in (("inputs", ("steering",)), ("outputs", ("x", "y", "heading"))):
+            for name in names:
+                if name not in getattr(mapping, part):
+                    raise PlantError(f"{file}: {part}: a plant needs {name}")
+        self._steps = round(TICK / mapping.step)
+        if self._steps < 1 or abs(self._steps * mapping.step - TICK) > 1e-9:
+            raise PlantError(f"{file}: step: {mapping.step:g} s does not divide {TICK:g} s")
+        self._parameters = [name for name in mapping.parameters if name not in START]
+        for name in self._parameters:
+            if name not in vehicle.values:
+                raise PlantError(f"{file}: parameters.{name}: {vehicle.name} has no such constant")
+        units = {name: vehicle.unit(name) for name in self._parameters}
+        self._own_servo = "steering_motor_angle" not in mapping.outputs
+        self._fmu = Fmu(mapping, units)
+        self._instance = self._begin()
+        self.place((0.0, 0.0, 0.0))
+
+    def place(self, start: Pose) -> LiveState:
+        """Return the state at rest at a pose.
+
+        Parameters
+        ----------
+        start : (float, float, float)
+            x, y [m] and heading [rad].
+        """
+        self._instance.close()
+        self._instance = self._begin()
+        self._servo = SteeringServo(self._vehicle)
+        self._turned = 0.0
+        self._outputs = self._instance.read()
+        self._origin, self._start = self._pose(), start
+        self._motion = PlanarMotion(*(self._outputs.get(n, 0.0) for n in PlanarMotion._fields))
+        self._spin = 0.0
+        return self._state(0)
+
+    def advance(self, tick: int, steering: float | None, torque: float, brake: float) -> LiveState:
+        """Return the state after a tick.
+
+        Parameters
+        ----------
+        tick, steering, torque, brake : int, float or None, float, float
+            As of every `Plant`.
+        """
+        if self._has_torque:
+            return self._moved(tick, steering, brake, torque=torque, torque_mode=1.0)
+        # an FMU that only takes a speed gets the one that the torque makes of the vehicle's mass
+        per_torque = TICK / self._vehicle.driven_radius / self._vehicle.mass
+        speed = self._tread_speed() + per_torque * torque
+        if not self._has_brake:
+            held = per_torque * brake * self._vehicle.brake_torque
+            speed -= math.copysign(min(held, abs(speed)), speed)
+        return self._moved(tick, steering, brake, speed=speed)
+
+    def close(self) -> None:
+        """End the FMU and remove what was unpacked."""
+        self._instance.close()
+        self._fmu.close()
+
+    def _begin(self) -> Instance:
+        return self._fmu.start({name: self._vehicle.values[name] for name in self._parameters})
+
+    def _tread_speed(self) -> float:
+        return self._spin * self._vehicle.driven_radius
+
+    def _pose(self) -> Pose:
+        return self._outputs["x"], self._outputs["y"], self._outputs["heading"]
+
+    def _moved(self, tick: int, steering: float | None, brake: float, **inputs: float) -> LiveState:
+        if self._own_servo:
+            self._servo.advance(steering)
+            angle = self._servo.output
+        else:  # without pulses the gear holds the angle that there is
+            angle = self._outputs["steering_motor_angle"] if steering is None else steering
+        before = self._pose()
+        self._instance.set(steering=angle, brake=brake, **inputs)
+        for _ in range(self._steps):
+            self._instance.advance()
+        self._outputs = self._instance.read()
+        self._motion = self._moving(before)
+        spin = self._outputs.get("drive_speed")
+        if spin is None:
+            spin = self._motion.vx / self._vehicle.driven_radius
+        self._turned += 0.5 * TICK * (self._spin + spin)
+        self._spin = spin
+        return self._state(tick + 1)
+
+    def _moving(self, before: Pose) -> PlanarMotion:
+        """Return velocities and accelerations: told by the FMU, else of the last tick."""
+        found, old = self._outputs, self._motion
+        x, y, heading = self._pose()
+        turned = math.remainder(heading - before[2], math.tau)
+        middle = before[2] + 0.5 * turned
+        dx, dy = (x - before[0]) / TICK, (y - before[1]) / TICK
+        vx = found.get("vx", dx * math.cos(middle) + dy * math.sin(middle))
+        vy = found.get("vy", dy * math.cos(middle) - dx * math.sin(middle))
+        yaw_rate = found.get("yaw_rate", turned / TICK)
+        ax = found.get("ax", (vx - old.vx) / TICK - yaw_rate * vy)
+        ay = found.get("ay", (vy - old.vy) / TICK + yaw_rate * vx)
+        return PlanarMotion(vx, vy, yaw_rate, ax, ay)
+
+    def _state(self, tick: int) -> LiveState:
+        found, (x0, y0, heading0), (x, y, heading) = self._outputs, self._origin, self._pose()
+        turn = self._start[2] - heading0
+        c, s = math.cos(turn), math.sin(turn)
+        dx, dy = x - x0, y - y0
+        pose = self._start[0] + c * dx - s * dy, self._start[1] + s * dx + c * dy, heading + turn
+        angle, rate = self._servo.motor
+        if not self._own_servo:
+            angle, rate = found["steering_motor_angle"], found.get("steering_motor_rate", 0.0)
+        return planar_state(
+            self._vehicle,
+            tick,
+            pose,
+            self._motion,
+            steering=(angle, rate),
+            wheel=(self._turned, self._spin),
+            torque=found.get("motor_torque", 0.0),
+        )
+
+
+class SpeedFmuPlant(FmuPlant):
+    """An FMU that takes a set-point of the speed, which its own controller holds."""
+
+    def hold_speed(
+        self, tick: int, steering: float | None, speed: float, brake: float
+    ) -> LiveState:
+        """Return the state after a tick with a set-point of the speed.
+
+        Parameters
+        ----------
+        tick, steering, speed, brake : int, float or None, float, float
+            As of every plant that `HoldsSpeed`.
+        """
+        return self._moved(tick, steering, brake, speed=speed, torque_mode=0.0)

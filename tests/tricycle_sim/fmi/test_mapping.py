@@ -1,0 +1,86 @@
+"""Mapping files, and what does not fit an FMU: one line each."""
+
+import pytest
+
+from tricycle_core.errors import PlantError
+from tricycle_sim.fmi.mapping import load_mapping
+
+pytest.importorskip("fmpy")
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("- 1", "must hold entries"),
+        ("fmu: a\ninputs: {}\noutputs: {}\nstepp: 1", "stepp: unknown; did you mean step"),
+        (
+            "fmu: a\noutputs: {}\ninputs: {speeed: v}",
+            r"inputs\.speeed: unknown; did you mean speed",
+        ),
+        ("fmu: a\ninputs: {}\noutputs: {speed: v}", r"outputs\.speed: unknown"),
+        ("fmu: a\ninputs: {}\noutputs: {}\nstep: 0", "step: 0 must be positive"),
+        ("fmu: a\ninputs: {}\noutputs: {x: {variable: x, scale: 0}}", "scale: 0 must be finite"),
+        ("inputs: {}\noutputs: {}", "lacks `fmu`"),
+    ],
+)
+def test_a_wrong_mapping_is_one_line(tmp_path, text, line):
+    path = tmp_path / "mapping.yaml"
+    path.write_text(text)
+    with pytest.raises(PlantError, match=line) as problem:
+        load_mapping(path)
+    assert "\n" not in str(problem.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"outputs": {"x": "xx"}}, "no variable 'xx'; did you mean x"),
+        ({"outputs": {"x": "mass"}}, r"outputs\.x: mass is parameter, needs output or local"),
+        ({"inputs": {"speed": "vx"}}, r"inputs\.speed: vx is output, needs input"),
+        ({"outputs": {"heading": {"variable": "x"}}}, "x is in m, needs rad or deg"),
+        ({"outputs": {"x": {"variable": "x", "unit": "mm"}}}, "has x in m, not mm"),
+        ({"parameters": {"yaw_inertia": "mass"}}, "mass is in kg, needs kg m"),
+        ({"start_values": {"masss": 1.0}}, "no variable 'masss'; did you mean mass"),
+        ({"fmu": "none.fmu"}, "there is no such FMU"),
+    ],
+)
+def test_what_the_fmu_lacks_is_one_line(mapping_file, changes, line):
+    from tricycle_sim.fmi.cosimulation import Fmu
+    from tricycle_sim.vehicle import load_vehicle
+
+    vehicle = load_vehicle()
+    mapping = load_mapping(mapping_file(**changes))
+    units = {n: vehicle.unit(n) for n in mapping.parameters if n in vehicle.values}
+    with pytest.raises(PlantError, match=line) as problem:
+        Fmu(mapping, units)
+    assert "\n" not in str(problem.value)
+
+
+def test_a_file_that_is_no_fmu_is_one_line(tmp_path):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    (tmp_path / "a.fmu").write_text("no archive")
+    (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
+    with pytest.raises(PlantError, match=r"a\.fmu: is no FMU"):
+        Fmu(load_mapping(tmp_path / "m.yaml"))
+
+
+@pytest.mark.slow
+def test_units_and_scales_are_those_of_the_mapping(mapping_file):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    plain = Fmu(load_mapping(mapping_file()))
+    turned = Fmu(
+        load_mapping(mapping_file(inputs={"speed": {"variable": "speed_setpoint", "scale": -2.0}}))
+    )
+    speeds = []
+    for fmu, wanted in ((plain, 1.0), (turned, -2.0)):
+        instance = fmu.start()
+        for _ in range(200):
+            instance.set(speed=wanted)
+            instance.advance()
+        speeds.append(instance.read()["vx"])
+        instance.close()
+        fmu.close()
+    assert speeds[0] == speeds[1] != 0.0

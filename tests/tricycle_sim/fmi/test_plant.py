@@ -1,0 +1,103 @@
+"""An FMU behind the boards."""
+
+import math
+
+import pytest
+
+from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_core.errors import PlantError
+from tricycle_sim.plants.own import OwnPlant
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.host import Host
+from tricycle_sim.vehicle import load_vehicle
+
+pytest.importorskip("fmpy")
+pytestmark = pytest.mark.slow
+VEHICLE = load_vehicle()
+STEERING = ("steering_motor_angle", "steering_motor_rate")
+LEAN = dict.fromkeys([*STEERING, "vx", "vy", "yaw_rate", "ax", "ay", "drive_speed", "motor_torque"])
+
+
+def plant(file):
+    from tricycle_sim.plants.fmu_plant import fmu_plant
+
+    return fmu_plant(VEHICLE, 0, file)
+
+
+def driven(one):
+    rig = EmulatedRig(VEHICLE, plant=one)
+    host = Host(rig)
+    host.arm()
+    host.target = VehicleCommand(0.2, 2.0)
+    host.run(4.0)
+    moved = rig.state
+    host.target = None  # the watchdogs stop it
+    host.run(4.0)
+    return moved, rig.state
+
+
+def test_our_vehicle_as_an_fmu_drives_as_itself(mapping_file):
+    (moved, stopped), (own, own_stopped) = driven(plant(mapping_file())), driven(OwnPlant(VEHICLE))
+    for name in ("x", "y", "yaw", "vx", "yaw_rate", "drive_angle"):
+        # two Runge-Kutta steps per tick live, one in the FMU
+        assert getattr(moved, name) == pytest.approx(getattr(own, name), rel=1e-4, abs=1e-6), name
+    assert stopped.x == pytest.approx(own_stopped.x, abs=2e-3)  # it rocks on its tyres
+    assert stopped.vx == pytest.approx(0.0, abs=0.02)
+
+
+def test_what_an_fmu_does_not_tell_follows_from_its_poses(mapping_file):
+    moved, stopped = driven(plant(mapping_file(outputs=LEAN)))
+    own, _ = driven(OwnPlant(VEHICLE))
+    assert math.hypot(moved.x - own.x, moved.y - own.y) < 0.05
+    assert moved.yaw_rate == pytest.approx(own.yaw_rate, rel=0.02)
+    assert moved.specific_force[1] == pytest.approx(own.specific_force[1], rel=0.05)
+    assert stopped.vx == pytest.approx(0.0, abs=1e-2)
+
+
+def test_it_starts_where_it_is_placed(mapping_file):
+    one = plant(mapping_file())
+    state = one.place((1.0, -2.0, 0.5))
+    assert (state.x, state.y, state.yaw) == pytest.approx((1.0, -2.0, 0.5))
+    for tick in range(300):
+        state = one.hold_speed(tick, 0.0, 1.0, 0.0)
+    heading = math.atan2(state.y + 2.0, state.x - 1.0)
+    assert heading == pytest.approx(0.5, abs=1e-3)
+    one.close()
+
+
+def test_an_fmu_that_refuses_a_step_is_one_line(mapping_file):
+    one = plant(mapping_file(step=0.005))
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: fails at 0\.00 s") as problem:
+        one.advance(0, 0.0, 0.0, 0.0)
+    assert "\n" not in str(problem.value)
+
+
+def test_a_number_that_is_none_is_one_line(mapping_file, monkeypatch):
+    one = plant(mapping_file())
+    monkeypatch.setattr(
+        one._instance._slave, "getReal", lambda references: [math.nan] * len(references)
+    )
+    with pytest.raises(PlantError, match=r"is nan at 0\.01 s"):
+        one.advance(0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"inputs": {"steering": None}}, "inputs: a plant needs steering"),
+        ({"inputs": {"speed": None, "torque": None}}, "inputs: a plant needs torque or speed"),
+        ({"outputs": {"heading": None}}, "outputs: a plant needs heading"),
+        ({"step": 0.003}, "step: 0.003 s does not divide 0.01 s"),
+        ({"parameters": {"weight": "mass"}}, r"parameters\.weight: tricycle has no such constant"),
+    ],
+)
+def test_a_mapping_that_makes_no_plant_is_one_line(mapping_file, changes, line):
+    with pytest.raises(PlantError, match=line):
+        plant(mapping_file(**changes))
+
+
+def test_without_a_mapping_it_is_one_line():
+    from tricycle_sim.plants.fmu_plant import fmu_plant
+
+    with pytest.raises(PlantError, match="needs its mapping file"):
+        fmu_plant(VEHICLE)
