@@ -26,7 +26,7 @@ def test_its_mapping_is_one_and_its_plan_is_found(exported, tmp_path, monkeypatc
     Path("car.yaml").write_text(yaml.safe_dump(mapping))
     Path("car_file.yaml").write_text(VEHICLE.read_text())
     scope = {}
-    code = CODE.replace("budget=200", "budget=20")
+    code = CODE.replace("budget=200", "budget=120")
     exec(compile(code.replace("samples=20", "samples=10, workers=1"), "page", "exec"), scope)
     low, high = zip(*scope["operation"].values(), strict=True)
     assert all(a <= x <= b for a, x, b in zip(low, scope["design"].x, high, strict=True))
