@@ -6,6 +6,7 @@ import pytest
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.errors import PlantError
+from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host
@@ -101,3 +102,13 @@ def test_without_a_mapping_it_is_one_line():
 
     with pytest.raises(PlantError, match="needs its mapping file"):
         fmu_plant(VEHICLE)
+
+
+def test_its_name_carries_the_mapping(mapping_file, install_distribution):
+    points = {"fmu-of-test": "tricycle_sim.plants.fmu_plant:fmu_plant"}
+    install_distribution("tricycle_sim.plants", "fmus", "nothing", "", points)
+    one = plant_by_name(f"fmu-of-test:{mapping_file()}", VEHICLE)
+    assert one.hold_speed(0, 0.0, 0.0, 0.0).vx == pytest.approx(0.0, abs=1e-6)
+    one.close()
+    with pytest.raises(PlantError, match="needs its mapping file"):
+        plant_by_name("fmu-of-test", VEHICLE)

@@ -60,7 +60,7 @@ class Fmu:
             raise PlantError(f"{path}: needs an FMU for co-simulation; this one is not")
         self._variables = {v.name: v for v in self._description.modelVariables}
         self.places: dict[tuple[str, str], tuple[str, int, float]] = {}
-        self.readings: dict[str, tuple[list[str], list[int], list[float]]] = {}
+        self.readings: dict[str, tuple[list[Any], ...]] = {}
         for name, variable in mapping.inputs.items():
             self._check("inputs", name, variable, ("input",), QUANTITIES[name])
         for name, variable in mapping.outputs.items():
@@ -116,10 +116,9 @@ class Fmu:
             factor = factors[_plain(told)]
         self.places[part, name] = found.type, found.valueReference, factor * wanted.scale
         if part == "outputs":
-            names, references, factors = self.readings.setdefault(found.type, ([], [], []))
-            names.append(name)
-            references.append(found.valueReference)
-            factors.append(factor * wanted.scale)
+            reading = self.readings.setdefault(found.type, ([], [], []))
+            for column, entry in zip(reading, (name, *self.places[part, name][1:]), strict=True):
+                column.append(entry)
 
     def start(self, parameters: Mapping[str, float] | None = None) -> "Instance":
         """Return an instance that is initialised.

@@ -145,8 +145,8 @@ def load_mapping(path: Path) -> FmuMapping:
     mapping = decode(FmuMapping, {**filled, "folder": str(path.parent)}, str(path), PlantError)
     if not (math.isfinite(mapping.step) and mapping.step > 0.0):
         raise PlantError(f"{path}: step: {mapping.step:g} must be positive (s)")
-    for part in (mapping.inputs, mapping.outputs, mapping.parameters):
-        for name, variable in part.items():
+    for entries in (mapping.inputs, mapping.outputs, mapping.parameters):
+        for name, variable in entries.items():
             if not math.isfinite(variable.scale) or variable.scale == 0.0:
                 raise PlantError(f"{path}: {name}.scale: {variable.scale:g} must be finite, not 0")
     return mapping
