@@ -26,7 +26,8 @@ WITHOUT_KEY = {  # Python modules that rosdep does not know: `pip install` bring
     *("cobs", "cobyqa", "lazy_loader", "llvmlite", "lz4", "markupsafe", "mcap", "msgspec"),
     *("cloudpickle", "loky", "plotly", "threadpoolctl", "zstandard"),
 }
-OPTIONAL = {"mujoco", "pyarrow", "pytest", "vehiclemodels"}  # imported where they are installed
+# imported where they are installed
+OPTIONAL = {"fmpy", "mujoco", "pyarrow", "pytest", "vehiclemodels"}
 NOT_IMPORTED = {"robot_state_publisher", "python3-pytest"}  # started, or used by colcon
 PLACEHOLDERS = ("example.org",)
 

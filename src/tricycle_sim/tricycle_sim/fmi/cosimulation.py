@@ -222,9 +222,13 @@ class Instance:
         """
         step = self._fmu.mapping.step
         with self._telling(f"fails at {self._steps * step:.2f} s"):
-            self._slave.doStep(
+            told = self._slave.doStep(
                 currentCommunicationPoint=self._steps * step, communicationStepSize=step
             )
+        if isinstance(told, tuple):  # FMI 3.0: event, terminate, early return, time
+            _, ends, early, _ = told
+            if ends or early:
+                raise PlantError(f"{self._where}: ends at {self._steps * step:.2f} s")
         self._steps += 1
 
     def read(self) -> dict[str, float]:

@@ -80,8 +80,12 @@ class FmuPlant:
         units = {name: vehicle.unit(name) for name in self._parameters}
         self._own_servo = "steering_motor_angle" not in mapping.outputs
         self._fmu = Fmu(mapping, units)
-        self._instance = self._begin()
-        self.place((0.0, 0.0, 0.0))
+        try:
+            self._instance = self._begin()
+            self.place((0.0, 0.0, 0.0))
+        except PlantError:
+            self._fmu.close()
+            raise
 
     def place(self, start: Pose) -> LiveState:
         """Return the state at rest at a pose.
