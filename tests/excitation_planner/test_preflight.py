@@ -5,9 +5,11 @@ import pytest
 from excitation_planner.preflight import SILENCE, Report, commanders, recording
 from tricycle_core.diagnostics import Level
 
+NOW = 100.0, 7.0  # on two clocks
+
 
 def report(age=0.0, level=Level.OK, message="recording", **values):
-    return Report(level, message, 100.0 - age, values)
+    return Report(level, message, (100.0 - age, 7.0 - age), values)
 
 
 BAG = {"bag": "/data/run", "disk_free": "2e9", "bytes_per_second": "1e6"}
@@ -29,16 +31,21 @@ BAG = {"bag": "/data/run", "disk_free": "2e9", "bytes_per_second": "1e6"}
     ],
 )
 def test_a_drive_that_has_to_be_recorded_needs_a_recorder_and_room_for_it(heard, level, message):
-    check = recording(heard, 60.0, 100.0, needed=True)
+    check = recording(heard, 60.0, NOW, needed=True)
     assert (check.level, check.message) == (level, message)
     if level is Level.ERROR:  # otherwise it is only said
-        assert recording(heard, 60.0, 100.0, needed=False).level is Level.WARN
+        assert recording(heard, 60.0, NOW, needed=False).level is Level.WARN
 
 
 def test_a_stale_or_failed_part_fails():
-    assert report().check("link", 100.0).level is Level.OK
-    assert report(level=Level.STALE).check("link", 100.0).level is Level.ERROR
-    assert report(age=3.5).check("link", 100.0).message == "silent for 4 s: recording"
+    assert report().check("link", NOW).level is Level.OK
+    assert report(level=Level.STALE).check("link", NOW).level is Level.ERROR
+    assert report(age=3.5).check("link", NOW).message == "silent for 4 s: recording"
+
+
+def test_who_reports_by_a_slower_clock_is_not_silent():
+    assert report().check("link", (100.5, 17.0)).level is Level.OK
+    assert report().check("link", (110.0, 7.5)).level is Level.OK
 
 
 def test_other_commanders_are_named():

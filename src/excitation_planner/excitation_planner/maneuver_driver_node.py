@@ -301,12 +301,15 @@ class ManeuverDriver(Node):
             if status.name.startswith(REPORTING):
                 level = Level(int.from_bytes(status.level, "little") & 3)
                 values = {pair.key: pair.value for pair in status.values}
-                report = Report(level, status.message, time.monotonic(), values)
-                self._reports[status.name] = report
+                self._reports[status.name] = Report(level, status.message, self._clocks(), values)
+
+    def _clocks(self) -> tuple[float, float]:
+        """Present time on the node's clock, which may be a simulation's, and the computer's [s]."""
+        return self._now(), time.monotonic()
 
     def _others(self) -> tuple[Check, ...]:
         """Items of the pre-flight that are not the playback's."""
-        now, needed = time.monotonic(), self._recording_needed
+        now, needed = self._clocks(), self._recording_needed
         joints = self.resolve_topic_name("joint_commands")
         publishers = [
             f"{end.node_namespace.rstrip('/')}/{end.node_name}"

@@ -71,28 +71,30 @@ class Report:
         How it is.
     message : str
         The same in words.
-    heard : float
-        When it came [s].
+    heard : tuple of float
+        When it came, on each of some clocks [s].
     values : mapping of str to str
         Details.
     """
 
     level: Level
     message: str
-    heard: float
+    heard: tuple[float, ...]
     values: Mapping[str, str] = field(default_factory=dict)
 
-    def check(self, name: str, now: float) -> Check:
-        """Return the item of the pre-flight; a node that fell silent fails.
+    def check(self, name: str, now: tuple[float, ...]) -> Check:
+        """Return the item of the pre-flight; a node that fell silent on all clocks fails.
 
         Parameters
         ----------
         name : str
             Of the part.
-        now : float
-            Present time on the clock of `heard` [s].
+        now : tuple of float
+            Present time on the clocks of `heard` [s].
         """
-        if (age := now - self.heard) > SILENCE:
+        # nodes report by a simulation's clock or by the computer's: either may be the faster one
+        age = min(time - heard for time, heard in zip(now, self.heard, strict=True))
+        if age > SILENCE:
             return Check(name, f"silent for {age:.0f} s: {self.message}", Level.ERROR)
         return Check(name, self.message, min(self.level, Level.ERROR))
 
@@ -101,7 +103,9 @@ RECORDER = "trajectory_recorder: bag"
 """Name under which the recorder says how it is."""
 
 
-def recording(report: Report | None, duration: float, now: float, *, needed: bool) -> Check:
+def recording(
+    report: Report | None, duration: float, now: tuple[float, ...], *, needed: bool
+) -> Check:
     """Return whether a bag is recorded, and whether the disk has room for the drive.
 
     Parameters
@@ -110,8 +114,8 @@ def recording(report: Report | None, duration: float, now: float, *, needed: boo
         Of the recorder.
     duration : float
         Of the drive [s].
-    now : float
-        Present time on the clock of the report [s].
+    now : tuple of float
+        Present time on the clocks of the report [s].
     needed : bool
         Whether a drive that is not recorded is refused.
     """
