@@ -129,13 +129,15 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
         axes.annotate(
             str(number), (poses.x[0], poses.y[0]), xytext=(5, 5), textcoords="offset points"
         )
+    driven = {step.maneuver for step in campaign.steps if step.driven}
     for name, color in zip(families, FAMILIES, strict=False):
-        axes.plot([], [], "o-", color=color, label=f"{name.replace('_', ' ')}, from its start")
+        if name in driven:
+            axes.plot([], [], "o-", color=color, label=f"{name.replace('_', ' ')}, from its start")
     axes.set(xlabel=f"x in {area.frame} / m", ylabel=f"y in {area.frame} / m")
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", loc="upper left", bbox_to_anchor=(0.0, -0.08), ncols=2)
-    figure.savefig(path, dpi=150)
+    axes.legend(fontsize="small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    figure.savefig(path, dpi=150, bbox_inches="tight")
 
 
 def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:
