@@ -299,9 +299,9 @@ class ManeuverDriver(Node):
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.startswith(REPORTING):
-                level = Level(int.from_bytes(status.level, "little") & 3)
+                level, now = Level.of(status.level), self._clocks()
                 values = {pair.key: pair.value for pair in status.values}
-                self._reports[status.name] = Report(level, status.message, self._clocks(), values)
+                self._reports[status.name] = Report(level, status.message, now, values)
 
     def _clocks(self) -> tuple[float, float]:
         """Present time on the node's clock, which may be a simulation's, and the computer's [s]."""
@@ -322,8 +322,12 @@ class ManeuverDriver(Node):
             recording(bag, self._playback.duration, now, needed=needed),
         )
 
+    def _checks(self) -> tuple[Check, ...]:
+        """All items of the pre-flight."""
+        return *self._playback.preflight(self._now()), *self._others()
+
     def _on_preflight(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        checks = (*self._playback.preflight(self._now()), *self._others())
+        checks = self._checks()
         response.success = all(check.level is not Level.ERROR for check in checks)
         response.message = "\n".join(
             f"{check.level.name:5}  {check.name}: {check.message}" for check in checks
@@ -333,11 +337,10 @@ class ManeuverDriver(Node):
     def _publish_preflight(self) -> None:
         if self._playback.state.driving:
             return
-        checks = (*self._playback.preflight(self._now()), *self._others())
         message = DiagnosticArray(
             status=[
                 DiagnosticStatus(level=bytes([c.level]), name=c.name, message=c.message)
-                for c in checks
+                for c in self._checks()
             ]
         )
         message.header.stamp = self.get_clock().now().to_msg()

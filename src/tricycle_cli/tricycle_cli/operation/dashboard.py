@@ -1,8 +1,8 @@
 """What a live run looks like in a terminal: links, maneuver, speeds, progress."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Self
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.panel import Panel
@@ -43,20 +43,18 @@ class DiagnosticEntry:
     message: str
     heard: float
 
-    @classmethod
-    def of(cls, level: bytes, message: str, heard: float) -> Self:
-        """Return the entry of a DiagnosticStatus.
 
-        Parameters
-        ----------
-        level : bytes
-            As the message has it.
-        message : str
-            The same in words.
-        heard : float
-            When it came [s].
-        """
-        return cls(Level(int.from_bytes(level, "little") & 3), message, heard)
+def diagnostic_entries(statuses: Iterable[Any], heard: float) -> dict[str, DiagnosticEntry]:
+    """Return the entries of a DiagnosticArray by name.
+
+    Parameters
+    ----------
+    statuses : iterable of DiagnosticStatus
+        As the message has them.
+    heard : float
+        When it came [s].
+    """
+    return {s.name: DiagnosticEntry(Level.of(s.level), s.message, heard) for s in statuses}
 
 
 @dataclass(frozen=True)

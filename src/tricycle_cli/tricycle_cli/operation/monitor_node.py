@@ -14,9 +14,9 @@ from sensor_msgs.msg import JointState
 
 from tricycle_cli.operation.dashboard import (
     Dashboard,
-    DiagnosticEntry,
     JointReading,
     OdometryReading,
+    diagnostic_entries,
 )
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
@@ -79,16 +79,10 @@ class Monitor(Closing):
         return self.dashboard.heard
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        now = self._hear()
-        for status in message.status:
-            entry = DiagnosticEntry.of(status.level, status.message, now)
-            self.dashboard.diagnostics[status.name] = entry
+        self.dashboard.diagnostics |= diagnostic_entries(message.status, self._hear())
 
     def _on_preflight(self, message: DiagnosticArray) -> None:
-        now = self._hear()
-        self.dashboard.preflight = {
-            s.name: DiagnosticEntry.of(s.level, s.message, now) for s in message.status
-        }
+        self.dashboard.preflight = diagnostic_entries(message.status, self._hear())
 
     def _on_maneuver(self, message: DiagnosticStatus) -> None:
         self._hear()

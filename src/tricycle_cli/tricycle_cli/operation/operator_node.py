@@ -21,7 +21,7 @@ from std_srvs.srv import SetBool, Trigger
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.playback import LONGEST_STOP
-from tricycle_cli.operation.dashboard import DiagnosticEntry
+from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
@@ -398,10 +398,7 @@ class Operator(Closing):
 
     def _on_preflight(self, message: DiagnosticArray) -> None:
         self._looked += 1
-        now = time.monotonic()
-        self._preflight = {
-            s.name: DiagnosticEntry.of(s.level, s.message, now) for s in message.status
-        }
+        self._preflight = diagnostic_entries(message.status, time.monotonic())
 
     def _trigger(self, service: str) -> None:
         answer = self._services.call(service, Trigger, Trigger.Request())

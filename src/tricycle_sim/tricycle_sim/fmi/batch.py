@@ -86,10 +86,7 @@ class FmuBatch:
         self, file: Path, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0
     ) -> None:
         mapping = load_mapping(file)
-        for part, names in (("inputs", ("steering", "speed")), ("outputs", ("x", "y", "heading"))):
-            for name in names:
-                if name not in getattr(mapping, part):
-                    raise PlantError(f"{file}: {part}: a simulation needs {name}")
+        self._steps = mapping.steps_per_tick(file, "a simulation", ("steering", "speed"))
         known = {*vehicle.values, *START}
         for name in mapping.parameters:
             if name not in known:
@@ -100,9 +97,6 @@ class FmuBatch:
         for name in vehicle.unknown:
             if name not in mapping.parameters:
                 raise PlantError(f"{file}: parameters: lacks {name}, which is unknown")
-        self._steps = round(TICK / mapping.step)
-        if self._steps < 1 or abs(self._steps * mapping.step - TICK) > 1e-9:
-            raise PlantError(f"{file}: step: {mapping.step:g} s does not divide {TICK:g} s")
         units = {n: START.get(n) or vehicle.unit(n) for n in mapping.parameters}
         self._vehicle, self._mapping, self._file = vehicle, mapping, file
         self._fmu = Fmu(mapping, units)

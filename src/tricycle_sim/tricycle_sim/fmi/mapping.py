@@ -1,13 +1,14 @@
 """The mapping file: which variables of an FMU are which of our quantities."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from tricycle_core.documents import decode, parse_yaml, read_bounded
 from tricycle_core.errors import PlantError
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.constants import suggest_name
 
 _LIMIT = 1_000_000  # bytes
@@ -104,6 +105,33 @@ class FmuMapping:
     def path(self) -> Path:
         """Of the FMU."""
         return Path(self.folder) / self.fmu
+
+    def steps_per_tick(self, file: Path, user: str, inputs: Collection[str]) -> int:
+        """Return the communication steps of a tick, of a mapping that has what its user needs.
+
+        Parameters
+        ----------
+        file : Path
+            The mapping file, for the messages.
+        user : str
+            Who needs it, as "a plant".
+        inputs : collection of str
+            That it needs; as outputs always x, y and heading.
+
+        Raises
+        ------
+        PlantError
+            If an input or output is missing, or the step does not divide a tick.
+        """
+        needed = (("inputs", inputs), ("outputs", ("x", "y", "heading")))
+        for part, names in needed:
+            for name in names:
+                if name not in getattr(self, part):
+                    raise PlantError(f"{file}: {part}: {user} needs {name}")
+        steps = round(TICK / self.step)
+        if steps < 1 or abs(steps * self.step - TICK) > 1e-9:
+            raise PlantError(f"{file}: step: {self.step:g} s does not divide {TICK:g} s")
+        return steps
 
 
 def load_mapping(path: Path) -> FmuMapping:

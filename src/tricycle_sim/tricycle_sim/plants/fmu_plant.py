@@ -10,14 +10,18 @@ from pathlib import Path
 from tricycle_core.errors import PlantError
 from tricycle_core.timing import TICK
 from tricycle_sim.fmi.cosimulation import Fmu, Instance
-from tricycle_sim.fmi.mapping import START, load_mapping
+from tricycle_sim.fmi.mapping import START, FmuMapping, load_mapping
 from tricycle_sim.plants.actuators import SteeringServo
 from tricycle_sim.plants.plant import PlanarMotion, Pose, planar_state
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import LiveState
 
 
-def fmu_plant(vehicle: Vehicle, seed: int = 0, file: Path | None = None) -> "FmuPlant":
+def fmu_plant(
+    vehicle: Vehicle,
+    seed: int = 0,  # noqa: ARG001
+    file: Path | None = None,
+) -> "FmuPlant":
     """Return an FMU as a plant.
 
     Parameters
@@ -38,7 +42,7 @@ def fmu_plant(vehicle: Vehicle, seed: int = 0, file: Path | None = None) -> "Fmu
         raise PlantError("the plant fmu needs its mapping file: fmu:FILE.yaml")
     mapping = load_mapping(file)
     kind = SpeedFmuPlant if "speed" in mapping.inputs else FmuPlant
-    return kind(vehicle, seed, file)
+    return kind(vehicle, mapping, file)
 
 
 class FmuPlant:
@@ -48,10 +52,10 @@ class FmuPlant:
     ----------
     vehicle : Vehicle
         What boards and planner know of it; gives values to the parameters of the mapping.
-    seed : int
-        Not used.
+    mapping : FmuMapping
+        Of its quantities to the FMU's.
     file : Path
-        The mapping.
+        That the mapping is from, for the messages.
 
     Raises
     ------
@@ -59,20 +63,13 @@ class FmuPlant:
         If the FMU does not fit the mapping, or the mapping lacks what a plant needs.
     """
 
-    def __init__(self, vehicle: Vehicle, seed: int, file: Path) -> None:  # noqa: ARG002
+    def __init__(self, vehicle: Vehicle, mapping: FmuMapping, file: Path) -> None:
         self._vehicle = vehicle
-        mapping = load_mapping(file)
         self._has_torque = "torque" in mapping.inputs
         self._has_brake = "brake" in mapping.inputs
         if not self._has_torque and "speed" not in mapping.inputs:
             raise PlantError(f"{file}: inputs: a plant needs torque or speed")
-        for part, names in (("inputs", ("steering",)), ("outputs", ("x", "y", "heading"))):
-            for name in names:
-                if name not in getattr(mapping, part):
-                    raise PlantError(f"{file}: {part}: a plant needs {name}")
-        self._steps = round(TICK / mapping.step)
-        if self._steps < 1 or abs(self._steps * mapping.step - TICK) > 1e-9:
-            raise PlantError(f"{file}: step: {mapping.step:g} s does not divide {TICK:g} s")
+        self._steps = mapping.steps_per_tick(file, "a plant", ("steering",))
         self._parameters = [name for name in mapping.parameters if name not in START]
         for name in self._parameters:
             if name not in vehicle.values:
