@@ -351,9 +351,6 @@ class Playback:
         localisation = Check.of("localisation", self._unwatched(now), "")
         if localisation.level is Level.OK:
             localisation = self._resting.check(now - self._observed_stamp)
-        speed = self._observed.speed if self._observed else math.nan
-        moving = not speed <= STANDSTILL_SPEED
-        moves = f"the vehicle moves at {speed:.2f} m/s; it must stand still" if moving else ""
         return (
             Check.of("plan", self._plan_missing(), name),
             Check.of("vehicle", self._not_ready(now), "armed"),
@@ -363,7 +360,7 @@ class Playback:
                 "pressed" if self.hold_timeout else "no button has to be held",
             ),
             localisation,
-            Check.of("standstill", moves, f"{speed:.2f} m/s"),
+            Check.of("standstill", self._moves(), f"{self._speed:.2f} m/s"),
             *self._check_ground(now),
         )
 
@@ -551,13 +548,20 @@ class Playback:
 
     def _check_standing(self, now: float) -> None:
         """Refuse unless the vehicle obeys and stands where it can be watched."""
-        if reason := self._not_ready(now) or self._released(now):
+        if reason := (
+            self._not_ready(now) or self._released(now) or self._unwatched(now) or self._moves()
+        ):
             raise PlanError(reason)
-        if reason := self._unwatched(now):
-            raise PlanError(reason)
-        if self._observed is None or self._observed.speed > STANDSTILL_SPEED:
-            speed = self._observed.speed if self._observed else math.nan
-            raise PlanError(f"the vehicle moves at {speed:.2f} m/s; it must stand still")
+
+    def _moves(self) -> str:
+        """How fast the vehicle moves; empty where it stands."""
+        if self._speed <= STANDSTILL_SPEED:
+            return ""
+        return f"the vehicle moves at {self._speed:.2f} m/s; it must stand still"
+
+    @property
+    def _speed(self) -> float:
+        return self._observed.speed if self._observed else math.nan
 
     def _return(self, back: WayBack, now: float) -> JointCommand:
         pursuit, here, self.elapsed = back.pursuit, self._observed, now - self._asked_at
