@@ -7,7 +7,8 @@
     live.end()                                     # the same after the drive, and the verdict
 
 Every update fits all samples so far by the model, noise and prior of `identify`, from where the
-last one ended: a step or two. Intervals are linear, there is one start and there are no effects.
+last one ended: a step or two; the last one goes on until noise and fit belong together. Intervals
+are linear, there is one start and there are no effects.
 """
 
 import math
@@ -31,7 +32,7 @@ from parameter_identification.drives.measured import (
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
-from parameter_identification.estimation.optimum import ROUGH
+from parameter_identification.estimation.optimum import ROUGH, settled
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
@@ -290,7 +291,7 @@ class LiveIdentification:
         IdentificationError
             If a sample is not a finite number.
         """
-        return None if self._drive is None else self._update(self._drive, math.inf)
+        return None if self._drive is None else self._update(self._drive, math.inf, last=False)
 
     def end(self, elapsed: float = math.inf) -> tuple[Moment | None, Verdict | None]:
         """End the drive.
@@ -313,7 +314,7 @@ class LiveIdentification:
             If a sample is not a finite number.
         """
         drive, self._drive = self._drive, None
-        moment = None if drive is None else self._update(drive, elapsed)
+        moment = None if drive is None else self._update(drive, elapsed, last=True)
         if drive is None or moment is None or drive.planned is None:
             return moment, None
         target = drive.planned.target
@@ -370,7 +371,7 @@ class LiveIdentification:
                     unit = sensor.unit
                     yield f"noise of {sensor.value} {found:.2g} {unit}, planned {white:.2g} {unit}"
 
-    def _update(self, drive: "_Drive", end: float) -> Moment | None:
+    def _update(self, drive: "_Drive", end: float, *, last: bool) -> Moment | None:
         """Fit the samples until `end`, from where the last update ended."""
         commands = drive.commands
         signals = self._signals(drive, min(end, commands.duration))
@@ -395,8 +396,11 @@ class LiveIdentification:
         ):
             problem.noise |= {s: level for s, level in drive.noise.items() if s in signals}
             fit = problem.minimise(drive.variables(problem), tolerance=ROUGH)
-            problem.estimate_noise(fit.at)
-            fit = problem.minimise(fit.at, tolerance=ROUGH)
+            if last:
+                fit = settled(problem, fit)
+            else:
+                problem.estimate_noise(fit.at)
+                fit = problem.minimise(fit.at, tolerance=ROUGH)
             covariance = np.linalg.inv(problem.gram(fit.at)[:-1, :-1])
             drive.keep(problem, fit.at)
         std = np.sqrt(np.diag(covariance))[: problem.k] * model.width

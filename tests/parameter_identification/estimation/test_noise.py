@@ -51,7 +51,7 @@ def test_white_level_leaves_motion_and_outliers_aside():
     assert white_level(time, values[:, None]) == pytest.approx(0.01, rel=0.25)
 
 
-def estimated(white, drift, drift_time, rng, m=800):
+def estimated(white, drift, drift_time, rng, m=800, start=None):
     """Noise estimated from residuals of a line fit, which takes some of the drift away."""
     noise = SensorNoise(white, drift, drift_time).draw(m, rng)
     time = 0.05 * np.arange(m)
@@ -59,9 +59,8 @@ def estimated(white, drift, drift_time, rng, m=800):
     columns = np.column_stack([line, noise])
     channel = Residuals(time, columns, np.arange(3), Samples.alike(m))
     others = np.diag([1e-9, 1e-9, 0.0])
-    return restricted_noise(
-        [channel], others, NoiseLevel(white_level(time, noise[:, None])), floor=1e-6
-    )
+    start = start or NoiseLevel(white_level(time, noise[:, None]))
+    return restricted_noise([channel], others, start, floor=1e-6)
 
 
 @pytest.mark.slow
@@ -76,3 +75,13 @@ def test_white_noise_has_hardly_any_drift():
     found = [estimated(0.01, 0.0, 1.0, np.random.default_rng(seed)) for seed in range(6)]
     assert np.mean([f.white for f in found]) == pytest.approx(0.01, rel=0.03)
     assert np.median([f.drift for f in found]) < 0.001
+
+
+@pytest.mark.parametrize("start", [NoiseLevel(0.01, 1e-5, 1.0), NoiseLevel(0.02, 0.03, 10.0)])
+def test_noise_does_not_depend_on_where_the_search_begins(start):
+    anew, again = (
+        estimated(0.01, 0.01, 2.0, np.random.default_rng(0), start=at) for at in (None, start)
+    )
+    assert again.white == pytest.approx(anew.white, rel=0.01)
+    assert again.drift == pytest.approx(anew.drift, rel=0.05)
+    assert again.drift_time == pytest.approx(anew.drift_time, rel=0.1)

@@ -192,7 +192,7 @@ def restricted_noise(
     others : ndarray of float, shape (n + 1, n + 1)
         Part of the other sensors and of the priors in [J r]ᵀ[J r], whitened.
     start : NoiseLevel
-        Where to begin.
+        Where to begin; at a drift of a third of the white part at least.
     floor : float
         Smallest level: that of rounding.
 
@@ -220,8 +220,9 @@ def restricted_noise(
     # the rounding of a value that hardly changes is an error that hardly changes
     low = np.log([floor, max(1e-3 * start.white, floor), 2.0 * step])
     high = np.log([1e3 * start.white + floor, 1e3 * start.white + floor, 2.0 * span])
-    drift = start.drift or 0.3 * start.white
-    begin = np.clip(np.log([start.white, drift, start.drift_time]), low, high)
+    # next to no drift the slope by its logarithm vanishes: a search that begins there stays there
+    drift, drift_time = max((start.drift, start.drift_time), (0.3 * start.white, 1.0))
+    begin = np.clip(np.log([start.white, drift, drift_time]), low, high)
     found = minimize(
         criterion, begin, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)),
         options={"maxiter": 25, "ftol": 1e-7},

@@ -65,19 +65,32 @@ def find_optimum(
     candidates = [np.append(z, np.zeros(problem.n - problem.k)) for z in near or ()]
     candidates = candidates or problem.candidates(starts, seed)
     fits = [problem.minimise(start, tolerance=ROUGH) for start in candidates]
-    best = min(fits, key=lambda fit: fit.cost)
-    for _ in range(NOISE_ROUNDS):
-        before = problem.noise
-        problem.estimate_sizes(best.at)
-        problem.estimate_noise(best.at)
-        best = problem.minimise(best.at)
-        if _same_noise(before, problem.noise):
-            break
+    best = settled(problem, min(fits, key=lambda fit: fit.cost))
     best, rivals, agreed = _compare(problem, fits, best, level)
     covariance: FloatArray = np.asarray(
         np.linalg.inv(problem.gram(best.at)[:-1, :-1]), dtype=np.float64
     )
     return Optimum(best, covariance, tuple(rivals), (len(fits), agreed))
+
+
+def settled(problem: LeastSquares, fit: Fit) -> Fit:
+    """Return the fit with the noise that belongs to it; the noise stays set in the problem.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        The problem.
+    fit : Fit
+        With another noise.
+    """
+    for _ in range(NOISE_ROUNDS):
+        before = problem.noise
+        problem.estimate_sizes(fit.at)
+        problem.estimate_noise(fit.at)
+        fit = problem.minimise(fit.at)
+        if _same_noise(before, problem.noise):
+            break
+    return fit
 
 
 def _same_noise(a: Mapping[Sensor, NoiseLevel], b: Mapping[Sensor, NoiseLevel]) -> bool:
