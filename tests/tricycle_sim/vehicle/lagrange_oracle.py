@@ -285,6 +285,15 @@ def fiala(t, load, x, y):
     return total * x / force, total * y / force, adhering**3
 
 
+def softened(t, load, x, y):
+    """Linear by the share that the saturation lacks to 1; above 1 a brush with less friction."""
+    weaker = max(1.0, t.tyre_saturation)
+    brush = SimpleNamespace(friction_coefficient=t.friction_coefficient / weaker)
+    share = t.tyre_saturation / weaker
+    laws = zip(linear(t, load, x, y), fiala(brush, load, x, y), strict=True)
+    return tuple((1.0 - share) * straight + share * curved for straight, curved in laws)
+
+
 def magic_formula(t, load, x, y):
     """Magic Formula by the similarity method: slope and limit are those of `linear`."""
     relative = load / t.mean_load - 1.0
@@ -307,7 +316,12 @@ def _shape(s, c, e):
     return math.sin(c * math.atan(argument - e * (argument - math.atan(argument))))
 
 
-TYRE_LAWS = {"linear": linear, "fiala": fiala, "magic_formula": magic_formula}
+TYRE_LAWS = {
+    "linear": linear,
+    "fiala": fiala,
+    "softened": softened,
+    "magic_formula": magic_formula,
+}
 
 
 def _tyre(t, radius, lean, vx, vy, vz, spin, kappa, alpha):

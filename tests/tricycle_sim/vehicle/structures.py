@@ -90,8 +90,10 @@ ALL_WHEELS = {
 
 REAR_STEERED = {
     "wheels": [*_pair("front", **DRIVEN), *_pair("rear", **STEERED)],
-    "parts": {"steering": "ackermann", "drive": "differential"},
+    "parts": {"steering": "ackermann", "drive": "differential", "tyre": "softened"},
     "constants": {
+        "front.tyre_saturation": 0.6,
+        "rear.tyre_saturation": 1.8,
         **_places("front", 0.5, 0.4, -0.4),
         **_places("rear", -0.8, 0.3, -0.32),
         "wheel_inertia": 0.3,

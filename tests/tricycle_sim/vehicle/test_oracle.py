@@ -58,7 +58,13 @@ def tyre(law, **constants):
 
 @pytest.mark.parametrize("law", lagrange_oracle.TYRE_LAWS)
 def test_every_law_has_the_linear_slope_and_the_friction_limit(law):
-    t = tyre(law, friction_coefficient=0.8, shape_longitudinal=1.0, shape_lateral=1.0)
+    t = tyre(
+        law,
+        friction_coefficient=0.8,
+        shape_longitudinal=1.0,
+        shape_lateral=1.0,
+        tyre_saturation=0.7,
+    )
     x, y, aligning = t.law(t, 200.0, 3e-3, -4e-3)
     assert (x, y, aligning) == pytest.approx((3e-3, -4e-3, 1.0), rel=1e-4)
     x, y, _ = t.law(t, 200.0, -3e6, 4e6)
