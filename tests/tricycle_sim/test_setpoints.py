@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tricycle_sim.commands import Commands
-from tricycle_sim.setpoints import command_rows, slew, slew_all, tick_count
+from tricycle_sim.setpoints import command_rows, delayed, slew, slew_all, tick_count
 
 
 @settings(deadline=None)  # the first call compiles
@@ -54,3 +54,18 @@ def test_lag_is_what_the_next_tick_does_not_make_up_for():
     reach = 2.0 * 0.01
     for steps, lag in ((1.0, 0.0), (2.0, 0.0), (2.5, 1.5)):
         assert slew_all(np.array([steps * reach]), 2.0)[1] == pytest.approx([lag * reach])
+
+
+@given(
+    setpoints=st.lists(st.floats(-5.0, 5.0), min_size=1, max_size=20),
+    before=st.floats(-5.0, 5.0),
+    delay=st.floats(0.0, 0.3),
+)
+def test_a_delay_moves_setpoints_and_a_little_more_moves_them_a_little(setpoints, before, delay):
+    told = np.array(setpoints)
+    assert delayed(told, 0.0, before) == pytest.approx(told)
+    later = delayed(told, 0.02, before)
+    assert later == pytest.approx(np.concatenate([[before, before], told])[: len(told)])
+    jump = np.abs(np.diff(np.append(before, told))).max()
+    more = delayed(told, delay + 1e-6, before)
+    assert np.abs(more - delayed(told, delay, before)).max() <= 1.01e-4 * jump + 1e-9

@@ -87,6 +87,9 @@ def slew_all(targets: FloatArray, rate: float, start: float = 0.0) -> tuple[Floa
 def delayed(setpoints: FloatArray, delay: float, before: float) -> FloatArray:
     """Return set-points of consecutive ticks that are heard later, linear between ticks.
 
+    They are continuous in the delay, as a search for it needs: `before` is that of the tick before
+    the first one.
+
     Parameters
     ----------
     setpoints : ndarray of float, shape (t,)
@@ -96,6 +99,6 @@ def delayed(setpoints: FloatArray, delay: float, before: float) -> FloatArray:
     before : float
         Set-point until the first one is heard.
     """
-    ticks = np.arange(len(setpoints)) * TICK
-    heard: FloatArray = np.interp(ticks - delay, ticks, setpoints, left=before)
+    ticks = np.arange(-1, len(setpoints)) * TICK
+    heard: FloatArray = np.interp(ticks[1:] - delay, ticks, np.append(before, setpoints))
     return heard

@@ -65,12 +65,14 @@ def find_optimum(
     candidates = [np.append(z, np.zeros(problem.n - problem.k)) for z in near or ()]
     candidates = candidates or problem.candidates(starts, seed)
     fits = [problem.minimise(start, tolerance=ROUGH) for start in candidates]
-    best = settled(problem, min(fits, key=lambda fit: fit.cost))
-    best, rivals, agreed = _compare(problem, fits, best, level)
+    lowest = min(fits, key=lambda fit: fit.cost)
+    best = settled(problem, lowest)
+    others = [fit for fit in fits if fit is not lowest]
+    best, rivals, agreed = _compare(problem, others, best, level)
     covariance: FloatArray = np.asarray(
         np.linalg.inv(problem.gram(best.at)[:-1, :-1]), dtype=np.float64
     )
-    return Optimum(best, covariance, tuple(rivals), (len(fits), agreed))
+    return Optimum(best, covariance, tuple(rivals), (len(fits), 1 + agreed))
 
 
 def settled(problem: LeastSquares, fit: Fit) -> Fit:
