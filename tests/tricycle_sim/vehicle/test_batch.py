@@ -1,5 +1,6 @@
 """Replays: any legal command is survived, what it asked of the vehicle is reported."""
 
+import dataclasses
 import math
 import threading
 
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
-from tricycle_sim.vehicle.batch import simulate, simulate_planar
+from tricycle_sim.vehicle.batch import CommandedBatch, simulate, simulate_planar
 
 VEHICLE = load_vehicle()
 
@@ -246,3 +247,19 @@ def test_roll_over_is_detected_and_the_vehicle_left_where_it_is():
     assert not np.any(trajectory.vx[0, tick:])
     assert trajectory.feasibility.reasons(0)[-1].startswith("rolled over at")
     assert np.all(np.isfinite(trajectory.x))
+
+
+def test_a_servo_that_hears_later_by_whole_ticks_is_one_with_that_dead_time():
+    geared = dataclasses.replace(VEHICLE, parts={"servo": "geared"})
+    commands = Commands([0.0, 1.0, 3.0], [0.2, 0.3, 0.3], [1.0, 1.5, 1.5])
+    point, columns = geared.nominal_point()[np.newaxis], ("x", "y", "yaw")
+    batch = CommandedBatch(geared, commands)
+    later = batch.run(point, columns, steering_delay=np.array([0.03]))
+    own = CommandedBatch(geared.replace(servo_delay=0.03), commands).run(point, columns)
+    for name in columns:
+        assert later.columns[name] == pytest.approx(own.columns[name], abs=1e-12)
+    # between ticks it changes as evenly
+    delays = np.linspace(0.02, 0.04, 21)
+    yaw = batch.run(np.repeat(point, 21, axis=0), columns, steering_delay=delays)
+    slopes = np.diff(yaw.columns["yaw"][:, -1]) / np.diff(delays)
+    assert slopes == pytest.approx(slopes.mean(), rel=0.05)

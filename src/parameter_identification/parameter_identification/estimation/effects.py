@@ -22,7 +22,7 @@ from tricycle_sim.vehicle.registry import PARTS, law_name
 SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
 WHEEL_RADIUS = "wheel radius"
-DRIVE_DEAD_TIME = "drive dead time"
+SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
 REACH = 4.0  # standard deviations of the prior that an effect may have at most
 
 
@@ -64,9 +64,14 @@ class Effect:
     process: bool = False
     step: float = 0.01
 
+    @property
+    def rough(self) -> bool:
+        """Whether the motion changes by jumps, so that its derivative holds on average only."""
+        return self.step > Effect.step
+
 
 # finite differences of effects by which the gear turns round at another step of the simulation
-_COARSE = {"servo_backlash": 0.1, "servo_delay": 0.1}
+_COARSE = {"servo_backlash": 0.1}
 
 # by law of a part: the law that adds constants to it, and moves alike with these at their defaults
 _EXTENDED = {
@@ -81,7 +86,6 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("steering gain", "1", 0.02, ({"steering_scale": 1.0},)),
     ("steering play", "rad", 0.01, ({"servo_backlash": 1.0},)),
     ("servo bandwidth", "1", 0.3, ({"servo_natural_frequency": None},)),
-    ("servo dead time", "s", 0.05, ({"servo_delay": 1.0},)),
     (WHEEL_RADIUS, "1", 0.01, ({"speed_scale": 1.0},)),
     (
         *("speed loop", "1", 0.3),
@@ -100,6 +104,7 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
 _OTHERS = (
+    Effect(SERVO_DEAD_TIME, "s", 0.05, low=0.0, high=REACH * 0.05),
     Effect(DRIVE_DEAD_TIME, "s", 0.05, low=0.0, high=REACH * 0.05),
     Effect(SENSOR_FORWARD, "m", 0.03),
     Effect(SENSOR_LEFT, "m", 0.03),
@@ -145,7 +150,13 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
             step = max(_COARSE.get(constant, Effect.step) for constant in owned)
             found.append(Effect(name, unit, std, change, parts, low, high, per_drive, step=step))
-    return tuple(e for e in (*found, *_OTHERS) if e.name.replace(" ", "-") in names)
+    for e in _OTHERS:
+        if e.name == SERVO_DEAD_TIME:
+            if "servo_delay" in vehicle.unknown:
+                continue
+            e = dataclasses.replace(e, low=-vehicle.values.get("servo_delay", 0.0))
+        found.append(e)
+    return tuple(e for e in found if e.name.replace(" ", "-") in names)
 
 
 def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:

@@ -26,6 +26,7 @@ from parameter_identification.estimation.effects import (
     SENSOR_FORWARD,
     SENSOR_LEFT,
     SENSOR_YAW,
+    SERVO_DEAD_TIME,
     SPEED_DEVIATION,
     TURN_DEVIATION,
     WHEEL_RADIUS,
@@ -68,6 +69,7 @@ class Batch(Protocol):
         columns: Sequence[str],
         *,
         speed: FloatArray | None = None,
+        steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
     ) -> Run:
         """Return the columns of samples.
@@ -80,6 +82,8 @@ class Batch(Protocol):
             Names of columns of a trajectory.
         speed : ndarray of float, shape (n,), optional
             At which the samples roll at the start [m/s]; by default they are at rest.
+        steering_delay : ndarray of float, shape (n,), optional
+            By which each servo hears of its set-point later [s].
         drive_delay : float
             By which the motor hears of its set-point later [s].
         """
@@ -236,19 +240,20 @@ class DriveModel:
         self.shared = sum(not e.per_drive for e in effects)
         self.nuisances += self._start_and_sensors()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
-        # by a simulation each: effects on constants, the start speed, the drive's dead time; by a
-        # distortion: the rest
+        # by a simulation each: effects on constants, the start speed, dead times; by a distortion:
+        # the rest
         effect_of = enumerate(n.effect for n in self.nuisances)
         effect_at = [(i, e) for i, e in effect_of if e is not None]
-        self._by_simulation = {i: e for i, e in effect_at if e.constants}
+        self._servo_delay = self._at.get(SERVO_DEAD_TIME)
+        self._drive_delay = self._at.get(DRIVE_DEAD_TIME)
+        self._by_simulation = {i: e for i, e in effect_at if e.constants or i == self._servo_delay}
         # all that the motion and when it is seen depend on, beside the parameters
         still = {"start x", "start y", "start heading", "gyro bias"}
         self._moving = [i for i, n in enumerate(self.nuisances) if n.name not in still]
         # the last ones by sensor, and the point (z, moving nuisances) that they are of
         self._derivatives: tuple[tuple[FloatArray, ...], dict[Sensor, FloatArray]] = (), {}
-        self._delay = self._at.get(DRIVE_DEAD_TIME)
-        delay = [] if self._delay is None else [self._delay]
-        others = (i for i, e in effect_at if not e.constants and i != self._delay)
+        delay = [] if self._drive_delay is None else [self._drive_delay]
+        others = (i for i, _ in effect_at if i not in (*self._by_simulation, *delay))
         self._stepped = [*self._by_simulation, *delay, *others]
         self._effect_steps = np.array(
             [e.step for i in self._stepped if (e := self.nuisances[i].effect) is not None]
@@ -311,22 +316,23 @@ class DriveModel:
         return values
 
     def _motion(
-        self,
-        batch: Batch,
-        constants: FloatArray,
-        speeds: FloatArray | None = None,
-        delay: float = 0.0,
+        self, batch: Batch, constants: FloatArray, nuisances: FloatArray | None = None
     ) -> "_Motions":
-        """Motions of vehicles with values (n, K) of the batch's unknown, from start speeds (n,).
+        """Motions of vehicles with values (n, K) of the batch's unknown, and nuisances (n, q).
 
-        Default: the measured start speed. The drive has the same dead time in all [s].
+        By default the start speed is the measured one, and there is no dead time. The drive has the
+        dead time of the first vehicle in all.
         """
-        if speeds is None:
-            speeds = np.full(len(constants), self.drive.start.speed)
+        speeds, steering, drive = np.full(len(constants), self.drive.start.speed), None, 0.0
+        if nuisances is not None:
+            speeds = nuisances[:, self._at["start speed"]]
+            if self._servo_delay is not None:
+                steering = nuisances[:, self._servo_delay]
+            if self._drive_delay is not None:
+                drive = float(nuisances[0, self._drive_delay])
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
-        return _Motions(
-            *batch.run(constants, names, speed=speeds, drive_delay=delay).columns.values()
-        )
+        run = batch.run(constants, names, speed=speeds, steering_delay=steering, drive_delay=drive)
+        return _Motions(*run.columns.values())
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
@@ -371,32 +377,29 @@ class DriveModel:
         steps (n - 1, 1). Nuisances are given in standard deviations, and in their units as `b`.
         """
         k = len(z)
-        speed = b[self._at["start speed"]]
-        delay = 0.0 if self._delay is None else float(b[self._delay])
         if not steps:
             point = self._nominal[np.newaxis].copy()
             point[:, self._parameters] = self.parameters(z)
             self._apply_effects(point, b[np.newaxis])
-            motion = self._motion(self._batch, point, np.array([speed]), delay)
+            motion = self._motion(self._batch, point, b[np.newaxis])
             return self._distorted(motion, b[np.newaxis]), np.empty((0, 1))
         lengths = np.where(z < 0.5, STEP, -STEP)
         # lanes: here, a step of each parameter, of the start speed, of each effect
         ranges = np.repeat(z[np.newaxis], k + 2 + len(self._by_simulation), axis=0)
         ranges[np.arange(1, k + 1), np.arange(k)] += lengths
-        speeds = np.full(len(ranges), speed)
-        speeds[k + 1] += SPEED_STEP
         stepped = self._stepped
         values = np.repeat(b[np.newaxis], k + 2 + len(stepped), axis=0)
+        values[k + 1, self._at["start speed"]] += SPEED_STEP
         effect_steps = self._effect_steps * np.where(nuisances[stepped] > 0.0, -1.0, 1.0)
         std = np.array([self.nuisances[i].std for i in stepped])
         values[np.arange(k + 2, len(values)), stepped] += effect_steps * std
         points = np.tile(self._nominal, (len(ranges), 1))
         points[:, self._parameters] = self.parameters(ranges)
         self._apply_effects(points, values[: len(points)])
-        motion = self._motion(self._batch, points, speeds, delay)
-        if self._delay is not None:
-            later = float(values[len(points), self._delay])
-            motion = motion.with_another(self._motion(self._batch, points[:1], speeds[:1], later))
+        motion = self._motion(self._batch, points, values[: len(points)])
+        if self._drive_delay is not None:  # which all vehicles of a batch have in common
+            later = values[len(points) : len(points) + 1]
+            motion = motion.with_another(self._motion(self._batch, points[:1], later))
         motion = self._distorted(motion, values)
         return motion, np.concatenate([lengths, [SPEED_STEP / START_SPEED], effect_steps])[:, None]
 

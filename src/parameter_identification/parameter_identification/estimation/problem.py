@@ -40,6 +40,7 @@ CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
 OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
 MAX_STEPS = 50
+ROUGHNESS = 0.3  # of the cost: a step that promises less after one that failed is not tried
 KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
 LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
 SIZE_ROUNDS = 1
@@ -98,12 +99,13 @@ class LeastSquares(Closing):
             for first, last in itertools.pairwise(ends)
         ]
         self.low, self.high = np.zeros(self.n), np.ones(self.n)
-        self._of_effects = np.zeros(self.n, dtype=bool)
+        self._of_effects, self._rough = np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool)
         self._processes: dict[Effect, list[int]] = {}
         for model, at in zip(models, self._at, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
                 self.low[i], self.high[i] = (n.low - n.mean) / n.std, (n.high - n.mean) / n.std
                 self._of_effects[i] = n.effect is not None
+                self._rough[i] = n.effect is not None and n.effect.rough
                 if n.effect is not None and n.effect.process:
                     self._processes.setdefault(n.effect, []).append(i)
         self._precision = np.ones(self.n - self.k)  # of the nuisances' priors
@@ -118,6 +120,9 @@ class LeastSquares(Closing):
             }
             for model in models
         ]
+        self._samples_in_all = sum(
+            signal.values.size for model in models for signal in model.drive.signals.values()
+        )
         self._predicted: dict[bytes, list[list[Prediction]]] = {}
         self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
 
@@ -225,15 +230,17 @@ class LeastSquares(Closing):
             Which of them may change. Default: all.
         tolerance : float
             The search ends when the next step promises to lower the cost by less (an interval is
-            where the cost rises by some 4); that step is taken, its cost is the promised one.
+            where the cost rises by some 4); that step is taken, its cost is the promised one. Where
+            the cost is more than one per sample, so much more.
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
-        kept = np.append(np.flatnonzero(free), self.n)
         low, high = self.low, self.high
         at = np.where(free, np.clip(start, low, high), start)
-        gram = self.gram(at)[np.ix_(kept, kept)]
+        whole = self.gram(at)
         damping = 0.0
         for _ in range(MAX_STEPS):
+            kept = np.append(np.flatnonzero(free), self.n)
+            gram = whole[np.ix_(kept, kept)]
             factor = np.linalg.cholesky(gram[:-1, :-1] + damping * np.eye(len(kept) - 1))
             wanted = np.linalg.solve(factor, -gram[:-1, -1])
             bounds = (low[free] - at[free], high[free] - at[free])
@@ -244,15 +251,21 @@ class LeastSquares(Closing):
             following = at.copy()
             following[free] += step
             following = np.where(free, np.clip(following, low, high), following)
-            if promise < tolerance:
-                return Fit(following, float(gram[-1, -1]) - promise)
-            trial = self.gram(following)[np.ix_(kept, kept)]
-            if trial[-1, -1] < gram[-1, -1] - 0.1 * promise:
-                at, gram = following, trial
+            cost = float(whole[-1, -1])
+            scale = max(1.0, cost / self._samples_in_all)
+            if promise < tolerance * scale:
+                return Fit(following, cost - promise)
+            if damping > 0.0 and promise < ROUGHNESS * scale:
+                break
+            trial = self.gram(following)
+            if trial[-1, -1] < cost - 0.1 * promise:
+                at, whole = following, trial
                 damping = damping / 10.0 if damping > 1.0 else 0.0
+            elif np.any(free & self._rough):  # near by it does not keep what it promises on average
+                free = free & ~self._rough
             else:
                 damping = max(10.0 * damping, 1.0)
-        return Fit(at, float(gram[-1, -1]))
+        return Fit(at, float(whole[-1, -1]))
 
     def nuisances_at(self, drive: int) -> NDArray[np.int64]:
         """Return the place of each nuisance of a drive among the variables.

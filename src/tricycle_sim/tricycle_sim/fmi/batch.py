@@ -112,6 +112,7 @@ class FmuBatch:
         columns: Sequence[str],
         *,
         speed: FloatArray | None = None,
+        steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
@@ -125,6 +126,8 @@ class FmuBatch:
         speed : ndarray of float, shape (n,), optional
             At which the vehicles roll at the start [m/s], if the mapping has `start_speed`; by
             default they are at rest.
+        steering_delay : ndarray of float, shape (n,), optional
+            By which each servo hears of its set-point later [s]; default: not at all.
         drive_delay : float
             By which the motor hears of its set-point later [s].
 
@@ -137,16 +140,19 @@ class FmuBatch:
         if "start_speed" not in self._mapping.parameters and self._setpoint:
             raise PlantError(f"{self._file}: parameters: lacks start_speed, and the drive has one")
         demands = delayed(self._speeds, drive_delay, self._setpoint)
+        later = np.zeros(len(parameters)) if steering_delay is None else steering_delay
+        steering = np.array([delayed(self._steering, float(delay), 0.0) for delay in later])
         driven = [
-            self._drive(p, float(v), demands) for p, v in zip(parameters, speeds, strict=True)
+            self._drive(p, float(v), angles, demands)
+            for p, v, angles in zip(parameters, speeds, steering, strict=True)
         ]
         found = {name: np.array([each[name] for each in driven]) for name in columns}
         nothing = np.empty((0, 0))
-        angles = np.tile(np.append(self._steering[:1], self._steering), (len(parameters), 1))
+        angles = np.column_stack([steering[:, :1], steering])
         return Run(found, angles, nothing, self._vehicle.wheels)
 
     def _drive(
-        self, parameters: FloatArray, speed: float, demands: FloatArray
+        self, parameters: FloatArray, speed: float, angles: FloatArray, demands: FloatArray
     ) -> dict[str, FloatArray]:
         values = {
             **self._vehicle.values,
@@ -157,7 +163,7 @@ class FmuBatch:
         instance = self._fmu.start({name: values[name] for name in self._mapping.parameters})
         try:
             rows = [instance.read()]
-            for steering, demand in zip(self._steering, demands, strict=True):
+            for steering, demand in zip(angles, demands, strict=True):
                 instance.set(steering=float(steering), speed=float(demand))
                 for _ in range(self._steps):
                     instance.advance()

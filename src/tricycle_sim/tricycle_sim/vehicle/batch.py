@@ -312,8 +312,6 @@ class CommandedBatch:
         self._functions.steer(servo_at_rest(vehicle), setpoints, constants, 2, self._table, angles)
         self.steering_motor_angle = angles[0]
         self._setpoints, self._start = setpoints, equilibrium(vehicle)
-        own = bool(self._start.steered_by)
-        self._advance = functions_for(vehicle, own_steering=own).advance
         self.available = self._columns()
 
     def _columns(self) -> dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]]:
@@ -362,6 +360,7 @@ class CommandedBatch:
         columns: Sequence[str],
         *,
         speed: FloatArray | None = None,
+        steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
@@ -375,6 +374,9 @@ class CommandedBatch:
             not the steering motor's angle.
         speed : ndarray of float, shape (n,), optional
             At which the vehicles roll at the start [m/s]; by default they are at rest.
+        steering_delay : ndarray of float, shape (n,), optional
+            By which each servo hears of its set-point later [s]; default: not at all. The motion
+            is smoother in it than in `servo_delay`, by which set-points change between ticks.
         drive_delay : float
             By which the motor hears of its set-point later [s].
         """
@@ -386,8 +388,14 @@ class CommandedBatch:
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
         out = np.empty((len(rows), len(groups) * LANES, len(self.time)))
-        table, axles, angles = self._steering(parameters)
-        self._advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), out)
+        own = bool(self._start.steered_by) or steering_delay is not None
+        table, axles, angles = (
+            self._own_steering(parameters, steering_delay)
+            if own
+            else (self._table, self._table[::2].T, self.steering_motor_angle)
+        )
+        advance = functions_for(self._vehicle, own_steering=own).advance
+        advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), out)
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
         found = {
             name: self.available[name][1](axles, *(recorded[row] for row in need))
@@ -396,25 +404,26 @@ class CommandedBatch:
         angles = np.broadcast_to(angles, (len(parameters), len(self.time)))
         return Run(found, angles, groups, self._vehicle.wheels)
 
-    def _steering(self, parameters: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _own_steering(
+        self, parameters: FloatArray, delays: FloatArray | None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the table for `advance`, the axles at the ticks, the angles of the motor."""
-        if not self._start.steered_by:
-            return self._table, self._table[::2].T, self.steering_motor_angle
         samples = len(parameters)
+        delays = np.zeros(samples) if delays is None else delays
         count = -(-samples // LANES)
         table = np.empty((count, len(self._table), 8, LANES))
         axles = np.empty((8, samples, len(self.time)))
         angles = np.empty((samples, len(self.time)))
         own, both = np.empty_like(self._table), np.empty((2, len(self.time)))
-        _, first, which = np.unique(
-            parameters[:, self._start.steered_by], axis=0, return_index=True, return_inverse=True
-        )
+        differ = np.column_stack([parameters[:, self._start.steered_by], delays])
+        _, first, which = np.unique(differ, axis=0, return_index=True, return_inverse=True)
         by_lane = np.append(which, np.repeat(which[-1:], count * LANES - samples))
-        for steering, point in enumerate(parameters[first]):
-            values = sample_values(self._vehicle, point)
+        for steering, sample in enumerate(first):
+            values = sample_values(self._vehicle, parameters[sample])
             constants = steering_constants(self._vehicle, 0.5 * TICK, values)
             servo = servo_at_rest(self._vehicle)
-            self._functions.steer(servo, self._setpoints, constants, 2, own, both)
+            setpoints = delayed(self._setpoints, float(delays[sample]), 0.0)
+            self._functions.steer(servo, setpoints, constants, 2, own, both)
             alike = which.ravel() == steering
             axles[:, alike], angles[alike] = own[::2].T[:, np.newaxis], both[0]
             for lane in np.flatnonzero(by_lane == steering):
