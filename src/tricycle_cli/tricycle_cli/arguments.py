@@ -7,7 +7,7 @@ from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 from tricycle_core.errors import PlanError
 
@@ -117,6 +117,55 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
     ranges = {} if args.ranges is None else load_ranges(args.ranges)
     families = tuple(family_by_name(name) for name in names.split(","))
     return with_ranges(families, ranges | parse_ranges(args.range))
+
+
+class EffectsAsked(TypedDict):
+    """Arguments of `identify` that say which effects are estimated, and how."""
+
+    effects: tuple[str, ...]
+    weighed: bool
+
+
+def add_effects_option(parser: ArgumentParser, *, exceptions: str = "") -> None:
+    """Declare the option that says which effects are estimated beside the parameters.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand that identifies.
+    exceptions : str
+        From the default, for the help.
+    """
+    parser.add_argument(
+        "--effects",
+        metavar="weighed|all|none|NAME,NAME",
+        help="what the real vehicle has beside the file (steering-zero, wheel-radius, "
+        "sensor-forward, …) and is estimated too; weighed: by the average over all their subsets "
+        f"(default: weighed{exceptions})",
+    )
+
+
+def effects_asked(args: Namespace, default: str = "weighed") -> EffectsAsked:
+    """Return the arguments of `identify` that the option asks for.
+
+    Parameters
+    ----------
+    args : argparse.Namespace
+        Parsed arguments, with those of `add_effects_option`.
+    default : str
+        What the option is where it is not given.
+
+    Raises
+    ------
+    IdentificationError
+        If a name is none of an effect.
+    """
+    from parameter_identification.estimation.effects import EFFECTS, check_effects
+
+    asked = args.effects or default
+    chosen = {"all": EFFECTS, "weighed": EFFECTS, "none": ()}.get(asked, tuple(asked.split(",")))
+    check_effects(chosen)
+    return {"effects": chosen, "weighed": asked == "weighed"}
 
 
 def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:

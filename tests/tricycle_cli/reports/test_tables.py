@@ -81,3 +81,17 @@ def test_it_is_said_when_the_vehicle_moves_as_the_model_cannot():
     found = dataclasses.replace(FOUND, effects=(shown,))
     assert any("moves as the model CANNOT (turn deviation)" in line for line in remarks(found))
     assert not any("CANNOT" in line for line in remarks(FOUND))
+
+
+def test_effects_that_do_not_act_are_only_counted():
+    def effect(name, acts):
+        return EffectEstimate(name, "rad", 0.01, 0.001, 0.02, acts=acts)
+
+    effects = (effect("steering zero", 0.98), effect("steering play", 0.01), effect("slope", 0.04))
+    lines = remarks(dataclasses.replace(FOUND, effects=effects))
+    beside = [line for line in lines if line.startswith("beside them")]
+    assert "steering zero" in beside[0]
+    assert beside[1].startswith("beside them: 2 effects that do not act, each with more than 95%")
+    estimated = tuple(dataclasses.replace(effect, acts=None) for effect in effects)
+    lines = remarks(dataclasses.replace(FOUND, effects=estimated))
+    assert sum(line.startswith("beside them") for line in lines) == 3

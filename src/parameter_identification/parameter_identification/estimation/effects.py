@@ -119,6 +119,26 @@ EFFECTS: tuple[str, ...] = tuple(
 """Every effect, as `--effects` names it."""
 
 
+def check_effects(names: Sequence[str]) -> None:
+    """Raise an error if a name is none of an effect.
+
+    Parameters
+    ----------
+    names : sequence of str
+        To be in `EFFECTS`.
+
+    Raises
+    ------
+    IdentificationError
+        If one is not.
+    """
+    for name in names:
+        if name not in EFFECTS:
+            close = difflib.get_close_matches(name, EFFECTS, 1)
+            hint = f"; did you mean {close[0]}?" if close else f"; there are: {', '.join(EFFECTS)}"
+            raise IdentificationError(f"{name!r} is no effect{hint}")
+
+
 def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
     """Return effects on a vehicle; those whose constants are unknown parameters are left out.
 
@@ -134,11 +154,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
     IdentificationError
         If a name is none of an effect.
     """
-    for name in names:
-        if name not in EFFECTS:
-            close = difflib.get_close_matches(name, EFFECTS, 1)
-            hint = f"; did you mean {close[0]}?" if close else f"; there are: {', '.join(EFFECTS)}"
-            raise IdentificationError(f"{name!r} is no effect{hint}")
+    check_effects(names)
     found = []
     extended = extend(vehicle, _extensions(vehicle))
     for name, unit, std, choices in _OF_CONSTANTS:

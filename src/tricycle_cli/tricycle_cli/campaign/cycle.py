@@ -233,7 +233,14 @@ class Campaign:
         if step.identification is None:
             vehicle = self.request.vehicle
             drives = [read(self.folder / s.bag, vehicle) for s in self.steps]
-            found = identify(drives, vehicle, seed=self.request.seed)
+            request = self.request
+            found = identify(
+                drives,
+                vehicle,
+                effects=request.effects,
+                weighed=request.weighed,
+                seed=request.seed,
+            )
             identified = dataclasses.replace(step, identification=document_of(found))
             self._keep((*self.steps[:-1], identified))
         return self.known()

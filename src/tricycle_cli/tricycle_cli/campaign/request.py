@@ -91,6 +91,10 @@ class CampaignRequest:
         Of the simulated vehicle's hidden parameters; None: the real vehicle.
     area : Area, optional
         Ground that the drives stay on.
+    effects : tuple of str
+        What is estimated beside the parameters: of `EFFECTS`.
+    weighed : bool
+        Whether by the average over all their subsets.
 
     Raises
     ------
@@ -108,6 +112,8 @@ class CampaignRequest:
     noise: MeasurementNoise = field(default_factory=MeasurementNoise)
     true_seed: int | None = None
     area: Area | None = None
+    effects: tuple[str, ...] = ()
+    weighed: bool = False
 
     def __post_init__(self) -> None:
         if not self.targets or len(set(self.targets)) < len(self.targets):

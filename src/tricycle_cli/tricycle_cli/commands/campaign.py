@@ -14,8 +14,10 @@ from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import family_names
 from tricycle_cli.arguments import (
     add_area_option,
+    add_effects_option,
     add_noise_options,
     add_range_options,
+    effects_asked,
     families_of,
     noise_of,
     real_time_factor,
@@ -98,6 +100,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="largest; the nodes set the pace",
     )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
+    add_effects_option(parser)
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -134,6 +137,7 @@ def run(args: argparse.Namespace) -> int:
         noise=noise_of(args, MeasurementNoise() if args.vehicle_nodes else SIMULATED),
         true_seed=None if args.vehicle_nodes else args.true_seed,
         area=None if args.area is None else load_area(args.area),
+        **effects_asked(args),
     )
     campaign = Campaign(args.output, request)
     console = Console(stderr=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.planning import PlanRequest
-from tricycle_cli.arguments import real_time_factor, seed
+from tricycle_cli.arguments import add_effects_option, effects_asked, real_time_factor, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import BagError
@@ -65,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="drive the real firmware of this build on simulated UNOs (`make firmware`)",
     )
+    add_effects_option(parser)
     add("--output", type=Path, default=Path("out/demo"), metavar="DIR")
     add("--overwrite", action="store_true", help="replace the bags of an earlier demo")
     add("--json", action="store_true", help="print one JSON object")
@@ -95,6 +96,7 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_sim.plc.simulated_uno import check_build
 
     check_installed("rclpy", "a demo")
+    effects = effects_asked(args)
     vehicle = load_vehicle(args.vehicle)
     request = PlanRequest(
         vehicle, family_by_name(args.maneuver), args.target, seed=args.seed, noise=SIMULATED
@@ -116,7 +118,14 @@ def run(args: argparse.Namespace) -> int:
     )
     with progress_bar("identifying the parameters") as progress:
         measured = [measured_drive(drive, vehicle) for drive in drives.values()]
-        found = identify(measured, vehicle, profiles=True, seed=args.seed, progress=progress)
+        found = identify(
+            measured,
+            vehicle,
+            **effects,
+            profiles=True,
+            seed=args.seed,
+            progress=progress,
+        )
     save_identification(found, args.vehicle, output / "identification")
 
     truth = hidden_truth(vehicle, args.seed)

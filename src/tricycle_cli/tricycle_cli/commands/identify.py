@@ -10,7 +10,13 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import add_topic_options, seed, topics_of
+from tricycle_cli.arguments import (
+    add_effects_option,
+    add_topic_options,
+    effects_asked,
+    seed,
+    topics_of,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import load_vehicle
@@ -58,13 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="identify only these; the others keep their nominal values (default: all unknown)",
     )
     add("--held-out", type=Path, metavar="DRIVE", nargs="+", default=[], help="drives to predict")
-    add(
-        "--effects",
-        default="none",
-        metavar="all|weighed|none|NAME,NAME",
-        help="what the real vehicle has beside the file (steering-zero, wheel-radius, "
-        "sensor-forward, …) and is estimated too; weighed: by the average over all their subsets",
-    )
+    add_effects_option(parser, exceptions="; none for tables and FMUs, where it takes minutes")
     add(
         "--fmu",
         type=Path,
@@ -101,12 +101,13 @@ def run(args: argparse.Namespace) -> int:
 
     from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
-    from parameter_identification.identification import EFFECTS, identify
+    from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.tables import parameter_table, remarks
     from tricycle_sim.vehicle.batch import CommandedBatch
 
+    effects = effects_asked(args, "none" if args.fmu or args.columns else "weighed")
     simulator: Simulator = CommandedBatch
     if args.fmu is not None:
         from tricycle_sim.fmi.batch import FmuSimulator
@@ -129,10 +130,7 @@ def run(args: argparse.Namespace) -> int:
             vehicle,
             parameters=args.parameters,
             held_out=list(chain.from_iterable(drives[len(args.drives) :])),
-            effects={"all": EFFECTS, "weighed": EFFECTS, "none": ()}.get(
-                args.effects, args.effects.split(",")
-            ),
-            weighed=args.effects == "weighed",
+            **effects,
             simulator=simulator,
             loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,

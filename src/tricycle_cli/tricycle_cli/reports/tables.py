@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
 """Of the table of identified parameters."""
 
+IMPROBABLE = 0.05
+"""Probability of an effect below which the remarks only count it."""
+
 
 def plan_table(plan: Plan) -> Table:
     """Return the Sobol' indices of a plan, a row per unknown parameter.
@@ -230,7 +233,13 @@ def remarks(found: Identification) -> list[str]:
             f"the vehicle moves as the model CANNOT ({names}): it has something that no effect "
             "stands for, as tyres that slide or play in the steering. The intervals do not count it"
         )
-    lines += [f"beside them: {effect}" for effect in found.effects]
+    absent = [e for e in found.effects if e.acts is not None and e.acts < IMPROBABLE]
+    lines += [f"beside them: {effect}" for effect in found.effects if effect not in absent]
+    if absent:
+        lines.append(
+            f"beside them: {len(absent)} effects that do not act, each with more than "
+            f"{1.0 - IMPROBABLE:.0%} (identification.json)"
+        )
     if found.rivals:
         lines.append(
             f"{len(found.rivals)} other set(s) of parameters fit as well; intervals hold them too"
