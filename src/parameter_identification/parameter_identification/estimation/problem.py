@@ -82,6 +82,11 @@ class LeastSquares(Closing):
         Inverse covariance of that prior.
     loss : Loss
         Of the residuals.
+
+    Attributes
+    ----------
+    samples_in_all : int
+        Numbers measured.
     """
 
     def __init__(
@@ -120,7 +125,7 @@ class LeastSquares(Closing):
             }
             for model in models
         ]
-        self._samples_in_all = sum(
+        self.samples_in_all = sum(
             signal.values.size for model in models for signal in model.drive.signals.values()
         )
         self._predicted: dict[bytes, list[list[Prediction]]] = {}
@@ -252,7 +257,7 @@ class LeastSquares(Closing):
             following[free] += step
             following = np.where(free, np.clip(following, low, high), following)
             cost = float(whole[-1, -1])
-            scale = max(1.0, cost / self._samples_in_all)
+            scale = max(1.0, cost / self.samples_in_all)
             if promise < tolerance * scale:
                 return Fit(following, cost - promise)
             if damping > 0.0 and promise < ROUGHNESS * scale:
@@ -388,7 +393,7 @@ class LeastSquares(Closing):
     def estimate_noise(self, v: FloatArray) -> None:
         """Set the weights of the samples and the noise of each sensor from the residuals at `v`."""
         predictions = self.predictions(v)
-        self._weigh(predictions)
+        self.weigh(v)
         grams = {
             sensor: sum(
                 (
@@ -423,8 +428,15 @@ class LeastSquares(Closing):
 
         self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
 
-    def _weigh(self, predictions: Sequence[Sequence[Prediction]]) -> None:
-        """Set the weights of the samples: less where stamps matter, and by the robust loss."""
+    def weigh(self, v: FloatArray) -> None:
+        """Set the weights of the samples: less where stamps matter, and by the robust loss.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables.
+        """
+        predictions = self.predictions(v)
         for drive, (found, samples) in enumerate(zip(predictions, self._samples, strict=True)):
             for p in found:
                 plain = samples[p.sensor] = self._plain_weights(drive, p)

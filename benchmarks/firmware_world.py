@@ -1,0 +1,84 @@
+"""Identification behind the own firmware: what intervals hold of vehicles driven by real code.
+
+    make firmware && python benchmarks/firmware_world.py [--vehicles 4] [--firmware build/firmware]
+
+The firmware runs on simulated ATmega328P behind the live nodes: its servo loop, speed loop and
+clocks are no part of the model. Random vehicles drive a circle and a double lane change; the two
+bags are identified without effects and with all of them weighed. Printed for every parameter and
+way: in how many vehicles it is shown, in how many of these the 95 % interval holds the truth, and
+the median width in % of the range; then how often residuals were white, what was told to be
+missing, and how probable each effect was in the mean.
+"""
+
+import argparse
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from identification import MANEUVERS
+
+from excitation_planner.planning import PlanRequest, plan_at
+from parameter_identification.drives.measured import read_measured_drive
+from parameter_identification.identification import EFFECTS, identify
+from tricycle_cli.campaign.request import SIMULATED
+from tricycle_cli.operation.session import simulated_session
+from tricycle_sim.vehicle import load_vehicle
+
+VEHICLE = load_vehicle()
+WAYS = {"none": {}, "weighed": {"effects": EFFECTS, "weighed": True}}
+
+
+def drives_of(seed, firmware, folder):
+    """The two drives of a random vehicle, from their bags."""
+    drives = []
+    with simulated_session(
+        vehicle_file=None,
+        true_seed=seed,
+        real_time_factor=2.0,
+        folder=folder,
+        firmware=firmware,
+    ) as drive:
+        for number, (family, x) in enumerate(MANEUVERS):
+            request = PlanRequest(VEHICLE, family, "cornering_stiffness", noise=SIMULATED)
+            bag = folder / f"drive_{number}"
+            drive(plan_at(request, np.array(x)), bag, lambda *_: None)
+            drives.append(read_measured_drive(bag, VEHICLE))
+    return drives
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--vehicles", type=int, default=4)
+    parser.add_argument("--firmware", type=Path, default=Path("build/firmware"))
+    arguments = parser.parse_args()
+    found = {way: [] for way in WAYS}
+    for seed in range(arguments.vehicles):
+        with tempfile.TemporaryDirectory() as folder:
+            drives = drives_of(seed, arguments.firmware, Path(folder))
+        for way, options in WAYS.items():
+            found[way].append((drives[0].truth, identify(drives, VEHICLE, **options)))
+    for way, results in found.items():
+        for name, (low, high) in VEHICLE.unknown.items():
+            intervals = [(truth[name], f.parameters[name]) for truth, f in results]
+            shown = [(truth, e) for truth, e in intervals if e.identifiable]
+            held = sum(e.low <= truth <= e.high for truth, e in shown)
+            width = np.median([(e.high - e.low) / (high - low) for _, e in intervals])
+            print(
+                f"{way:8s} {name:26s} shown {len(shown)} of {len(intervals)}, "
+                f"held {held} of {len(shown)}, width {100 * width:5.1f} %"
+            )
+        white = np.mean([t.p * len(f.whiteness) > 0.01 for _, f in results for t in f.whiteness])
+        missing = [", ".join(e.name for e in f.deviations) or "nothing" for _, f in results]
+        print(f"{way:8s} white {white:.0%} of the channels; told to be missing: {missing}")
+        acts = {}
+        for _, f in results:
+            for e in f.effects:
+                acts.setdefault(e.name, []).append(e.acts)
+        likely = {name: np.mean(p) for name, p in acts.items() if np.mean(p) > 0.05}
+        print(f"{way:8s} acts with: {', '.join(f'{n} {p:.0%}' for n, p in likely.items())}")
+
+
+if __name__ == "__main__":
+    main()
