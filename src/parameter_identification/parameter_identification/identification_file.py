@@ -21,6 +21,7 @@ from parameter_identification.estimation.results import (
     NuisanceEstimate,
     Profile,
 )
+from parameter_identification.many_drives import ManyDrives
 from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -258,6 +259,25 @@ def document_of(found: Identification) -> IdentificationDocument:
         seed=found.seed,
         seconds=found.seconds,
         effects=found.effects,
+    )
+
+
+def document_of_many(found: ManyDrives) -> IdentificationDocument:
+    """Return the same file's content of an identification drive by drive, as far as it has it.
+
+    Parameters
+    ----------
+    found : ManyDrives
+        What `identify_many` found.
+    """
+    return IdentificationDocument(
+        vehicle=found.vehicle,
+        vehicle_hash=found.vehicle_hash,
+        drives=tuple(drive.name for drive in found.drives),
+        level=found.level,
+        parameters={name: _entry(e, found.truth.get(name)) for name, e in found.parameters.items()},
+        covariance=found.covariance,
+        white=found.white,
     )
 
 

@@ -6,14 +6,27 @@ from pathlib import Path
 import yaml
 
 from parameter_identification.estimation.results import Estimate, Identification
+from parameter_identification.many_drives import ManyDrives
 from tricycle_core import __version__
 from tricycle_sim.vehicle import vehicle_document
 
+NAMED = 6  # drives that a line has room for
 RANGE = 3.0  # standard deviations either side that the file leaves possible
 
 
+def named(drives: Sequence[str]) -> str:
+    """Return the names of drives in a row, or their number where there are many.
+
+    Parameters
+    ----------
+    drives : sequence of str
+        Their names.
+    """
+    return ", ".join(drives) if len(drives) <= NAMED else f"{len(drives)} drives"
+
+
 def identified_vehicle(
-    found: Identification, source: Path | None, *, bags: Sequence[str] = ()
+    found: Identification | ManyDrives, source: Path | None, *, bags: Sequence[str] = ()
 ) -> str:
     """Return the text of a vehicle file with the estimates.
 
@@ -23,19 +36,19 @@ def identified_vehicle(
 
     Parameters
     ----------
-    found : Identification
+    found : Identification or ManyDrives
         Result for that vehicle.
     source : Path or None
         Its file; None: the packaged tricycle.
     bags : sequence of str, optional
-        That the estimates come from. Default: the names of the drives.
+        That the estimates come from. Default: the names of the drives, or their number.
     """
     document = vehicle_document(source)
-    where = ", ".join(bags or [drive.name for drive in found.drives])
+    where = named(bags or [drive.name for drive in found.drives])
     doubt = ""
     if not found.white:
         doubt = ", but the residuals are not white: the model lacks something or a sensor drifts"
-    elif found.deviations:
+    elif isinstance(found, Identification) and found.deviations:
         names = ", ".join(effect.name for effect in found.deviations)
         doubt = f", but the vehicle moves as the model cannot ({names})"
     for name, estimate in found.parameters.items():
@@ -58,7 +71,7 @@ def identified_vehicle(
         f"# by tricycle identify {__version__}, vehicle file before: "
         f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
     )
-    if found.effects:
+    if isinstance(found, Identification) and found.effects:
         header += "# estimated beside them:\n" + "".join(f"#   {e}\n" for e in found.effects)
     body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     return header + body

@@ -26,7 +26,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.stats import norm
+from scipy.stats import binom, norm
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
@@ -45,7 +45,7 @@ from parameter_identification.estimation.prior import GaussianPrior, prior_in_ra
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.validation import whiteness_of_residuals
-from parameter_identification.estimation.whiteness import all_white
+from parameter_identification.estimation.whiteness import SIGNIFICANCE, all_white
 from tricycle_core.errors import ExcitationError, IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.vehicle import Vehicle
@@ -80,6 +80,8 @@ class DriveShare:
         The drive's own variables.
     white : bool
         Whether the residuals are.
+    truth : mapping of str to float
+        True parameters, where the drive was simulated.
     """
 
     name: str
@@ -89,6 +91,7 @@ class DriveShare:
     gradient: FloatArray
     own: FloatArray
     white: bool
+    truth: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +109,35 @@ class ManyDrives:
         `SCATTER` drives. Far above 1 the drives contradict each other: the model lacks something.
     drives : tuple of DriveShare
         At the estimate, in the order of the bags.
-    left_out : mapping of str to str
-        Reason by bag.
+    left_out : tuple of str
+        Bags that were not used, with the reason.
+    truth : mapping of str to float
+        True values that all bags hold alike, where the drives were simulated.
+    vehicle, vehicle_hash : str
+        Name and hash of the vehicle file.
+    level : float
+        Probability of the intervals.
     """
 
     parameters: Mapping[str, Estimate]
     covariance: FloatArray
     scatter: float
     drives: tuple[DriveShare, ...]
-    left_out: Mapping[str, str]
+    left_out: tuple[str, ...]
+    truth: Mapping[str, float]
+    vehicle: str
+    vehicle_hash: str
+    level: float
+
+    @property
+    def not_white(self) -> int:
+        """Number of drives whose residuals are not white."""
+        return sum(not drive.white for drive in self.drives)
+
+    @property
+    def white(self) -> bool:
+        """Whether no more drives are not white than one expects of a model that lacks nothing."""
+        return self.not_white <= int(binom.isf(0.001, len(self.drives), SIGNIFICANCE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,22 +213,23 @@ def identify_many(
         If a bag cannot be used, comes twice, none is left, or no minimum is found.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    files: dict[Path, Path] = {}
-    left_out: dict[str, str] = {}
+    files: dict[Path, Path] = {}  # bag by file
+    left_out: list[str] = []
     jobs = [(bag, vehicle, folder, topics) for bag in bags]
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, _each(executor, _read, jobs), strict=True), start=1
     ):
-        same = files.setdefault(file, bag)
-        if not reason and same is not bag:
-            reason = f"{bag} and {same} are the same drive"
+        if not reason and file in files:
+            reason = f"{bag} and {files[file]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
         if reason:
-            left_out[str(bag)] = reason
+            left_out.append(reason)
+        else:
+            files[file] = bag
         if progress is not None:
             progress(done, len(bags))
-    usable = [file for file, bag in files.items() if str(bag) not in left_out]
+    usable = list(files)
     if not usable:
         raise IdentificationError("no drive: nothing to identify from")
 
@@ -322,6 +346,7 @@ def _share(point: _Point, drive: MeasuredDrive, own: FloatArray | None) -> Drive
         slope[:k] - across @ eliminated[:, -1],
         at[k:] - eliminated[:, -1],
         white,
+        drive.truth,
     )
 
 
@@ -330,7 +355,7 @@ def _result(
     z: FloatArray,
     found: _Sum,
     prior: FloatArray,
-    left_out: Mapping[str, str],
+    left_out: Sequence[str],
     level: float,
 ) -> ManyDrives:
     covariance: FloatArray = np.asarray(np.linalg.inv(found.information), dtype=np.float64)
@@ -363,4 +388,16 @@ def _result(
             identifiable=bool(shown[i]),
         )
     scaled = covariance * np.outer(width, width)
-    return ManyDrives(estimates, scaled, scatter, found.shares, left_out)
+    truth = found.shares[0].truth
+    alike = all(share.truth == truth for share in found.shares)
+    return ManyDrives(
+        estimates,
+        scaled,
+        scatter,
+        found.shares,
+        tuple(left_out),
+        truth if alike else {},
+        vehicle.name,
+        vehicle.fingerprint,
+        level,
+    )

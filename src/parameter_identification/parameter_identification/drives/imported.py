@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from parameter_identification.drives.table import Recording, SteeringMap
+from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.drives.table import Recording, Samples, SteeringMap
 from parameter_identification.drives.windows import commands_of, motion_of
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
@@ -36,6 +37,35 @@ KINDS = {
     "/maneuver/state": "diagnostic_msgs/msg/DiagnosticStatus",
 }
 Row = tuple[int, str, Any]  # stamp [ns], topic, message
+
+
+def recording_of(drive: MeasuredDrive) -> Recording:
+    """Return a measured drive as a recording, e.g. to write a simulated one as a bag.
+
+    Parameters
+    ----------
+    drive : MeasuredDrive
+        With position, and heading at the same times if any; it begins at a standstill.
+    """
+    position, commands = drive.signals[Sensor.POSITION], drive.commands
+    first = float(position.time[0])
+    heading = drive.signals.get(Sensor.HEADING)
+    time = np.append(0.0, commands.time - first)
+    more = {"speed_command": Samples(time, np.append(0.0, commands.speed))}
+    for sensor, name in ((Sensor.YAW_RATE, "yaw_rate"), (Sensor.WHEEL_SPEED, "wheel_speed")):
+        if sensor in drive.signals:
+            signal = drive.signals[sensor]
+            more[name] = Samples(signal.time - first, signal.values[:, 0])
+    return Recording(
+        drive.name,
+        0.0,
+        position.time - first,
+        position.values[:, 0],
+        position.values[:, 1],
+        None if heading is None else heading.values[:, 0],
+        Samples(time, np.append(0.0, commands.steering_motor_angle)),
+        more,
+    )
 
 
 def write_bag(

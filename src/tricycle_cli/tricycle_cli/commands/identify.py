@@ -86,6 +86,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--window", type=float, default=2.0, metavar="S", help="length of a window")
     add("--every", type=float, default=0.5, metavar="S", help="grid on which windows begin")
     add("--above", type=float, default=0.4, metavar="M/S", help="speed of the vehicle in a window")
+    add = parser.add_argument_group("hundreds of bags").add_argument
+    add(
+        "--drive-by-drive",
+        type=Path,
+        metavar="DIR",
+        help="eliminate what each drive has of its own by itself, so that time and memory grow in "
+        "proportion; without effects, with linear intervals. The drives read are kept in DIR: the "
+        "same call goes on",
+    )
+    add("--workers", type=int, metavar="N", help="processes (default: one per processor)")
+    add("--leave-out", action="store_true", help="leave bags out that cannot be used")
     parser.set_defaults(run=run)
 
 
@@ -97,6 +108,8 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
+    if args.drive_by_drive is not None:
+        return _drive_by_drive(args)
     from rich.console import Console
 
     from parameter_identification.estimation.model import Simulator
@@ -147,6 +160,61 @@ def run(args: argparse.Namespace) -> int:
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:
         print(json.dumps(document_of(found).to_json(), allow_nan=False))
+    return 0
+
+
+def _drive_by_drive(args: argparse.Namespace) -> int:
+    """Identify from many bags, print, write."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    from rich.console import Console
+
+    from parameter_identification.estimation.model import restrict
+    from parameter_identification.identification_file import document_of_many
+    from parameter_identification.identified_vehicle import identified_vehicle
+    from parameter_identification.many_drives import identify_many
+    from tricycle_cli.reports.tables import parameter_table, remarks_on_many
+    from tricycle_core.documents import write_whole
+
+    others = {
+        "--columns": args.columns,
+        "--fmu": args.fmu,
+        "--held-out": args.held_out,
+        "--robust": args.robust,
+        "--effects": args.effects not in (None, "none"),
+    }
+    if wrong := [name for name, given in others.items() if given]:
+        raise IdentificationError(f"--drive-by-drive: not together with {', '.join(wrong)}")
+    if args.workers is not None and args.workers < 1:
+        raise IdentificationError(f"--workers {args.workers}: 1 or more are needed")
+    vehicle = load_vehicle(args.vehicle)
+    known = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
+    with (
+        ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as executor,
+        progress_bar("reading drives") as progress,
+    ):
+        found = identify_many(
+            args.drives,
+            known,
+            folder=args.drive_by_drive,
+            executor=executor,
+            leave_out=args.leave_out,
+            topics=topics_of(args),
+            seed=args.seed,
+            progress=progress,
+        )
+    console = Console(stderr=args.json, highlight=False)
+    console.print(parameter_table(found))
+    for remark in remarks_on_many(found):
+        console.print(remark, soft_wrap=True)
+    document = json.dumps(document_of_many(found).to_json(), allow_nan=False)
+    if args.output is not None:
+        write_whole(args.output / "vehicle.yaml", identified_vehicle(found, args.vehicle))
+        write_whole(args.output / "identification.json", document + "\n")
+        console.print(f"vehicle file and numbers: {args.output}", soft_wrap=True)
+    if args.json:
+        print(document)
     return 0
 
 

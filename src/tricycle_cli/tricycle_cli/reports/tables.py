@@ -10,14 +10,19 @@ from typing import TYPE_CHECKING
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from parameter_identification.identified_vehicle import named
 from parameter_identification.judging.judgement import Anchor, Judgement
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
     from parameter_identification.identification import Estimate, Identification
+    from parameter_identification.many_drives import ManyDrives
 
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
 """Of the table of identified parameters."""
+
+CONTRADICTING = 1.5
+"""Scatter of drives, over what their noise explains, from which it is told."""
 
 IMPROBABLE = 0.05
 """Probability of an effect below which the remarks only count it."""
@@ -149,14 +154,14 @@ def judgement_table(judgements: Sequence[Judgement]) -> Table:
 
 
 def parameter_rows(
-    found: Identification, truth: Mapping[str, float] | None = None
+    found: Identification | ManyDrives, truth: Mapping[str, float] | None = None
 ) -> list[tuple[str, ...]]:
     """Return the cells of the table of parameters, under `HEADINGS`.
 
     Parameters
     ----------
-    found : Identification
-        What `identify` found.
+    found : Identification or ManyDrives
+        What was identified.
     truth : mapping of str to float, optional
         Hidden true values where they are known; default: those that the bags hold.
     """
@@ -183,18 +188,20 @@ def _short(value: float) -> str:
     return f"{value:.3g}" if abs(value) < 1000 else f"{value:.4g}"
 
 
-def parameter_table(found: Identification, truth: Mapping[str, float] | None = None) -> Table:
+def parameter_table(
+    found: Identification | ManyDrives, truth: Mapping[str, float] | None = None
+) -> Table:
     """Return the table of parameters, with the hidden truth beside the estimates where it is known.
 
     Parameters
     ----------
-    found : Identification
-        What `identify` found.
+    found : Identification or ManyDrives
+        What was identified.
     truth : mapping of str to float, optional
         Hidden true values; default: those that the bags hold.
     """
     rows = parameter_rows(found, truth)
-    drives = ", ".join(drive.name for drive in found.drives)
+    drives = named([drive.name for drive in found.drives])
     title = f"identified from {drives}; {100 * found.level:g} % intervals"
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("parameter, range", no_wrap=True)  # below each other: it fits 80 columns
@@ -251,6 +258,30 @@ def remarks(found: Identification) -> list[str]:
         f"{1e3 * held.rms_nominal:.1f} mm, noise alone {1e3 * held.noise:.1f} mm)"
         for held in found.held_out
     ]
+    return lines
+
+
+def remarks_on_many(found: ManyDrives) -> list[str]:
+    """Return what a reader must know besides the table, a line each.
+
+    Parameters
+    ----------
+    found : ManyDrives
+        What `identify_many` found.
+    """
+    hidden = [name for name, e in found.parameters.items() if not e.identifiable]
+    lines = [f"not shown by these drives: {', '.join(hidden)}"] if hidden else []
+    if not found.white:
+        lines.append(
+            f"residuals of {found.not_white} of {len(found.drives)} drives are NOT white: the "
+            "model lacks an effect or a sensor drifts. More drives do not mend that"
+        )
+    if found.scatter > CONTRADICTING:
+        lines.append(
+            f"the drives contradict each other: they scatter up to {found.scatter:.1f} times as "
+            "much as their noise. The intervals count the scatter, not what errs alike in all"
+        )
+    lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
 
 

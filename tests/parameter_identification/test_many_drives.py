@@ -1,0 +1,127 @@
+"""Identification drive by drive: the same as of all drives at once, on any executor."""
+
+import shutil
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+from simulated_drives import TRUTH, VEHICLE, driven, planned
+
+from excitation_planner.maneuver import Circle
+from parameter_identification.drives.imported import recording_of, write_bag
+from parameter_identification.drives.kept import keep, kept
+from parameter_identification.drives.measured import Sensor, read_measured_drive
+from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.drives.table import SteeringMap
+from parameter_identification.identification import identify
+from parameter_identification.many_drives import identify_many
+from tricycle_core.errors import IdentificationError
+
+SENSORS = {
+    Sensor.HEADING: SensorNoise(0.002),
+    Sensor.YAW_RATE: SensorNoise(0.005),
+    Sensor.WHEEL_SPEED: SensorNoise(0.003),
+}
+
+
+def write(bag, number, *, truth=TRUTH):
+    commands = planned(Circle(duration=6.0), 2.5 + 0.3 * (number % 5), 0.8)
+    drive = driven(
+        commands, noise=0.001, seed=number, truth=truth, others=SENSORS, standstill=1.0,
+        name=bag.name,
+    )  # fmt: skip
+    write_bag(recording_of(drive), VEHICLE, SteeringMap(), bag)
+    return bag
+
+
+@pytest.fixture(scope="module")
+def bags(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bags")
+    return [write(folder / f"drive_{i}", i) for i in range(4)]
+
+
+@pytest.mark.slow
+def test_it_is_the_identification_of_all_drives_at_once(bags, tmp_path):
+    found = identify_many(bags, VEHICLE, folder=tmp_path)
+    at_once = identify([read_measured_drive(bag, VEHICLE) for bag in bags], VEHICLE)
+    for name, expected in at_once.parameters.items():
+        estimate, std = found.parameters[name], expected.standard_deviation
+        assert estimate.estimate == pytest.approx(expected.estimate, abs=0.05 * std), name
+        assert estimate.standard_deviation == pytest.approx(std, rel=0.01), name
+        assert estimate.linear == pytest.approx(expected.linear, abs=0.05 * std), name
+        assert estimate.identifiable == expected.identifiable
+    assert found.white == at_once.white
+
+
+@pytest.mark.slow
+def test_every_executor_finds_the_same(bags, tmp_path):
+    here = identify_many(bags, VEHICLE, folder=tmp_path / "here")
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
+        there = identify_many(bags, VEHICLE, folder=tmp_path / "there", executor=executor)
+    for name, e in here.parameters.items():
+        assert there.parameters[name].estimate == pytest.approx(e.estimate, rel=1e-9)
+        assert there.parameters[name].standard_deviation == pytest.approx(
+            e.standard_deviation, rel=1e-9
+        )
+
+
+@pytest.mark.slow
+def test_a_bag_that_was_read_is_not_read_again(bags, tmp_path, monkeypatch):
+    first = identify_many(bags, VEHICLE, folder=tmp_path)
+
+    def refused(*_, **__):
+        raise AssertionError("read again")
+
+    monkeypatch.setattr("parameter_identification.many_drives.read_measured_drive", refused)
+    again = identify_many(bags, VEHICLE, folder=tmp_path)
+    assert [e.estimate for e in again.parameters.values()] == [
+        e.estimate for e in first.parameters.values()
+    ]
+
+
+@pytest.mark.slow
+def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path):
+    rng = np.random.default_rng(0)
+    apart = [TRUTH * (1.0 + 0.03 * rng.standard_normal(len(TRUTH))) for _ in range(20)]
+    bags = [write(tmp_path / f"drive_{i}", i, truth=truth) for i, truth in enumerate(apart)]
+    found = identify_many(bags, VEHICLE, folder=tmp_path / "work")
+    assert found.scatter > 1.5  # of one vehicle: about 1
+    assert not found.white
+    stiffness = found.parameters["cornering_stiffness"]
+    values = np.array(apart)[:, 0]
+    # as known as a mean of so many vehicles
+    error = np.std(values, ddof=1) / np.sqrt(len(values))
+    assert 0.4 * error < stiffness.standard_deviation < 2.5 * error
+    assert stiffness.low < values.mean() < stiffness.high
+
+
+@pytest.mark.slow
+def test_a_bad_bag_is_named_and_left_out_only_when_asked(bags, tmp_path):
+    broken = tmp_path / "broken"
+    shutil.copytree(bags[0], broken)
+    for file in broken.glob("*.mcap"):
+        file.write_bytes(b"not a bag")
+    for extra in (broken, tmp_path / "nowhere", bags[0]):
+        with pytest.raises(IdentificationError, match=extra.name):
+            identify_many([*bags[:1], extra], VEHICLE, folder=tmp_path / "work")
+    found = identify_many([*bags[:1], broken], VEHICLE, folder=tmp_path / "work", leave_out=True)
+    assert len(found.drives) == 1
+    assert len(found.left_out) == 1
+    assert "broken" in found.left_out[0]
+    with pytest.raises(IdentificationError, match="no drive"):
+        identify_many([broken], VEHICLE, folder=tmp_path / "work", leave_out=True)
+
+
+def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
+    drive = driven(planned(Circle(duration=6.0), 2.5, 0.8), others=SENSORS, standstill=1.0)
+    keep(drive, tmp_path / "drive.npz")
+    again = kept(tmp_path / "drive.npz")
+    assert again.name == drive.name
+    assert again.truth == drive.truth
+    for sensor, signal in drive.signals.items():
+        assert np.array_equal(again.signals[sensor].time, signal.time)
+        assert np.array_equal(again.signals[sensor].values, signal.values)
+        assert again.signals[sensor].jitter == signal.jitter
+    for name in ("time", "steering_motor_angle", "speed"):
+        assert np.array_equal(getattr(again.commands, name), getattr(drive.commands, name))
