@@ -21,13 +21,16 @@ def content_key(bag: Path, vehicle: Vehicle) -> str:
         rosbag2 directory or file.
     vehicle : Vehicle
         That reads it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be read.
     """
     found = hashlib.sha256(vehicle.fingerprint.encode())
-    files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
-    for file in files:
-        if file.suffix in {".mcap", ".db3"}:
-            with file.open("rb") as stream:
-                found.update(hashlib.file_digest(stream, "sha256").digest())
+    for file in filter(Path.is_file, sorted(bag.iterdir()) if bag.is_dir() else [bag]):
+        with file.open("rb") as stream:
+            found.update(hashlib.file_digest(stream, "sha256").digest())
     return found.hexdigest()[:32]
 
 
