@@ -114,7 +114,7 @@ def identify(
     seed : int
         Of the starts.
     progress : callable, optional
-        Called with the number of profiles done and in all.
+        Called with the number of profiles done and in all; with 1 and 1 after the weighing.
 
     Raises
     ------
@@ -150,6 +150,8 @@ def identify(
         acts: dict[str, float] = {}
         if weighed and problem.constant_effects():
             optimum, average, acts = weigh_effects(problem, optimum)
+            if progress is not None:
+                progress(1, 1)
         curves: dict[int, ProfileCurve] = {}
         for i in range(problem.k if profiles and average is None else 0):
             curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
