@@ -21,6 +21,7 @@ TOPICS = {
     *(
         "/maneuver/start",
         "/identification/estimates",
+        "/maneuver/preflight",
         "/foxglove_script/pose",
         "/foxglove_script/tf",
     ),
