@@ -1,0 +1,65 @@
+"""The subcommand identify: what it refuses, and hundreds of bags drive by drive."""
+
+import json
+
+import pytest
+from simulated_drives import TRUTH, VEHICLE, driven, planned
+
+from excitation_planner.maneuver import Circle
+from parameter_identification.drives.imported import recording_of, write_bag
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.drives.table import SteeringMap
+from parameter_identification.identification_file import load_identification_file
+from tricycle_core.errors import IdentificationError
+from tricycle_sim.vehicle import load_vehicle
+
+
+@pytest.mark.parametrize("command", ["identify", "demo", "campaign"])
+def test_an_effect_that_is_none_is_refused_before_any_work(tricycle, tmp_path, command):
+    more = {
+        "identify": [tmp_path / "bag"],
+        "demo": [],
+        "campaign": ["--targets", "yaw_inertia", "--tolerance", "5%", "--output", tmp_path / "c"],
+    }[command]
+    with pytest.raises(IdentificationError, match=r"'stering-zero'.*did you mean steering-zero"):
+        tricycle(command, *more, "--effects", "stering-zero")
+    assert not (tmp_path / "c").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--robust"], "--drive-by-drive: not together with --robust"),
+        (["--effects", "all"], "--effects"),
+        (["--fmu", "f.yaml", "--columns", "c.yaml"], "--columns, --fmu"),
+        (["--workers", "0"], "--workers 0: 1 or more"),
+    ],
+)
+def test_what_drive_by_drive_cannot_do_is_refused(tricycle, tmp_path, more, message):
+    with pytest.raises(IdentificationError, match=message):
+        tricycle("identify", tmp_path / "bag", "--drive-by-drive", tmp_path / "work", *more)
+    assert not (tmp_path / "work").exists()
+
+
+@pytest.mark.slow
+def test_drive_by_drive_writes_what_it_found(tricycle, tmp_path, capsys):
+    sensors = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
+    for number, radius in enumerate((2.5, 4.0)):
+        commands = planned(Circle(duration=6.0), radius, 0.8)
+        drive = driven(commands, noise=0.001, seed=number, others=sensors, standstill=1.0)
+        write_bag(recording_of(drive), VEHICLE, SteeringMap(), tmp_path / f"drive_{number}")
+    bags = tmp_path / "drive_0", tmp_path / "drive_1", tmp_path / "nowhere"
+    options = "--drive-by-drive", tmp_path / "work", "--workers", 1, "--output", tmp_path / "out"
+    with pytest.raises(IdentificationError, match="nowhere: no such bag"):
+        tricycle("identify", *bags, *options)
+    assert not (tmp_path / "out").exists()
+    assert tricycle("identify", *bags, *options, "--leave-out", "--json") == 0
+    printed = capsys.readouterr()
+    assert "left out" in printed.err
+    document = load_identification_file(tmp_path / "out" / "identification.json")
+    stiffness = document.parameters["cornering_stiffness"]
+    assert json.loads(printed.out)["parameters"]["cornering_stiffness"]["low"] == stiffness.low
+    assert abs(stiffness.estimate - TRUTH[0]) < 4.0 * stiffness.standard_deviation
+    found = load_vehicle(tmp_path / "out" / "vehicle.yaml")
+    assert found.nominal["cornering_stiffness"] == pytest.approx(stiffness.estimate)
