@@ -95,3 +95,9 @@ def test_effects_that_do_not_act_are_only_counted():
     estimated = tuple(dataclasses.replace(effect, acts=None) for effect in effects)
     lines = remarks(dataclasses.replace(FOUND, effects=estimated))
     assert sum(line.startswith("beside them") for line in lines) == 3
+
+
+def test_parameters_that_were_not_identified_are_said_to_be_taken_as_known():
+    assert any(line.startswith("taken as known: camber_stiffness 50.") for line in remarks(FOUND))
+    whole = dataclasses.replace(FOUND, fixed={})
+    assert not any("taken as known" in line for line in remarks(whole))

@@ -225,6 +225,9 @@ def remarks(found: Identification) -> list[str]:
         f"({combination.remaining:.0%} of its prior deviation is left)"
         for combination in found.hidden
     ]
+    if found.fixed:
+        fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
+        lines.append(f"taken as known: {fixed}. An error in them is in no interval")
     if not any(found.identifiable.values()):
         lines.append("these drives show none of the parameters: drive longer, or other maneuvers")
     if not found.white:
