@@ -39,33 +39,34 @@ TRUTH = draw(3)
 
 
 def make(job):
-    """One bag of a random circle."""
-    folder, number = job
+    """One bag of a random circle of a vehicle with these parameters."""
+    folder, number, truth = job
     bag = folder / f"{number:04d}"
     if not bag.exists():
         rng = np.random.default_rng([number, 1])
         x = np.array([rng.uniform(2.2, 5.0), rng.uniform(0.7, 1.0)])
         commands = nominal_run(VEHICLE, Circle(duration=18.0), x).commands
-        motion = SensedMotion.of(simulate(VEHICLE, commands, TRUTH[None], threads=1))
+        motion = SensedMotion.of(simulate(VEHICLE, commands, truth[None], threads=1))
         drive = rounded(measure(motion, commands, SENSORS, rng=rng, name=bag.name, standstill=1.0))
         write_bag(recording_of(drive), VEHICLE, SteeringMap(), bag)
     return bag
 
 
-def used(who):
-    usage = resource.getrusage(who)
-    return usage.ru_utime + usage.ru_stime
+def used_in_all():
+    """CPU time of this process and those that it has waited for [s]."""
+    usages = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 
 
 def timed(bags, workers):
     """Result, wall and CPU time of one identification that has read nothing before."""
     with tempfile.TemporaryDirectory() as work:
-        before = used(resource.RUSAGE_SELF) + used(resource.RUSAGE_CHILDREN)
+        before = used_in_all()
         begun = time.perf_counter()
         with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as executor:
             found = identify_many(bags, VEHICLE, folder=Path(work), executor=executor)
         wall = time.perf_counter() - begun
-        cpu = used(resource.RUSAGE_SELF) + used(resource.RUSAGE_CHILDREN) - before
+        cpu = used_in_all() - before
     return found, wall, cpu
 
 
@@ -80,7 +81,7 @@ def main():
     with tempfile.TemporaryDirectory() as own, ProcessPoolExecutor(arguments.workers) as pool:
         folder = arguments.folder or Path(own)
         folder.mkdir(parents=True, exist_ok=True)
-        bags = list(pool.map(make, [(folder, i) for i in range(arguments.drives)]))
+        bags = list(pool.map(make, [(folder, i, TRUTH) for i in range(arguments.drives)]))
         walls = []
         for count in (max(1, arguments.drives // 10), arguments.drives):
             found, wall, cpu = timed(bags[:count], arguments.workers)

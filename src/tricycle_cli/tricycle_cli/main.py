@@ -28,6 +28,7 @@ COMMANDS = {
     "judge": "trajectory error of recorded drives, from their bags alone",
     "import": "write a table (CSV) that another system recorded as a bag",
     "identify": "estimate the unknown parameters from recorded drives",
+    "fleet": "parameters of several vehicles of one kind, and which of them is odd",
     "film": "recorded drives as a film (GIF)",
     "report": "one HTML file with the table and the figures of a run",
     "monitor": "show links, maneuver and speeds of a live run",

@@ -14,12 +14,15 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
 from excitation_planner.indices.figure import Spread, draw_indices
 from excitation_planner.plan import Index, Plan
+from parameter_identification.fleet import Fleet
 from parameter_identification.judging.judgement import Judgement
 from tricycle_core.palette import BLUE, VERMILLION
 from tricycle_core.quantities import FloatArray
 
 REFERENCE, MEASURED = BLUE, VERMILLION
 MARKS = 5.0  # s between the lines that join equal times
+
+MOST_VEHICLES = 40  # in a figure of a fleet
 
 
 def plot_plan(plan: Plan, path: Path) -> None:
@@ -153,4 +156,41 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
         below.set_xlabel("time since the start / s")
         below.set_ylabel("distance / mm")
         below.grid(alpha=0.3)
+    figure.savefig(path, dpi=150)
+
+
+def plot_fleet(fleet: Fleet, path: Path) -> None:
+    """Each vehicle in its populations, the farthest from the others on top; of many, only these.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        What `identify_fleet` found.
+    path : Path
+        Image to be written; its suffix gives the format.
+    """
+    count, rows = max(1, len(fleet.populations)), min(len(fleet.vehicles), MOST_VEHICLES)
+    figure = Figure(figsize=(4.6 * count, 1.8 + 0.28 * rows), layout="constrained")
+    panels = figure.subplots(1, count, squeeze=False)[0]
+    for (name, found), axes in zip(fleet.populations.items(), panels, strict=False):
+        members = sorted(found.members, key=lambda m: abs(m.distance))[-MOST_VEHICLES:]
+        mean, spread = found.mean.middle, found.spread.middle
+        axes.axvspan(mean - spread, mean + spread, color="0.9", label="population: mean ± spread")
+        axes.axvline(mean, color="0.6", linewidth=1.0)
+        for row, m in enumerate(members):
+            color = MEASURED if m.odd else REFERENCE
+            low, high = m.own - 1.96 * m.deviation, m.own + 1.96 * m.deviation
+            axes.plot([low, high], [row + 0.15] * 2, color="0.6", linewidth=1.0)
+            axes.plot([m.value.low, m.value.high], [row - 0.1] * 2, color=color, linewidth=2.0)
+            axes.plot(m.value.middle, row - 0.1, "o", color=color, markersize=4.0)
+        axes.plot([], [], color="0.6", linewidth=1.0, label="from its own drives")
+        axes.plot([], [], color=REFERENCE, linewidth=2.0, label="with the population")
+        axes.plot([], [], color=MEASURED, linewidth=2.0, label="odd")
+        axes.locator_params(axis="x", nbins=5)
+        axes.set_yticks(range(len(members)), [m.vehicle for m in members])
+        unit = next(iter(fleet.vehicles.values())).parameters[name].unit
+        axes.set_xlabel(name if unit == "1" else f"{name} / ({unit})")
+        axes.grid(alpha=0.3)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     figure.savefig(path, dpi=150)

@@ -15,6 +15,7 @@ from parameter_identification.judging.judgement import Anchor, Judgement
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
+    from parameter_identification.fleet import Fleet
     from parameter_identification.identification import Estimate, Identification
     from parameter_identification.many_drives import ManyDrives
 
@@ -286,6 +287,31 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
         )
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
+
+
+def population_table(fleet: Fleet) -> Table:
+    """Return the populations, and what each vehicle is in them.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        What `identify_fleet` found.
+    """
+    drives = sum(len(found.drives) for found in fleet.vehicles.values())
+    title = f"{len(fleet.vehicles)} vehicles, {drives} drives; 95 % intervals"
+    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
+    table.add_column("parameter, vehicle", no_wrap=True)
+    for heading in ("value", "interval", "from the others / σ"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, found in fleet.populations.items():
+        for label, interval in (("mean", found.mean), ("spread", found.spread)):
+            ends = f"{_short(interval.low)} – {_short(interval.high)}"
+            table.add_row(f"{name}: {label}", f"{interval.middle:.4g}", ends, "")
+        for m in sorted(found.members, key=lambda m: -abs(m.distance)):
+            ends = f"{_short(m.value.low)} – {_short(m.value.high)}"
+            far = f"{m.distance:+.1f}" + " ODD" * m.odd
+            table.add_row(f"  {m.vehicle}", f"{m.value.middle:.4g}", ends, far)
+    return table
 
 
 def allowed_rise(level: float) -> float:
