@@ -61,8 +61,18 @@ def identify_fleet(
         Drives of each vehicle, by its name.
     vehicle : Vehicle
         Known constants and ranges, the same for all.
-    folder, executor, leave_out, topics, level, seed
+    folder : Path
+        Where the drives are kept once they are read.
+    executor : concurrent.futures.Executor, optional
         As of `identify_many`.
+    leave_out : bool
+        Whether bags that cannot be used are left out, instead of being an error.
+    topics : TopicNames, optional
+        Where names differ from the suite's.
+    level : float
+        Probability of the intervals.
+    seed : int
+        Of the starts.
     progress : callable, optional
         Called with the number of vehicles done and in all.
 
