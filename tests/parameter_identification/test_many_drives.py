@@ -1,5 +1,6 @@
 """Identification drive by drive: the same as of all drives at once, on any executor."""
 
+import os
 import shutil
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
@@ -111,6 +112,13 @@ def test_a_bad_bag_is_named_and_left_out_only_when_asked(bags, tmp_path):
     assert "broken" in found.left_out[0]
     with pytest.raises(IdentificationError, match="no drive"):
         identify_many([broken], VEHICLE, folder=tmp_path / "work", leave_out=True)
+
+
+def test_a_worker_that_dies_is_told(tmp_path):
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
+        executor.submit(os._exit, 1)
+        with pytest.raises(IdentificationError, match="a worker died"):
+            identify_many([tmp_path], VEHICLE, folder=tmp_path / "work", executor=executor)
 
 
 def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):

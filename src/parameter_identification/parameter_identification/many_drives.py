@@ -18,7 +18,7 @@ import hashlib
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -210,7 +210,7 @@ def identify_many(
     Raises
     ------
     IdentificationError
-        If a bag cannot be used, comes twice, none is left, or no minimum is found.
+        If a bag cannot be used, comes twice, none is left, a worker dies, or there is no minimum.
     """
     folder.mkdir(parents=True, exist_ok=True)
     files: dict[Path, Path] = {}  # bag by file
@@ -274,7 +274,12 @@ def identify_many(
 
 def _each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -> Iterator[R]:
     """Results in the order of the jobs."""
-    return map(work, jobs) if executor is None else executor.map(work, jobs)
+    try:
+        yield from map(work, jobs) if executor is None else executor.map(work, jobs)
+    except BrokenExecutor as error:
+        raise IdentificationError(
+            "a worker died; was memory short? The same call goes on with the drives that were read"
+        ) from error
 
 
 def _read(job: tuple[Path, Vehicle, Path, TopicNames | None]) -> tuple[Path, str]:
