@@ -1,6 +1,7 @@
 """The trial: vehicles that are not our model, identified from designed, ISO-like and random drives.
 
-    python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects] [--pace]
+    python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects weighed]
+    python benchmarks/plants.py --pace
 
 Each plant is driven by the emulated boards. A set is a step steer and a sine sweep of 12 s each;
 position (1 cm), gyro (5 mrad/s) and wheel speed (3 mrad/s) come at 20 Hz. Our model, with
@@ -13,17 +14,20 @@ guess     the vehicle file, nothing fitted
 ISO       both maneuvers in the middle of their boxes; sets differ by their noise
 random    both maneuvers drawn from their boxes; sets differ by that and their noise
 designed  planned as one set by criterion d; sets differ by their noise
+counted   the same, counting effects (`tricycle plan --effects all`)
 
 The tricycle's ranges are wider than its file's: of a vehicle that is not our model less is known.
 `own` is a control: our model with true values drawn from the file's ranges.
---effects  constants that the file has wrong are estimated too: zero and gain of the steering,
-           bandwidth of the servo, wheel radius, speed loop
+--effects  none, or weighed, as `tricycle identify` does by default
 --pace     only how fast each plant runs
 """
 
 import argparse
 import dataclasses
+import functools
+import multiprocessing
 import time
+from concurrent.futures import ProcessPoolExecutor
 from importlib.resources import files
 
 import numpy as np
@@ -37,12 +41,12 @@ from excitation_planner.planning import PlanRequest, plan_set, random_feasible_p
 from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
-from parameter_identification.estimation.effects import effects_of
 from parameter_identification.identification import identify
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
+from tricycle_sim.effects import EFFECTS, effects_of, extend
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.rig.emulated import EmulatedRig
@@ -76,7 +80,6 @@ WIDER = {
     "self_aligning_stiffness": (0.0, 0.6),
     "rolling_coefficient_1": (0.001, 0.04),
 }
-EFFECTS = ("steering-zero", "steering-gain", "servo-bandwidth", "wheel-radius", "speed-loop")
 TRICYCLE = Trial(
     dataclasses.replace(PAPERS, unknown={**PAPERS.unknown, **WIDER}),
     (StepSteer(duration=DURATION), SineSweep(duration=9.0)),
@@ -149,23 +152,27 @@ def distance(vehicle, commands, motion):
     return float(np.sqrt(squares.mean()))
 
 
-def identified(vehicle, motions, all_commands, seed, effects):
+def identified(vehicle, motions, all_commands, seed, weighed):
     """The vehicle with the estimates of what the drives show, and with the effects."""
     rng = np.random.default_rng([seed, 7])
     drives = [
         measure(motion, commands, SENSORS, rng=rng, name=f"drive {i}")
         for i, (motion, commands) in enumerate(zip(motions, all_commands, strict=True))
     ]
-    found = identify(drives, vehicle, effects=effects, starts=2)
+    effects = EFFECTS if weighed else ()
+    found = identify(drives, vehicle, effects=effects, weighed=weighed, starts=2)
     values = {
         # at the end of a range it may be beyond it by round-off
         n: float(np.clip(e.estimate, *e.range))
         for n, e in found.parameters.items()
         if e.identifiable
     }
-    for effect, estimated in zip(effects_of(vehicle, effects), found.effects, strict=True):
-        for name, change in effect.constants.items():
-            values[name] = vehicle.values[name] + change * estimated.estimate
+    estimates = {e.name: e.estimate for e in found.effects if not e.drive}
+    for effect in effects_of(vehicle, effects):
+        if effect.constants and effect.name in estimates:
+            vehicle = extend(vehicle, effect.parts)
+            for name, change in effect.constants.items():
+                values[name] = vehicle.values[name] + change * estimates[effect.name]
     return vehicle.replace(**values)
 
 
@@ -181,42 +188,72 @@ def points(trial, way, seed):
     ]
 
 
-def designed(trial):
+def designed(trial, effects):
     first, *others = trial.learnt
     target = next(iter(trial.vehicle.unknown))
     request = PlanRequest(
-        trial.vehicle, first, target, Criterion.D, tuple(others), budget=4000, noise=NOISE
+        *(trial.vehicle, first, target, Criterion.D, tuple(others)),
+        budget=8000,
+        noise=NOISE,
+        effects=effects,
     )
     return [np.array(list(plan.operation.values())) for plan in plan_set(request)]
 
 
-def try_plant(name, sets, effects):
+def errors(name, vehicle):
+    """RMS distance of each drive to predict [m]."""
+    to_predict, truths = held_out(name)
+    return [distance(vehicle, c, m) for c, m in zip(to_predict, truths, strict=True)]
+
+
+@functools.cache
+def held_out(name):
+    """Commands and true motions of the drives to predict."""
     trial = TRIALS[name]
-    vehicle, plant = trial.vehicle, plant_of(name)
-    to_predict = [nominal_run(vehicle, f, np.array(x)).commands for f, x in trial.predicted]
-    truths = [driven(plant, vehicle, commands) for commands in to_predict]
+    commands = [nominal_run(trial.vehicle, f, np.array(x)).commands for f, x in trial.predicted]
+    plant = plant_of(name)
+    return commands, [driven(plant, trial.vehicle, each) for each in commands]
+
+
+@functools.cache
+def learnt(name, x):
+    """Commands and true motions of the maneuvers with operation parameters x."""
+    trial = TRIALS[name]
+    commands = [
+        lasting(nominal_run(trial.vehicle, family, np.array(one)).commands)
+        for family, one in zip(trial.learnt, x, strict=True)
+    ]
+    plant = plant_of(name)
+    return commands, [driven(plant, trial.vehicle, each) for each in commands]
+
+
+def one_set(job):
+    """Errors of the prediction from one set, and operation parameters of its maneuvers."""
+    name, way, seed, weighed, x = job
+    trial = TRIALS[name]
+    if x is None:
+        x = tuple(tuple(one.tolist()) for one in points(trial, way, seed))
+    commands, motions = learnt(name, x)
+    return errors(name, identified(trial.vehicle, motions, commands, seed, weighed)), x
+
+
+def try_plant(name, sets, weighed, processes):
+    trial = TRIALS[name]
     kinds = [family.name for family, _ in trial.predicted]
-
-    def errors(one):
-        return [distance(one, c, m) for c, m in zip(to_predict, truths, strict=True)]
-
-    rows = {"guess": np.array([errors(vehicle)])}
-    for way in ("ISO", "random", "designed"):
-        found, motions = [], []
-        for seed in range(sets):
-            if way == "random" or not motions:
-                x = designed(trial) if way == "designed" else points(trial, way, seed)
-                commands = [
-                    lasting(nominal_run(vehicle, family, one).commands)
-                    for family, one in zip(trial.learnt, x, strict=True)
-                ]
-                motions = [driven(plant, vehicle, each) for each in commands]
-            found.append(errors(identified(vehicle, motions, commands, seed, effects)))
-        rows[way] = np.array(found)
-        if way == "designed":
-            print(f"designed: {', '.join(np.array2string(one, precision=3) for one in x)}")
-    beside = "with effects" if effects else "without effects"
-    print(f"{name}, {sets} sets, {beside}: RMS distance, mm: median (quartiles); of each kind")
+    rows = {"guess": np.array([errors(name, trial.vehicle)])}
+    print(f"{name}, {sets} sets, effects {'weighed' if weighed else 'none'}", flush=True)
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        for way in ("ISO", "random", "designed", "counted"):
+            x = None
+            if way in ("designed", "counted"):
+                found = designed(trial, EFFECTS if way == "counted" else ())
+                x = tuple(tuple(one.tolist()) for one in found)
+            jobs = [(name, way, seed, weighed, x) for seed in range(sets)]
+            results, points_of = zip(*pool.map(one_set, jobs), strict=True)
+            rows[way] = np.array(results)
+            if way != "random":
+                print(f"  {way}: {', '.join(str(np.round(one, 3)) for one in points_of[0])}")
+    print("  RMS distance, mm: median (quartiles); of each kind")
     whole = {way: np.sqrt((each**2).mean(axis=1)) for way, each in rows.items()}
     for way, each in rows.items():
         low, middle, high = 1e3 * np.percentile(whole[way], [25, 50, 75])
@@ -227,7 +264,8 @@ def try_plant(name, sets, effects):
         print(f"  {way:9s} {middle:7.0f} ({low:.0f} to {high:.0f}); {of_kinds}", flush=True)
     median = {way: np.median(each) for way, each in whole.items()}
     for way in ("guess", "ISO", "random"):
-        print(f"  {way} by designed: {median[way] / median['designed']:.2f}", flush=True)
+        ratios = (f"{median[way] / median[best]:.2f} by {best}" for best in ("designed", "counted"))
+        print(f"  {way}: {', '.join(ratios)}", flush=True)
 
 
 def pace(name):
@@ -248,14 +286,16 @@ def main():
     )
     parser.add_argument("--plant", choices=TRIALS, nargs="+", default=list(TRIALS))
     parser.add_argument("--sets", type=int, default=20)
-    parser.add_argument("--effects", action="store_true")
+    parser.add_argument("--effects", choices=("none", "weighed"), default="weighed")
+    parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--pace", action="store_true")
     arguments = parser.parse_args()
     for name in arguments.plant:
         if arguments.pace:
             pace(name)
         else:
-            try_plant(name, arguments.sets, EFFECTS if arguments.effects else ())
+            weighed = arguments.effects == "weighed"
+            try_plant(name, arguments.sets, weighed, arguments.processes)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Identification in worlds that the vehicle file lacks: coverage, width, and what was wrong.
 
-    python benchmarks/worlds.py [--vehicles 200] [--world NAME ...]
+    python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all]
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz. Each is identified without effects,
@@ -10,7 +10,9 @@ hold the truth where it is, how many do not (wrong, though shown), and the media
 intervals over all vehicles, in % of the range; last, how often the identification said that the
 model lacks something: residuals that are not white, or a deviation that the drives show.
 
-The maneuvers are fixed, not designed with effects. The own firmware is no world here yet.
+The maneuvers are fixed, or planned as a pair by criterion d, counting no effects or all of them;
+then the widths that the plan expects are printed, too. benchmarks/firmware_world.py has the world
+of the own firmware.
 """
 
 import argparse
@@ -18,8 +20,11 @@ import dataclasses
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
-from identification import VEHICLE, commands_of_pair, draw, rounded, with_wind
+from identification import MANEUVERS, VEHICLE, commands_of_pair, draw, rounded, with_wind
 
+from excitation_planner import Criterion
+from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.planning import PlanRequest, plan_set
 from parameter_identification.drives.measured import Sensor, Signal
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import EFFECTS, identify
@@ -104,6 +109,25 @@ def late_drive(commands, truth):
     return driven(VEHICLE, Commands(time, angle, speed), truth)
 
 
+def planned_pair(effects):
+    """Commands of a circle and a double lane change planned together; prints what is expected."""
+    first, second = (family for family, _ in MANEUVERS)
+    noise = MeasurementNoise(yaw_rate_std=0.005, wheel_speed_std=0.003)
+    request = PlanRequest(
+        VEHICLE, first, PARAMETERS[0], Criterion.D, (second,), noise=noise, effects=effects
+    )
+    plans = plan_set(request)
+    for plan in plans:
+        print(plan.maneuver, {name: round(value, 3) for name, value in plan.operation.items()})
+    ranges = {name: VEHICLE.unknown[name] for name in PARAMETERS}
+    widths = (
+        f"{name} {100 * 2 * 1.96 * plans[0].predicted_std[name] / (high - low):.1f}"
+        for name, (low, high) in ranges.items()
+    )
+    print(f"expected widths, % of the range: {', '.join(widths)}", flush=True)
+    return [plan.commands for plan in plans]
+
+
 RADIUS = {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}
 WORLDS = {  # motion, and the effects that act
     "nothing": (of(), ()),
@@ -179,9 +203,12 @@ def main():
     parser.add_argument("--vehicles", type=int, default=200)
     parser.add_argument("--world", choices=WORLDS, action="append", default=[])
     parser.add_argument("--way", choices=WAYS, action="append", default=[])
+    parser.add_argument("--plan", choices=("none", "all"))
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
-    pair, ways = commands_of_pair(), tuple(arguments.way or WAYS)
+    planned = {"none": (), "all": EFFECTS}.get(arguments.plan)
+    pair = commands_of_pair() if planned is None else planned_pair(planned)
+    ways = tuple(arguments.way or WAYS)
     print(f"{arguments.vehicles} vehicles; a cell: shown, covered where shown, wrong; width %")
     print(
         f"{'world':37s}{'effects':>8s}" + "".join(f"{name:>26s}" for name in PARAMETERS) + "   told"

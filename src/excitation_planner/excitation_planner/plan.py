@@ -190,6 +190,8 @@ class Plan:
         Corners of the vehicle in its body frame [m].
     curvature : ndarray of float, shape (c,), or None
         Of the path at each command, without slip, left positive [1/m].
+    effects : tuple of str
+        What the vehicle file may not know, and criterion and `predicted_std` count.
 
     Raises
     ------
@@ -236,6 +238,7 @@ class Plan:
     stopping_zone: tuple[FloatArray, ...] = ()
     footprint: FloatArray | None = None
     curvature: FloatArray | None = None
+    effects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_array("path", self.path, (None, 2))

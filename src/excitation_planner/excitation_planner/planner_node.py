@@ -27,6 +27,7 @@ from excitation_planner.planning import PlanRequest, check_vehicle
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import DesignError, PlanError, VehicleError
 from tricycle_core.nodes import declare, overridable, run_node
+from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
 POLL = 0.2  # s between polls of the planning process
@@ -46,7 +47,7 @@ NOISES = {
 }
 PLAN_PARAMETERS = (
     *("vehicle_file", "area_file", "maneuver", "ranges", "target"),
-    *("criterion", "samples", "budget", "seed"),
+    *("criterion", "effects", "samples", "budget", "seed"),
     *NOISES,
 )
 Settings = dict[str, Any]  # parameter name -> value, as declared below
@@ -67,6 +68,7 @@ def _request(settings: Settings) -> PlanRequest:
         seed=settings["seed"],
         noise=MeasurementNoise(**{name: settings[name] for name in NOISES}),
         area=load_area(Path(settings["area_file"])) if settings["area_file"] else None,
+        effects=named_effects(settings["effects"]),
     )
 
 
@@ -99,6 +101,7 @@ class ExcitationPlanner(Node):
         setting("ranges", [""], "search box: NAME=LOW:HIGH of operation parameters, as radius=3:12")
         setting("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
         setting("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
+        setting("effects", "none", "counted as not known either: all, or names with commas")
         setting("samples", 100, "for criterion h: simulations per maneuver", (1, 1e6))
         setting("budget", 12_000, "largest number of simulations", (1, 1e9))
         setting("seed", 0, "same seed, same plan", (0, 2**31 - 1))

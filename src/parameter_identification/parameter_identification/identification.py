@@ -28,7 +28,6 @@ from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.measured import MeasuredDrive
 from parameter_identification.estimation.checks import check_drives
-from parameter_identification.estimation.effects import EFFECTS, effects_of
 from parameter_identification.estimation.model import DriveModel, Simulator, restrict
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import Optimum, find_optimum
@@ -54,6 +53,7 @@ from parameter_identification.estimation.validation import (
 from parameter_identification.estimation.weighing import Mixture, weigh_effects
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
+from tricycle_sim.effects import EFFECTS, effects_of
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 

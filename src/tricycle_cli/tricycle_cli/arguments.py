@@ -157,15 +157,14 @@ def effects_asked(args: Namespace, default: str = "weighed") -> EffectsAsked:
 
     Raises
     ------
-    IdentificationError
+    VehicleError
         If a name is none of an effect.
     """
-    from parameter_identification.estimation.effects import EFFECTS, check_effects
+    from tricycle_sim.effects import named_effects
 
     asked = args.effects or default
-    chosen = {"all": EFFECTS, "weighed": EFFECTS, "none": ()}.get(asked, tuple(asked.split(",")))
-    check_effects(chosen)
-    return {"effects": chosen, "weighed": asked == "weighed"}
+    weighed = asked == "weighed"
+    return {"effects": named_effects("all" if weighed else asked), "weighed": weighed}
 
 
 def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:

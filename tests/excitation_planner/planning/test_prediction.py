@@ -4,16 +4,21 @@ import numpy as np
 import pytest
 
 from excitation_planner import Box, TrajectoryNoise
+from excitation_planner.design.prior import BesideParameters
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.prediction import (
     PERIOD,
     STANDSTILL,
     ReplayedTrajectories,
+    planned_effects,
     predicted_covariance,
 )
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import DesignError, InfeasibleManeuver
+from tricycle_core.timing import TICK
+from tricycle_sim.effects import EFFECTS
 from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle.batch import simulate as simulate_vehicle
 
 VEHICLE = load_vehicle()
 TIME = np.arange(50) * PERIOD
@@ -63,3 +68,48 @@ def test_trajectories_of_the_vehicle_begin_at_rest_and_end_where_it_ends():
     assert np.ptp(Y[0, rest:, 2]) > 0.1
     with pytest.raises(InfeasibleManeuver):
         ReplayedTrajectories(VEHICLE, Circle())(np.array([2.0, 1.0]), Y[0, :1])
+
+
+def test_what_is_beside_the_parameters_is_eliminated_as_in_least_squares():
+    rng = np.random.default_rng(0)
+    design = rng.standard_normal((2, 60, 2, 2 + 3))  # of two drives: two parameters, three beside
+    drives = tuple(lambda x, P, J=J: np.einsum("tcj,nj->ntc", J, P) for J in design)
+    noise = TrajectoryNoise(std=0.5)
+    beside = BesideParameters(steps=(0.01, 0.01, 0.02), own=1)
+    found = predicted_covariance(drives, (np.empty(0),) * 2, UNKNOWN, noise, seed=0, beside=beside)
+    # one column per drive for the last, which each drive has its own of
+    rows = design.reshape(2, -1, 5) / 0.5
+    rows[:, :, 0] *= 2.0  # the width of p
+    both = np.zeros((2, rows.shape[1], 6))
+    both[:, :, :4] = rows[:, :, :4]
+    both[0, :, 4], both[1, :, 5] = rows[0, :, 4], rows[1, :, 4]
+    both = both.reshape(-1, 6)
+    whole = np.linalg.inv(both.T @ both + np.diag([12.0, 12.0, 1.0, 1.0, 1.0, 1.0]))
+    assert np.allclose(found, whole[:2, :2], rtol=1e-6)
+
+
+def test_effects_move_the_vehicle_as_they_do_in_the_identification():
+    effects = planned_effects(VEHICLE, EFFECTS)
+    assert [e.per_drive for e in effects[-2:]] == [True, True]
+    assert not any(e.process for e in effects)
+    family, x, channels = Circle(duration=3.0), np.array([3.0, 0.8]), ("x", "y", "drive_speed")
+    simulate = ReplayedTrajectories(VEHICLE, family, channels, effects=effects)
+    of_file = VEHICLE.nominal_point()
+    P = np.tile(np.append(of_file, np.zeros(len(effects))), (len(effects) + 1, 1))
+    P[1:, len(of_file) :] += np.eye(len(effects))
+    Y = simulate(x, P)
+    alone = ReplayedTrajectories(VEHICLE, family, channels)(x, of_file[None])[0]
+    np.testing.assert_allclose(Y[0], alone, atol=1e-6)
+    moved = dict(zip((e.name for e in effects), Y[1:], strict=True))
+    assert not any(
+        np.array_equal(Y[0], other) for name, other in moved.items() if name != "sensor yaw"
+    )
+    np.testing.assert_allclose(moved["sensor forward"][0, :2], Y[0][0, :2] + [0.03, 0.0])
+    off = VEHICLE.replace(steering_offset=0.02)  # one standard deviation
+    motion = simulate_vehicle(off, nominal_run(VEHICLE, family, x).commands)
+    rest, every = round(STANDSTILL / PERIOD), round(PERIOD / TICK)
+    np.testing.assert_allclose(moved["steering zero"][rest:, 0], motion.x[0, ::every], atol=1e-6)
+    np.testing.assert_allclose(moved["steering zero"][rest:, 1], motion.y[0, ::every], atol=1e-6)
+    # 50 ms of dead time: a point of the trajectory later, but for what the steering does to it
+    late = moved["drive dead time"][rest + 1 :, 2], Y[0][rest:-1, 2]
+    np.testing.assert_allclose(*late, atol=0.01)

@@ -26,6 +26,7 @@ def test_an_unknown_target_lists_the_unknown_parameters():
             "criterion c needs noise_std above 0",
         ),
         ({"others": (DoubleLaneChange(),)}, "criterion h judges one maneuver"),
+        ({"effects": ("steering-zero",)}, "criterion h counts no effects"),
     ],
 )
 def test_a_request_that_cannot_be_judged_is_refused(change, message):

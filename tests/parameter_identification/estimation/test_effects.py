@@ -8,11 +8,11 @@ from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, sh
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
-from parameter_identification.estimation.effects import EFFECTS, effects_of, extend
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.identification import identify
-from tricycle_core.errors import IdentificationError
+from tricycle_core.errors import VehicleError
 from tricycle_sim.commands import Commands
+from tricycle_sim.effects import EFFECTS, effects_of, extend
 from tricycle_sim.vehicle.batch import simulate
 
 ZERO = np.radians(1.5)  # of the steering
@@ -29,7 +29,7 @@ def off_centre(**others):
 
 
 def test_a_wrong_name_is_refused_with_the_right_one():
-    with pytest.raises(IdentificationError, match=r"'steering-zer' is no effect; did you mean st"):
+    with pytest.raises(VehicleError, match=r"'steering-zer' is no effect; did you mean st"):
         effects_of(VEHICLE, ["steering-zer"])
 
 

@@ -1,6 +1,7 @@
 """Evaluation of one maneuver: from simulations to indices and cost.
 
-n: samples, k: unknown parameters, l: operation parameters, t: time points, c: channels.
+n: samples, k: unknown parameters, e: inputs beside them, l: operation parameters, t: time points,
+c: channels.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from tricycle_core.quantities import FloatArray
 
 
 def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArray:
-    """Return the points (n, k) of the unit box to simulate at.
+    """Return the points (n, k + e) to simulate at: parameters in the unit box.
 
     The same at every x, so that the cost is smooth in x; fresh ones for the verification.
 
@@ -53,12 +54,15 @@ def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArra
     k = len(problem.unknown)
     if problem.criterion is Criterion.H:
         return parameter_samples(problem.unknown, times * problem.samples, seed=seed)
-    differences = difference_points(k, times * problem.draws, seed=seed, prior=problem.prior)
+    differences = difference_points(
+        k, times * problem.draws, seed=seed, prior=problem.prior, beside=problem.beside
+    )
     if not verification:
         return differences
     # the indices of the squared deviation from the middle of the box are reported as well
     samples = parameter_samples(problem.unknown, times * problem.samples, seed=seed)
-    return np.vstack([differences, np.full((1, k), 0.5), samples])
+    around = np.vstack([np.full((1, k), 0.5), samples])
+    return np.vstack([differences, np.pad(around, ((0, 0), (0, len(problem.beside.steps))))])
 
 
 def evaluate(
@@ -126,11 +130,12 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
         Has the boxes and the criterion, which decides the shape of outputs.
     x : ndarray of float, shape (l,)
         Operation parameters.
-    U : ndarray of float, shape (n, k)
-        Parameters in the unit box.
+    U : ndarray of float, shape (n, k + e)
+        Parameters in the unit box, and what is beside them.
     """
+    k = len(problem.unknown)
     try:
-        returned = f(x, problem.unknown.from_unit(U))
+        returned = f(x, np.hstack([problem.unknown.from_unit(U[:, :k]), U[:, k:]]))
     except InfeasibleManeuver as infeasible:
         return str(infeasible) or "infeasible"
     except DesignError:
@@ -203,13 +208,14 @@ def _assess_trajectories(
     U = parameter_points(problem, verification=verification)
     k, n = len(problem.unknown), len(U)
     failed = int(np.sum(~np.all([np.isfinite(Y).all(axis=(1, 2)) for Y in outputs], axis=0)))
-    rows = (k + 1) * problem.draws * (VERIFICATION if verification else 1)
-    F = sum(information(U[:rows], Y[:rows], problem.trajectory_noise) for Y in outputs)
+    beside = problem.beside
+    rows = (U.shape[1] + 1) * problem.draws * (VERIFICATION if verification else 1)
+    F = sum(information(U[:rows], Y[:rows], problem.trajectory_noise, beside) for Y in outputs)
     F = np.asarray(F)[np.isfinite(np.asarray(F)).all(axis=(1, 2))]  # draws with no failed run
     if len(F) == 0:
         reason = f"{failed} of {n} simulations failed"
         return _rejected(problem, x, reason, simulations=n, failed=failed)
-    covariance = posterior_covariance(F, problem.prior)
+    covariance = posterior_covariance(F, problem.prior, beside)
     costs = information_costs(covariance, problem.criterion, problem.target_index)
     cost, nothing = float(costs.mean()), np.full(k, np.nan)
     half = 1.96 * float(costs.std()) / math.sqrt(len(costs))
@@ -219,7 +225,7 @@ def _assess_trajectories(
         m = np.sum([((Y[rows + 1 :] - Y[rows]) ** 2).sum(axis=(1, 2)) for Y in outputs], axis=0)
         m /= sum(Y.shape[1] for Y in outputs)
         try:
-            model = fit_metamodel(U[rows + 1 :], m)
+            model = fit_metamodel(U[rows + 1 :, :k], m)
         except DesignError as error:
             return _rejected(problem, x, str(error), simulations=n, failed=failed)
         bad = int(np.sum(~np.isfinite(m)))

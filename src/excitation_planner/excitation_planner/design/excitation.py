@@ -19,7 +19,13 @@ from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.executors import Result, running
 from excitation_planner.design.noise import TrajectoryNoise
-from excitation_planner.design.prior import PRIOR_INFORMATION, SHOWN, BoxPrior
+from excitation_planner.design.prior import (
+    NOTHING_BESIDE,
+    PRIOR_INFORMATION,
+    SHOWN,
+    BesideParameters,
+    BoxPrior,
+)
 from excitation_planner.design.problem import (
     VERIFIED,
     DesignProblem,
@@ -178,6 +184,10 @@ class Design:
         return tuple(evaluation for evaluation in self.history if evaluation.infeasible)
 
 
+DRAWS = 16
+"""Parameter values over which the criteria C, D and A are averaged."""
+
+
 def design_excitation(
     f: Simulator,
     operation: Box | Bounds,
@@ -189,7 +199,8 @@ def design_excitation(
     trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
     samples: int = 100,
     prior: BoxPrior | None = None,
-    draws: int = 16,
+    beside: BesideParameters = NOTHING_BESIDE,
+    draws: int = DRAWS,
     budget: int = 25_000,
     seed: int = 0,
     search: Search | str = Search.ADAPTIVE,
@@ -222,8 +233,11 @@ def design_excitation(
         Runs of f per maneuver during the search for H; its verification takes three times as many.
     prior : BoxPrior, optional
         For C, D and A: what earlier drives have taught; None: uniform.
+    beside : BesideParameters
+        For C, D and A: e inputs that f takes after the k parameters, which are not known either and
+        not to be learnt.
     draws : int
-        For C, D and A: parameter values over which the criterion is averaged, k + 1 runs each.
+        For C, D and A: parameter values over which the criterion is averaged, k + e + 1 runs each.
     budget : int
         Most runs of f in all.
     seed : int
@@ -260,6 +274,7 @@ def design_excitation(
         seed=seed,
         search=Search(search),
         prior=prior,
+        beside=beside,
     )
     kept = None if store is None else Store.of(store, problem)
     done = 0

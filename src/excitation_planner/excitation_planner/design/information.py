@@ -1,7 +1,8 @@
 """Fisher information of whole trajectories, for the criteria C, D and A.
 
-n: simulations, k: unknown parameters, t: time points, c: measured channels. Parameters are counted
-in units of their ranges, in which a uniform prior has variance 1/12.
+n: simulations, k: unknown parameters, e: inputs beside them, of which all maneuvers share s,
+t: time points, c: measured channels. Parameters are counted in units of their ranges, in which a
+uniform prior has variance 1/12.
 """
 
 from __future__ import annotations
@@ -16,7 +17,12 @@ from scipy.special import ndtri
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
-from excitation_planner.design.prior import PRIOR_INFORMATION, BoxPrior
+from excitation_planner.design.prior import (
+    NOTHING_BESIDE,
+    PRIOR_INFORMATION,
+    BesideParameters,
+    BoxPrior,
+)
 from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
@@ -25,9 +31,16 @@ _STEP = 1e-3  # of the finite differences, in ranges
 
 
 def difference_points(
-    k: int, draws: int, *, seed: int, prior: BoxPrior | None = None
+    k: int,
+    draws: int,
+    *,
+    seed: int,
+    prior: BoxPrior | None = None,
+    beside: BesideParameters = NOTHING_BESIDE,
 ) -> FloatArray:
-    """Return points (draws (k + 1), k) of the unit box: each draw, and one step from it per axis.
+    """Return points (draws (k + e + 1), k + e): each draw, and one step from it per axis.
+
+    Parameters are in the unit box; what is beside them is 0, but for its step.
 
     Parameters
     ----------
@@ -39,44 +52,58 @@ def difference_points(
         Of the draws.
     prior : BoxPrior, optional
         Drawn from; None: uniform.
+    beside : BesideParameters
+        What is beside the parameters.
     """
     base = sobol_sequence(draws, k, seed=seed)
     if prior is not None:
         drawn = prior.mean + ndtri(base) @ np.asarray(np.linalg.cholesky(prior.covariance)).T
         base = np.clip(drawn, 0.0, 1.0)
-    step = _steps(base)
-    points = np.repeat(base[:, None], k + 1, axis=1)
-    for j in range(k):
+    base = np.hstack([base, np.zeros((draws, len(beside.steps)))])
+    step, axes = _steps(base, k, beside), base.shape[1]
+    points = np.repeat(base[:, None], axes + 1, axis=1)
+    for j in range(axes):
         points[:, j + 1, j] += step[:, j]
-    return points.reshape(-1, k)
+    return points.reshape(-1, axes)
 
 
-def _steps(base: FloatArray) -> FloatArray:
+def _steps(base: FloatArray, k: int, beside: BesideParameters) -> FloatArray:
     steps: FloatArray = np.where(base < 0.5, _STEP, -_STEP)  # inwards
+    steps[:, k:] = beside.steps
     return steps
 
 
-def information(U: FloatArray, Y: FloatArray, noise: TrajectoryNoise) -> FloatArray:
-    """Return the Fisher information (draws, k, k) about the parameters in a measured trajectory.
+def information(
+    U: FloatArray,
+    Y: FloatArray,
+    noise: TrajectoryNoise,
+    beside: BesideParameters = NOTHING_BESIDE,
+) -> FloatArray:
+    """Return the Fisher information (draws, k + s, k + s) in a measured trajectory.
 
-    An unknown start pose and the noise's correlation reduce it.
+    It is about the parameters and about what all maneuvers share beside them. An unknown start
+    pose, the noise's correlation and what each maneuver has its own of reduce it.
 
     Parameters
     ----------
-    U : ndarray of float, shape (draws (k + 1), k)
+    U : ndarray of float, shape (draws (k + e + 1), k + e)
         From `difference_points`.
-    Y : ndarray of float, shape (draws (k + 1), t, c)
+    Y : ndarray of float, shape (draws (k + e + 1), t, c)
         Trajectories there.
     noise : TrajectoryNoise
         Of the measurement.
+    beside : BesideParameters
+        What is beside the parameters.
     """
-    k = U.shape[1]
-    draws, (t, c) = len(U) // (k + 1), Y.shape[1:]
-    Y = Y.reshape(draws, k + 1, t, c)
-    steps = _steps(U.reshape(draws, k + 1, k)[:, 0])
+    axes = U.shape[1]
+    k = axes - beside.own  # of which the information is returned
+    draws, (t, c) = len(U) // (axes + 1), Y.shape[1:]
+    Y = Y.reshape(draws, axes + 1, t, c)
+    steps = _steps(U.reshape(draws, axes + 1, axes)[:, 0], axes - len(beside.steps), beside)
     J = np.moveaxis((Y[:, 1:] - Y[:, :1]) / steps[:, :, None, None], 1, -1)  # (draws, t, c, k)
 
     nuisances, nuisance_std = _nuisances(Y[:, 0], noise)
+    nuisance_std = np.append(np.ones(beside.own), nuisance_std)
     J = np.concatenate([J, nuisances], axis=-1)
 
     F = np.zeros((draws, J.shape[-1], J.shape[-1]))
@@ -130,20 +157,26 @@ def _nuisances(Y: FloatArray, noise: TrajectoryNoise) -> tuple[FloatArray, Float
     return np.stack(columns, axis=-1), np.array(stds)
 
 
-def posterior_covariance(F: FloatArray, prior: BoxPrior | None = None) -> FloatArray:
-    """Return the covariance (draws, k, k) of the parameters after a drive, in squared ranges.
+def posterior_covariance(
+    F: FloatArray, prior: BoxPrior | None = None, beside: BesideParameters = NOTHING_BESIDE
+) -> FloatArray:
+    """Return the covariance (draws, k, k) of the parameters after drives, in squared ranges.
 
     Parameters
     ----------
-    F : ndarray of float, shape (draws, k, k)
-        Information in the drive, per squared range.
+    F : ndarray of float, shape (draws, k + s, k + s)
+        Information in the drives, of each the same draws.
     prior : BoxPrior, optional
         What was known before; None: uniform.
+    beside : BesideParameters
+        What is beside the parameters.
     """
-    k = F.shape[-1]
-    known = PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
-    whole = F + known
-    return np.asarray(np.linalg.inv(whole), dtype=np.float64)
+    k = F.shape[-1] - beside.shared
+    known = np.eye(F.shape[-1])
+    known[:k, :k] = (
+        PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
+    )
+    return np.asarray(np.linalg.inv(F + known), dtype=np.float64)[:, :k, :k]
 
 
 def information_costs(

@@ -18,6 +18,32 @@ SHOWN = 0.5
 
 
 @dataclass(frozen=True)
+class BesideParameters:
+    """Inputs of a simulator after its parameters: not known either, and not to be learnt.
+
+    They are normally distributed with mean 0 and standard deviation 1.
+
+    Attributes
+    ----------
+    steps : tuple of float
+        Of the finite differences by each of them.
+    own : int
+        How many of them, the last ones, each maneuver of a set has its own of.
+    """
+
+    steps: tuple[float, ...] = ()
+    own: int = 0
+
+    @property
+    def shared(self) -> int:
+        """How many of them all maneuvers of a set have in common."""
+        return len(self.steps) - self.own
+
+
+NOTHING_BESIDE = BesideParameters()
+
+
+@dataclass(frozen=True)
 class BoxPrior:
     """Normal distribution of the parameters in their unit box, e.g. learnt from earlier drives.
 

@@ -1,6 +1,7 @@
 """The problem of a design, and what is found out about a maneuver: data without computation.
 
-n: samples, k: unknown parameters, l: operation parameters, t: time points, c: channels.
+n: samples, k: unknown parameters, e: inputs beside them, l: operation parameters, t: time points,
+c: channels.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from excitation_planner.box import Box
 from excitation_planner.design.choice import Choice
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
-from excitation_planner.design.prior import BoxPrior
+from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -25,7 +26,7 @@ Trajectories = FloatArray | tuple[FloatArray, ...]
 """Trajectories (n, t, c) of one maneuver, or of each maneuver of a set."""
 
 Simulator = Callable[[FloatArray, FloatArray], Trajectories]
-"""f of x (l,) and P (n, k): outputs (n,), or trajectories."""
+"""f of x (l,) and P (n, k + e): outputs (n,), or trajectories."""
 
 Outcome = tuple[FloatArray, ...] | str
 """What f gave at one x: outputs or trajectories of each maneuver; or why it is infeasible."""
@@ -135,6 +136,8 @@ class DesignProblem:
         How the operation box is searched.
     prior : BoxPrior, optional
         For C, D and A; None: uniform.
+    beside : BesideParameters
+        For C, D and A: what f takes beside the parameters.
 
     Raises
     ------
@@ -154,6 +157,7 @@ class DesignProblem:
     seed: int
     search: Search
     prior: BoxPrior | None = None
+    beside: BesideParameters = NOTHING_BESIDE
 
     def __post_init__(self) -> None:
         if self.target is not None:
@@ -164,6 +168,8 @@ class DesignProblem:
             raise DesignError(f"noise variance {self.noise_variance:g} must be 0 or more, finite")
         if self.prior is not None and len(self.prior.mean) != len(self.unknown):
             raise DesignError(f"prior: must be about {self._names}")
+        if self.criterion is Criterion.H and self.beside.steps:
+            raise DesignError("criterion h counts nothing beside the parameters; c, d and a do")
         if self.draws < 1:
             raise DesignError(f"draws = {self.draws}: at least one is needed")
         self.unknown.check_samples(self.samples)
@@ -187,7 +193,7 @@ class DesignProblem:
         times = VERIFICATION if verification else 1
         if self.criterion is Criterion.H:
             return times * self.samples
-        differences = times * self.draws * (len(self.unknown) + 1)
+        differences = times * self.draws * (len(self.unknown) + len(self.beside.steps) + 1)
         return differences + (1 + times * self.samples if verification else 0)
 
     @property

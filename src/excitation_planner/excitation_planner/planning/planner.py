@@ -13,12 +13,17 @@ from excitation_planner.area.room import DoesNotFit, Room
 from excitation_planner.area.tube import crawl_curvature, footprint_of
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion, excitation_cost
-from excitation_planner.design.excitation import Design, Verdict, design_excitation
+from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_excitation
 from excitation_planner.design.information import ManeuverSet
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Index, Plan, SearchHistory
-from excitation_planner.planning.prediction import ReplayedTrajectories, predicted_covariance
+from excitation_planner.planning.prediction import (
+    ReplayedTrajectories,
+    beside_parameters,
+    planned_effects,
+    predicted_covariance,
+)
 from excitation_planner.planning.remedy import closest_fit, nearest_that_fits
 from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run
 from excitation_planner.planning.request import PlanRequest
@@ -27,10 +32,14 @@ from tricycle_core import __version__
 from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
+from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
 
 CURVATURES = 64
 """Steering angles at which a path's curvature is computed, and interpolated between."""
+
+LEAST_DRAWS = 6
+"""Vehicles over which a criterion is averaged, however many effects each is simulated with."""
 
 RANDOM_TRIES = 1000
 """Draws after which a family has no drivable maneuver."""
@@ -119,6 +128,7 @@ def _searched(
         )
         return (_Maneuver(design.x, design.sensitivity, design.cost),), design
     maneuvers = ManeuverSet(_trajectories(request), tuple(f.operation for f in request.families))
+    beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
     design = design_excitation(
         maneuvers,
         maneuvers.operation,
@@ -127,6 +137,9 @@ def _searched(
         criterion=request.criterion,
         trajectory_noise=request.noise.of_trajectory,
         prior=request.prior,
+        beside=beside,
+        # as many simulations of a maneuver as without effects, but a few vehicles at least
+        draws=max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps))),
         samples=request.samples,
         budget=request.budget,
         seed=request.seed,
@@ -205,10 +218,15 @@ def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Flo
     raise PlanError(f"{request.family.name}: none of {RANDOM_TRIES} random maneuvers is drivable")
 
 
+def _effects(request: PlanRequest) -> tuple[Effect, ...]:
+    return planned_effects(request.vehicle, request.effects)
+
+
 def _trajectories(request: PlanRequest) -> tuple[ReplayedTrajectories, ...]:
     """What is measured of each maneuver, as a function of x and p."""
+    vehicle, channels = request.vehicle, request.noise.channels
     return tuple(
-        ReplayedTrajectories(request.vehicle, family, request.noise.channels, _room(request))
+        ReplayedTrajectories(vehicle, family, channels, _room(request), _effects(request))
         for family in request.families
     )
 
@@ -247,6 +265,7 @@ def _predicted_std(request: PlanRequest, maneuvers: tuple[_Maneuver, ...]) -> di
         request.noise.of_trajectory,
         seed=request.seed + 2,
         prior=request.prior,
+        beside=beside_parameters(_effects(request)),
     )
     std = np.sqrt(np.diag(covariance)) * (np.array(unknown.high) - unknown.low)
     return dict(zip(unknown.names, std.tolist(), strict=True))
@@ -292,6 +311,7 @@ def _plans(
                 seconds=time.monotonic() - began,
                 seed=request.seed,
                 noise=request.noise,
+                effects=tuple(e.option for e in _effects(request)),
                 feasible=True,
                 verdict=(
                     ""

@@ -1,9 +1,10 @@
 """Prediction of what a drive will teach: standard deviations of the parameters, before it.
 
-n: samples, k: unknown parameters, l: operation parameters, t: time points, c: measured channels.
+n: samples, k: unknown parameters, e: effects, l: operation parameters, t: time points, c: measured
+channels.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from excitation_planner.design.information import (
     posterior_covariance,
 )
 from excitation_planner.design.noise import TrajectoryNoise
-from excitation_planner.design.prior import BoxPrior
+from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Plan
 from excitation_planner.planning.replay import nominal_run
@@ -24,6 +25,14 @@ from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
+from tricycle_sim.effects import (
+    DRIVE_DEAD_TIME,
+    SERVO_DEAD_TIME,
+    Effect,
+    as_sensed,
+    effects_of,
+    with_effects,
+)
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
@@ -44,9 +53,9 @@ DRAWS = 48
 class ReplayedTrajectories:
     """The simulator f(x, p) = whole trajectory of the information criteria.
 
-    Calling it with operation parameters x (l,) and unknown parameters P (n, k) gives (n, t, c), a
-    time point every `PERIOD`; NaN where a vehicle rolled over. It raises `InfeasibleManeuver`
-    where the nominal vehicle cannot drive x.
+    Calling it with operation parameters x (l,) and unknown parameters P (n, k + e), the effects in
+    standard deviations of their priors, gives (n, t, c), a time point every `PERIOD`; NaN where a
+    vehicle rolled over. It raises `InfeasibleManeuver` where the nominal vehicle cannot drive x.
 
     Attributes
     ----------
@@ -58,32 +67,90 @@ class ReplayedTrajectories:
         The channels, by their names in `tricycle_sim.vehicle.batch.Trajectory`.
     room : Room, optional
         What the maneuvers have to fit.
+    effects : tuple of Effect
+        Beside the parameters.
     """
 
     vehicle: Vehicle
     family: ManeuverFamily
     columns: tuple[str, ...] = ("x", "y")
     room: Room | None = None
+    effects: tuple[Effect, ...] = ()
 
     def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
         """Trajectories (n, t, c) of the samples, with the standstill before them."""
         commands = nominal_run(self.vehicle, self.family, x, self.room).commands
-        return _replayed(self.vehicle, commands, self.columns, parameters)
+        return _replayed(self.vehicle, commands, self.columns, parameters, self.effects)
+
+
+def planned_effects(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
+    """Return the effects that plans count, those that each drive has its own of last.
+
+    The deviations are left out: a process has no end of variables.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        That is planned for.
+    names : sequence of str
+        Of `tricycle_sim.effects.EFFECTS`.
+
+    Raises
+    ------
+    VehicleError
+        If a name is none of an effect.
+    """
+    counted = [e for e in effects_of(vehicle, names) if not e.process]
+    return tuple(sorted(counted, key=lambda e: e.per_drive))
+
+
+def beside_parameters(effects: Sequence[Effect]) -> BesideParameters:
+    """Return what a design has to know of effects.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        From `planned_effects`.
+    """
+    return BesideParameters(tuple(e.step for e in effects), sum(e.per_drive for e in effects))
 
 
 def _replayed(
-    vehicle: Vehicle, commands: Commands, columns: tuple[str, ...], parameters: FloatArray
+    vehicle: Vehicle,
+    commands: Commands,
+    columns: tuple[str, ...],
+    parameters: FloatArray,
+    effects: Sequence[Effect] = (),
 ) -> FloatArray:
     """Trajectories (n, t, c) of a drive, with the standstill before it."""
-    every = round(PERIOD / TICK)
-    rest = round(STANDSTILL / PERIOD)
-    batch, blocks = CommandedBatch(vehicle, commands), []
-    for first in range(0, len(parameters), BLOCK):
-        run = batch.run(parameters[first : first + BLOCK], columns)
-        Y = np.stack([run.columns[name][:, ::every] for name in columns], axis=-1)
-        Y[run.feasibility.rolled_over.happened] = np.nan
-        blocks.append(np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1))
-    return np.concatenate(blocks)
+    every, rest = round(PERIOD / TICK), round(STANDSTILL / PERIOD)
+    affected, n, k = with_effects(vehicle, effects), len(parameters), len(vehicle.unknown)
+    batch, place = CommandedBatch(affected, commands), list(affected.unknown).index
+    points = np.tile(affected.nominal_point(), (n, 1))
+    points[:, [place(name) for name in vehicle.unknown]] = parameters[:, :k]
+    values = {e.name: e.std * parameters[:, k + i] for i, e in enumerate(effects)}
+    for e in effects:
+        for constant, change in e.constants.items():
+            points[:, place(constant)] += change * values[e.name]
+    none = np.zeros(n)
+    steering, drive = values.get(SERVO_DEAD_TIME, none), values.get(DRIVE_DEAD_TIME, none)
+    motion = dict.fromkeys(["x", "y", "yaw", "drive_speed", *columns])
+    found = np.empty((n, rest + len(batch.time[::every]), len(columns)))
+    for later in np.unique(drive):  # which all vehicles of a batch have in common
+        alike = np.flatnonzero(drive == later)
+        for rows in np.split(alike, range(BLOCK, len(alike), BLOCK)):
+            run = batch.run(
+                points[rows], tuple(motion), steering_delay=steering[rows], drive_delay=float(later)
+            )
+            seen = {name: column[:, ::every] for name, column in run.columns.items()}
+            of_rows = {name: value[rows] for name, value in values.items()}
+            seen["x"], seen["y"], seen["yaw"], seen["drive_speed"] = as_sensed(
+                seen["x"], seen["y"], seen["yaw"], seen["drive_speed"], of_rows
+            )
+            Y = np.stack([seen[name] for name in columns], axis=-1)
+            Y[run.feasibility.rolled_over.happened] = np.nan
+            found[rows] = np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1)
+    return found
 
 
 def predicted_covariance(
@@ -94,13 +161,14 @@ def predicted_covariance(
     *,
     seed: int,
     prior: BoxPrior | None = None,
+    beside: BesideParameters = NOTHING_BESIDE,
 ) -> FloatArray:
     """Return the expected posterior covariance (k, k), in squared ranges, after several drives.
 
     Parameters
     ----------
     simulators : tuple of callable
-        Of each drive: x (l,), P (n, k) to trajectories (n, t, c).
+        Of each drive: x (l,), P (n, k + e) to trajectories (n, t, c).
     points : tuple of ndarray
         Operation parameters x (l,) of each drive.
     unknown : Box
@@ -111,6 +179,8 @@ def predicted_covariance(
         Of the parameter values over which is averaged.
     prior : BoxPrior, optional
         What is known before; None: uniform in the box.
+    beside : BesideParameters
+        What is beside the parameters.
 
     Raises
     ------
@@ -118,22 +188,23 @@ def predicted_covariance(
         If not one of the vehicles drawn can be simulated.
     """
     k = len(unknown)
-    U = difference_points(k, DRAWS, seed=seed, prior=prior)
-    P = unknown.from_unit(U)
-    F = np.zeros((DRAWS, k, k))
+    U = difference_points(k, DRAWS, seed=seed, prior=prior, beside=beside)
+    P = np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
+    F = np.zeros((DRAWS, k + beside.shared, k + beside.shared))
     for f, x in zip(simulators, points, strict=True):
-        F += information(U, f(x, P), noise)
+        F += information(U, f(x, P), noise, beside)
     F = F[np.isfinite(F).all(axis=(1, 2))]
     if len(F) == 0:
         raise DesignError("every vehicle drawn rolled over in this maneuver")
-    covariance: FloatArray = posterior_covariance(F, prior).mean(axis=0)
+    covariance: FloatArray = posterior_covariance(F, prior, beside).mean(axis=0)
     return covariance
 
 
 def predicted_progress(plan: Plan, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
     """Predict what is known during one drive, from nothing but the ranges before it.
 
-    After a drive that was planned alone it is the plan's `predicted_std`.
+    After a drive that was planned alone it is the plan's `predicted_std`; the plan's effects are
+    counted.
 
     Parameters
     ----------
@@ -158,17 +229,18 @@ def predicted_progress(plan: Plan, vehicle: Vehicle) -> tuple[FloatArray, FloatA
         raise DesignError("a plan with noise_std 0 predicts nothing")
     unknown, noise = Box.of(dict(vehicle.unknown)), plan.noise.of_trajectory
     time = np.append(np.arange(0.0, plan.commands.duration, 1.0), plan.commands.duration)
-    replayed: list[FloatArray] = []
+    effects = planned_effects(vehicle, plan.effects)
+    replayed, beside = list[FloatArray](), beside_parameters(effects)
 
     def std(end: float) -> FloatArray:
         def until_then(_: FloatArray, parameters: FloatArray) -> FloatArray:
             if not replayed:  # the parameters are always the same
                 columns = plan.noise.channels
-                replayed.append(_replayed(vehicle, plan.commands, columns, parameters))
+                replayed.append(_replayed(vehicle, plan.commands, columns, parameters, effects))
             return replayed[0][:, : round((STANDSTILL + end) / PERIOD) + 1]
 
         covariance = predicted_covariance(
-            (until_then,), (np.empty(0),), unknown, noise, seed=plan.seed + 2
+            (until_then,), (np.empty(0),), unknown, noise, seed=plan.seed + 2, beside=beside
         )
         variance: FloatArray = np.diag(covariance)
         return np.sqrt(variance) * (np.array(unknown.high) - unknown.low)

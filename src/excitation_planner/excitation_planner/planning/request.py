@@ -10,6 +10,7 @@ from excitation_planner.design.problem import Search
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.shaping import check_motor
 from tricycle_core.errors import PlanError
+from tricycle_sim.effects import check_effects
 from tricycle_sim.vehicle import Vehicle
 
 
@@ -43,6 +44,9 @@ class PlanRequest:
         How the operation box is searched.
     area : Area, optional
         Ground that all vehicles of the ranges stay on, with a margin.
+    effects : tuple of str
+        Of `tricycle_sim.effects.EFFECTS`: what the vehicle file may not know, counted by the
+        criteria C, D and A and in the predicted deviations.
 
     Raises
     ------
@@ -63,6 +67,7 @@ class PlanRequest:
     prior: BoxPrior | None = None
     search: Search = Search.ADAPTIVE
     area: Area | None = None
+    effects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_motor(self.vehicle)
@@ -71,7 +76,10 @@ class PlanRequest:
                 f"unknown target {self.target!r}; the unknown parameters of "
                 f"{self.vehicle.name} are: {', '.join(self.vehicle.unknown)}"
             )
+        check_effects(self.effects)
         if self.criterion is Criterion.H:
+            if self.effects:
+                raise PlanError("criterion h counts no effects; c, d and a do")
             if self.others:
                 raise PlanError("criterion h judges one maneuver; a set needs c, d or a")
         elif self.noise.noise_std == 0.0:

@@ -21,22 +21,19 @@ from typing import Protocol
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
-from parameter_identification.estimation.effects import (
-    DRIVE_DEAD_TIME,
-    SENSOR_FORWARD,
-    SENSOR_LEFT,
-    SENSOR_YAW,
-    SERVO_DEAD_TIME,
-    SPEED_DEVIATION,
-    TURN_DEVIATION,
-    WHEEL_RADIUS,
-    Effect,
-    extend,
-)
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
+from tricycle_sim.effects import (
+    DRIVE_DEAD_TIME,
+    SERVO_DEAD_TIME,
+    SPEED_DEVIATION,
+    TURN_DEVIATION,
+    Effect,
+    as_sensed,
+    with_effects,
+)
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch, Run
 
@@ -220,7 +217,7 @@ class DriveModel:
         self.vehicle, self.drive, self.effects = vehicle, drive, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
-        simulated = _with_effects(vehicle, effects)
+        simulated = with_effects(vehicle, effects)
         self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
         # the starts are chosen without effects
         self._unaffected = (
@@ -436,18 +433,8 @@ class DriveModel:
             heading = heading + np.pad(angle, ((0, 0), (1, 0)))
             yaw_rate = faster * (yaw_rate + turn * speed)
             wheel_speed = faster * wheel_speed
-        if WHEEL_RADIUS in self._at:  # the sensor counts turns
-            wheel_speed = wheel_speed / (1.0 + values[:, self._at[WHEEL_RADIUS], None])
-        if SENSOR_FORWARD in self._at or SENSOR_LEFT in self._at:
-            none = np.zeros(len(values))
-            forward, left = (
-                (values[:, self._at[name]] if name in self._at else none)[:, None]
-                for name in (SENSOR_FORWARD, SENSOR_LEFT)
-            )
-            cosine, sine = np.cos(heading), np.sin(heading)
-            x, y = x + forward * cosine - left * sine, y + forward * sine + left * cosine
-        if SENSOR_YAW in self._at:
-            heading = heading + values[:, self._at[SENSOR_YAW], None]
+        named = {name: values[:, i] for name, i in self._at.items()}
+        x, y, heading, wheel_speed = as_sensed(x, y, heading, wheel_speed, named)
         return _Motions(x, y, heading, yaw_rate, wheel_speed)
 
     def _process(self, name: str, values: FloatArray) -> FloatArray:
@@ -530,18 +517,6 @@ class DriveModel:
             gram += part.T @ part
         reduced = np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
         return float(gram[-1, -1] - gram[:-1, -1] @ reduced)
-
-
-def _with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
-    """Return the vehicle with the constants that effects change as further unknown ones."""
-    for e in effects:
-        vehicle = extend(vehicle, e.parts)
-    unknown = dict(vehicle.unknown)
-    for e in effects:
-        for name, change in e.constants.items():
-            ends = sorted(vehicle.values[name] + change * end for end in (e.low, e.high))
-            unknown[name] = ends[0], ends[1]
-    return dataclasses.replace(vehicle, unknown=unknown)
 
 
 def _summed(steps: FloatArray) -> FloatArray:

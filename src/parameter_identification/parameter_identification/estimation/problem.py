@@ -22,7 +22,6 @@ from scipy.stats import chi2
 
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
-from parameter_identification.estimation.effects import Effect
 from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.noise import (
     NoiseLevel,
@@ -35,6 +34,7 @@ from parameter_identification.estimation.noise import (
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.closing import Closing
 from tricycle_core.quantities import FloatArray
+from tricycle_sim.effects import Effect
 
 CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one

@@ -26,6 +26,7 @@ from tricycle_cli.arguments import (
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import PlanError
+from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
 
 if TYPE_CHECKING:
@@ -78,6 +79,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add_area_option(parser)
+    add(
+        "--effects",
+        default="none",
+        metavar="all|none|NAME,NAME",
+        help="what the real vehicle may have beside the file (steering-zero, wheel-radius, …), "
+        "counted by the criteria c, d and a as not known either (default: none)",
+    )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
     add("--seed", type=seed, default=0, help="same seed, same plan")
     add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
@@ -134,6 +142,10 @@ def run(args: argparse.Namespace) -> int:
             console.print(_summary(plan))
         if first.predicted_std:
             console.print(prediction_table(first))
+            if first.effects:
+                console.print(
+                    f"counted as not known either: {', '.join(first.effects)}", soft_wrap=True
+                )
         console.print(_search_summary(first))
         if first.verdict:
             console.print(first.verdict)
@@ -165,6 +177,7 @@ def _request(args: argparse.Namespace) -> PlanRequest:
         seed=args.seed,
         noise=noise,
         area=None if args.area is None else load_area(args.area),
+        effects=named_effects(args.effects),
     )
 
 

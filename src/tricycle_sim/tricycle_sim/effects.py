@@ -1,8 +1,9 @@
 """Effects: what a real vehicle, its ground and its sensors have and the vehicle file does not know.
 
-Each is estimated beside the parameters, with a Gaussian prior of mean 0 (as in the file) that says
-how large it may be. Most change constants of the vehicle; the others change its motion, or what is
-seen of it, in closed form. Slope and wind act on one drive, the others on all.
+Plans count them and the identification estimates them beside the parameters, each with a Gaussian
+prior of mean 0 (as in the file) that says how large it may be. Most change constants of the
+vehicle; the others change its motion, or what is seen of it, in closed form. Slope and wind act on
+one drive, the others on all.
 
 The *deviations* are processes in time: by which share the vehicle is faster than the model, and how
 much more it turns. They stand for what no constant can, e.g. a servo or a speed loop of another
@@ -15,7 +16,10 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tricycle_core.errors import IdentificationError
+import numpy as np
+
+from tricycle_core.errors import VehicleError
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.registry import PARTS, law_name
 
@@ -63,6 +67,11 @@ class Effect:
     per_drive: bool = False
     process: bool = False
     step: float = 0.01
+
+    @property
+    def option(self) -> str:
+        """The name, as `--effects` has it."""
+        return self.name.replace(" ", "-")
 
     @property
     def rough(self) -> bool:
@@ -129,14 +138,32 @@ def check_effects(names: Sequence[str]) -> None:
 
     Raises
     ------
-    IdentificationError
+    VehicleError
         If one is not.
     """
     for name in names:
         if name not in EFFECTS:
             close = difflib.get_close_matches(name, EFFECTS, 1)
             hint = f"; did you mean {close[0]}?" if close else f"; there are: {', '.join(EFFECTS)}"
-            raise IdentificationError(f"{name!r} is no effect{hint}")
+            raise VehicleError(f"{name!r} is no effect{hint}")
+
+
+def named_effects(names: str) -> tuple[str, ...]:
+    """Return the names of effects as users list them.
+
+    Parameters
+    ----------
+    names : str
+        Of the effects, separated by commas; or "all" or "none".
+
+    Raises
+    ------
+    VehicleError
+        If one is none of an effect.
+    """
+    chosen = {"all": EFFECTS, "none": ()}.get(names, tuple(names.split(",")))
+    check_effects(chosen)
+    return chosen
 
 
 def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
@@ -151,7 +178,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
 
     Raises
     ------
-    IdentificationError
+    VehicleError
         If a name is none of an effect.
     """
     check_effects(names)
@@ -172,7 +199,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
                 continue
             e = dataclasses.replace(e, low=-vehicle.values.get("servo_delay", 0.0))
         found.append(e)
-    return tuple(e for e in found if e.name.replace(" ", "-") in names)
+    return tuple(e for e in found if e.option in names)
 
 
 def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:
@@ -186,6 +213,54 @@ def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:
         Law by part.
     """
     return dataclasses.replace(vehicle, parts={**vehicle.parts, **parts}) if parts else vehicle
+
+
+def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
+    """Return a vehicle with the constants that effects change as further unknown ones.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Without them.
+    effects : sequence of Effect
+        Of this vehicle.
+    """
+    for e in effects:
+        vehicle = extend(vehicle, e.parts)
+    unknown = dict(vehicle.unknown)
+    for e in effects:
+        for name, change in e.constants.items():
+            ends = sorted(vehicle.values[name] + change * end for end in (e.low, e.high))
+            unknown[name] = ends[0], ends[1]
+    return dataclasses.replace(vehicle, unknown=unknown)
+
+
+def as_sensed(
+    x: FloatArray,
+    y: FloatArray,
+    heading: FloatArray,
+    wheel_speed: FloatArray,
+    effects: Mapping[str, FloatArray],
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return positions, headings and wheel speeds as sensors see those of motions.
+
+    Parameters
+    ----------
+    x, y, heading, wheel_speed : ndarray of float, shape (n, t)
+        Of the motions.
+    effects : mapping of str to ndarray of float, shape (n,)
+        Values by name; others than those of sensors are not used.
+    """
+    values = {name: value[:, None] for name, value in effects.items()}
+    if WHEEL_RADIUS in values:  # the sensor counts turns
+        wheel_speed = wheel_speed / (1.0 + values[WHEEL_RADIUS])
+    if SENSOR_FORWARD in values or SENSOR_LEFT in values:
+        forward, left = (values.get(name, np.zeros(1)) for name in (SENSOR_FORWARD, SENSOR_LEFT))
+        cosine, sine = np.cos(heading), np.sin(heading)
+        x, y = x + forward * cosine - left * sine, y + forward * sine + left * cosine
+    if SENSOR_YAW in values:
+        heading = heading + values[SENSOR_YAW]
+    return x, y, heading, wheel_speed
 
 
 def _extensions(vehicle: Vehicle, constants: Collection[str] | None = None) -> dict[str, str]:
