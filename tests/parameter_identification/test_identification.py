@@ -240,3 +240,12 @@ def test_names_of_parameters_are_checked(pair):
         identify(pair, VEHICLE, parameters=["mass"])
     with pytest.raises(IdentificationError, match="no drive"):
         identify([], VEHICLE)
+
+
+def test_the_friction_that_was_used_is_that_of_the_fitted_vehicle(commands, pair):
+    found = identify(pair, VEHICLE, starts=1)
+    parameters = np.array([[e.estimate for e in found.parameters.values()]])
+    used = [
+        simulate(VEHICLE, c, parameters).feasibility.friction.value[0] for c in commands.values()
+    ]
+    assert found.friction_used == pytest.approx(max(used), rel=1e-6)

@@ -179,6 +179,7 @@ def identify(
             seed=seed,
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
+            friction_used=max(m.friction_used(optimum.fit.at[: problem.k]) for m in problem.models),
         )
 
 

@@ -180,6 +180,8 @@ class IdentificationDocument:
         That the computation took.
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
+    friction_used : float or None
+        Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
     """
 
     vehicle: str = ""
@@ -202,6 +204,7 @@ class IdentificationDocument:
     seed: int = 0
     seconds: float = 0.0
     effects: tuple[EffectEstimate, ...] = ()
+    friction_used: float | None = None
 
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
@@ -259,6 +262,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         seed=found.seed,
         seconds=found.seconds,
         effects=found.effects,
+        friction_used=_known(found.friction_used),
     )
 
 

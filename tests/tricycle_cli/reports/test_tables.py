@@ -101,3 +101,11 @@ def test_parameters_that_were_not_identified_are_said_to_be_taken_as_known():
     assert any(line.startswith("taken as known: camber_stiffness 50.") for line in remarks(FOUND))
     whole = dataclasses.replace(FOUND, fixed={})
     assert not any("taken as known" in line for line in remarks(whole))
+
+
+def test_tyres_that_used_much_of_their_friction_are_told():
+    hard = dataclasses.replace(FOUND, friction_used=0.853)
+    assert any(line.startswith("a tyre used up to 85% of its friction") for line in remarks(hard))
+    gentle = dataclasses.replace(FOUND, friction_used=0.3)
+    unknown = dataclasses.replace(FOUND, friction_used=float("nan"))
+    assert not any("friction" in line for found in (gentle, unknown) for line in remarks(found))

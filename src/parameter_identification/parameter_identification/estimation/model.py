@@ -485,6 +485,17 @@ class DriveModel:
         jacobian[:, :, k + np.array(moved)] = by_motion[:, :, k:]
         return Prediction(sensor, signal.time, values.T, signal.values - values.T, -jacobian)
 
+    def friction_used(self, z: FloatArray) -> float:
+        """Return the largest share of its friction limit that a wheel uses; NaN: not known.
+
+        Parameters
+        ----------
+        z : ndarray of float, shape (k,)
+            Parameters in their ranges.
+        """
+        run = self._unaffected.run(self.parameters(z)[np.newaxis], ("x",))
+        return float(run.feasibility.friction.value[0]) if run.groups.size else math.nan
+
     def misfits(self, Z: FloatArray, white: dict[Sensor, float]) -> FloatArray:
         """Return a rough misfit (n,) of parameters, for the choice of starts.
 

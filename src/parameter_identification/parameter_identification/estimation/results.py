@@ -240,6 +240,8 @@ class Identification:
         That the computation took.
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
+    friction_used : float
+        Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     """
 
     vehicle: str
@@ -260,6 +262,7 @@ class Identification:
     seed: int
     seconds: float
     effects: tuple[EffectEstimate, ...] = ()
+    friction_used: float = math.nan
 
     def __repr__(self) -> str:
         width = max(map(len, self.parameters))

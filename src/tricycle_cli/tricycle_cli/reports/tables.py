@@ -28,6 +28,9 @@ CONTRADICTING = 1.5
 IMPROBABLE = 0.05
 """Probability of an effect below which the remarks only count it."""
 
+MUCH_FRICTION = 0.5
+"""Share of a tyre's friction above which its stiffness depends on the law that it is given."""
+
 
 def plan_table(plan: Plan) -> Table:
     """Return the Sobol' indices of a plan, a row per unknown parameter.
@@ -243,6 +246,12 @@ def remarks(found: Identification) -> list[str]:
         lines.append(
             f"the vehicle moves as the model CANNOT ({names}): it has something that no effect "
             "stands for, as tyres that slide or play in the steering. The intervals do not count it"
+        )
+    if found.friction_used > MUCH_FRICTION:
+        lines.append(
+            f"a tyre used up to {found.friction_used:.0%} of its friction: stiffnesses are those "
+            "of the vehicle file's tyre law. A tyre that bends otherwise may be stiffer at small "
+            "slips; the intervals do not count it"
         )
     absent = [e for e in found.effects if e.acts is not None and e.acts < IMPROBABLE]
     lines += [f"beside them: {effect}" for effect in found.effects if effect not in absent]

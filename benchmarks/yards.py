@@ -1,0 +1,229 @@
+"""Plans in yards: room that random vehicles leave, what a yard costs, and faults on the way.
+
+    python benchmarks/yards.py [--vehicles 1000] [--drives 5] [--part plans|faults]
+
+plans   each family is planned without a yard and in three of them, by criterion c for the cornering
+        stiffness. Printed: what share of the information is kept (variance free over variance in
+        the yard), how many times as long the planning took, and how many of the random vehicles of
+        the ranges, begun up to 5 cm and 1 deg beside the planned start, come closer to the border
+        than the margin, and how close the closest comes.
+faults  vehicles of random draws drive these plans behind emulated boards, by the driver's own state
+        machine and its fence, on the 9-DOF vehicle. At a random time the localisation jumps by 2 m,
+        freezes, drifts by the margin within 5 s, or the host falls silent and the boards' watchdogs
+        stop the vehicle. Printed: how the drives ended, and how far the true footprint stayed from
+        the border; negative: it was out.
+"""
+
+import argparse
+import collections
+import math
+import time
+
+import numpy as np
+import shapely
+
+from excitation_planner import Criterion
+from excitation_planner.area.area import Area, StartRegion
+from excitation_planner.area.fence import START_HEADING_TOLERANCE, START_POSITION_TOLERANCE
+from excitation_planner.area.polygons import placed
+from excitation_planner.area.tube import footprint_of
+from excitation_planner.localisation import PlanarState
+from excitation_planner.maneuver import family_by_name, family_names
+from excitation_planner.planning import PlanRequest, plan_maneuver
+from excitation_planner.playback import AREA_PARTS, Playback, Schedule
+from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bringup.configuration import bridge_settings
+from tricycle_core.errors import DesignError, PlanError
+from tricycle_core.readiness import Readiness
+from tricycle_core.timing import TICK
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.host import Host
+from tricycle_sim.rig.localisation import PoseNoise, measure_pose
+from tricycle_sim.vehicle import draw_truth, load_vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+VEHICLE = load_vehicle()
+FOOTPRINT = footprint_of(VEHICLE)
+TARGET = "cornering_stiffness"
+POST = np.array([[0.0, 0.0], [0.3, 0.0], [0.3, 0.3], [0.0, 0.3]])
+YARDS = {
+    "12 x 25 m": Area(np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 12.0], [0.0, 12.0]])),
+    "30 x 30 m, two posts": Area(
+        np.array([[0.0, 0.0], [30.0, 0.0], [30.0, 30.0], [0.0, 30.0]]),
+        (POST + np.array([10.0, 12.0]), POST + np.array([20.0, 20.0])),
+    ),
+    "L of 60 m, 9 m wide": Area(
+        np.array([[0.0, 0.0], [60.0, 0.0], [60.0, 9.0], [9.0, 9.0], [9.0, 60.0], [0.0, 60.0]]),
+        start=StartRegion(heading=(-0.2, 0.2)),
+    ),
+}
+EVERY = 10  # ticks between the footprints that are looked at
+FAULTS = ("none", "jumps", "freezes", "drifts", "host falls silent")
+POSE_TICKS = 5
+
+
+def bounds_of(area):
+    """What a footprint must not touch."""
+    return shapely.union_all(
+        [shapely.Polygon(area.keep_in).exterior, *map(shapely.Polygon, area.keep_out)]
+    )
+
+
+def clearance(area, x, y, yaw):
+    """Distance (n, t) of footprints from what bounds an area; negative where one is not inside."""
+    outlines = shapely.polygons(placed(FOOTPRINT, x, y, yaw))
+    distance = shapely.distance(outlines, bounds_of(area))
+    inside = shapely.contains_xy(shapely.Polygon(area.keep_in), x, y)
+    return np.where(inside & (distance > 0.0), distance, -1.0)
+
+
+def beside(start, rng, count):
+    """Random starts (count, 3), within the tolerances of the driver."""
+    x, y, heading = start
+    off = START_POSITION_TOLERANCE * np.sqrt(rng.uniform(size=count))
+    direction = rng.uniform(-math.pi, math.pi, count)
+    turned = heading + START_HEADING_TOLERANCE * rng.uniform(-1.0, 1.0, count)
+    return np.column_stack([x + off * np.cos(direction), y + off * np.sin(direction), turned])
+
+
+def closest(area, plan, count):
+    """Least clearance (count,) of random vehicles in the undisturbed drive of a plan."""
+    rng = np.random.default_rng(1)
+    low, high = np.array(list(VEHICLE.unknown.values())).T
+    motion = simulate(VEHICLE, plan.commands, rng.uniform(low, high, (count, len(low))))
+    x, y, yaw = (column[:, ::EVERY] for column in (motion.x, motion.y, motion.yaw))
+    starts = beside(plan.start_pose, rng, count)[:, :, None]
+    cosine, sine = np.cos(starts[:, 2]), np.sin(starts[:, 2])
+    placed_x = starts[:, 0] + cosine * x - sine * y
+    placed_y = starts[:, 1] + sine * x + cosine * y
+    return clearance(area, placed_x, placed_y, starts[:, 2] + yaw).min(axis=1)
+
+
+def planned(family, area):
+    """The plan, or why there is none; and the time that it took [s]."""
+    request = PlanRequest(VEHICLE, family, TARGET, Criterion.C, area=area)
+    begun = time.perf_counter()
+    try:
+        return plan_maneuver(request), time.perf_counter() - begun
+    except (DesignError, PlanError) as error:
+        return str(error), time.perf_counter() - begun
+
+
+def try_plans(count):
+    """Print the table of plans; returns those that fit, with their area."""
+    found = []
+    print(f"{'family':20s}{'yard':22s} information   time   in margin   closest")
+    for name in family_names():
+        family = family_by_name(name)
+        free, free_time = planned(family, None)
+        for yard, area in YARDS.items():
+            plan, seconds = planned(family, area)
+            if isinstance(plan, str):
+                print(f"{name:20s}{yard:22s} {plan[:90]}", flush=True)
+                continue
+            kept = free.criterion_cost / plan.criterion_cost
+            least = closest(area, plan, count)
+            print(
+                f"{name:20s}{yard:22s}{kept:11.0%} {seconds / free_time:6.1f}"
+                f"{np.sum(least < area.margin):6d} of {count}{least.min():8.2f} m",
+                flush=True,
+            )
+            found.append((f"{name} in {yard}", area, plan))
+    return found
+
+
+def disturbed(fault, state, since, frozen):
+    """What a localisation says since a fault began, some seconds ago."""
+    if since < 0.0:
+        return state
+    if fault == "jumps":
+        return (state[0] + 2.0, *state[1:])
+    if fault == "freezes":
+        return frozen
+    if fault == "drifts":
+        return (state[0], state[1] + 0.1 * min(since, 5.0), *state[2:])
+    return state
+
+
+def driven(area, plan, fault, seed):
+    """Least clearance of a drive [m], and how it ended."""
+    rng = np.random.default_rng([seed, FAULTS.index(fault)])
+    true = VEHICLE.replace(**draw_truth(VEHICLE, rng))
+    rig = EmulatedRig(true)
+    rig.reset(tuple(beside(plan.start_pose, rng, 1)[0].tolist()))
+    host = Host(rig, bridge_settings(VEHICLE))
+    host.arm()
+    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    commands = plan.commands
+    rates = commands.speed / plan.tyre_radius
+    playback.load(Schedule(commands.time, commands.steering_motor_angle, rates))
+    playback.load_path(plan.path)
+    fence = plan.fence
+    ground = fence.frame, tuple(fence.ground)
+    parts = ground, fence.footprint, fence.start, fence.curvature
+    for part, value in zip(AREA_PARTS, parts, strict=True):
+        playback.load_area(part, value)
+    fault_at = math.inf if fault == "none" else rng.uniform(0.05, 0.95) * commands.duration
+    began, started, pending, frozen, track, ended = rig.time, None, None, None, [], None
+    while ended is None or rig.time < ended + 5.0:
+        now = rig.time
+        playback.hear(Readiness(rig.armed, "" if rig.armed else "; ".join(host.log[-3:]), ""), now)
+        if round(now / TICK) % POSE_TICKS == 0:
+            if pending is not None:
+                playback.observe(*pending, now)
+            p = measure_pose(rig.state, PoseNoise(), rng)
+            speed, slip = math.hypot(p.vx, p.vy), math.atan2(p.vy, p.vx)
+            seen = (p.x, p.y, p.yaw, speed, slip, p.yaw_rate)
+            since = -1.0 if started is None else now - started - fault_at
+            if since < 0.0:
+                frozen = seen
+            pending = PlanarState(*disturbed(fault, seen, since, frozen), area.frame), now
+        if started is None and now > began + 1.0:
+            playback.tick(now)
+            playback.start(now)
+            started = now
+        command = playback.tick(now)
+        if command is not None:
+            wheel = command.wheel_rate * plan.tyre_radius
+            host.target = VehicleCommand(command.steering_motor_angle, wheel)
+        if fault == "host falls silent" and started is not None and now - started > fault_at:
+            host.kill()
+        host.tick()
+        track.append((rig.state.x, rig.state.y, rig.state.yaw))
+        if ended is None and started is not None and not playback.state.driving:
+            ended = now
+    least = clearance(area, *np.array(track[::EVERY]).T).min()
+    assert math.hypot(rig.state.vx, rig.state.vy) < 0.05, "it still drives"
+    return least, playback.reason or playback.state.value
+
+
+def try_faults(plans, drives):
+    print(f"\n{'fault':20s}{'drives':>7s}{'out':>5s}{'closest':>10s}  ended")
+    for fault in FAULTS:
+        ends = [
+            driven(area, plan, fault, seed) for _, area, plan in plans for seed in range(drives)
+        ]
+        least = np.array([least for least, _ in ends])
+        reasons = collections.Counter(reason.split(":")[0][:40] for _, reason in ends)
+        print(
+            f"{fault:20s}{len(ends):7d}{np.sum(least < 0.0):5d}{least.min():8.2f} m  "
+            + ", ".join(f"{count} {reason}" for reason, count in reasons.most_common(4)),
+            flush=True,
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--vehicles", type=int, default=1000)
+    parser.add_argument("--drives", type=int, default=5, help="of each plan and fault")
+    parser.add_argument("--part", choices=("plans", "faults"), default="faults")
+    arguments = parser.parse_args()
+    plans = try_plans(arguments.vehicles)
+    if arguments.part == "faults":
+        try_faults(plans, arguments.drives)
+
+
+if __name__ == "__main__":
+    main()
