@@ -249,3 +249,18 @@ def test_the_friction_that_was_used_is_that_of_the_fitted_vehicle(commands, pair
         simulate(VEHICLE, c, parameters).feasibility.friction.value[0] for c in commands.values()
     ]
     assert found.friction_used == pytest.approx(max(used), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_range_that_does_not_hold_the_truth_leaves_an_interval_at_its_end(pair):
+    at = NAMES.index("yaw_inertia")
+    least = 1.1 * TRUTH[at]
+    vehicle = dataclasses.replace(
+        VEHICLE, unknown={**VEHICLE.unknown, "yaw_inertia": (least, 1.5 * least)}
+    )
+    effects = ("steering-zero", "wheel-radius")
+    found = identify(pair, vehicle, effects=effects, weighed=True, starts=1)
+    e = found.parameters["yaw_inertia"]
+    assert e.estimate == pytest.approx(least)
+    assert e.low == pytest.approx(least)
+    assert e.high > e.low

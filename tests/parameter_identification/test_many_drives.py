@@ -55,16 +55,34 @@ def test_it_is_the_identification_of_all_drives_at_once(bags, tmp_path):
     assert found.white == at_once.white
 
 
+def assert_same(found, expected):
+    for name, e in expected.parameters.items():
+        assert found.parameters[name].estimate == pytest.approx(e.estimate, rel=1e-9)
+        assert found.parameters[name].standard_deviation == pytest.approx(
+            e.standard_deviation, rel=1e-9
+        )
+
+
 @pytest.mark.slow
 def test_every_executor_finds_the_same(bags, tmp_path):
     here = identify_many(bags, VEHICLE, folder=tmp_path / "here")
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as executor:
         there = identify_many(bags, VEHICLE, folder=tmp_path / "there", executor=executor)
-    for name, e in here.parameters.items():
-        assert there.parameters[name].estimate == pytest.approx(e.estimate, rel=1e-9)
-        assert there.parameters[name].standard_deviation == pytest.approx(
-            e.standard_deviation, rel=1e-9
+    assert_same(there, here)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")  # dask's own
+def test_dask_finds_the_same(bags, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    here = identify_many(bags, VEHICLE, folder=tmp_path / "here")
+    with distributed.Client(
+        n_workers=2, threads_per_worker=1, dashboard_address=None, local_directory=str(tmp_path)
+    ) as client:
+        there = identify_many(
+            bags, VEHICLE, folder=tmp_path / "there", executor=client.get_executor()
         )
+    assert_same(there, here)
 
 
 @pytest.mark.slow

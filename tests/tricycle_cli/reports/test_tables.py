@@ -109,3 +109,11 @@ def test_tyres_that_used_much_of_their_friction_are_told():
     gentle = dataclasses.replace(FOUND, friction_used=0.3)
     unknown = dataclasses.replace(FOUND, friction_used=float("nan"))
     assert not any("friction" in line for found in (gentle, unknown) for line in remarks(found))
+
+
+def test_an_estimate_at_an_end_of_its_range_is_told():
+    name, e = next(iter(FOUND.parameters.items()))
+    at_end = {**FOUND.parameters, name: dataclasses.replace(e, estimate=e.range[0])}
+    lines = remarks(dataclasses.replace(FOUND, parameters=at_end))
+    assert any(line.startswith(f"at an end of the range: {name}. Widen") for line in lines)
+    assert not any("at an end" in line for line in remarks(FOUND))

@@ -234,6 +234,16 @@ def remarks(found: Identification) -> list[str]:
         lines.append(f"taken as known: {fixed}. An error in them is in no interval")
     if not any(found.identifiable.values()):
         lines.append("these drives show none of the parameters: drive longer, or other maneuvers")
+    ends = [
+        name
+        for name, e in found.parameters.items()
+        if min(abs(e.estimate - end) for end in e.range) <= 1e-9 * (e.range[1] - e.range[0])
+    ]
+    if ends:
+        lines.append(
+            f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
+            "model lacks something"
+        )
     if not found.white:
         worst = [t for t in found.whiteness if t.p * len(found.whiteness) < 0.01]
         names = ", ".join(f"{t.drive} {t.channel}" for t in worst)
