@@ -77,12 +77,12 @@ def clearance(area, x, y, yaw):
     return np.where(inside & (distance > 0.0), distance, -1.0)
 
 
-def beside(start, rng, count):
-    """Random starts (count, 3), within the tolerances of the driver."""
+def beside(start, rng, count, share=1.0):
+    """Random starts (count, 3), within a share of the tolerances of the driver."""
     x, y, heading = start
-    off = START_POSITION_TOLERANCE * np.sqrt(rng.uniform(size=count))
+    off = share * START_POSITION_TOLERANCE * np.sqrt(rng.uniform(size=count))
     direction = rng.uniform(-math.pi, math.pi, count)
-    turned = heading + START_HEADING_TOLERANCE * rng.uniform(-1.0, 1.0, count)
+    turned = heading + share * START_HEADING_TOLERANCE * rng.uniform(-1.0, 1.0, count)
     return np.column_stack([x + off * np.cos(direction), y + off * np.sin(direction), turned])
 
 
@@ -150,7 +150,8 @@ def driven(area, plan, fault, seed):
     rng = np.random.default_rng([seed, FAULTS.index(fault)])
     true = VEHICLE.replace(**draw_truth(VEHICLE, rng))
     rig = EmulatedRig(true)
-    rig.reset(tuple(beside(plan.start_pose, rng, 1)[0].tolist()))
+    # what is measured of the start has to be within the tolerances too
+    rig.reset(tuple(beside(plan.start_pose, rng, 1, 0.2)[0].tolist()))
     host = Host(rig, bridge_settings(VEHICLE))
     host.arm()
     playback = Playback(max_deviation=1.0, odom_timeout=0.5)
