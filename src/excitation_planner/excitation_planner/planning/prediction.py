@@ -45,6 +45,9 @@ STANDSTILL = 1.0
 BLOCK = 128
 """Vehicles simulated at a time, which bounds the memory."""
 
+SENSED = ("x", "y", "yaw", "drive_speed")
+"""Columns of a motion that effects of sensors change."""
+
 DRAWS = 48
 """Parameter values over which a prediction is averaged."""
 
@@ -132,21 +135,23 @@ def _replayed(
     for e in effects:
         for constant, change in e.constants.items():
             points[:, place(constant)] += change * values[e.name]
-    none = np.zeros(n)
-    steering, drive = values.get(SERVO_DEAD_TIME, none), values.get(DRIVE_DEAD_TIME, none)
-    motion = dict.fromkeys(["x", "y", "yaw", "drive_speed", *columns])
+    steering, drive = values.get(SERVO_DEAD_TIME), values.get(DRIVE_DEAD_TIME, np.zeros(n))
+    motion = dict.fromkeys([*columns, *(SENSED if effects else ())])
     found = np.empty((n, rest + len(batch.time[::every]), len(columns)))
     for later in np.unique(drive):  # which all vehicles of a batch have in common
         alike = np.flatnonzero(drive == later)
         for rows in np.split(alike, range(BLOCK, len(alike), BLOCK)):
             run = batch.run(
-                points[rows], tuple(motion), steering_delay=steering[rows], drive_delay=float(later)
+                points[rows],
+                tuple(motion),
+                steering_delay=None if steering is None else steering[rows],
+                drive_delay=float(later),
             )
             seen = {name: column[:, ::every] for name, column in run.columns.items()}
-            of_rows = {name: value[rows] for name, value in values.items()}
-            seen["x"], seen["y"], seen["yaw"], seen["drive_speed"] = as_sensed(
-                seen["x"], seen["y"], seen["yaw"], seen["drive_speed"], of_rows
-            )
+            if effects:
+                of_rows = {name: value[rows] for name, value in values.items()}
+                x, y, yaw, wheel = (seen[name] for name in SENSED)
+                seen |= dict(zip(SENSED, as_sensed(x, y, yaw, wheel, of_rows), strict=True))
             Y = np.stack([seen[name] for name in columns], axis=-1)
             Y[run.feasibility.rolled_over.happened] = np.nan
             found[rows] = np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1)
