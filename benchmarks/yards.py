@@ -17,6 +17,7 @@ faults  vehicles of random draws drive these plans behind emulated boards, by th
 import argparse
 import collections
 import math
+import re
 import time
 
 import numpy as np
@@ -205,7 +206,9 @@ def try_faults(plans, drives):
             driven(area, plan, fault, seed) for _, area, plan in plans for seed in range(drives)
         ]
         least = np.array([least for least, _ in ends])
-        reasons = collections.Counter(reason.split(":")[0][:40] for _, reason in ends)
+        reasons = collections.Counter(
+            re.sub(r"[\d.]+", "…", reason.split(":")[0]) for _, reason in ends
+        )
         print(
             f"{fault:20s}{len(ends):7d}{np.sum(least < 0.0):5d}{least.min():8.2f} m  "
             + ", ".join(f"{count} {reason}" for reason, count in reasons.most_common(4)),
