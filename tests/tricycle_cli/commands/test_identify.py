@@ -11,7 +11,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.identification_file import load_identification_file
-from tricycle_core.errors import IdentificationError
+from tricycle_core.errors import IdentificationError, VehicleError
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -22,7 +22,7 @@ def test_an_effect_that_is_none_is_refused_before_any_work(tricycle, tmp_path, c
         "demo": [],
         "campaign": ["--targets", "yaw_inertia", "--tolerance", "5%", "--output", tmp_path / "c"],
     }[command]
-    with pytest.raises(IdentificationError, match=r"'stering-zero'.*did you mean steering-zero"):
+    with pytest.raises(VehicleError, match=r"'stering-zero'.*did you mean steering-zero"):
         tricycle(command, *more, "--effects", "stering-zero")
     assert not (tmp_path / "c").exists()
 
