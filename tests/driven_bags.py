@@ -293,6 +293,7 @@ class SimulatedBag:
     vehicle: Vehicle = VEHICLE  # that it is planned with
     truth: tuple[tuple[str, float], ...] = tuple(TRUTH.items())
     until: float = math.inf  # s; what is recorded after it is lost
+    ended_early: float | None = None  # s; the driver ended it then, as told to
     standing: bool = False  # the vehicle does not move
     without: tuple[str, ...] = ()  # topics
     tell: bool = False  # the truth, in the bag's record
@@ -337,6 +338,10 @@ class SimulatedBag:
             (first, "/maneuver/commands", trajectory(commands, self.vehicle.tyre_radius)),
             (START, "/maneuver/state", status("running", at, duration=f"{commands.duration:.3f}")),
         ]
+        if (end := self.ended_early) is not None:
+            told_to = {"elapsed": repr(end), "reason": "ended early"}
+            done = status("done", at, duration=f"{commands.duration:.3f}", **told_to)
+            rows.append((START + round(end * 1e9), "/maneuver/state", done))
         rows = sorted((row for row in rows if row[1] not in self.without), key=lambda row: row[0])
         told = {f"true_{name}": repr(value) for name, value in self.truth} if self.tell else {}
         with BagWriter(path, metadata=told) as bag:

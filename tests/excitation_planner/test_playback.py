@@ -295,6 +295,30 @@ def test_abort_stops_the_wheel_and_says_why():
         playback.abort("again")
 
 
+def test_a_maneuver_that_is_ended_early_is_done_with_a_reason():
+    playback = running()
+    playback.finish("ended early")
+    assert playback.state is PlaybackState.RUNNING  # until the next tick
+    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "ended early")
+    assert playback.elapsed == pytest.approx(0.02)
+    with pytest.raises(PlanError, match="no maneuver is running"):
+        playback.finish("again")
+    for t in (11.0, 13.0):  # at rest
+        playback.observe(AT_REST, t, t)
+        playback.tick(t)
+    start(playback, 14.0)  # the next one is not ended by it
+    assert playback.tick(14.0) == JointCommand(0.1, 1.0)
+    assert (playback.state, playback.reason) == (PlaybackState.RUNNING, "")
+
+
+def test_a_maneuver_at_its_last_command_is_not_ended_early():
+    playback = running()
+    playback.finish("ended early")
+    playback.tick(10.05)
+    assert (playback.state, playback.reason) == (PlaybackState.DONE, "")
+
+
 def test_a_vehicle_that_disarms_aborts_at_once_even_if_it_is_armed_again_before_the_next_tick():
     playback = running()
     playback.hear(PRESSED, 10.011)

@@ -13,6 +13,7 @@ from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.planning.prediction import predicted_progress
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.identification import identify
 from parameter_identification.live_identification import LiveIdentification, Planned
 from tricycle_core.errors import IdentificationError
@@ -37,7 +38,7 @@ def planned(plan):
     return Planned.of(plan, VEHICLE)
 
 
-def fed(drive, planned=None, *, updates=True):
+def fed(drive, planned=None, *, prior=None, updates=True):
     """A live identification that has got all samples of a drive, and its moments."""
     live, moments, due = LiveIdentification(VEHICLE), [], 1.0
     samples = [
@@ -48,7 +49,7 @@ def fed(drive, planned=None, *, updates=True):
     begun = False
     for at, sensor, values in sorted(samples, key=lambda sample: sample[0]):
         if at > 0.1 and not begun:  # the start event is heard a little late
-            live.begin(drive.commands, START, planned)
+            live.begin(drive.commands, START, planned, prior)
             begun = True
         if updates and at >= due:
             moments.append(live.update())
@@ -132,6 +133,20 @@ def test_a_drive_that_was_slower_or_clipped_says_so(plan, planned):
     assert not verdict.informative
     assert "slower: " in str(verdict)
     assert f"steering clipped: {0.8 * largest:.3f} rad reached" in str(verdict)
+
+
+@pytest.mark.slow
+def test_targets_are_known_sooner_where_earlier_drives_count():
+    drive = driven(commands_of_pair()["circle"], standstill=1.0, others=SENSORS)
+    found = identify([drive], VEHICLE)
+    earlier = GaussianPrior(NAMES, found.estimates, found.covariance)
+    moments = [fed(drive, prior=prior, updates=False)[0].end()[0] for prior in (None, earlier)]
+    found = [moment.parameters["cornering_stiffness"] for moment in moments]
+    alone, together = (1.96 * e.standard_deviation / e.estimate for e in found)
+    assert together < 0.8 * alone
+    between = 0.5 * (together + alone)
+    known = [moment.known(["cornering_stiffness"], between) for moment in moments]
+    assert known == [False, True]
 
 
 def test_before_the_vehicle_moves_nothing_is_known():

@@ -1,4 +1,4 @@
-"""A campaign on live nodes: killed while it drives, it goes on where it was."""
+"""Campaigns on live nodes: one goes on after a kill; a drive ends when it taught enough."""
 
 import json
 import subprocess
@@ -7,6 +7,9 @@ import time
 from pathlib import Path
 
 import pytest
+
+from excitation_planner.plan import load_plan
+from parameter_identification.drives.recorded import read_drive
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -44,3 +47,31 @@ def test_a_campaign_killed_while_driving_goes_on(ros_environment, tmp_path):
         == (before["plan_id"])
     )
     assert (output / "report.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_drive_that_has_taught_enough_ends_early(ros_environment, tmp_path):
+    output = tmp_path / "campaign"
+    done = subprocess.run(
+        [
+            *(Path(sys.executable).parent / "tricycle", "campaign", "--maneuver", "circle"),
+            *("--targets", "cornering_stiffness", "--tolerance", "50%", "--true-seed", "2"),
+            *("--budget", "4200", "--most-drives", "2", "--real-time-factor", "1"),
+            *("--stop-early", "--output", output),
+        ],
+        env=ros_environment,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "ended early" in done.stderr
+    (step,) = json.loads((output / "campaign.json").read_text())["steps"]
+    planned = load_plan(output / step["plan"]).commands.duration
+    drive = read_drive(output / "bags" / "01")
+    assert step["duration"] == drive.ended_early
+    assert drive.ended_early < planned - 1.0
+    report = json.loads((output / "report.json").read_text())
+    target = report["targets"]["cornering_stiffness"]
+    assert target["within_tolerance"]
+    assert abs(target["estimate"] - target["truth"]) < 4.0 * target["standard_deviation"]

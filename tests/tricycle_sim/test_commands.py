@@ -87,6 +87,18 @@ def test_a_binary_file_is_no_csv(tmp_path):
         load_commands(path)
 
 
+def test_the_first_part_of_commands_ends_between_or_at_rows():
+    commands = Commands([0.0, 0.1, 0.2, 0.3], [0.0, 0.1, 0.2, 0.3], [1.0, 2.0, 3.0, 4.0])
+    part = commands.until(0.25)
+    assert part.time.tolist() == [0.0, 0.1, 0.2, 0.25]
+    assert part.steering_motor_angle.tolist() == [0.0, 0.1, 0.2, 0.2]  # as held until then
+    assert part.speed.tolist() == [1.0, 2.0, 3.0, 3.0]
+    assert commands.until(0.2).time.tolist() == [0.0, 0.1, 0.2]
+    assert commands.until(9.0).duration == commands.duration
+    with pytest.raises(CommandsError):
+        commands.until(0.0)
+
+
 def test_columns_of_different_length():
     with pytest.raises(CommandsError, match="speed: needs as many numbers"):
         Commands([0.0, 1.0], [0.0, 0.0], [0.0])

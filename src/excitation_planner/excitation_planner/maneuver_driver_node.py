@@ -212,6 +212,7 @@ class ManeuverDriver(Node):
         self.create_service(Trigger, "~/preflight", self._on_preflight)
         self.create_service(Trigger, "~/start", self._on_start)
         self.create_service(Trigger, "~/go_back", self._on_go_back)
+        self.create_service(Trigger, "~/finish", self._on_finish)
         self.create_service(Trigger, "~/abort", self._on_abort)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # also while /clock stands still
         self.create_timer(PREFLIGHT_EVERY, self._publish_preflight, clock=steady)
@@ -372,6 +373,9 @@ class ManeuverDriver(Node):
                 self._playback.follow(self._route.result())
             except PlanError as error:
                 self._playback.abort(str(error))
+
+    def _on_finish(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        return self._attempt(response, lambda: self._playback.finish("ended early"), "finishing")
 
     def _on_abort(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         return self._attempt(response, lambda: self._playback.abort("asked for"), "aborted")

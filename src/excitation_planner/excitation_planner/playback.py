@@ -180,7 +180,7 @@ class Playback:
     state : PlaybackState
         What it is doing.
     reason : str
-        Why it was aborted; empty otherwise.
+        Why the run ended before its last command; empty otherwise.
     start_time : float or None
         When row 0 was played [s].
     elapsed : float
@@ -204,6 +204,7 @@ class Playback:
     seconds_left: int = 0
     _plan: _Plan | None = None
     _next: _Plan | None = None  # came during the run
+    _finishing: str = ""  # why the maneuver is to end at the next tick
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
     _areas: dict[int, dict[str, Any]] = field(default_factory=dict)  # by stamp, part
     _fence: Fence | None = None  # of the maneuver running
@@ -393,7 +394,7 @@ class Playback:
             self._last_start = self._anchor.x, self._anchor.y, self._anchor.yaw
         self._asked_at = now
         self.seconds_left = math.ceil(self.countdown)
-        self.start_time, self.elapsed = None, 0.0
+        self.start_time, self.elapsed, self._finishing = None, 0.0, ""
         self.state, self.reason = PlaybackState.STARTING, ""
 
     def go_back(self, now: float) -> None:
@@ -453,6 +454,23 @@ class Playback:
         if not self._active:
             raise PlanError("no maneuver is running")
         self._end(PlaybackState.ABORTED, self._held.steering_motor_angle, reason)
+
+    def finish(self, reason: str) -> None:
+        """End the running maneuver well before its last command; standstill is commanded.
+
+        Parameters
+        ----------
+        reason : str
+            Why what is left of it is not needed.
+
+        Raises
+        ------
+        PlanError
+            If none is running.
+        """
+        if self.state is not PlaybackState.RUNNING:
+            raise PlanError("no maneuver is running")
+        self._finishing = reason
 
     def tick(self, now: float) -> JointCommand | None:
         """Return the command for now.
@@ -614,6 +632,9 @@ class Playback:
         self.elapsed = now - self.start_time
         if self.elapsed >= schedule.duration - 1e-6:
             self._end(PlaybackState.DONE, float(schedule.steering_motor_angle[-1]))
+            return self._held
+        if self._finishing:
+            self._end(PlaybackState.DONE, self._held.steering_motor_angle, self._finishing)
             return self._held
         self._held = JointCommand(
             float(schedule.steering_motor_angle[row]), float(schedule.wheel_rate[row])

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.estimation.results import (
     Combination,
     EffectEstimate,
@@ -209,6 +210,17 @@ class IdentificationDocument:
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
             raise IdentificationError("level must lie between 0 and 1")
+
+    def posterior(self) -> GaussianPrior:
+        """Return the estimates as the prior of the next identification.
+
+        Raises
+        ------
+        IdentificationError
+            If the file holds no covariance of theirs.
+        """
+        estimates = [entry.estimate for entry in self.parameters.values()]
+        return GaussianPrior(tuple(self.parameters), np.array(estimates), self.covariance)
 
     def to_json(self) -> dict[str, Any]:
         """Return the content of the file as plain JSON values."""

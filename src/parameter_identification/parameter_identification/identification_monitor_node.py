@@ -17,6 +17,8 @@ from excitation_planner.planning import check_vehicle
 from parameter_identification.drives.measured import Sensor, commands_of
 from parameter_identification.drives.poses import planar, stamp_of
 from parameter_identification.drives.recorded import TopicNames
+from parameter_identification.estimation.prior import GaussianPrior
+from parameter_identification.identification_file import load_identification_file
 from parameter_identification.live_identification import (
     LiveIdentification,
     Moment,
@@ -51,11 +53,29 @@ class IdentificationMonitor(Node):
             "the plan whose prediction is compared; empty: none",
             read_only=False,
         )
+        declare(
+            self,
+            "known_file",
+            "",
+            "identification.json of earlier drives; empty: only the ranges are known",
+            read_only=False,
+        )
+        declare(self, "targets", "", "parameters to be known, comma-separated", read_only=False)
+        declare(
+            self,
+            "tolerance",
+            0.0,
+            "half width of the targets' 95 % intervals as a share of the estimates, from which "
+            "they are said to be known; 0: never",
+            (0.0, 1.0),
+            read_only=False,
+        )
         self._vehicle = load_vehicle(Path(file) if file else None)
         self._live = LiveIdentification(self._vehicle)
         self._commands: dict[str, Commands] = {}  # the newest by plan id
         self._planned: Planned | None = None  # of these commands
         self._running: int | None = None  # start of the drive under way, ns
+        self._plan_id = ""  # of the newest drive
         self._estimates = self.create_publisher(DiagnosticStatus, TOPIC, **overridable(LATCHED))
         topics = TopicNames()
         for kind, topic, callback, qos in (
@@ -122,8 +142,8 @@ class IdentificationMonitor(Node):
             self._begin(state)
         elif state.state.ended and self._running is not None:
             self._running = None
-            done = state.state is PlaybackState.DONE
-            self._tell(lambda: self._live.end(math.inf if done else state.elapsed))
+            whole = state.state is PlaybackState.DONE and not state.reason
+            self._tell(lambda: self._live.end(math.inf if whole else state.elapsed))
 
     def _begin(self, state: ManeuverState) -> None:
         commands = self._commands.get(state.plan_id)
@@ -133,8 +153,33 @@ class IdentificationMonitor(Node):
                 throttle_duration_sec=10.0,
             )
             return
-        self._running = state.start_time
-        self._live.begin(commands, state.start_time, self._planned)
+        self._running, self._plan_id = state.start_time, state.plan_id
+        self._live.begin(commands, state.start_time, self._planned, self._prior())
+
+    def _prior(self) -> GaussianPrior | None:
+        """Return what earlier drives have shown; None, with the reason logged, if they cannot."""
+        if not (file := self.get_parameter("known_file").value):
+            return None
+        try:
+            return load_identification_file(Path(file)).posterior()
+        except (ExcitationError, OSError) as error:
+            self.get_logger().warning(f"earlier drives do not count: {error}")
+            return None
+
+    def _enough(self, moment: Moment) -> bool | None:
+        """Whether every target is known within the tolerance; None if that is not asked."""
+        tolerance = self.get_parameter("tolerance").value
+        targets = [name for name in self.get_parameter("targets").value.split(",") if name]
+        if not tolerance or not targets:
+            return None
+        if unknown := set(targets) - set(moment.parameters):
+            self.get_logger().warning(
+                f"targets: {', '.join(sorted(unknown))}: no unknown parameter of "
+                f"{self._vehicle.name}; there are: {', '.join(moment.parameters)}",
+                once=True,
+            )
+            return None
+        return moment.known(targets, tolerance)
 
     def _update(self) -> None:
         if self._running is not None:
@@ -149,7 +194,10 @@ class IdentificationMonitor(Node):
             return
         if moment is None:
             return
-        values = {"elapsed": f"{moment.elapsed:.2f}"}
+        values = {"plan_id": self._plan_id, "elapsed": f"{moment.elapsed:.2f}"}
+        enough = self._enough(moment)
+        if enough is not None:
+            values["known"] = str(enough).lower()
         for name, found in moment.parameters.items():
             values |= {
                 name: f"{found.estimate:.6g}",
@@ -166,7 +214,7 @@ class IdentificationMonitor(Node):
             return
         target = self._planned.target if self._planned else next(iter(moment.parameters))
         text = f"{moment.elapsed:.1f} s: {target} {moment.parameters[target]}"
-        self._publish(Level.OK, text, values)
+        self._publish(Level.OK, text + ("; all targets are known" if enough else ""), values)
 
     def _publish(self, level: Level, text: str, values: Mapping[str, str]) -> None:
         self._estimates.publish(

@@ -13,7 +13,7 @@ are linear, there is one start and there are no effects.
 
 import math
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -153,6 +153,19 @@ class Moment:
     elapsed: float
     parameters: Mapping[str, LiveEstimate]
 
+    def known(self, targets: Sequence[str], tolerance: float) -> bool:
+        """Return whether the 95 % interval of every target is within a tolerance.
+
+        Parameters
+        ----------
+        targets : sequence of str
+            Names of parameters.
+        tolerance : float
+            Half width of the interval, as a share of the estimate.
+        """
+        found = [self.parameters[name] for name in targets]
+        return all(1.96 * e.standard_deviation <= tolerance * abs(e.estimate) for e in found)
+
 
 @dataclass(frozen=True)
 class Verdict:
@@ -194,6 +207,7 @@ class _Drive:
     commands: Commands
     start: int  # ns
     planned: Planned | None
+    prior: tuple[FloatArray, FloatArray]  # mean and information in ranges
     z: FloatArray | None = None  # parameters in their ranges
     nuisances: dict[str, float] = field(default_factory=dict)  # in their units
     noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
@@ -227,13 +241,10 @@ class LiveIdentification:
     ----------
     vehicle : Vehicle
         Known constants and ranges.
-    prior : GaussianPrior, optional
-        Knowledge before the drive. Parameters that it does not name keep their ranges.
     """
 
-    def __init__(self, vehicle: Vehicle, *, prior: GaussianPrior | None = None) -> None:
+    def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
-        self._prior = prior_in_ranges(vehicle, prior)
         self._samples: dict[Sensor, deque[tuple[int, tuple[float, ...]]]] = {
             sensor: deque() for sensor in Sensor
         }
@@ -269,7 +280,13 @@ class LiveIdentification:
         if self._drive is not None and math.isfinite(angle):
             self._drive.steered = max(self._drive.steered or 0.0, abs(angle))
 
-    def begin(self, commands: Commands, start: int, planned: Planned | None = None) -> None:
+    def begin(
+        self,
+        commands: Commands,
+        start: int,
+        planned: Planned | None = None,
+        prior: GaussianPrior | None = None,
+    ) -> None:
         """Begin a drive; what was learnt in another one is forgotten.
 
         Parameters
@@ -280,8 +297,10 @@ class LiveIdentification:
             When the first one is [ns].
         planned : Planned, optional
             Compared with what is learnt.
+        prior : GaussianPrior, optional
+            Knowledge before the drive. Parameters that it does not name keep their ranges.
         """
-        self._drive = _Drive(commands, start, planned)
+        self._drive = _Drive(commands, start, planned, prior_in_ranges(self._vehicle, prior))
 
     def update(self) -> Moment | None:
         """Return what all samples of the drive have shown so far; None before they show anything.
@@ -392,7 +411,7 @@ class LiveIdentification:
         model = DriveModel(self._vehicle, measured)
         with (
             threadpool_limits(1, user_api="blas"),
-            LeastSquares([model], *self._prior, Loss.SQUARED) as problem,
+            LeastSquares([model], *drive.prior, Loss.SQUARED) as problem,
         ):
             problem.noise |= {s: level for s, level in drive.noise.items() if s in signals}
             fit = problem.minimise(drive.variables(problem), tolerance=ROUGH)

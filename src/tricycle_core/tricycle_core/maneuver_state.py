@@ -49,7 +49,7 @@ class ManeuverState:
     elapsed, duration : float
         Of the run [s].
     reason : str
-        Why it was aborted.
+        Why it was aborted, or done before its last command.
     """
 
     state: PlaybackState

@@ -58,6 +58,27 @@ class Commands:
         """Seconds from the first to the last row."""
         return float(self.time[-1])
 
+    def until(self, end: float) -> "Commands":
+        """Return the commands up to a time before their end.
+
+        Parameters
+        ----------
+        end : float
+            Since the first row [s]; a tick or more.
+
+        Raises
+        ------
+        CommandsError
+            If it is less than a tick.
+        """
+        rows = int(np.searchsorted(self.time, min(end, self.duration)))
+        last = rows - 1
+        return Commands(
+            np.append(self.time[:rows], min(end, self.duration)),
+            np.append(self.steering_motor_angle[:rows], self.steering_motor_angle[last]),
+            np.append(self.speed[:rows], self.speed[last]),
+        )
+
     def save(self, path: Path) -> None:
         """Write a CSV file that `load_commands` reads back without loss.
 

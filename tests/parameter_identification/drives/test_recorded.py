@@ -47,6 +47,23 @@ def test_sensors_are_left_out_where_they_are_not_wanted_or_not_there(tmp_path: P
 
 
 @pytest.mark.slow
+def test_a_drive_that_was_ended_early_ends_there_and_is_not_judged(tmp_path: Path) -> None:
+    bag = SimulatedBag(ended_early=6.0).write(tmp_path / "bag")
+    drive = read_drive(bag)
+    assert drive.ended_early == 6.0
+    assert drive.duration == pytest.approx(6.0, abs=0.1)
+    measured = measured_drive(drive, VEHICLE)
+    whole = SimulatedBag().commands()
+    assert measured.commands.duration == 6.0
+    np.testing.assert_allclose(
+        measured.commands.speed[:-1], whole.speed[: len(measured.commands.speed) - 1]
+    )
+    assert all(signal.time[-1] <= 6.0 for signal in measured.signals.values())
+    with pytest.raises(JudgeError, match=r"ended early, after 6\.00 s"):
+        judge_drive(drive)
+
+
+@pytest.mark.slow
 def test_a_second_imu_in_another_namespace_is_left_alone(tmp_path: Path) -> None:
     ours, other = (imu(START + 10**9, rate) for rate in (0.1, 0.7))
     scene = Scene(deviation=sideways(0.1))

@@ -13,6 +13,7 @@ from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import load_plan
 from parameter_identification.drives.measured import Sensor, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
+from parameter_identification.identification_file import load_identification_file
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.results import campaign_report
@@ -43,8 +44,9 @@ class Track:
     def __init__(self, fails_at=0):
         self.driven, self.fails_at = 0, fails_at
 
-    def drive(self, plan, bag, progress):
+    def drive(self, plan, bag, progress, enough=None):
         self.driven += 1
+        self.enough = enough
         bag.mkdir()
         (bag / "half.mcap").touch()
         if self.driven == self.fails_at:
@@ -105,6 +107,25 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
     assert finer.steps[-1].predicted_std[target] < before[target].std
     # noise is estimated anew from all drives, so the deviation need not fall with every one
     assert finer.known()[target].std < 1.2 * before[target].std
+
+
+@pytest.mark.slow
+def test_a_drive_that_may_end_early_knows_what_the_ones_before_it_taught(tmp_path):
+    track, campaign = Track(), Campaign(tmp_path / "c", request(tolerance=0.002, most_drives=2))
+    for drive in range(2):
+        campaign.plan(silent)
+        campaign.drive(track.drive, lambda done, total: None, stop_early=True)
+        enough = track.enough
+        assert enough.plan_file == tmp_path / "c" / campaign.steps[-1].plan
+        assert (enough.targets, enough.tolerance) == (TARGETS, 0.002)
+        if drive == 0:
+            assert enough.known_file is None
+            campaign.identify(track.read)
+    prior = load_identification_file(enough.known_file).posterior()
+    for name, known in campaign.known().items():
+        at = prior.names.index(name)
+        assert prior.mean[at] == pytest.approx(known.estimate)
+        assert prior.covariance[at, at] == pytest.approx(known.std**2)
 
 
 def test_other_settings_do_not_continue_a_campaign(tmp_path):

@@ -222,6 +222,8 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
             "model of the drive"
         )
     commands = commands_of(drive.commands, vehicle, str(drive.bag))
+    if drive.ended_early is not None:
+        commands = commands.until(drive.ended_early)
     poses = drive.poses
     signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
     if np.isfinite(poses.heading).all():

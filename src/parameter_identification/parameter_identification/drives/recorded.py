@@ -131,6 +131,9 @@ class RecordedDrive:
         None where the bag has none, or they were not read.
     topics : TopicNames
         Names by which it was read.
+    ended_early : float, optional
+        Time at which the driver ended the maneuver, because no more of it was needed [s]; the
+        reference ends then, the commands go on. None: it was driven to its end.
     """
 
     bag: Path
@@ -144,6 +147,7 @@ class RecordedDrive:
     joint_states: JointStates | None = None
     yaw_rates: YawRates | None = None
     topics: TopicNames = field(default_factory=TopicNames)
+    ended_early: float | None = None
 
     @property
     def duration(self) -> float:
@@ -185,6 +189,7 @@ class _StartEvent:
     duration: float  # s
     recorded: int  # ns, when the message of the start was recorded
     ended: int  # ns, when that of the end was
+    early: float | None  # s since the start, of an end before that of the commands
 
 
 class _Collector:
@@ -238,7 +243,9 @@ class _Collector:
                 f"{reference.time[-1]:.2f} s: the reference of another maneuver"
             )
         if commands is not None:
-            self._check_commands(commands, every[self.played], start)
+            self._check_commands(commands, every[self.played], event)
+        if event.early is not None:
+            reference = reference.part(reference.time <= event.early)
         return RecordedDrive(
             bag=self.bag,
             plan_id=plan_id,
@@ -251,6 +258,7 @@ class _Collector:
             joint_states=_joint_states(every[self.joint_states], start),
             yaw_rates=_yaw_rates(every[self.imu], start),
             topics=topics,
+            ended_early=event.early,
         )
 
     def _name(self, name: str, why: str = "", type_name: str = "") -> str:
@@ -334,15 +342,17 @@ class _Collector:
         recorded, event = running[0]
         if start is None or not event.duration > 0:
             raise JudgeError(f"{self.bag}: {self.state}: want start_time and duration in seconds")
-        ended = None
+        ended = early = None
         for at, state in states[states.index(running[-1]) :]:
             if state.state is PlaybackState.ABORTED:
                 raise JudgeError(f"{self.bag}: the maneuver was aborted: {state.reason}")
             if state.state is PlaybackState.DONE and ended is None:
                 ended = at
+                if state.reason and state.elapsed < event.duration:
+                    early = state.elapsed
         if ended is None:
             ended = recorded + round(event.duration * 1e9)
-        return _StartEvent(start, event.plan_id, event.duration, recorded, ended)
+        return _StartEvent(start, event.plan_id, event.duration, recorded, ended, early)
 
     def _check_armed(
         self,
@@ -365,10 +375,10 @@ class _Collector:
                     f"({state.reason or 'no reason is given'})"
                 )
 
-    def _check_commands(self, planned: Any, played: Iterable[Any], start: int) -> None:
+    def _check_commands(self, planned: Any, played: Iterable[Any], event: _StartEvent) -> None:
         """Raise if what was played is not what the bag holds as the plan."""
         try:
-            pairs = list(_planned_and_played(planned, played, start))
+            pairs = list(_planned_and_played(planned, played, event.time, event.early))
         except (LookupError, ValueError) as error:
             raise JudgeError(
                 f"{self.bag}: {self.commands} and {self.played}: want position and velocity of "
@@ -386,15 +396,15 @@ class _Collector:
 
 
 def _planned_and_played(
-    planned: Any, played: Iterable[Any], start: int
+    planned: Any, played: Iterable[Any], start: int, end: float | None
 ) -> Iterator[tuple[float, float, float, float]]:
-    """Angle and wheel speed planned, then those played, of each set-point during the drive."""
+    """Angle and wheel speed planned, then those played, of each set-point until the end."""
     times = [seconds_of(point.time_from_start) for point in planned.points]
     steer, wheel = (planned.joint_names.index(name) for name in JOINTS)
     rows = [(point.positions[steer], point.velocities[wheel]) for point in planned.points]
     for setpoint in played:
         elapsed = (stamp_of(setpoint) - start) * 1e-9
-        if 0 <= elapsed < times[-1]:
+        if 0 <= elapsed < (times[-1] if end is None else end):
             row = bisect_right(times, elapsed + 1e-6) - 1
             steer, wheel = (setpoint.name.index(name) for name in JOINTS)
             yield *rows[row], setpoint.position[steer], setpoint.velocity[wheel]

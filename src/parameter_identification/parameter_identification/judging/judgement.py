@@ -200,9 +200,14 @@ def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> 
     Raises
     ------
     JudgeError
-        If poses are missing, the vehicle does not stand still before the start event, or the anchor
-        needs a heading that is not measured.
+        If poses are missing, the vehicle does not stand still before the start event, the anchor
+        needs a heading that is not measured, or the maneuver was ended early.
     """
+    if drive.ended_early is not None:
+        raise JudgeError(
+            f"{drive.bag}: the maneuver was ended early, after {drive.ended_early:.2f} s: its "
+            "trajectory error is none of the whole maneuver; it can be identified from"
+        )
     time = np.linspace(0.0, drive.duration, POINTS)
     matched = _matched(drive, time)
     reference = _interpolate_reference(drive.reference, time)

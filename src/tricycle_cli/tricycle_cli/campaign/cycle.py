@@ -19,9 +19,10 @@ from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.identification import identify
-from parameter_identification.identification_file import document_of
+from parameter_identification.identification_file import document_of, save_identification_file
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.state_file import CampaignState, Step
+from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.session import DrivePlan
 from tricycle_core.documents import encode
 from tricycle_core.errors import DesignError, PlanError
@@ -199,7 +200,7 @@ class Campaign:
         covariance = found.covariance / np.outer(high - low, high - low)
         return BoxPrior((estimates - low) / (high - low), 0.5 * (covariance + covariance.T))
 
-    def drive(self, drive: DrivePlan, progress: Progress) -> None:
+    def drive(self, drive: DrivePlan, progress: Progress, *, stop_early: bool = False) -> None:
         """Drive the last plan, unless its bag is complete.
 
         Parameters
@@ -208,6 +209,9 @@ class Campaign:
             Drives a plan and records the bag.
         progress : callable
             Called with the time driven and the duration [ms].
+        stop_early : bool
+            Whether the drive ends as soon as every target is within the tolerance, as far as is
+            seen while it drives.
         """
         step = self.steps[-1]
         if step.driven:
@@ -216,8 +220,16 @@ class Campaign:
         if bag.exists():  # what a kill has left of it
             shutil.rmtree(bag)
         bag.parent.mkdir(exist_ok=True)
-        drive(load_plan(self.folder / step.plan), bag, progress)
+        plan = self.folder / step.plan
+        drive(load_plan(plan), bag, progress, self._enough(plan) if stop_early else None)
         self._keep((*self.steps[:-1], dataclasses.replace(step, driven=True)))
+
+    def _enough(self, plan: Path) -> Enough:
+        """Return when the last drive has taught enough, after what those before it did."""
+        known = self.folder / "known.json" if len(self.steps) > 1 else None
+        if known is not None and (found := self.steps[-2].identification) is not None:
+            save_identification_file(found, known)
+        return Enough(plan, known, self.request.targets, self.request.tolerance)
 
     def identify(
         self, read: Callable[[Path, Vehicle], MeasuredDrive] = read_measured_drive
@@ -241,6 +253,10 @@ class Campaign:
                 weighed=request.weighed,
                 seed=request.seed,
             )
-            identified = dataclasses.replace(step, identification=document_of(found))
+            identified = dataclasses.replace(
+                step,
+                identification=document_of(found),
+                duration=drives[-1].commands.duration,  # it may have ended early
+            )
             self._keep((*self.steps[:-1], identified))
         return self.known()

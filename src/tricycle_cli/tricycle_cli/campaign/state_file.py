@@ -31,7 +31,7 @@ class Step:
     plan_id : str
         Id of the plan.
     duration : float
-        Of the maneuver [s].
+        Of the maneuver [s]; after the identification, as far as it was driven.
     predicted_std : mapping of str to float
         Expected standard deviation of each parameter after it, in its unit.
     driven : bool

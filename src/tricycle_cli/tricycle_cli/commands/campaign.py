@@ -88,6 +88,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="back",
         help="drive to the start of each drive by itself, closed loop at walking pace",
     )
+    add(
+        "--stop-early",
+        action="store_true",
+        help="end a drive as soon as every target is within the tolerance; identification_monitor "
+        "looks once a second of wall time, so a simulation should not be much faster",
+    )
     add("--most-drives", type=int, default=CampaignRequest.most_drives, help="end after so many")
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
     add("--seed", type=seed, default=0, help="of the plans")
@@ -146,7 +152,7 @@ def run(args: argparse.Namespace) -> int:
     if not campaign.finished:
         with _session(args) as drive:
             while not campaign.finished:
-                _step(campaign, drive, console)
+                _step(campaign, drive, console, stop_early=args.stop_early)
     truth = None if request.true_seed is None else hidden_truth(vehicle, request.true_seed)
     report, table = campaign_report(campaign, truth), campaign_table(campaign, truth)
     write_whole(args.output / "report.json", json.dumps(report, indent=1) + "\n")
@@ -197,6 +203,7 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
             real_time_factor=args.real_time_factor,
             folder=args.output / "session",
             back=args.back,
+            monitor=args.stop_early,
         ) as drive:
             yield drive
         return
@@ -204,7 +211,9 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
         yield drive
 
 
-def _step(campaign: Campaign, drive: DrivePlan, console: Console) -> None:
+def _step(
+    campaign: Campaign, drive: DrivePlan, console: Console, *, stop_early: bool = False
+) -> None:
     """Plan, drive and identify once, or what is left of that."""
     number = len(campaign.steps) + (not campaign.steps or campaign.steps[-1].driven)
     campaign.plan(progress_bar)
@@ -214,8 +223,12 @@ def _step(campaign: Campaign, drive: DrivePlan, console: Console) -> None:
     values = ", ".join(f"{name} {value:.3g}" for name, value in step.operation.items())
     console.print(f"drive {number}: {step.maneuver} ({values}) for {step.target}", highlight=False)
     with progress_bar(f"driving {step.maneuver}, ms") as progress:
-        campaign.drive(drive, progress)
-    known = campaign.identify()
+        campaign.drive(drive, progress, stop_early=stop_early)
+    known, driven = campaign.identify(), campaign.steps[-1].duration
+    if driven < step.duration:
+        console.print(
+            f"  ended early, after {driven:.1f} of {step.duration:.1f} s: every target seemed known"
+        )
     for name in campaign.request.targets:
         console.print(
             f"  {name}: {known[name].estimate:.4g} ± {known[name].share:.2%}", highlight=False

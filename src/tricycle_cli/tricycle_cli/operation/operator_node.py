@@ -22,6 +22,7 @@ from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.playback import LONGEST_STOP
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
+from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
@@ -149,6 +150,10 @@ class Operator(Closing):
         self._node.create_subscription(
             DiagnosticArray, "maneuver/preflight", self._on_preflight, LATCHED
         )
+        self._taught = ""  # id of the plan whose drive has taught enough
+        self._node.create_subscription(
+            DiagnosticStatus, "identification/estimates", self._on_estimates, LATCHED
+        )
         self._services = ServiceCaller(self._node, self._wait)
 
     def close(self) -> None:
@@ -165,6 +170,7 @@ class Operator(Closing):
         progress: Progress,
         back: bool = False,
         ask: Callable[[], None] | None = None,
+        enough: Enough | None = None,
     ) -> None:
         """Drive the plan to its end and record it to `bag`.
 
@@ -180,6 +186,8 @@ class Operator(Closing):
             Whether the vehicle drives to the start by itself; a simulated one is not reset then.
         ask : callable, optional
             Waits for the start signal, when the driver has the plan; before anything moves.
+        enough : Enough, optional
+            When the drive may be ended before the plan; `identification_monitor` must be running.
 
         Raises
         ------
@@ -194,6 +202,14 @@ class Operator(Closing):
             self._trigger("tricycle_sim/reset")
             clock = self._node.get_clock()
             self._wait(lambda: clock.now().nanoseconds > 0, "/clock")  # for the plan's stamp
+        if enough is not None:
+            self._set_parameters(
+                "identification_monitor",
+                plan_file=str(enough.plan_file.absolute()),
+                known_file=str(enough.known_file.absolute()) if enough.known_file else "",
+                targets=",".join(enough.targets),
+                tolerance=enough.tolerance,
+            )
         self._hand_over(plan)
         if ask is not None:
             ask()
@@ -355,7 +371,14 @@ class Operator(Closing):
             raise NodeError(f"maneuver_driver started another plan, {self._state.plan_id}")
         while not self._state.state.ended:
             before = self._state
-            self._wait(lambda: self._state != before, "news of the running maneuver")  # noqa: B023
+            self._wait(
+                lambda: self._state != before or self._taught == plan.id,  # noqa: B023
+                "news of the running maneuver",
+            )
+            if self._taught == plan.id:
+                self._taught = ""
+                # refused where it has ended by itself
+                self._services.call("maneuver_driver/finish", Trigger, Trigger.Request())
             if self._state.plan_id != plan.id:
                 raise NodeError(
                     f"maneuver_driver took another plan, {self._state.plan_id}, before it said "
@@ -399,6 +422,11 @@ class Operator(Closing):
     def _on_preflight(self, message: DiagnosticArray) -> None:
         self._looked += 1
         self._preflight = diagnostic_entries(message.status, time.monotonic())
+
+    def _on_estimates(self, message: DiagnosticStatus) -> None:
+        values = {pair.key: pair.value for pair in message.values}
+        if values.get("known") == "true":
+            self._taught = values.get("plan_id", "")
 
     def _trigger(self, service: str) -> None:
         answer = self._services.call(service, Trigger, Trigger.Request())

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from tricycle_bringup.configuration import (
     driver_parameters,
 )
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
+from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
@@ -27,8 +29,15 @@ from tricycle_core.readiness import TOPIC
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import Vehicle, draw_truth, load_vehicle
 
-DrivePlan = Callable[[Plan, Path, Progress], None]
-"""`drive(plan, bag, progress)` drives a plan and records the bag; progress is in ms."""
+
+class DrivePlan(Protocol):
+    """Drives a plan, to its end or until it has taught enough, and records the bag."""
+
+    def __call__(
+        self, plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None
+    ) -> None:
+        """Drive; the progress is in ms."""
+
 
 IDLE_PACE = 1.0
 """Real-time factor between the drives: what plans and identifies meanwhile needs the processor."""
@@ -44,6 +53,7 @@ def simulated_session(
     firmware: Path | None = None,
     plant: str = OWN,
     back: bool = False,
+    monitor: bool = False,
 ) -> Iterator[DrivePlan]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
 
@@ -65,6 +75,8 @@ def simulated_session(
     back : bool
         Whether the vehicle drives back to the start of each further drive, and at the end to that
         of the last one, instead of being put there.
+    monitor : bool
+        Whether `identification_monitor` runs too, so that drives can end when they taught enough.
 
     Yields
     ------
@@ -113,13 +125,18 @@ def simulated_session(
         if plant == OWN:
             metadata += [f"true_{k}={v!r}" for k, v in hidden_truth(vehicle, true_seed).items()]
         nodes.start("trajectory_recorder", config=config, parameters={"metadata": metadata})
+        if monitor:
+            nodes.start("identification_monitor", config=config, parameters={"vehicle_file": file})
         with Operator(domain=domain, check=nodes.check) as operator:
             drives = 0
 
-            def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+            def drive(
+                plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None
+            ) -> None:
                 nonlocal drives
                 operator.pace(real_time_factor)
-                operator.drive(plan, bag.absolute(), progress=progress, back=back and drives > 0)
+                there = back and drives > 0
+                operator.drive(plan, bag.absolute(), progress=progress, back=there, enough=enough)
                 operator.pace(IDLE_PACE)
                 drives += 1
 
@@ -184,12 +201,17 @@ def running_session(
 
         drives = 0
 
-        def drive(plan: Plan, bag: Path, progress: Progress) -> None:
+        def drive(plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None) -> None:
             nonlocal drives
             there = back and (drives > 0 or plan.area is not None)
             wait = partial(_wait_for_enter, plan, operator.preflight, there)
             operator.drive(
-                plan, bag.absolute(), progress=progress, back=there, ask=wait if ask else None
+                plan,
+                bag.absolute(),
+                progress=progress,
+                back=there,
+                ask=wait if ask else None,
+                enough=enough,
             )
             drives += 1
 
