@@ -27,7 +27,7 @@ WITHOUT_KEY = {  # Python modules that rosdep does not know: `pip install` bring
     *("cloudpickle", "loky", "plotly", "threadpoolctl", "zstandard"),
 }
 # imported where they are installed
-OPTIONAL = {"fmpy", "mujoco", "pyarrow", "pytest", "vehiclemodels"}
+OPTIONAL = {"aiohttp", "fmpy", "mujoco", "pyarrow", "pytest", "upath", "vehiclemodels"}
 NOT_IMPORTED = {"robot_state_publisher", "python3-pytest"}  # started, or used by colcon
 PLACEHOLDERS = ("example.org",)
 

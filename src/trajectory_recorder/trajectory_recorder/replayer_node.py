@@ -6,7 +6,6 @@ Names are remapped as those of any node (``-r /odom:=/recorded/odom``).
 import math
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from threading import Thread
 
 from rcl_interfaces.msg import SetParametersResult
@@ -21,6 +20,7 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
+from trajectory_recorder.bag.location import bag_path
 from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.topics import OfferedQos, message_class
 from trajectory_recorder.player import Player
@@ -37,7 +37,7 @@ class BagReplayer(Node):
 
     def __init__(self) -> None:
         super().__init__("bag_replayer")
-        path = declare(self, "bag", "", "rosbag2 directory, .mcap or .db3 file")
+        path = declare(self, "bag", "", "rosbag2 directory, .mcap or .db3 file, or URL")
         topics = declare(self, "topics", ["*"], "names to play; * and ? match anything")
         without = declare(self, "exclude", [""], "names not to play, of those that topics matches")
         rate = declare(self, "rate", 1.0, "recorded s per s; 0: as fast as it is taken", (0, 1000))
@@ -55,7 +55,7 @@ class BagReplayer(Node):
         clock = declare(self, "clock", True, "publish /clock, unless the bag holds it")
         if not path:
             raise BagError("the parameter bag is empty: set it to the bag to play")
-        self._bag = BagReader(Path(path))
+        self._bag = BagReader(bag_path(path))
         if reason := self._beyond(start):
             raise BagError(reason)
         self._as_fast_as_taken = rate == 0

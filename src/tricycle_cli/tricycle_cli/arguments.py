@@ -9,13 +9,36 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
-from tricycle_core.errors import PlanError
+from trajectory_recorder.bag.location import bag_path
+from tricycle_core.errors import BagError, PlanError
 
 if TYPE_CHECKING:
     from excitation_planner.design.noise import MeasurementNoise
     from excitation_planner.maneuver import ManeuverFamily
     from parameter_identification.drives.poses import Datum
     from parameter_identification.drives.recorded import TopicNames
+
+BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, ...)"
+"""What an argument that names a bag may be."""
+
+
+def bag_argument(text: str) -> Path:
+    """Return where a bag is.
+
+    Parameters
+    ----------
+    text : str
+        Path or URL.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is a URL that cannot be read here.
+    """
+    try:
+        return bag_path(text)
+    except BagError as error:
+        raise ArgumentTypeError(str(error)) from error
 
 
 def add_range_options(parser: ArgumentParser) -> None:

@@ -16,6 +16,10 @@ EXTRAS = {
     "mujoco": "mujoco",
     "vehiclemodels": "commonroad",
     "fmpy": "fmi",
+    "fsspec": "remote",
+    "upath": "remote",
+    "s3fs": "remote",
+    "aiohttp": "remote",
 }
 """Extra of this distribution that brings a library."""
 

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal
+from trajectory_recorder.bag.location import is_remote
+from trajectory_recorder.bag.remote import remote_state
 from tricycle_core.documents import write_whole
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
@@ -14,6 +16,9 @@ from tricycle_sim.vehicle import Vehicle
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
     """Return what tells a drive from others: a hash of the bag's content and of the vehicle file.
+
+    Of a bag elsewhere it is a hash of what the server tells of its files: sizes, and times or sums
+    where it has them.
 
     Parameters
     ----------
@@ -28,6 +33,9 @@ def content_key(bag: Path, vehicle: Vehicle) -> str:
         If it cannot be read.
     """
     found = hashlib.sha256(vehicle.fingerprint.encode())
+    if is_remote(bag):
+        found.update(repr(remote_state(bag)).encode())
+        return found.hexdigest()[:32]
     for file in filter(Path.is_file, sorted(bag.iterdir()) if bag.is_dir() else [bag]):
         with file.open("rb") as stream:
             found.update(hashlib.file_digest(stream, "sha256").digest())

@@ -66,14 +66,33 @@ def read_metadata(bag: Path) -> dict[str, Any]:
     path = bag / NAME
     if not path.exists():
         return {}
-    text = read_bounded(path, MAX_BYTES, "a rosbag2 metadata file", BagError)
+    return parse_metadata(
+        read_bounded(path, MAX_BYTES, "a rosbag2 metadata file", BagError), str(path)
+    )
+
+
+def parse_metadata(text: bytes, place: str) -> dict[str, Any]:
+    """Return the content of metadata.yaml.
+
+    Parameters
+    ----------
+    text : bytes
+        The file's.
+    place : str
+        Of the file, for the message.
+
+    Raises
+    ------
+    BagError
+        If it is damaged, or names files outside of the bag.
+    """
     try:
         information = dict(load_yaml(text)["rosbag2_bagfile_information"])
         files = [Path(name) for name in information.get("relative_file_paths") or []]
     except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BagError(f"{path} is not a rosbag2 metadata file: {one_line(error)}") from error
+        raise BagError(f"{place} is not a rosbag2 metadata file: {one_line(error)}") from error
     if any(file.name != str(file) or file.name == ".." for file in files):
-        raise BagError(f"{path} names files outside of the bag")
+        raise BagError(f"{place} names files outside of the bag")
     return information
 
 
@@ -93,12 +112,12 @@ def write_metadata(bag: Path, information: dict[str, Any]) -> None:
     new.replace(bag / NAME)
 
 
-def one_line(error: Exception) -> str:
+def one_line(error: BaseException) -> str:
     """Return the message of a library's exception in one short line.
 
     Parameters
     ----------
-    error : Exception
+    error : BaseException
         Of any type.
     """
     return " ".join(str(error).split())[:200]

@@ -1,8 +1,9 @@
 """Reading of bags without ROS, chunk by chunk, in memory that does not grow with the bag.
 
 MCAP files are read here: through their message indexes, so that wanted messages among many others
-cost no more than their chunks, and up to the tear where a recorder was killed. sqlite3 bags and
-compressed files of rosbag2 are read through `rosbags`.
+cost no more than their chunks, and up to the tear where a recorder was killed. Those behind URLs
+are fetched in the same way, chunk by chunk. sqlite3 bags and compressed files of rosbag2 are read
+through `rosbags`.
 """
 
 import heapq
@@ -25,6 +26,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
 
+from trajectory_recorder.bag.location import is_remote
 from trajectory_recorder.bag.metadata import one_line, read_metadata
 from trajectory_recorder.bag.records import (
     CHUNK,
@@ -37,6 +39,7 @@ from trajectory_recorder.bag.records import (
     split_records,
     stream,
 )
+from trajectory_recorder.bag.remote import RemoteFile, remote_files
 from trajectory_recorder.bag.topics import OfferedQos, Topic, parse_profiles
 from tricycle_core.closing import Closing
 from tricycle_core.errors import BagError
@@ -55,6 +58,8 @@ Damaged = Callable[[BagError], None]
 """Called for each damaged chunk."""
 
 _TAKEN = (Opcode.CHUNK, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
+
+_RUN = 4 * 2**20  # bytes of wanted chunks, one behind the other, that are fetched together
 
 MAX_CHUNK = 1_000_000_000  # bytes of an uncompressed chunk; recorders write a few million
 
@@ -88,6 +93,12 @@ class _Storage(Protocol):
 
     @property
     def files(self) -> list[Path]: ...
+
+    @property
+    def size(self) -> int: ...
+
+    @property
+    def fetched(self) -> int: ...
 
     @property
     def span(self) -> tuple[int, int] | None: ...
@@ -134,25 +145,31 @@ class BagReader(Closing):
         How it is stored: "mcap", "sqlite3", ...
     files : list of Path
         With the messages.
+    size : int
+        Of these files [bytes].
     span : (int, int) or None
         Smallest and largest stamp [ns]; None without messages.
 
     Raises
     ------
     BagError
-        If there is no bag, or it holds nothing that can be read.
+        If there is no bag, it holds nothing that can be read, or it cannot be fetched.
     """
 
     def __init__(self, path: Path, *, damaged: Damaged | None = None) -> None:
         self.path = path
         self.topics: dict[str, Topic] = {}
-        information = _information(path)
+        information, files = remote_files(path) if is_remote(path) else (_information(path), [])
         # a file torn within its end holds no metadata record
         self.metadata = _texts(information.get("custom_data"))
         self.complete = True
         self._storages: list[_Storage] = []
         with ExitStack() as stack:
-            for storage in _open_storages(path, information, damaged):
+            for storage in (
+                _open_remote(files, damaged)
+                if files
+                else _open_storages(path, information, damaged)
+            ):
                 stack.callback(storage.close)
                 self._storages.append(storage)
                 self.complete &= storage.complete
@@ -168,12 +185,18 @@ class BagReader(Closing):
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
             self.kind = self._storages[0].kind
             self.files = [file for storage in self._storages for file in storage.files]
+            self.size = sum(storage.size for storage in self._storages)
             spans = [storage.span for storage in self._storages if storage.span]
             self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
             self._closing = stack.pop_all()
 
+    @property
+    def fetched(self) -> int:
+        """Bytes of the files that came from elsewhere; 0 for a bag of this computer."""
+        return sum(storage.fetched for storage in self._storages)
+
     def messages(self, topics: Collection[str] | None = None) -> Iterator[RecordedMessage]:
-        """Yield messages in the order they were recorded.
+        """Yield messages in the order of the file: within a topic that of recording.
 
         Parameters
         ----------
@@ -225,6 +248,12 @@ class BagReader(Closing):
         self._closing.close()
 
 
+def _open_remote(files: list[Path], damaged: Damaged | None) -> Iterator[_Storage]:
+    """Files of a bag elsewhere in the order of recording."""
+    for file in sorted(files, key=_part_number):
+        yield _McapFile(file, RemoteFile(file), damaged, part=len(files) > 1)
+
+
 def _open_storages(
     path: Path, information: Mapping[str, Any], damaged: Damaged | None
 ) -> Iterator[_Storage]:
@@ -233,7 +262,7 @@ def _open_storages(
         raise BagError(f"{path}: no such bag")
     if path.is_file():
         if path.suffix == ".mcap":
-            yield _McapFile(path, damaged)
+            yield _McapFile(path, _LocalFile(path), damaged)
         elif path.suffix == ".db3":
             yield _RosbagsStorage(path)
         else:
@@ -247,7 +276,7 @@ def _open_storages(
         yield _RosbagsStorage(path)
     elif files:
         for file in files:
-            yield _McapFile(file, damaged, part=len(files) > 1)
+            yield _McapFile(file, _LocalFile(file), damaged, part=len(files) > 1)
     else:
         raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file")
 
@@ -282,6 +311,41 @@ class _Chunk:
     end: int
     plain: bool = False  # a run of message records
     indexes: dict[int, int] = field(default_factory=dict)  # channel -> offset of its MessageIndex
+    indexes_length: int = 0  # bytes behind the record
+
+    @property
+    def end_in_file(self) -> int:
+        return self.offset + self.length + self.indexes_length
+
+
+class _LocalFile:
+    """A file of this computer."""
+
+    fetched = 0  # bytes from elsewhere
+
+    def __init__(self, path: Path) -> None:
+        self._fd = os.open(path, os.O_RDONLY)
+        self.size = os.fstat(self._fd).st_size
+
+    def read(self, start: int, size: int) -> bytes:
+        size = min(size, self.size - start)
+        if size <= 0:
+            return b""
+        data = os.pread(self._fd, size, start)
+        while len(data) < size:
+            more = os.pread(self._fd, size - len(data), start + len(data))
+            if not more:
+                break
+            data += more
+        return data
+
+    def expect(self, start: int, end: int) -> None:
+        """Do nothing: the operating system reads ahead."""
+
+    def close(self) -> None:
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
 
 
 class _McapFile:
@@ -289,19 +353,27 @@ class _McapFile:
 
     kind = "mcap"
 
-    def __init__(self, path: Path, damaged: Damaged | None, *, part: bool = False) -> None:
+    def __init__(
+        self,
+        path: Path,
+        source: _LocalFile | RemoteFile,
+        damaged: Damaged | None,
+        *,
+        part: bool = False,
+    ) -> None:
         self.path = path
+        self._source = source
+        self._read = source.read
         self.metadata: dict[str, str] = {}
         self._damaged = damaged
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()
         self._chunks: list[_Chunk] = []
-        self._fd = os.open(path, os.O_RDONLY)
+        self.size = source.size
+        self.complete = False
         try:
-            self._size = os.fstat(self._fd).st_size
-            self.complete = False
-            if part and self._size < len(MAGIC):  # killed when it began this part
+            if part and self.size < len(MAGIC):  # killed when it began this part
                 return
             self._check_magic()
             footer = self._read_footer()
@@ -319,6 +391,10 @@ class _McapFile:
     @property
     def files(self) -> list[Path]:
         return [self.path]
+
+    @property
+    def fetched(self) -> int:
+        return self._source.fetched
 
     @property
     def span(self) -> tuple[int, int] | None:
@@ -349,14 +425,17 @@ class _McapFile:
 
     def blocks(self, topics: Collection[str]) -> Iterator[_Block]:
         names = {c.id: c.topic for c in self._channels.values() if c.topic in topics}
-        for chunk in self._chunks:
+        wanted = [
+            c for c in self._chunks if not c.indexes or not names.keys().isdisjoint(c.indexes)
+        ]
+        for chunk, run in zip(wanted, _runs(wanted), strict=True):
             indexes = [offset for id_, offset in chunk.indexes.items() if id_ in names]
-            if indexes or not chunk.indexes:
-                yield _Block(chunk.start, self._in_chunk(chunk, indexes, names))
+            yield _Block(chunk.start, self._in_chunk(chunk, run, indexes, names))
 
     def _in_chunk(
-        self, chunk: _Chunk, indexes: list[int], names: Mapping[int, str]
+        self, chunk: _Chunk, run: tuple[int, int], indexes: list[int], names: Mapping[int, str]
     ) -> Iterator[RecordedMessage]:
+        self._source.expect(*run)
         try:
             record = self._read(chunk.offset, chunk.length)
             data = record if chunk.plain else _uncompress(record)
@@ -374,27 +453,12 @@ class _McapFile:
                 yield RecordedMessage(names[channel_id], stamp, bytes(data[start:end]))
 
     def close(self) -> None:
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
+        self._source.close()
 
     def _check_magic(self) -> None:
         if self._read(0, len(MAGIC)) != MAGIC:
-            what = "is empty" if self._size == 0 else "is not an MCAP file"
+            what = "is empty" if self.size == 0 else "is not an MCAP file"
             raise BagError(f"{self.path} {what}")
-
-    def _read(self, offset: int, size: int) -> bytes:
-        """Bytes of the file, fewer at its end and none beyond it."""
-        size = min(size, self._size - offset)
-        if size <= 0:
-            return b""
-        data = os.pread(self._fd, size, offset)
-        while len(data) < size:
-            more = os.pread(self._fd, size - len(data), offset + len(data))
-            if not more:
-                break
-            data += more
-        return data
 
     def _indexed(self, data: Buffer, indexes: list[int]) -> list[tuple[int, int, int, int]]:
         """Messages of a chunk, as `_messages`, that MessageIndex records list."""
@@ -415,8 +479,8 @@ class _McapFile:
 
     def _read_footer(self) -> Footer | None:
         """Footer of a file that was finished."""
-        start = self._size - FOOTER_SIZE
-        if start < len(MAGIC) or self._read(self._size - len(MAGIC), len(MAGIC)) != MAGIC:
+        start = self.size - FOOTER_SIZE
+        if start < len(MAGIC) or self._read(self.size - len(MAGIC), len(MAGIC)) != MAGIC:
             return None
         footer: Footer = Footer.read(stream(self._read(start + RECORD.size, 20)))
         return footer
@@ -429,7 +493,7 @@ class _McapFile:
         One of _DAMAGED
             If what is called the summary is none.
         """
-        end = self._size - FOOTER_SIZE
+        end = self.size - FOOTER_SIZE
         if not len(MAGIC) <= footer.summary_start < end:
             return False
         summary = self._read(footer.summary_start, end - footer.summary_start)
@@ -448,6 +512,7 @@ class _McapFile:
                         index.message_start_time,
                         index.message_end_time,
                         indexes=index.message_index_offsets,
+                        indexes_length=index.message_index_length,
                     )
                 )
             elif opcode == Opcode.STATISTICS:
@@ -468,13 +533,13 @@ class _McapFile:
         """Take channels and chunks from the data, up to its end or to the first damage."""
         self._chunks.clear()
         offset = len(MAGIC)
-        while offset < self._size:
+        while offset < self.size:
             head = self._read(offset, RECORD.size)
             if len(head) < RECORD.size:
                 return
             opcode, length = RECORD.unpack(head)
             end = offset + RECORD.size + length
-            if end > self._size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
+            if end > self.size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
                 return
             try:
                 if opcode in _TAKEN:
@@ -511,6 +576,7 @@ class _RosbagsStorage:
     """A bag of a format that `rosbags` reads."""
 
     complete = True
+    fetched = 0
 
     def __init__(self, path: Path) -> None:
         from rosbags.rosbag2 import Reader  # takes a while, and few bags need it
@@ -520,6 +586,7 @@ class _RosbagsStorage:
         self.files = sorted(path.glob("*_*.*")) if path.is_dir() else [path]
         databases = any(".db3" in file.suffixes for file in self.files)
         self.kind = "sqlite3" if databases else "mcap"
+        self.size = sum(file.stat().st_size for file in self.files)
         try:
             self._reader = Reader(path)
             self._reader.open()
@@ -561,6 +628,23 @@ def _rosbags_topic(connection: "Connection") -> Topic:
         ),
         count=connection.msgcount,
     )
+
+
+def _runs(chunks: list[_Chunk]) -> list[tuple[int, int]]:
+    """For each chunk the range of the file that is fetched for it and for its neighbours."""
+    runs: list[tuple[int, int]] = []
+    begin = 0  # of the present run among the chunks
+    for i, chunk in enumerate(chunks):
+        start = chunks[begin].offset
+        last = i + 1 == len(chunks)
+        if (
+            last
+            or chunks[i + 1].offset != chunk.end_in_file
+            or (chunks[i + 1].end_in_file - start > _RUN)
+        ):
+            runs += [(start, chunk.end_in_file)] * (i + 1 - begin)
+            begin = i + 1
+    return runs
 
 
 def _messages(data: Buffer) -> list[tuple[int, int, int, int]]:

@@ -15,6 +15,7 @@ import zlib
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
 from pathlib import Path
@@ -50,6 +51,9 @@ _CACHED_BYTES = 2**27  # of a file that is being written are left in the machine
 
 _BUFFERS = 64  # in one call to the operating system
 
+LARGE = 2**14
+"""Bytes from which a message, and those of its topic after it, are kept apart from small ones."""
+
 
 class Compression(Enum):
     """Compression of chunks."""
@@ -76,8 +80,20 @@ def check_new(path: Path) -> None:
         raise BagError(f"{path} exists: a bag is not overwritten, choose another name")
 
 
+@dataclass
+class _Chunk:
+    """Messages that wait to be written."""
+
+    pieces: list[bytes] = field(default_factory=list)  # a large message is not copied until written
+    size: int = 0  # bytes
+    index: dict[int, list[int]] = field(default_factory=dict)  # topic id -> stamp, offset, stamp, …
+
+
 class BagWriter(Closing):
     """A rosbag2 directory being written.
+
+    Topics with large messages, as images, have chunks of their own: who reads the others from
+    elsewhere need not fetch them.
 
     Latched topics (every publisher offers transient-local) are repeated at the beginning of each
     further file, stamped with the time of the split, so that every file can be used alone.
@@ -129,9 +145,8 @@ class BagWriter(Closing):
         self._split_duration = round(split_duration * 1e9)
         self._topics: list[Topic] = []  # a topic's id is its place here + 1
         self._latched: dict[int, deque[bytes]] = {}  # last messages, as many as offered
-        self._chunk: list[bytes] = []  # pieces: a large message is not copied until written
-        self._chunk_bytes = 0
-        self._index: dict[int, list[int]] = {}  # topic id -> stamp, offset, stamp, offset, ...
+        self._chunks = _Chunk(), _Chunk()  # of topics with small and with large messages
+        self._large: set[int] = set()  # ids of topics that have had a large one
         self._files = [_OutputFile(self._next_path(0))]
         self.flush()
 
@@ -164,18 +179,18 @@ class BagWriter(Closing):
         """
         if self._split_due(stamp):
             self._split(stamp)
-        self._append(topic_id, stamp, data)
+        chunk = self._append(topic_id, stamp, data)
         self.messages += 1
         if topic_id in self._latched:
             self._latched[topic_id].append(data)
-        if self._chunk_bytes >= self._chunk_size:
-            self._finish_chunk()
+        if chunk.size >= self._chunk_size:
+            self._finish(chunk)
             if self._files[-1].flush_due:
                 self._files[-1].flush(self.metadata)
 
     def flush(self) -> None:
         """Make the bag on disk complete; a process killed later loses what comes after this."""
-        self._finish_chunk()
+        self._finish(*self._chunks)
         self._files[-1].flush(self.metadata)
         self._write_metadata()
 
@@ -187,7 +202,7 @@ class BagWriter(Closing):
         stamp : int
             Time now, of the latched messages [ns].
         """
-        self._finish_chunk()
+        self._finish(*self._chunks)
         if self._files[-1].messages:
             self._split(stamp)
 
@@ -200,23 +215,29 @@ class BagWriter(Closing):
         finally:
             file.close()
 
-    def _append(self, topic_id: int, stamp: int, data: bytes) -> None:
-        entries = self._index.get(topic_id)
-        if entries is None:
-            entries = self._index[topic_id] = []
-        entries += (stamp, self._chunk_bytes)
+    def _append(self, topic_id: int, stamp: int, data: bytes) -> _Chunk:
         size = len(data)
-        self._chunk.append(
+        if size >= LARGE and topic_id not in self._large:
+            self._finish(*self._chunks)  # a topic's messages stay in order
+            self._large.add(topic_id)
+        chunk = self._chunks[topic_id in self._large]
+        entries = chunk.index.get(topic_id)
+        if entries is None:
+            entries = chunk.index[topic_id] = []
+        entries += (stamp, chunk.size)
+        chunk.pieces.append(
             _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, topic_id, 0, stamp, stamp)
         )
-        self._chunk.append(data)
-        self._chunk_bytes += _MESSAGE.size + size
+        chunk.pieces.append(data)
+        chunk.size += _MESSAGE.size + size
+        return chunk
 
-    def _finish_chunk(self) -> None:
-        if self._chunk:
-            chunk, index = self._chunk, self._index
-            self._chunk, self._chunk_bytes, self._index = [], 0, {}
-            self._files[-1].add_chunk(chunk, index, self._compression, self._compress)
+    def _finish(self, *chunks: _Chunk) -> None:
+        for chunk in chunks:
+            if chunk.pieces:
+                pieces, index = chunk.pieces, chunk.index
+                chunk.pieces, chunk.size, chunk.index = [], 0, {}
+                self._files[-1].add_chunk(pieces, index, self._compression, self._compress)
 
     def _next_path(self, number: int) -> Path:
         return self.path / f"{self.path.name}_{number}.mcap"

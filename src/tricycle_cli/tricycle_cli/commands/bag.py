@@ -12,7 +12,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import not_negative
+from tricycle_cli.arguments import BAG_HELP, bag_argument, not_negative
 from tricycle_cli.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -38,12 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     info = verbs.add_parser("info", help="time, files, topics, types, counts, metadata")
-    info.add_argument("bag", metavar="BAG", type=Path, help="rosbag2 directory or file")
+    info.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     info.add_argument("--json", action="store_true", help="print one JSON object")
     info.set_defaults(run=run_info)
     new = verbs.add_parser("convert", help="write parts of bags, or several bags, as a new one")
     add = new.add_argument
-    add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
     add("--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)")
     add("--topics", nargs="+", metavar="TOPIC", default=["*"], help="names; * and ? match anything")
     add("--exclude", nargs="+", metavar="TOPIC", default=[], help="names to leave out, of those")
@@ -56,7 +56,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--json", action="store_true", help="print one JSON object")
     new.set_defaults(run=run_convert)
     again = verbs.add_parser("recover", help="copy what is readable of a damaged bag to a new one")
-    again.add_argument("bag", metavar="BAG", type=Path)
+    again.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     again.add_argument("output", metavar="OUTPUT", type=Path, help="directory to create")
     again.add_argument("--json", action="store_true", help="print one JSON object")
     again.set_defaults(run=run_recover)
@@ -77,13 +77,12 @@ def run_info(args: argparse.Namespace) -> int:
 
     with BagReader(args.bag) as bag:
         start, end = bag.span or (0, 0)
-        size = sum(file.stat().st_size for file in bag.files)
         names = [file.name for file in bag.files]
         found = {
             "bag": str(bag.path),
             "storage": bag.kind,
             "files": names,
-            "bytes": size,
+            "bytes": bag.size,
             "start": start * 1e-9,
             "end": end * 1e-9,
             "duration": (end - start) * 1e-9,
@@ -96,9 +95,10 @@ def run_info(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(found))
         return 0
+    fetched = f" ({bag.fetched / 1e6:.3f} MB fetched)" if bag.fetched else ""
     console = Console()
     console.print(f"files     {', '.join(names)} ({bag.kind})", highlight=False)
-    console.print(f"size      {size / 1e6:.3f} MB", highlight=False)
+    console.print(f"size      {bag.size / 1e6:.3f} MB{fetched}", highlight=False)
     console.print(f"start     {_time(start)}", highlight=False)
     console.print(f"end       {_time(end)}", highlight=False)
     console.print(f"duration  {found['duration']:.3f} s", highlight=False)

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from tricycle_cli.arguments import add_topic_options, topics_of
+from tricycle_cli.arguments import BAG_HELP, add_topic_options, bag_argument, topics_of
 from tricycle_cli.progress import progress_bar
 from tricycle_core.optional import check_installed
 from tricycle_sim.vehicle import load_vehicle
@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("bags", nargs="+", metavar="BAG", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("bags", nargs="+", metavar="BAG", type=bag_argument, help=BAG_HELP)
     add("--output", type=_gif, default=Path("out/film.gif"), metavar="FILE", help="GIF")
     add("--speed", type=_speed, default=3.0, help="seconds of the drive per second")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import add_topic_options, seed, topics_of
+from tricycle_cli.arguments import BAG_HELP, add_topic_options, bag_argument, seed, topics_of
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError
 from tricycle_sim.vehicle import load_vehicle
@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
     add(
         "--vehicles",
         metavar="KEY",

@@ -10,9 +10,12 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trajectory_recorder.bag.location import is_remote
 from tricycle_cli.arguments import (
+    BAG_HELP,
     add_effects_option,
     add_topic_options,
+    bag_argument,
     effects_asked,
     seed,
     topics_of,
@@ -53,8 +56,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "drives",
         metavar="DRIVE",
         nargs="+",
-        type=Path,
-        help="rosbag2 directory, .mcap or .db3 file; with --columns also .csv or .csv.gz",
+        type=bag_argument,
+        help=f"{BAG_HELP}; with --columns also .csv or .csv.gz",
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add(
@@ -63,7 +66,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME,NAME",
         help="identify only these; the others keep their nominal values (default: all unknown)",
     )
-    add("--held-out", type=Path, metavar="DRIVE", nargs="+", default=[], help="drives to predict")
+    add(
+        "--held-out",
+        type=bag_argument,
+        metavar="DRIVE",
+        nargs="+",
+        default=[],
+        help="drives to predict",
+    )
     add_effects_option(parser, exceptions="; none for tables and FMUs, where it takes minutes")
     add(
         "--fmu",
@@ -231,6 +241,8 @@ def _reader(args: argparse.Namespace, vehicle: Vehicle) -> Callable[[Path], list
     def read(path: Path) -> list[MeasuredDrive]:
         if not path.name.endswith((".csv", ".csv.gz")):
             return [read_measured_drive(path, vehicle, topics=topics)]
+        if is_remote(path):
+            raise IdentificationError(f"{path}: only bags are read from a URL: download the table")
         if columns is None:
             raise IdentificationError(
                 f"{path}: a table needs --columns, the mapping of its columns"

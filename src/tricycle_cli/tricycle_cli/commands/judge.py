@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from parameter_identification.judging.export import PICTURES, ExportFormat
 from parameter_identification.judging.judgement import Anchor
-from tricycle_cli.arguments import add_topic_options, topics_of
+from tricycle_cli.arguments import BAG_HELP, add_topic_options, bag_argument, topics_of
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError, JudgeError
 
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("bags", metavar="BAG", nargs="+", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
     add("--json", action="store_true", help="print one JSON object")
     add("--plot", type=_picture, metavar="FILE", help=f"save a figure ({', '.join(PICTURES)})")
     add(

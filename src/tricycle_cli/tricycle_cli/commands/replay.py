@@ -3,9 +3,8 @@
 import argparse
 import json
 import re
-from pathlib import Path
 
-from tricycle_cli.arguments import not_negative
+from tricycle_cli.arguments import BAG_HELP, bag_argument, not_negative
 from tricycle_cli.operation.processes import run_in_foreground
 
 EXAMPLE = """\
@@ -30,7 +29,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("bag", metavar="BAG", type=Path, help="rosbag2 directory, .mcap or .db3 file")
+    add("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
     add("--rate", type=not_negative, default=1.0, help="recorded s per s; 0: as fast as taken")
     add(
         "--start", type=not_negative, default=0.0, metavar="S", help="skip so many recorded seconds"

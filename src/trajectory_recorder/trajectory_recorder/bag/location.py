@@ -1,0 +1,89 @@
+"""Where a bag is: a path of this computer, or a URL."""
+
+import re
+from pathlib import Path
+from typing import Any, cast
+
+from tricycle_core.errors import BagError
+from tricycle_core.optional import EXTRAS, missing
+
+TIMEOUT = 30.0
+"""Seconds within which a server connects, and sends something of what it was asked for."""
+
+
+def bag_path(text: str) -> Path:
+    """Return where a bag is.
+
+    Parameters
+    ----------
+    text : str
+        Path, or URL of a file system that `fsspec` knows: ``s3://``, ``https://``, ...
+
+    Returns
+    -------
+    path : Path
+        For a URL one of `upath`, which has the methods of a path.
+
+    Raises
+    ------
+    BagError
+        If the URL holds a password or a signature, its file system is unknown, or what reads it is
+        not installed.
+
+    Examples
+    --------
+    >>> bag_path("bags/circle").name
+    'circle'
+    """
+    found = re.match(r"([A-Za-z][A-Za-z0-9+.-]*)://", text)
+    if found is None:
+        return Path(text)
+    scheme, rest = found[1].lower(), text[found.end() :]
+    if "@" in rest.partition("/")[0] and ":" in rest.partition("@")[0]:
+        raise BagError(
+            f"{scheme}://…: no password in a URL, which results would show: set it in the "
+            "environment or in the configuration of fsspec"
+        )
+    if scheme in ("http", "https") and "?" in rest:
+        raise BagError(
+            f"{text.partition('?')[0]}?…: no query in a URL, which results would show: use the "
+            "store's own URL (s3://…), or download the bag"
+        )
+    try:
+        from upath import UPath
+
+        return cast("Path", UPath(text, **_options(scheme)))
+    except ModuleNotFoundError as error:
+        raise _not_installed(text, error) from error
+    except ImportError as error:  # of the file system, as fsspec says it
+        raise _not_installed(text, error.__cause__ or error) from error
+    except ValueError as error:  # of fsspec for a scheme that it does not know
+        raise BagError(f"{text}: {error}") from error
+
+
+def is_remote(path: Path) -> bool:
+    """Return whether a bag is behind a URL.
+
+    Parameters
+    ----------
+    path : Path
+        Of `bag_path`.
+    """
+    return not isinstance(path, Path)
+
+
+def _not_installed(text: str, error: BaseException) -> BagError:
+    name = (getattr(error, "name", None) or "").partition(".")[0]
+    return BagError(missing(name, f"{text}:") if name in EXTRAS else f"{text}: {error}")
+
+
+def _options(scheme: str) -> dict[str, Any]:
+    """Options of the file system, so that a server that falls silent is given up."""
+    if scheme in ("http", "https"):
+        from aiohttp import ClientTimeout
+
+        waits = ClientTimeout(total=10.0 * TIMEOUT, sock_connect=TIMEOUT, sock_read=TIMEOUT)
+        return {"client_kwargs": {"timeout": waits}}
+    if scheme in ("s3", "s3a"):
+        return {"config_kwargs": {"connect_timeout": TIMEOUT, "read_timeout": TIMEOUT}}
+    return {}

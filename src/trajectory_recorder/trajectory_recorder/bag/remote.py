@@ -1,0 +1,230 @@
+"""Files of bags behind URLs: ranges of bytes through `fsspec`, counted, checked, tried again.
+
+Every answer has the length that was asked for, so that a connection that breaks never makes a short
+bag; what is in it is checked by the sums of MCAP.
+"""
+
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from trajectory_recorder.bag.metadata import MAX_BYTES, NAME, one_line, parse_metadata
+from tricycle_core.errors import BagError
+
+NOT_FOUND = "not found"
+TRIES = 4  # of each request
+PAUSE = 0.5  # s before the second try; doubled before each further one
+TAIL = 2**16  # bytes of a file's end that are fetched first: the summary of most bags
+AHEAD = 2**12, 2**22  # least bytes of the first request elsewhere, and of the tenth and later ones
+
+_PASSING = (408, 425, 429)  # statuses of HTTP below 500 that another try may not meet
+
+_STATE = ("size", "ETag", "LastModified", "mtime", "created")  # as file systems call it
+
+T = TypeVar("T")
+
+
+class RemoteFile:
+    """A file behind a URL.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file, from `bag_path`.
+
+    Attributes
+    ----------
+    size : int
+        Of the file [bytes].
+    fetched : int
+        Bytes of it that were received.
+
+    Raises
+    ------
+    BagError
+        From any method, if the file cannot be fetched.
+    """
+
+    def __init__(self, path: Any) -> None:
+        self._path = path
+        self.fetched = 0
+        self._ahead, self._most = AHEAD
+        self._held = (0, b"")
+        self._file = patiently(path, lambda: path.fs.open(path.path, "rb", cache_type="none"))
+        size = getattr(self._file, "size", None)
+        if not isinstance(size, int):
+            self._file.close()
+            raise BagError(f"{path}: the server sends no parts of files: copy the bag here")
+        self.size = size
+        start = max(size - TAIL, 0)
+        self._tail = (start, self._fetch(start, size))
+
+    def read(self, start: int, size: int) -> bytes:
+        """Return bytes of the file, fewer at its end.
+
+        Parameters
+        ----------
+        start : int
+            First byte.
+        size : int
+            Number of bytes.
+        """
+        end = min(start + size, self.size)
+        if start >= end:
+            return b""
+        for first, data in (self._tail, self._held):
+            if first <= start and end <= first + len(data):
+                return data[start - first : end - first]
+        self.expect(start, max(end, start + self._ahead))
+        self._ahead = min(2 * self._ahead, self._most)
+        return self._held[1][: end - start]
+
+    def expect(self, start: int, end: int) -> None:
+        """Fetch a range and hold it in place of the one before.
+
+        Parameters
+        ----------
+        start, end : int
+            First byte, and the one behind the last.
+        """
+        first, data = self._held
+        if not (first <= start and end <= first + len(data)):
+            self._held = (0, b"")  # not two of them at once
+            self._held = (start, self._fetch(start, min(end, self.size)))
+
+    def close(self) -> None:
+        """Give back connection and memory."""
+        self._file.close()
+        self._held = self._tail = (0, b"")
+
+    def _fetch(self, start: int, end: int) -> bytes:
+        def ask() -> bytes:
+            self._file.seek(start)
+            data = bytes(self._file.read(end - start))
+            self.fetched += len(data)
+            if len(data) != end - start:
+                raise OSError(f"the server sent {len(data)} bytes in place of {end - start}")
+            return data
+
+        return patiently(self._path, ask)
+
+
+def remote_files(path: Any) -> tuple[dict[str, Any], list[Path]]:
+    """Return the content of metadata.yaml, and the MCAP files of a bag.
+
+    Parameters
+    ----------
+    path : Path
+        ``.mcap`` file or rosbag2 directory, from `bag_path`.
+
+    Raises
+    ------
+    BagError
+        If there is no bag, it cannot be fetched, or it is stored in another format.
+    """
+    if path.suffix == ".mcap":
+        return {}, [path]
+    text = patiently(path, lambda: _content(path / NAME))
+    information = {} if text is None else parse_metadata(text, str(path / NAME))
+    names = [str(name) for name in information.get("relative_file_paths") or []]
+    if not names:  # the recorder was killed, or the folder has no such file
+        names = patiently(path, lambda: _listed(path))
+    files = [path / name for name in names if name.endswith(".mcap")]
+    if not files or len(files) < sum(name.endswith((".mcap", ".db3", ".zstd")) for name in names):
+        raise BagError(f"{path}: no .mcap files: only those are read from elsewhere")
+    return information, files
+
+
+def remote_state(path: Path) -> list[tuple[str, ...]]:
+    """Return what the server tells of a bag's files; it differs where one has changed.
+
+    Parameters
+    ----------
+    path : Path
+        Of the bag, from `bag_path`.
+
+    Raises
+    ------
+    BagError
+        As `remote_files`.
+    """
+
+    def state(file: Any) -> tuple[str, ...]:
+        told = file.fs.info(file.path)
+        return tuple(f"{key}={told[key]}" for key in ("name", *_STATE) if key in told)
+
+    return [patiently(file, partial(state, file)) for file in remote_files(path)[1]]
+
+
+def _content(path: Any) -> bytes | None:
+    """Content of metadata.yaml; None if there is none."""
+    try:
+        with path.fs.open(path.path, "rb") as file:
+            return bytes(file.read(MAX_BYTES))
+    except FileNotFoundError as error:
+        if _reason(_first(error)) != NOT_FOUND:
+            raise
+        return None
+
+
+def _listed(path: Any) -> list[str]:
+    """Names in a folder."""
+    entries = path.fs.ls(path.path, detail=False)
+    return [str(entry).rstrip("/").rpartition("/")[2] for entry in entries]
+
+
+def patiently(path: object, ask: Callable[[], T]) -> T:
+    """Return what a server answers, after another try where that may help.
+
+    Parameters
+    ----------
+    path : object
+        What is asked for, for the message.
+    ask : callable
+        Asks.
+
+    Raises
+    ------
+    BagError
+        If it does not answer.
+    """
+    for attempt in range(TRIES):
+        if attempt:
+            time.sleep(PAUSE * 2 ** (attempt - 1))
+        try:
+            return ask()
+        except Exception as raised:  # every file system has errors of its own
+            error = _first(raised)
+            if not _passing(error):
+                raise BagError(f"{path}: {_reason(error)}") from error
+            last = error
+    raise BagError(f"{path}: {_reason(last)}; tried {TRIES} times") from last
+
+
+def _first(error: BaseException) -> BaseException:
+    """What led to an error: fsspec calls a web server that cannot be reached a file not found."""
+    while isinstance(error, FileNotFoundError) and error.__cause__ is not None:
+        error = error.__cause__
+    return error
+
+
+def _passing(error: BaseException) -> bool:
+    """Whether another try may do better."""
+    if isinstance(status := getattr(error, "status", None), int):
+        return status >= 500 or status in _PASSING
+    return not isinstance(
+        error, FileNotFoundError | PermissionError | ValueError | TypeError | ImportError
+    )
+
+
+def _reason(error: BaseException) -> str:
+    """Why a request failed, in one line."""
+    if isinstance(error, FileNotFoundError) or getattr(error, "status", None) == 404:
+        return NOT_FOUND
+    if isinstance(error, PermissionError):
+        return f"access denied ({one_line(error)})"
+    if isinstance(error, TimeoutError):
+        return "the server did not answer in time"
+    return one_line(error) or type(error).__name__
