@@ -121,6 +121,34 @@ def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
     assert watch.pace(4.0) > 2.0
 
 
+def test_cables_are_pulled_and_the_localisation_jumps_by_parameter(
+    start_simulation, watch, tmp_path
+):
+    start_simulation()
+    poses = []
+    watch.node.create_subscription(Odometry, "odom", poses.append, 10)
+    watch.wait(lambda: poses and (tmp_path / "steer").exists())
+    services = ServiceCaller(watch.node, lambda condition, _: watch.wait(condition))
+
+    def answer(name, value):
+        request = SetParameters.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg()]
+        )
+        return services.call("tricycle_sim/set_parameters", SetParameters, request).results[0]
+
+    assert answer("faults", ["steer_cable"]).successful
+    watch.wait(lambda: not (tmp_path / "steer").exists())
+    assert (tmp_path / "drive").exists()
+    refused = answer("faults", ["steering_cable"])
+    assert not refused.successful
+    assert "steering_cable: want some of hall_open" in refused.reason
+    assert not (tmp_path / "steer").exists()
+    assert answer("faults", [""]).successful
+    watch.wait((tmp_path / "steer").exists)
+    assert answer("position_jump", 2.0).successful
+    watch.wait(lambda: poses[-1].pose.pose.position.x > 1.9)
+
+
 def test_where_tf2_msgs_is_installed_the_transform_is_broadcast_with_the_pose(
     start_simulation, watch
 ):

@@ -4,12 +4,14 @@ import math
 import selectors
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
@@ -25,6 +27,7 @@ from tricycle_sim.plants import OWN
 from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.plc.pty_port import PtyPort
 from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.rig.faults import FaultKind
 from tricycle_sim.rig.firmware import FirmwareRig
 from tricycle_sim.rig.localisation import PoseNoise, measure_pose
 from tricycle_sim.rig.rig import Rig
@@ -52,7 +55,9 @@ LIVE_PARAMETERS = {
     "speed_noise": (0.01, 1.0, "m/s, of odom"),
     "yaw_rate_noise": (0.005, 1.0, "rad/s, of odom and imu"),
     "acceleration_noise": (0.05, 10.0, "m/s^2, of imu"),
+    "position_jump": (0.0, 1000.0, "m, added to x of odom: a localisation that has jumped"),
 }
+FAULTS = {kind.name.lower(): kind for kind in FaultKind}
 # pose at the start and after ~/reset: largest absolute value, description
 START_PARAMETERS = {
     "start_x": (100_000.0, "m, where the vehicle starts, also after ~/reset"),
@@ -91,6 +96,10 @@ class TricycleSim(Node):
             declare(self, name, default, about, (0.0, high), read_only=False)
         for name, (limit, about) in START_PARAMETERS.items():
             declare(self, name, 0.0, about, (-limit, limit), read_only=False)
+        declare(self, "faults", [""], f"what fails now, of: {', '.join(FAULTS)}", read_only=False)
+        self._jump, self._failing = 0.0, frozenset[FaultKind]()
+        _check_faults(self.get_parameter("faults").value)
+        self.add_on_set_parameters_callback(_refuse_unknown)
         self._on_parameters([])
         self.add_post_set_parameters_callback(self._on_parameters)
         vehicle = load_vehicle(Path(vehicle_file) if vehicle_file else None)
@@ -136,7 +145,9 @@ class TricycleSim(Node):
             speed=value["speed_noise"],
             yaw_rate=value["yaw_rate_noise"],
         )
-        self._acceleration_noise = value["acceleration_noise"]
+        self._acceleration_noise, self._jump = value["acceleration_noise"], value["position_jump"]
+        names = self.get_parameter("faults").value
+        self._failing = frozenset(FAULTS[name] for name in names if name)  # taken at the next tick
 
     def _start_pose(self) -> tuple[float, float, float]:
         x, y, heading = (float(self.get_parameter(name).value) for name in START_PARAMETERS)
@@ -170,18 +181,31 @@ class TricycleSim(Node):
         with selectors.DefaultSelector() as selector:
             for board, port in self._ports.items():
                 selector.register(port, selectors.EVENT_READ, board)
-            due = time.monotonic()
+            due, failing = time.monotonic(), frozenset[FaultKind]()
             while not self._stop.is_set():
+                if failing != self._failing:
+                    self._rig.fail(failing := self._failing)
                 with self._lock:
                     self._publish(self._rig.state, self._rig.time)
                     self._listen(selector, due)
                     for board, data in self._rig.step().items():
                         self._ports[board].write(data)
+                    self._plug(selector)
                     if self._rig.state.rolled_over:
                         self.get_logger().error("the vehicle has rolled over", once=True)
                 period = TICK / self._factor if self._factor else 0.0
                 # what is late is caught up, but never more than ten ticks
                 due = max(due + period, time.monotonic() - 10 * period)
+
+    def _plug(self, selector: selectors.BaseSelector) -> None:
+        """Pull the cables of the boards that have none, and put back the others."""
+        for board, port in self._ports.items():
+            if port.plugged and not self._rig.plugged(board):
+                selector.unregister(port)
+                port.unplug()
+            elif self._rig.plugged(board) and not port.plugged:
+                port.plug()
+                selector.register(port, selectors.EVENT_READ, board)
 
     def _listen(self, selector: selectors.BaseSelector, due: float) -> None:
         """Serve the ports until `due` and, armed, until the host has answered or fallen silent.
@@ -217,7 +241,7 @@ class TricycleSim(Node):
         self._clock_publisher.publish(Clock(clock=stamp))
         pose = measure_pose(state, self._noise, self._rng)
         odom = _odometry(stamp)
-        odom.pose.pose.position.x, odom.pose.pose.position.y = pose.x, pose.y
+        odom.pose.pose.position.x, odom.pose.pose.position.y = pose.x + self._jump, pose.y
         half = 0.5 * pose.yaw
         odom.pose.pose.orientation.z, odom.pose.pose.orientation.w = math.sin(half), math.cos(half)
         odom.twist.twist.linear.x, odom.twist.twist.linear.y = pose.vx, pose.vy
@@ -278,6 +302,20 @@ def _odometry(stamp: Time) -> Odometry:
     message = Odometry(child_frame_id="base_link")
     message.header.stamp, message.header.frame_id = stamp, "odom"
     return message
+
+
+def _check_faults(names: Sequence[str]) -> None:
+    """Raise if a fault is unknown."""
+    if unknown := sorted(set(names) - {"", *FAULTS}):
+        raise VehicleError(f"faults: {', '.join(unknown)}: want some of {', '.join(FAULTS)}")
+
+
+def _refuse_unknown(parameters: list[Parameter]) -> SetParametersResult:
+    try:
+        _check_faults([name for p in parameters if p.name == "faults" for name in p.value])
+    except VehicleError as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)
 
 
 def _transform(odom: Odometry) -> TransformStamped:

@@ -2,7 +2,7 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState, ResetCause
 from tricycle_core.closing import Closing
@@ -10,7 +10,7 @@ from tricycle_core.errors import ExcitationError, PlantError
 from tricycle_core.timing import TICK
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.plants.plant import HoldsSpeed, Plant, Pose
-from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan
+from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan, RigFault
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import ORIGIN, LiveState
 
@@ -120,6 +120,16 @@ class Rig(Closing):
         """
         return _CABLE[board] not in self._faults
 
+    def fail(self, kinds: Collection[FaultKind]) -> None:
+        """Let these fail from the next step on, and nothing else; replaces the plan of faults.
+
+        Parameters
+        ----------
+        kinds : collection of FaultKind
+            What fails; empty: all is mended.
+        """
+        self._plan = FaultPlan(tuple(RigFault(kind, self.time) for kind in kinds))
+
     def reset(self, start: Pose = ORIGIN) -> None:
         """Put the vehicle at rest at a pose and reboot both boards; time goes on.
 
@@ -164,7 +174,7 @@ class Rig(Closing):
         sent = self._step(hung)
         sent = {board: b"" if self._cut_off(board) else data for board, data in sent.items()}
         self._ticks += 1
-        if self._plan.faults:
+        if self._plan.faults or self._faults:
             self._fail()
         return sent
 
