@@ -32,7 +32,7 @@ else
 install = $(BIN)/python -m pip install --quiet --editable '.[$(1)]' $(PINS)
 endif
 
-.PHONY: help setup setup-run demo test check lint format lock audit docs reference firmware bench soak coverage mutation test-lower-bounds test-kilted clean
+.PHONY: help setup setup-run demo test check lint format lock audit docs reference firmware bench rehearsal soak coverage mutation test-lower-bounds test-kilted clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -105,6 +105,9 @@ bench: setup  ## every figure that the documents quote; kept in benchmarks/histo
 	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]' $(PINS)
 	$(BIN)/python benchmarks/history.py run
 	$(BIN)/python benchmarks/history.py plot
+
+rehearsal: setup firmware  ## a scripted day on a foreign plant behind the firmware, with two faults; writes out/rehearsal
+	$(BIN)/python rehearsal/day.py --output out/rehearsal
 
 soak: setup  ## an hour of driving on a bad line, a hundred cables pulled, fifty recorders killed, 1000 faults
 	$(BIN)/python benchmarks/link_soak.py
