@@ -74,12 +74,12 @@ format: setup  ## format and fix what can be fixed
 lock:  ## pin every dependency anew, with hashes
 	$(PYTHON) -m venv build/lock && build/lock/bin/pip install --quiet uv
 	build/lock/bin/uv pip compile --quiet --upgrade --universal --python-version 3.11 \
-		--generate-hashes --no-annotate --no-header --extra dev --extra ros pyproject.toml \
+		--generate-hashes --no-annotate --no-header --no-strip-extras --extra dev --extra ros pyproject.toml \
 		--output-file requirements/lock.txt
 	sed -i '1i # Every dependency of `pip install .[dev,ros]`, pinned with its hashes; written by `make lock`.' \
 		requirements/lock.txt
 	build/lock/bin/uv pip compile --quiet --universal --python-version 3.11 \
-		--generate-hashes --no-annotate --no-header --extra reports --extra ros pyproject.toml \
+		--generate-hashes --no-annotate --no-header --no-strip-extras --extra reports --extra ros pyproject.toml \
 		--constraint requirements/lock.txt --output-file requirements/run.txt
 	sed -i '1i # The same versions of `pip install .[reports,ros]`; written by `make lock`.' requirements/run.txt
 

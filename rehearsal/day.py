@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -102,6 +102,11 @@ class Hand:
         self._executor.add_node(self._node)
         self._services = ServiceCaller(self._node, self.wait)
         self._state: dict[str, str] = {}
+        self._failing: set[str] = set()  # items of the pre-flight
+        self._looked = 0  # messages of it
+        self._node.create_subscription(
+            DiagnosticArray, "maneuver/preflight", self._on_preflight, LATCHED
+        )
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
 
     def wait(self, condition: Callable[[], bool], what: str) -> None:
@@ -119,6 +124,11 @@ class Hand:
             return bool(answer.success)
 
         self.wait(armed, "armed boards")
+
+    def wait_for_preflight(self) -> None:
+        """Look at the pre-flight until only the start pose is wrong: the vehicle drives there."""
+        seen = self._looked  # a message may have been waiting for long: the one after it is new
+        self.wait(lambda: self._looked >= seen + 2 and not self._failing, "clean pre-flight")
 
     def set(self, **parameters: Any) -> None:
         """Set parameters of the simulation."""
@@ -139,6 +149,11 @@ class Hand:
             "running maneuver",
         )
         self.set(**parameters)
+
+    def _on_preflight(self, message: DiagnosticArray) -> None:
+        failing = {item.name for item in message.status if item.level == DiagnosticStatus.ERROR}
+        self._failing = {name for name in failing if not name.endswith("start")}
+        self._looked += 1
 
     def _on_state(self, message: DiagnosticStatus) -> None:
         self._state = {pair.key: pair.value for pair in message.values}
@@ -218,6 +233,7 @@ def faulty(
     driving.join()
     hand.set(**right)
     hand.arm()
+    hand.wait_for_preflight()
     return outcome[0].startswith("failed")
 
 

@@ -16,7 +16,7 @@ LOCK, RUN = ((ROOT / "requirements" / name).read_text() for name in ("lock.txt",
 
 def pins(lock):
     """Name and version of each pin that has a hash."""
-    form = r"^([\w.-]+)==([^\s;]+)(?: ; [^\\]*)?\s*\\\n    --hash=sha256:"
+    form = r"^([\w.-]+)(?:\[[\w,-]+\])?==([^\s;]+)(?: ; [^\\]*)?\s*\\\n    --hash=sha256:"
     return re.findall(form, lock, re.MULTILINE)
 
 
@@ -51,7 +51,7 @@ def test_every_requirement_is_pinned(requirement):
 
 @pytest.mark.parametrize("lock", [LOCK, RUN])
 def test_every_pin_has_a_hash(lock):
-    assert len(pins(lock)) == len(re.findall(r"^[\w.-]+==", lock, re.MULTILINE)) > 50
+    assert len(pins(lock)) == len(re.findall(r"^[\w.,\[\]-]+==", lock, re.MULTILINE)) > 50
 
 
 def test_what_runs_is_a_part_of_what_develops():
