@@ -17,7 +17,7 @@ NOT_FOUND = "not found"
 TRIES = 4  # of each request
 PAUSE = 0.5  # s before the second try; doubled before each further one
 TAIL = 2**16  # bytes of a file's end that are fetched first: the summary of most bags
-AHEAD = 2**12, 2**22  # least bytes of the first request elsewhere, and of the tenth and later ones
+AHEAD = 2**12, 2**22  # least bytes of a request elsewhere: of the first; doubled each time, up to
 
 _PASSING = (408, 425, 429)  # statuses of HTTP below 500 that another try may not meet
 
