@@ -6,8 +6,9 @@ The firmware runs on simulated ATmega328P behind the live nodes: its servo loop,
 clocks are no part of the model. Random vehicles drive a circle and a double lane change; the two
 bags are identified without effects and with all of them weighed. Printed for every parameter and
 way: in how many vehicles it is shown, in how many of these the 95 % interval holds the truth, and
-the median width in % of the range; then how often residuals were white, what was told to be
-missing, and how probable each effect was in the mean.
+the median width in % of the range; then how often residuals were white (of the channels whose
+residuals exceed the sensor's steps), what was told to be missing, and how probable each effect was
+in the mean.
 """
 
 import argparse
@@ -69,9 +70,12 @@ def main():
                 f"{way:8s} {name:26s} shown {len(shown)} of {len(intervals)}, "
                 f"held {held} of {len(shown)}, width {100 * width:5.1f} %"
             )
-        white = np.mean([t.p * len(f.whiteness) > 0.01 for _, f in results for t in f.whiteness])
+        tested = [t.p * len(f.whiteness) for _, f in results for t in f.whiteness if t.p == t.p]
+        white = np.mean(np.array(tested) > 0.01)
         missing = [", ".join(e.name for e in f.deviations) or "nothing" for _, f in results]
-        print(f"{way:8s} white {white:.0%} of the channels; told to be missing: {missing}")
+        print(
+            f"{way:8s} white {white:.0%} of {len(tested)} channels; told to be missing: {missing}"
+        )
         acts = {}
         for _, f in results:
             for e in f.effects:

@@ -102,6 +102,11 @@ def magic(commands, truth):
     return driven(vehicle, commands, truth)
 
 
+def slippery(commands, truth):
+    values = {"friction_coefficient": 0.8 * VEHICLE.values["friction_coefficient"]}
+    return driven(VEHICLE.replace(**values), commands, truth)
+
+
 def late_drive(commands, truth):
     time, angle, speed = on_ticks(commands)
     late = round(0.12 / TICK)
@@ -140,6 +145,7 @@ WORLDS = {  # motion, and the effects that act
     ),
     "stiffness grows with load": (of(load_sensitivity=1.0), ("load-sensitivity",)),
     "tyre saturates": (saturating, ("tyre-saturation",)),
+    "road friction -20 %": (slippery, ("road-friction",)),
     "wind 5 N": (
         lambda commands, truth: with_wind(commands, truth, 5.0),
         ("slope-or-wind-along", "slope-or-wind-across"),
@@ -154,8 +160,8 @@ WORLDS = {  # motion, and the effects that act
     ),
     "localisation late, drifts": (of(), ()),
     "drive 120 ms late": (late_drive, ("drive-dead-time",)),
-    # no effect is of its kind
-    "tyre of the magic formula": (magic, ("turn-deviation", "speed-deviation")),
+    # no effect is quite of its kind
+    "tyre of the magic formula": (magic, ("tyre-saturation", "tyre-rounding", "road-friction")),
 }
 
 

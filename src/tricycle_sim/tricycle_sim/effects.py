@@ -26,6 +26,7 @@ from tricycle_sim.vehicle.registry import PARTS, law_name
 SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
 WHEEL_RADIUS = "wheel radius"
+TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
 SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
 REACH = 4.0  # standard deviations of the prior that an effect may have at most
 
@@ -55,6 +56,8 @@ class Effect:
         Whether it varies during a drive.
     step : float
         Of finite differences, in standard deviations of the prior.
+    chance : float
+        Probability that it acts, before the drives.
     """
 
     name: str
@@ -67,6 +70,7 @@ class Effect:
     per_drive: bool = False
     process: bool = False
     step: float = 0.01
+    chance: float = 0.1  # of some fifteen effects, one or two act
 
     @property
     def option(self) -> str:
@@ -81,6 +85,9 @@ class Effect:
 
 # finite differences of effects by which the gear turns round at another step of the simulation
 _COARSE = {"servo_backlash": 0.1}
+
+# no tyre has the curve of a law exactly, and each road has its own friction
+_LIKELIER = dict.fromkeys(("tyre saturation", TYRE_ROUNDING, ROAD_FRICTION), 0.3)
 
 # by law of a part: the law that adds constants to it, and moves alike with these at their defaults
 _EXTENDED = {
@@ -109,6 +116,8 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ),
     ("load sensitivity", "1", 0.5, ({"load_sensitivity": 1.0},)),
     ("tyre saturation", "1", 1.0, ({"tyre_saturation": 1.0},)),
+    (TYRE_ROUNDING, "1", 0.5, ({"tyre_rounding": 1.0},)),
+    (ROAD_FRICTION, "1", 0.15, ({"friction_coefficient": None},)),
     ("slope or wind along", "rad", 0.01, ({"road_grade": 1.0},)),
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
@@ -192,7 +201,13 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
             per_drive = name.startswith("slope")
             parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
             step = max(_COARSE.get(constant, Effect.step) for constant in owned)
-            found.append(Effect(name, unit, std, change, parts, low, high, per_drive, step=step))
+            found.append(
+                Effect(
+                    *(name, unit, std, change, parts, low, high, per_drive),
+                    step=step,
+                    chance=_LIKELIER.get(name, Effect.chance),
+                )
+            )
     for e in _OTHERS:
         if e.name == SERVO_DEAD_TIME:
             if "servo_delay" in vehicle.unknown:

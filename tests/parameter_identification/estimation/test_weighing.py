@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from parameter_identification.estimation.weighing import ACTS, NEGLECTED, mixture
+from parameter_identification.estimation.weighing import NEGLECTED, mixture
 
 NOISE = 0.3
 PARAMETERS = 2
 GROUPS = [[2], [3, 4], [5]]  # the second effect is one of each drive
+CHANCES = np.array([0.1, 0.3, 0.1])
 
 
 def linear(seed, strength):
@@ -25,7 +26,7 @@ def linear(seed, strength):
 def weighed(design, seen):
     """Parameters have the prior N(0, 1) here, as the effects."""
     information = design.T @ design / NOISE**2 + np.eye(design.shape[1])
-    return mixture(information, design.T @ seen / NOISE**2, GROUPS)
+    return mixture(information, design.T @ seen / NOISE**2, GROUPS, CHANCES)
 
 
 @pytest.mark.parametrize(("seed", "strength"), [(0, 0.0), (1, 0.1), (2, 1.0)])
@@ -39,7 +40,7 @@ def test_weights_are_those_of_bayes_rule(seed, strength):
         ]
         covariance = design[:, kept] @ design[:, kept].T + NOISE**2 * np.eye(len(seen))
         likelihood = multivariate_normal(np.zeros(len(seen)), covariance).pdf(seen)
-        expected.append(likelihood * ACTS ** sum(acting) * (1 - ACTS) ** (3 - sum(acting)))
+        expected.append(likelihood * np.prod(np.where(acting, CHANCES, 1.0 - CHANCES)))
     expected = np.array(expected) / np.sum(expected)
     number = found.acting @ [4, 2, 1]
     np.testing.assert_allclose(found.weights, expected[number], rtol=2 * NEGLECTED)
@@ -52,7 +53,7 @@ def test_an_effect_with_a_least_value_is_weighed_as_by_integration():
     information = design.T @ design / NOISE**2 + np.eye(6)
     pull = design.T @ seen / NOISE**2
     one = [*range(PARAMETERS), 3]  # the only effect; it cannot be negative
-    found = mixture(information[np.ix_(one, one)], pull[one], [[2]], {2: 0.0})
+    found = mixture(information[np.ix_(one, one)], pull[one], [[2]], [0.1], {2: 0.0})
     rng = np.random.default_rng(0)
     draws = rng.standard_normal((400_000, 3))
     draws[:, 2] = np.abs(draws[:, 2])
@@ -60,7 +61,7 @@ def test_an_effect_with_a_least_value_is_weighed_as_by_integration():
     for acting in (0.0, 1.0):
         misfit = seen - (draws * [1.0, 1.0, acting]) @ design[:, one].T
         likelihood = np.exp(-0.5 * np.sum(misfit**2, axis=1) / NOISE**2)
-        evidence.append(likelihood.mean() * (ACTS if acting else 1.0 - ACTS))
+        evidence.append(likelihood.mean() * (0.1 if acting else 0.9))
         means.append(likelihood @ draws / likelihood.sum())
     expected = np.array(evidence) / np.sum(evidence)
     number = found.acting[:, 0].astype(int)
@@ -96,4 +97,4 @@ def test_an_effect_that_hides_behind_a_parameter_widens_its_tails():
     without = found.weights.argmax()
     narrow = norm.ppf(0.9995) * np.sqrt(found.covariances[without, 0, 0])
     assert found.quantile(0, 0.9995) - found.means[without, 0] > 2.0 * narrow
-    assert 0.5 * ACTS < found.weights @ found.acting[:, 2] < 1.5 * ACTS
+    assert 0.05 < found.weights @ found.acting[:, 2] < 0.15

@@ -117,3 +117,9 @@ def test_an_estimate_at_an_end_of_its_range_is_told():
     lines = remarks(dataclasses.replace(FOUND, parameters=at_end))
     assert any(line.startswith(f"at an end of the range: {name}. Widen") for line in lines)
     assert not any("at an end" in line for line in remarks(FOUND))
+
+
+def test_where_the_tyres_curve_is_among_the_effects_nothing_is_told_of_friction():
+    rounding = EffectEstimate("tyre rounding", "1", 0.1, 0.05, 0.5)
+    hard = dataclasses.replace(FOUND, friction_used=0.853, effects=(rounding,))
+    assert not any(line.startswith("a tyre used") for line in remarks(hard))

@@ -286,11 +286,18 @@ def fiala(t, load, x, y):
 
 
 def softened(t, load, x, y):
-    """Linear by the share that the saturation lacks to 1; above 1 a brush with less friction."""
+    """Linear by the share that the saturation lacks to 1; above 1 a brush with less friction.
+
+    By its rounding, the linear law's limiter is of second order instead of fourth.
+    """
     weaker = max(1.0, t.tyre_saturation)
     brush = SimpleNamespace(friction_coefficient=t.friction_coefficient / weaker)
     share = t.tyre_saturation / weaker
-    laws = zip(linear(t, load, x, y), fiala(brush, load, x, y), strict=True)
+    limit, force = t.friction_coefficient * load, math.hypot(x, y)
+    factor = 1.0 / math.hypot(1.0, force / limit) if limit else 0.0
+    bends = zip(linear(t, load, x, y), (factor * x, factor * y, factor), strict=True)
+    straight_law = [s + t.tyre_rounding * (early - s) for s, early in bends]
+    laws = zip(straight_law, fiala(brush, load, x, y), strict=True)
     return tuple((1.0 - share) * straight + share * curved for straight, curved in laws)
 
 

@@ -94,6 +94,8 @@ REAR_STEERED = {
     "constants": {
         "front.tyre_saturation": 0.6,
         "rear.tyre_saturation": 1.8,
+        "front.tyre_rounding": 0.7,
+        "rear.tyre_rounding": 0.2,
         **_places("front", 0.5, 0.4, -0.4),
         **_places("rear", -0.8, 0.3, -0.32),
         "wheel_inertia": 0.3,

@@ -64,6 +64,7 @@ def test_every_law_has_the_linear_slope_and_the_friction_limit(law):
         shape_longitudinal=1.0,
         shape_lateral=1.0,
         tyre_saturation=0.7,
+        tyre_rounding=0.4,
     )
     x, y, aligning = t.law(t, 200.0, 3e-3, -4e-3)
     assert (x, y, aligning) == pytest.approx((3e-3, -4e-3, 1.0), rel=1e-4)

@@ -10,9 +10,11 @@ from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.layout import LANES
 from tricycle_sim.vehicle.tyre import (
     LINEAR,
+    MAGIC_FORMULA,
     SOFTENED,
     fiala,
     linear,
+    magic_formula,
     rolling_resistance,
     slip_slopes,
     softened,
@@ -107,3 +109,22 @@ def test_a_softened_tyre_is_a_mixture_of_a_linear_and_a_brush_tyre(slip, load):
     assert found[2.0] == pytest.approx(fiala(slippery, 0, *state), rel=1e-9, abs=1e-12)
     middle = 0.5 * (np.array(found[0.0]) + found[1.0])
     np.testing.assert_allclose(found[0.5], middle, rtol=1e-12, atol=1e-12)
+
+
+def test_between_no_rounding_and_a_full_one_is_a_tyre_of_the_magic_formula():
+    shapes = {
+        "shape_longitudinal": 1.5,
+        "curvature_longitudinal": -0.8,
+        "shape_lateral": 1.5,
+        "curvature_lateral": -0.8,
+    }
+    magic = dataclasses.replace(
+        VEHICLE, parts={"tyre": "magic_formula"}, values={**VEHICLE.values, **shapes}
+    )
+    soft = dataclasses.replace(VEHICLE, parts={"tyre": "softened"})
+    formula = constants_of(MAGIC_FORMULA, magic)
+    ends = [constants_of(SOFTENED, soft.replace(tyre_rounding=rounding)) for rounding in (0.0, 1.0)]
+    for slip in np.linspace(0.02, 1.0, 20) * 160.0 / VEHICLE.values["cornering_stiffness"]:
+        state = (200.0, 0.0, slip, 0.0, 5.0, 0.0, 0.0)
+        bent, straight = (softened(rows, 0, *state)[1] for rows in reversed(ends))
+        assert bent < magic_formula(formula, 0, *state)[1] < straight

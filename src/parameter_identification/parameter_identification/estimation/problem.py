@@ -282,14 +282,14 @@ class LeastSquares(Closing):
         """
         return self._at[drive][self.k :]
 
-    def constant_effects(self) -> dict[str, list[int]]:
-        """Return the places among the variables of each effect that is no deviation, by name."""
-        found: dict[str, set[int]] = {}
+    def constant_effects(self) -> dict[Effect, list[int]]:
+        """Return the places among the variables of each effect that is no deviation."""
+        found: dict[Effect, set[int]] = {}
         for model, at in zip(self.models, self._at, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
                 if n.effect is not None and not n.effect.process:
-                    found.setdefault(n.effect.name, set()).add(i)
-        return {name: sorted(places) for name, places in found.items()}
+                    found.setdefault(n.effect, set()).add(i)
+        return {effect: sorted(places) for effect, places in found.items()}
 
     def estimate_sizes(self, v: FloatArray) -> None:
         """Set how large the deviations are, for which their estimates at `v` are most likely.

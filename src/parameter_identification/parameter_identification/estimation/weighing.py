@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr, logit, logsumexp
 from scipy.stats import norm
 
 from parameter_identification.estimation.optimum import Optimum
@@ -24,7 +24,7 @@ from parameter_identification.estimation.problem import LeastSquares
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
 
-ACTS = 0.1  # probability of each effect before the drives: about one of them acts
+ACTS = 0.1  # probability of each deviation before the drives
 NEGLECTED = 1e-4  # probability of all the subsets that are left out
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
@@ -94,6 +94,7 @@ def mixture(
     information: FloatArray,
     pull: FloatArray,
     groups: Sequence[Sequence[int]],
+    chances: Sequence[float],
     least: Mapping[int, float] | None = None,
 ) -> Mixture:
     """Return the average over all subsets of effects, but for the least probable ones.
@@ -106,6 +107,8 @@ def mixture(
         Information times the mean.
     groups : sequence of sequence of int
         Variables of each effect.
+    chances : sequence of float
+        Probability of each effect before the drives.
     least : mapping of int to float, optional
         Values below which variables of effects cannot be. Their distributions are cut off there,
         and replaced by normal ones of the same moments.
@@ -115,6 +118,7 @@ def mixture(
     A. E. Raftery, D. Madigan, J. A. Hoeting, J. Am. Stat. Assoc. 92 (1997) 179-191.
     """
     d, bounds = len(pull), dict(least or {})
+    odds = logit(chances)
     members = np.array([i for at in groups for i in at], dtype=np.int64)
     ends = np.cumsum([0, *(len(at) for at in groups)])
     matrix = np.zeros((d + 1, d + 1))
@@ -127,7 +131,7 @@ def mixture(
         np.array(list(bounds), dtype=np.int64),
         np.array(list(bounds.values()), dtype=np.float64),
     )
-    evidence += np.log(ACTS / (1.0 - ACTS)) * _bits(np.arange(len(evidence)), len(groups)).sum(1)
+    evidence += _bits(np.arange(len(evidence)), len(groups)) @ odds
     order = np.argsort(-evidence)
     share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
     probable = order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]
@@ -140,7 +144,7 @@ def mixture(
     pulls = np.where(kept, pull, 0.0)
     means = np.einsum("sij,sj->si", covariances, pulls)
     weights = 0.5 * np.sum(means * pulls, axis=1) + 0.5 * np.linalg.slogdet(covariances)[1]
-    weights += np.sum(acting, axis=1) * np.log(ACTS / (1.0 - ACTS))
+    weights += acting @ odds
     covariances = np.where(both, covariances, 0.0)
     for i, value in bounds.items():
         cut = kept[:, i]
@@ -304,12 +308,13 @@ def weigh_effects(
     optimum : Optimum
         The best fit with all effects.
     """
-    names, places = zip(*problem.constant_effects().items(), strict=True)
-    variables = np.append(np.arange(problem.k), sorted(i for at in places for i in at)).astype(int)
+    effects, places = zip(*problem.constant_effects().items(), strict=True)
+    names, chances = [e.name for e in effects], [e.chance for e in effects]
+    of_effects = sorted(i for at in places for i in at)
+    variables = np.append(np.arange(problem.k), of_effects).astype(int)
     where = {v: i for i, v in enumerate(variables.tolist())}
     groups = [[where[i] for i in at] for at in places]
     rest = np.setdiff1d(np.arange(problem.n), variables)
-    of_effects = [i for at in places for i in at]
     least = {where[i]: problem.low[i] for i in of_effects if problem.low[i] > -CERTAIN}
     fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
     for _ in range(ROUNDS):
@@ -324,6 +329,7 @@ def weigh_effects(
                     H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
                     pull[variables] - onto.T @ pull[rest],
                     groups,
+                    chances,
                     least,
                 )
             )

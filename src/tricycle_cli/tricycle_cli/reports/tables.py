@@ -12,6 +12,7 @@ from rich.table import Table
 
 from parameter_identification.identified_vehicle import named
 from parameter_identification.judging.judgement import Anchor, Judgement
+from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
@@ -257,7 +258,8 @@ def remarks(found: Identification) -> list[str]:
             f"the vehicle moves as the model CANNOT ({names}): it has something that no effect "
             "stands for, as tyres that slide or play in the steering. The intervals do not count it"
         )
-    if found.friction_used > MUCH_FRICTION:
+    counted = any(effect.name == TYRE_ROUNDING for effect in found.effects)
+    if found.friction_used > MUCH_FRICTION and not counted:
         lines.append(
             f"a tyre used up to {found.friction_used:.0%} of its friction: stiffnesses are those "
             "of the vehicle file's tyre law. A tyre that bends otherwise may be stiffer at small "

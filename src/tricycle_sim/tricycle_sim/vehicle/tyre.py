@@ -273,6 +273,7 @@ SOFTENED: Formulas = {
     **LINEAR,
     "brush": lambda v: np.minimum(v.tyre_saturation, 1.0),
     "brush_friction": lambda v: v.friction_coefficient / np.maximum(v.tyre_saturation, 1.0),
+    "rounding": lambda v: v.tyre_rounding,
 }
 _S = numbered(SOFTENED, step=LANES)
 
@@ -291,7 +292,9 @@ def softened(
 ) -> tuple[float, float, float, float]:
     """Return a mixture of the forces of `linear` (saturation 0) and of `fiala` (1).
 
-    Above 1 the tyre is a brush tyre whose friction is divided by the saturation.
+    Above 1 the tyre is a brush tyre whose friction is divided by the saturation. With a rounding of
+    1 the force of `linear` bends earlier: its limiter is of second order instead of fourth. A tyre
+    of the magic formula lies between.
 
     Parameters
     ----------
@@ -317,7 +320,8 @@ def softened(
     sliding = min(theta, 1.0)
     adhering = (1.0 - sliding) * (1.0 - sliding) * (1.0 - sliding)
     brush, rest = g[c + _S.brush], 1.0 - g[c + _S.brush]
-    circle = rest * limit * inverse
+    rounded = 1.0 / math.sqrt(limit2 + force2 + 1e-12)
+    circle = rest * limit * (inverse + g[c + _S.rounding] * (rounded - inverse))
     grip = circle + brush * (1.0 - sliding + sliding * sliding / 3.0) / max(theta, 1.0)
     share = rest * force2 * inverse * inverse + brush * (1.0 - adhering) * (1.0 - adhering)
     aligning = -g[c + _S.aligning] * alpha * (circle + brush * adhering)
@@ -394,7 +398,11 @@ LAWS = {
         softened,
         SOFTENED,
         # 0: linear up to the friction limit, 1: as `fiala`
-        (between("tyre_saturation", "1", 0.0, 4.0, default=0.0, per_wheel=True),),
+        (
+            between("tyre_saturation", "1", 0.0, 4.0, default=0.0, per_wheel=True),
+            # order of the limiter, 0: fourth, 1: second
+            between("tyre_rounding", "1", 0.0, 1.0, default=0.0, per_wheel=True),
+        ),
     ),
     "magic_formula": Law(
         magic_formula,
