@@ -270,3 +270,27 @@ def test_trajectory_error_noise_survives_the_disk(tmp_path):
     Study.create(tmp_path, OPERATION, UNKNOWN, "p", noise_variance=noise)
     assert json.loads((tmp_path / "study.json").read_text())["noise_variance"]["points"] == 100
     assert Study.open(tmp_path).ask()
+
+
+def test_parts_of_what_is_pending(tmp_path):
+    """Every simulation is in one part; what has been told is in none."""
+    study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    assert study.pending() == []
+    asked = study.ask()
+    told = asked[1]
+    study.tell(told.point, told.samples[3:], np.arange(9.0))
+    runs = [
+        (p.point, sample, *p.x, *row)
+        for part in range(5)
+        for p in Study.open(tmp_path).pending(part, 5)
+        for sample, row in zip(p.samples, p.P, strict=True)
+    ]
+    assert sorted(runs) == sorted(
+        (p.point, sample, *p.x, *row)
+        for p in asked
+        for sample, row in zip(p.samples, p.P, strict=True)
+        if p is not told or sample < 3
+    )
+    (tmp_path / "pending.csv").write_text("point,sample\n0,zero\n")
+    with pytest.raises(DesignError, match=r"pending\.csv: is damaged; ask again"):
+        study.pending()

@@ -30,15 +30,37 @@ IDLE_TIME = 60  # s, after which a process without work ends
 
 
 class Memory(Protocol):
-    """Keeps what f gave."""
+    """Keeps what f gave, as `Store` does."""
 
     def recall(
         self, x: FloatArray, samples: range | None = None, *, verification: bool
     ) -> Outcome | None:
-        """What f gave, if all of it is known."""
+        """Return what f gave, if all of it is known.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        samples : range, optional
+            Numbers of the simulations; by default all.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
 
     def keep(self, x: FloatArray, samples: range, outcome: Outcome, *, verification: bool) -> None:
-        """Keep what f gave."""
+        """Keep what f gave.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        samples : range
+            Numbers of the simulations.
+        outcome : tuple or str
+            What f gave there.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
 
 
 @dataclass(frozen=True, eq=False)

@@ -335,6 +335,19 @@ class Store:
         failed = tuple(np.full(shape, np.nan) for shape in shapes)
         return tuple(np.stack(part) for part in zip(*(row or failed for row in rows), strict=True))
 
+    def asked(self, point: int) -> tuple[FloatArray, bool]:
+        """Return operation parameters (l,) of a point, and whether it is for the verification.
+
+        Raises
+        ------
+        DesignError
+            A point that was never asked for.
+        """
+        for (verification, *x), number in self._points.items():
+            if number == point:
+                return np.array(x), bool(verification)
+        raise DesignError(f"{self.path}: point {point} was never asked for")
+
     def missing(self, point: int, *, verification: bool) -> list[int]:
         """Return the samples of a point that have no output yet.
 

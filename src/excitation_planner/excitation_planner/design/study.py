@@ -50,6 +50,9 @@ from tricycle_core.errors import DesignError
 from tricycle_core.optional import check_installed
 from tricycle_core.quantities import FloatArray
 
+PENDING = "pending.csv"
+"""File of the simulations that were asked for last."""
+
 
 @dataclass(frozen=True)
 class Proposal:
@@ -189,8 +192,35 @@ class Study:
             for p in proposals
             for sample, values in zip(p.samples, p.P.tolist(), strict=True)
         ]
-        write_whole(self._store.path / "pending.csv", csv_text([header, *rows]))
+        write_whole(self._store.path / PENDING, csv_text([header, *rows]))
         return proposals
+
+    def pending(self, part: int = 0, parts: int = 1) -> list[Proposal]:
+        """Return a part of what was asked for and is still missing, without a search.
+
+        For the tasks of an array job, each of which runs a part.
+
+        Parameters
+        ----------
+        part : int
+            Number of the part, from 0.
+        parts : int
+            Number of parts, of about the same size.
+        """
+        runs: list[tuple[int, int]] = []
+        for row in csv.DictReader(io.StringIO(self._pending_text(), newline="")):
+            try:
+                runs.append((int(row["point"]), int(row["sample"])))
+            except (KeyError, TypeError, ValueError):
+                raise DesignError(f"{self._store.path / PENDING}: is damaged; ask again") from None
+        by_point: dict[int, list[int]] = {}
+        for point, sample in runs[part::parts]:
+            by_point.setdefault(point, []).append(sample)
+        return [
+            proposal
+            for point, samples in by_point.items()
+            if (proposal := self._proposal(point, samples)).samples
+        ]
 
     def tell(self, point: int, samples: Sequence[int], outputs: Trajectories) -> None:
         """Take outputs of some samples of a point.
@@ -298,11 +328,24 @@ class Study:
         return [self._judged[(float(verification), *x.tolist())] for x in points]
 
     def _propose(self, x: FloatArray, verification: bool) -> Proposal:
-        problem = self._store.problem
-        point = self._store.number(x, verification=verification)
-        samples = self._store.missing(point, verification=verification)
-        U = parameter_points(problem, verification=verification)[samples]
-        return Proposal(point, tuple(samples), x, simulated_values(problem, U))
+        return self._proposal(self._store.number(x, verification=verification))
+
+    def _proposal(self, point: int, samples: list[int] | None = None) -> Proposal:
+        """The missing simulations of a point, or those of some samples."""
+        x, verification = self._store.asked(point)
+        missing = self._store.missing(point, verification=verification)
+        kept = missing if samples is None else sorted(set(samples) & set(missing))
+        U = parameter_points(self._store.problem, verification=verification)[kept]
+        return Proposal(point, tuple(kept), x, simulated_values(self._store.problem, U))
+
+    def _pending_text(self) -> str:
+        file = self._store.path / PENDING
+        try:
+            return read_study_file(file).decode()
+        except FileNotFoundError:
+            return ""
+        except UnicodeDecodeError as error:
+            raise DesignError(f"{file}: is damaged; ask again") from error
 
 
 class PendingError(DesignError):
