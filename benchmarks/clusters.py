@@ -48,7 +48,10 @@ def spread(client, kill):
 
     start = time.perf_counter()
     found = design(
-        partial(simulator, cost=0.02), executor=client.get_executor(), chunk=5, progress=kill_one
+        partial(simulator, cost=0.02),
+        executor=client.get_executor(pure=False),
+        chunk=5,
+        progress=kill_one,
     )
     seconds = time.perf_counter() - start
     reference = design(workers=1)
@@ -96,7 +99,7 @@ def slurm():
         Client(cluster) as client,
     ):
         cluster.adapt(minimum_jobs=2, maximum_jobs=2)
-        client.wait_for_workers(2, timeout=120)
+        client.wait_for_workers(2, timeout=400)
 
         def kill():
             jobs = subprocess.run(

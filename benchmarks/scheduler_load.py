@@ -9,13 +9,16 @@ a message takes `LATENCY`. A task fills its worker for its time plus `WORKER`. T
 exponential about their mean beyond half of it, as simulators differ in theirs.
 
 Without options: throughput and use of the workers for 10 to 10,000 workers, a design of criterion
-H, and the passes over 10^6 bags. `--validate` runs real tasks on dask with two workers, measures
-the costs of that run, simulates it with them, and prints both.
+H, and the passes over 10^6 bags. `--validate` runs tasks that sleep on dask with two workers,
+measures the costs in that run, simulates it with them, and prints both.
 """
 
 import argparse
+import dataclasses
 import heapq
 import os
+import statistics
+import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,6 +30,9 @@ CLIENT, SCHEDULER, WORKER, LATENCY = 1.2e-3, 1.9e-3, 1.5e-3, 0.2e-3
 
 BAG = 0.39, 0.07
 """Time to read a bag, and to look at its drive in one of five passes [s]: task_costs.py."""
+
+WORKERS, EMPTY = 2, 300
+"""Of the validation: workers, and empty tasks that tell the load."""
 
 SUBMIT, RETURN = 0, 1
 
@@ -104,8 +110,8 @@ def design_of(workers, cost, chunk, samples=100, points=241, judge=0.05):
 def of_bags(workers, bags, read, look, together, passes):
     """Time [s] to read the bags and to pass over their drives, and the scheduler's use."""
     whole = busy = 0.0
-    for count, time in ((bags, read), *[(bags // together, look * together)] * passes):
-        end, used = simulate(np.full(count, time), workers)
+    for count, mean in ((bags, read), *[(bags // together, look * together)] * passes):
+        end, used = simulate(np.full(count, mean), workers)
         whole, busy = whole + end, busy + used
     return whole, busy / whole
 
@@ -130,40 +136,51 @@ def draw(found, path):
     figure.savefig(path, metadata={"Date": None})
 
 
+def idle(cost, job):
+    """Leave the processor alone: on a cluster, scheduler and client have others."""
+    time.sleep(cost)
+    return job
+
+
 def validate():
     """The real thing beside its simulation."""
-    import statistics
-
-    from executors import WORKERS, busy, dask, overhead, timed
+    import cloudpickle
+    import executors
 
     from excitation_planner.design.jobs import JobsHere, JobsOfExecutor
 
+    cloudpickle.register_pickle_by_value(executors)  # workers do not find the benchmarks
     print(f"load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
-    with dask() as client:
-        executor = client.get_executor()
-        timed(JobsOfExecutor(partial(busy, 0.2), executor), 2 * WORKERS)
-        wall, used = overhead(executor, client)
-        # the processor is shared with others: costs are stretched by what wall time takes
+    with executors.dask() as client:
+        executor = client.get_executor(pure=False)
+
+        def real(cost, count):
+            return executors.timed(JobsOfExecutor(partial(idle, cost), executor), count)
+
+        real(0.2, 4)
+        wall, used = executors.overhead(executor, client)
+        party = ", ".join(f"{1e3 * seconds:.2f} ms {name}" for name, seconds in used.items())
+        print(f"an empty task takes {1e3 * wall:.2f} ms; processor time per task: {party}")
+        costs = Costs(used["this process"], used["scheduler"], used["workers"])
         for cost, count in ((0.01, 300), (0.1, 60)):
             pairs = []
-            for _ in range(3):
-                alone = timed(JobsHere(partial(busy, cost)), count) / count
-                real = timed(JobsOfExecutor(partial(busy, cost), executor), count)
-                stretch = alone / cost
-                costs = Costs(
-                    stretch * used["this process"],
-                    stretch * used["scheduler"],
-                    stretch * used["workers"],
-                    LATENCY,
-                )
-                simulated, _ = simulate(np.full(count, alone), WORKERS, costs)
-                pairs.append((real, simulated))
-            real, simulated = (statistics.median(values) for values in zip(*pairs, strict=True))
-            print(
-                f"{count} tasks of {1e3 * cost:.0f} ms on two workers: {real:.2f} s, simulated "
-                f"{simulated:.2f} s, ratio {statistics.median(s / r for r, s in pairs):.2f}"
+            for _ in range(5):
+                # other programs stretch all costs: by how much, empty tasks tell just before
+                empty = simulate(np.zeros(EMPTY), WORKERS, costs)[0]
+                stretch = real(0.0, EMPTY) / empty
+                alone = executors.timed(JobsHere(partial(idle, cost)), 10) / 10
+                stretched = Costs(*(stretch * value for value in dataclasses.astuple(costs)))
+                simulated = simulate(np.full(count, alone), WORKERS, stretched)[0]
+                pairs.append((real(cost, count), simulated, stretch))
+            took, simulated, stretch = (
+                statistics.median(values) for values in zip(*pairs, strict=True)
             )
-    print(f"an empty task takes {1e3 * wall:.2f} ms; processor time {used}")
+            ratios = sorted(s / r for r, s, _ in pairs)
+            print(
+                f"{count} tasks of {1e3 * cost:.0f} ms on two workers: {took:.2f} s, simulated "
+                f"{simulated:.2f} s, ratio {statistics.median(ratios):.2f} ({ratios[0]:.2f} to "
+                f"{ratios[-1]:.2f}), costs stretched {stretch:.1f} times"
+            )
 
 
 def main():

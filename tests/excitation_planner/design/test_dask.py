@@ -84,7 +84,7 @@ def assert_same(one, other):
     assert [e.cost for e in one.history] == [e.cost for e in other.history]
 
 
-def test_workers_that_come_and_go(tmp_path):
+def test_workers_that_come_and_go(tmp_path, caplog):
     """One is killed, one comes late; the simulations of a maneuver are spread over them."""
     with cluster_of(2, tmp_path) as (cluster, client):
         events = []
@@ -97,6 +97,7 @@ def test_workers_that_come_and_go(tmp_path):
         found = small_design(executor=client.get_executor(), chunk=3, progress=come_and_go)
         assert events
     assert_same(found, small_design(workers=1))
+    assert any(message.startswith("dask lost worker tcp://") for message in caplog.messages)
 
 
 def test_tasks_of_a_stopped_worker_are_done_by_another(tmp_path, caplog):

@@ -12,6 +12,7 @@ import platform
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import lru_cache
 from importlib import metadata
 from queue import Empty, SimpleQueue
@@ -21,6 +22,7 @@ import cloudpickle
 
 from tricycle_core import __version__
 from tricycle_core.errors import DesignError, ExcitationError
+from tricycle_core.optional import optional
 
 _LOGGER = logging.getLogger(__name__)
 
@@ -115,6 +117,8 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
                 f"make it inside the function, or give workers=1 ({error})"
             ) from error
         self._executor, self._replaced, self._timeout = executor, replaced, timeout
+        if type(executor).__module__.startswith("distributed."):
+            _tell_of_lost_workers()
         self._round = self._in_vain = 0
         self._open: dict[JobT, list[Future[ResultT]]] = {}
         self._returned: SimpleQueue[tuple[JobT, int, Future[ResultT]]] = SimpleQueue()
@@ -197,6 +201,22 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
         _LOGGER.warning("%s; %d tasks are sent again", reason, len(self._open))
         for job in list(self._open):
             self._send(job)
+
+
+def _tell_of_lost_workers() -> None:
+    """Say when dask loses a worker, whose tasks it gives to others by itself."""
+
+    def tell(event: tuple[float, dict[str, Any]]) -> None:
+        message = event[1]
+        if message.get("action") == "remove-worker" and not message.get("expected"):
+            count = len(message["processing-tasks"])
+            _LOGGER.warning(
+                "dask lost worker %s; %d tasks are sent again", message["worker"], count
+            )
+
+    distributed = optional("distributed", "this executor")
+    with suppress(ValueError):  # no client is the default one
+        distributed.default_client().subscribe_topic("all", tell)
 
 
 @lru_cache(maxsize=1)
