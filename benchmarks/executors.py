@@ -45,7 +45,7 @@ EMPTY = 1000
 OPERATION = {f"x{i}": (-5.0, -0.1) for i in (1, 2, 3, 4)}
 
 
-def busy(cost, job):
+def busy(cost, _):
     """Use the processor for so long [s]; return the process and its clock before and after."""
     begun = time.process_time()
     while time.process_time() < begun + cost:

@@ -117,8 +117,7 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
                 f"make it inside the function, or give workers=1 ({error})"
             ) from error
         self._executor, self._replaced, self._timeout = executor, replaced, timeout
-        if type(executor).__module__.startswith("distributed."):
-            _tell_of_lost_workers()
+        self._listening = _LostWorkers(executor)
         self._round = self._in_vain = 0
         self._open: dict[JobT, list[Future[ResultT]]] = {}
         self._returned: SimpleQueue[tuple[JobT, int, Future[ResultT]]] = SimpleQueue()
@@ -162,6 +161,7 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
             for future in futures:
                 future.cancel()
         self._open.clear()
+        self._listening.close()
 
     def _send(self, job: JobT) -> None:
         sent = self._round
@@ -203,20 +203,30 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
             self._send(job)
 
 
-def _tell_of_lost_workers() -> None:
-    """Say when dask loses a worker, whose tasks it gives to others by itself."""
+class _LostWorkers:
+    """Says when dask loses a worker, whose tasks it gives to others by itself."""
 
-    def tell(event: tuple[float, dict[str, Any]]) -> None:
+    def __init__(self, executor: Executor) -> None:
+        self._client: Any = None
+        if type(executor).__module__.startswith("distributed."):
+            with suppress(ValueError):  # no client is the default one
+                self._client = optional("distributed", "this executor").default_client()
+                self._client.subscribe_topic("all", self._tell)
+
+    def close(self) -> None:
+        if self._client is not None:
+            self._client.unsubscribe_topic("all")
+            self._client = None
+
+    @staticmethod
+    def _tell(event: tuple[float, dict[str, Any]]) -> None:
         message = event[1]
         if message.get("action") == "remove-worker" and not message.get("expected"):
-            count = len(message["processing-tasks"])
             _LOGGER.warning(
-                "dask lost worker %s; %d tasks are sent again", message["worker"], count
+                "dask lost worker %s; %d tasks are sent again",
+                message["worker"],
+                len(message["processing-tasks"]),
             )
-
-    distributed = optional("distributed", "this executor")
-    with suppress(ValueError):  # no client is the default one
-        distributed.default_client().subscribe_topic("all", tell)
 
 
 @lru_cache(maxsize=1)
@@ -228,7 +238,7 @@ def versions() -> tuple[tuple[str, str], ...]:
 
 
 def do(expected: tuple[tuple[str, str], ...], work: Any, job: Any, sent: int) -> Any:  # noqa: ARG001
-    """Do a job on a worker, whose versions are compared before any of it is read.
+    """Do a job on a worker, whose versions are compared before the work is unpacked.
 
     Parameters
     ----------
