@@ -14,7 +14,7 @@ name=dask$$
 processes=
 end() {
     # shellcheck disable=SC2086
-    kill $processes 2> /dev/null || true
+    kill -KILL $processes 2> /dev/null || true  # dask may wait for peers that are gone
     wait
     for i in 1 2 3; do ip netns del $name-$i 2> /dev/null || true; done
     ip link del $name 2> /dev/null || true
