@@ -2,11 +2,14 @@
 
 import csv
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 from excitation_planner import Design, Study, TrajectoryErrorNoise, design_excitation
+from excitation_planner.design.store import Store
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 
 OPERATION = {"a": (-1.0, 1.0), "b": (0.0, 2.0)}
@@ -21,6 +24,17 @@ def f(x, P):
     m = P[:, 0] + 0.3 * P[:, 0] * q + (0.1 + (x[0] - 0.2) ** 2 + (x[1] - 0.7) ** 2) * q
     m[3] = np.nan
     return m
+
+
+def test_a_number_is_no_trajectory_and_none_a_number(tmp_path):
+    study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    p = study.ask()[0]
+    with pytest.raises(
+        DesignError, match=r"told \(1, 3, 2\) for 1 samples; criterion h needs a num"
+    ):
+        study.tell(p.point, [0], np.zeros((1, 3, 2)))
+    with pytest.raises(DesignError, match=r"told \(2,\) for 1 samples"):
+        study.tell(p.point, [0], np.zeros(2))
 
 
 def by_call(**arguments) -> Design:
@@ -192,12 +206,56 @@ def test_a_store_of_another_design_is_refused(tmp_path):
 def test_a_study_of_another_version_is_refused(tmp_path):
     Study.create(tmp_path, OPERATION, UNKNOWN, "p")
     description = json.loads((tmp_path / "study.json").read_text())
-    (tmp_path / "study.json").write_text(json.dumps(description | {"version": 2}))
-    with pytest.raises(DesignError, match="study of version 2; this program reads 1"):
+    (tmp_path / "study.json").write_text(json.dumps(description | {"version": 3}))
+    with pytest.raises(DesignError, match="study of version 3; this program reads 1 and 2"):
         Study.open(tmp_path)
     (tmp_path / "study.json").write_text("{")
     with pytest.raises(DesignError, match=r"study\.json: is not JSON"):
         Study.open(tmp_path)
+
+
+def test_a_study_of_version_1_goes_on(tmp_path):
+    """It knew the criterion H alone, and nothing of trajectories."""
+    Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    description = json.loads((tmp_path / "study.json").read_text())
+    for new in ("criterion", "trajectory_noise", "draws", "prior", "beside"):
+        del description[new]
+    (tmp_path / "study.json").write_text(json.dumps(description | {"version": 1}))
+    assert Study.open(tmp_path).ask()
+    Store.of(tmp_path, Store.open(tmp_path).problem)
+
+
+@pytest.mark.slow
+def test_two_processes_tell_one_study(tmp_path):
+    """Neither knows of the other but through the files, and nothing is told twice or lost."""
+    asking = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    first, second = asking.ask()[:2]
+    script = """
+import sys
+from pathlib import Path
+import numpy as np
+from excitation_planner import Study
+
+study, point = Study.open(Path(sys.argv[1])), int(sys.argv[2])
+sys.stdin.readline()
+for sample in range(12):
+    study.tell(point, [sample], np.array([point + sample / 12]))
+"""
+    tellers = [
+        subprocess.Popen(
+            [sys.executable, "-c", script, str(tmp_path), str(p.point)], stdin=subprocess.PIPE
+        )
+        for p in (first, second, second)  # two tell the same
+    ]
+    for teller in tellers:
+        teller.communicate(b"go\n")
+    assert [teller.returncode for teller in tellers] == [0, 0, 0]
+    still = {p.point for p in asking.ask()}
+    assert not still & {first.point, second.point}
+    lines = (tmp_path / "results.csv").read_text().splitlines()
+    assert len(lines) == len(set(lines)) == 1 + 2 * 12
+    with pytest.raises(DesignError, match=r"has the output 0\.0 already"):
+        asking.tell(0, [0], np.array([7.0]))
 
 
 def test_no_study_and_noise_that_cannot_be_kept(tmp_path):
@@ -212,3 +270,27 @@ def test_trajectory_error_noise_survives_the_disk(tmp_path):
     Study.create(tmp_path, OPERATION, UNKNOWN, "p", noise_variance=noise)
     assert json.loads((tmp_path / "study.json").read_text())["noise_variance"]["points"] == 100
     assert Study.open(tmp_path).ask()
+
+
+def test_parts_of_what_is_pending(tmp_path):
+    """Every simulation is in one part; what has been told is in none."""
+    study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    assert study.pending() == []
+    asked = study.ask()
+    told = asked[1]
+    study.tell(told.point, told.samples[3:], np.arange(9.0))
+    runs = [
+        (p.point, sample, *p.x, *row)
+        for part in range(5)
+        for p in Study.open(tmp_path).pending(part, 5)
+        for sample, row in zip(p.samples, p.P, strict=True)
+    ]
+    assert sorted(runs) == sorted(
+        (p.point, sample, *p.x, *row)
+        for p in asked
+        for sample, row in zip(p.samples, p.P, strict=True)
+        if p is not told or sample < 3
+    )
+    (tmp_path / "pending.csv").write_text("point,sample\n0,zero\n")
+    with pytest.raises(DesignError, match=r"pending\.csv: is damaged; ask again"):
+        study.pending()

@@ -7,6 +7,7 @@ c: channels.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,7 +34,6 @@ from excitation_planner.indices.sensitivity import (
     sensitivity_of_model,
 )
 from excitation_planner.indices.sobol import sobol_indices
-from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 
@@ -65,37 +65,6 @@ def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArra
     return np.vstack([differences, np.pad(around, ((0, 0), (0, len(problem.beside.steps))))])
 
 
-def evaluate(
-    f: Simulator,
-    problem: DesignProblem,
-    x: FloatArray,
-    *,
-    verification: bool,
-    outcome: Outcome | None = None,
-) -> tuple[Outcome, Verified]:
-    """Simulate one maneuver, unless its outcome is known, and judge it.
-
-    Parameters
-    ----------
-    f : callable
-        Simulator.
-    problem : DesignProblem
-        What is evaluated.
-    x : ndarray of float, shape (l,)
-        Operation parameters.
-    verification : bool
-        Whether fresh samples are taken.
-    outcome : tuple or str, optional
-        What f gave there, if it is known.
-    """
-    with THREADPOOLS.limit(limits=1):
-        if outcome is None:
-            outcome = simulate(f, problem, x, parameter_points(problem, verification=verification))
-        judged = judge_outcome(problem, x, outcome, verification=verification)
-        # trajectories stay where they were simulated: they are large
-        return (outcome if problem.criterion is Criterion.H else ""), judged
-
-
 def judge_outcome(
     problem: DesignProblem, x: FloatArray, outcome: Outcome, *, verification: bool
 ) -> Verified:
@@ -119,6 +88,20 @@ def judge_outcome(
     return _assess_trajectories(problem, x, outcome, verification=verification)
 
 
+def simulated_values(problem: DesignProblem, U: FloatArray) -> FloatArray:
+    """Return what f takes (n, k + e) at points of the unit box.
+
+    Parameters
+    ----------
+    problem : DesignProblem
+        Has the ranges of the parameters.
+    U : ndarray of float, shape (n, k + e)
+        Parameters in the unit box, and what is beside them.
+    """
+    k = len(problem.unknown)
+    return np.hstack([problem.unknown.from_unit(U[:, :k]), U[:, k:]])
+
+
 def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray) -> Outcome:
     """Return the outcome of f at one maneuver.
 
@@ -133,9 +116,8 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
     U : ndarray of float, shape (n, k + e)
         Parameters in the unit box, and what is beside them.
     """
-    k = len(problem.unknown)
     try:
-        returned = f(x, np.hstack([problem.unknown.from_unit(U[:, :k]), U[:, k:]]))
+        returned = f(x, simulated_values(problem, U))
     except InfeasibleManeuver as infeasible:
         return str(infeasible) or "infeasible"
     except DesignError:
@@ -145,8 +127,9 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
             f"{name} = {value:g}" for name, value in zip(problem.operation.names, x, strict=True)
         )
         raise DesignError(f"f raised {type(error).__name__}: {error}, at {where}") from error
+    # contiguous: sums over it must not depend on whether it comes from f, a chunk or a file
     outputs = tuple(
-        np.asarray(Y, dtype=float)
+        np.ascontiguousarray(Y, dtype=float)
         for Y in (returned if isinstance(returned, tuple) else (returned,))
     )
     n, shapes = len(U), [Y.shape for Y in outputs]
@@ -159,6 +142,33 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
             f"trajectories ({n}, time points, channels)"
         )
     return outputs
+
+
+def joined(chunks: Sequence[Outcome]) -> Outcome:
+    """Return the outcome of all samples of a maneuver.
+
+    Parameters
+    ----------
+    chunks : sequence of Outcome
+        What f gave at some of them each, in their order.
+
+    Raises
+    ------
+    DesignError
+        Trajectories of different shapes.
+    """
+    reasons = [chunk for chunk in chunks if isinstance(chunk, str)]
+    if reasons:
+        return reasons[0]
+    parts = list(zip(*chunks, strict=True))
+    for part in parts:
+        shapes = sorted({Y.shape[1:] for Y in part if not isinstance(Y, str)})
+        if len(shapes) > 1:
+            raise DesignError(
+                f"f returned trajectories of {shapes[0]} and of {shapes[1]} time points and "
+                "channels at one maneuver; all of its samples must have the same"
+            )
+    return tuple(np.concatenate(part) for part in parts)
 
 
 def _assess(
@@ -208,6 +218,9 @@ def _assess_trajectories(
     U = parameter_points(problem, verification=verification)
     k, n = len(problem.unknown), len(U)
     failed = int(np.sum(~np.all([np.isfinite(Y).all(axis=(1, 2)) for Y in outputs], axis=0)))
+    if failed == n:
+        reason = f"{failed} of {n} simulations failed"
+        return _rejected(problem, x, reason, simulations=n, failed=failed)
     beside = problem.beside
     rows = (U.shape[1] + 1) * problem.draws * (VERIFICATION if verification else 1)
     F = sum(information(U[:rows], Y[:rows], problem.trajectory_noise, beside) for Y in outputs)

@@ -17,7 +17,7 @@ import numpy as np
 
 from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.executors import Result, running
+from excitation_planner.design.executors import evaluations
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import (
     NOTHING_BESIDE,
@@ -206,6 +206,8 @@ def design_excitation(
     search: Search | str = Search.ADAPTIVE,
     executor: Executor | None = None,
     workers: int | None = None,
+    chunk: int | None = None,
+    timeout: float | None = None,
     store: Path | None = None,
     progress: Progress | None = None,
 ) -> Design:
@@ -249,6 +251,13 @@ def design_excitation(
         get f by value: it may be defined in a notebook or in a script.
     workers : int, optional
         Number of those processes, by default one per core; 1 runs everything in this process.
+    chunk : int, optional
+        Runs of f that one task of the executor simulates. By default all of a maneuver, which is
+        best while they take less than a second together; 1 for a simulator that takes seconds per
+        run. The design is the same as long as a row of f's outputs depends on its row of P alone.
+    timeout : float, optional
+        Time without any result [s] after which tasks are given to other workers: longer than any
+        task takes. By default a worker that hangs is waited for.
     store : Path, optional
         Directory of a `Study` that keeps every run of f; what is there is not run again.
     progress : callable, optional
@@ -258,8 +267,8 @@ def design_excitation(
     ------
     DesignError
         Unknown target, criterion or search, budget too small, f that raises or cannot be sent to
-        another process, no maneuver of the family that can be driven and judged, a store of
-        another design.
+        another process, workers that die or hang again and again or have another version, no
+        maneuver of the family that can be driven and judged, a store of another design.
     """
     problem = DesignProblem(
         operation=Box.of(operation),
@@ -276,29 +285,21 @@ def design_excitation(
         prior=prior,
         beside=beside,
     )
-    kept = None if store is None else Store.of(store, problem)
-    done = 0
-
     # one BLAS thread here too: what it computes must not depend on the number of cores, and the
     # threads of an executor share the setting
-    with THREADPOOLS.limit(limits=1), running(f, problem, executor, workers) as run:
-
-        def evaluate_all(points: list[FloatArray], verification: bool) -> list[Verified]:
-            def finished(i: int, result: Result) -> None:
-                nonlocal done
-                outcome, verified = result
-                if kept is not None:
-                    kept.keep(points[i], outcome, verification=verification)
-                done += verified.evaluation.simulations
-                if progress is not None:
-                    progress(done, budget)
-
-            tasks = [
-                (x, verification, kept.outcome(x, verification=verification) if kept else None)
-                for x in points
-            ]
-            return [verified for _, verified in run(tasks, finished)]
-
+    with (
+        THREADPOOLS.limit(limits=1),
+        evaluations(
+            f,
+            problem,
+            executor=executor,
+            workers=workers,
+            chunk=chunk,
+            timeout=timeout,
+            memory=None if store is None else Store.of(store, problem),
+            progress=None if progress is None else lambda done: progress(done, budget),
+        ) as evaluate_all,
+    ):
         return search_design(problem, evaluate_all)
 
 

@@ -6,31 +6,209 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Executor
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Protocol
 
-import cloudpickle
 from loky import get_reusable_executor
 
-from excitation_planner.design.evaluation import evaluate
+from excitation_planner.design.evaluation import (
+    joined,
+    judge_outcome,
+    parameter_points,
+    simulate,
+)
+from excitation_planner.design.jobs import Jobs, JobsHere, JobsOfExecutor
 from excitation_planner.design.problem import DesignProblem, Outcome, Simulator, Verified
+from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
-# x (l,), whether for verification, and its outcome if that is known already
-Task = tuple[FloatArray, bool, Outcome | None]
-Result = tuple[Outcome, Verified]
 IDLE_TIME = 60  # s, after which a process without work ends
 
-Run = Callable[[list[Task], Callable[[int, Result], None]], list[Result]]
+
+class Memory(Protocol):
+    """Keeps what f gave, as `Store` does."""
+
+    def recall(
+        self, x: FloatArray, samples: range | None = None, *, verification: bool
+    ) -> Outcome | None:
+        """Return what f gave, if all of it is known.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        samples : range, optional
+            Numbers of the simulations; by default all.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
+
+    def keep(self, x: FloatArray, samples: range, outcome: Outcome, *, verification: bool) -> None:
+        """Keep what f gave.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        samples : range
+            Numbers of the simulations.
+        outcome : tuple or str
+            What f gave there.
+        verification : bool
+            Whether the samples are those of the verification.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class _Job:
+    """Simulations of a maneuver, its judgement, or both.
+
+    Attributes
+    ----------
+    maneuver : int
+        Number in its batch.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    verification : bool
+        Whether the samples are those of the verification.
+    samples : range
+        Those to simulate.
+    U : ndarray of float, shape (q, k + e)
+        Their parameters in the unit box.
+    outcome : tuple or str, optional
+        What f gave at all samples; None: to be simulated.
+    judged : bool
+        Whether indices and cost are wanted.
+    sent_back : bool
+        Whether the outcome is wanted.
+    """
+
+    maneuver: int
+    x: FloatArray
+    verification: bool
+    samples: range
+    U: FloatArray
+    outcome: Outcome | None
+    judged: bool
+    sent_back: bool
+
+
+_Result = tuple[Outcome | None, Verified | None]
+
+
+def _work(f: Simulator, problem: DesignProblem, job: _Job) -> _Result:
+    with THREADPOOLS.limit(limits=1):
+        outcome, verified = job.outcome, None
+        if outcome is None:
+            outcome = simulate(f, problem, job.x, job.U)
+        if job.judged:
+            verified = judge_outcome(problem, job.x, outcome, verification=job.verification)
+        # otherwise trajectories stay where they were simulated: they are large
+        return (outcome if job.sent_back else None), verified
+
+
+class Evaluations:
+    """Evaluates maneuvers by jobs; what is known is not simulated again.
+
+    Parameters
+    ----------
+    jobs : Jobs
+        Where they are done.
+    problem : DesignProblem
+        What is evaluated.
+    chunk : int or None
+        Simulations of one job; None: all of a maneuver.
+    memory : Memory, optional
+        What is known, and is kept.
+    progress : callable, optional
+        Called with the simulations of all maneuvers so far.
+    """
+
+    def __init__(
+        self,
+        jobs: Jobs[_Job, _Result],
+        problem: DesignProblem,
+        *,
+        chunk: int | None,
+        memory: Memory | None,
+        progress: Callable[[int], None] | None,
+    ) -> None:
+        self._jobs, self._problem = jobs, problem
+        self._chunk, self._memory, self._progress = chunk, memory, progress
+        self._done = 0
+
+    def __call__(self, points: list[FloatArray], verification: bool) -> list[Verified]:
+        """Evaluate maneuvers x (l,), side by side where the jobs' workers can."""
+        U = parameter_points(self._problem, verification=verification)
+        size = self._chunk or len(U)
+        chunks = [range(i, min(i + size, len(U))) for i in range(0, len(U), size)]
+        whole = len(chunks) == 1
+        outcomes: list[dict[int, Outcome]] = [{} for _ in points]
+        verified: dict[int, Verified] = {}
+        counted = [0 for _ in points]
+
+        def count(number: int, simulations: int) -> None:
+            self._done += simulations - counted[number]
+            counted[number] = simulations
+            if self._progress is not None:
+                self._progress(self._done)
+
+        def judge(number: int) -> None:
+            outcome = joined([outcomes[number][chunk.start] for chunk in chunks])
+            self._jobs.add(
+                _Job(number, points[number], verification, range(0), U[:0], outcome, True, False)
+            )
+
+        for number, x in enumerate(points):
+            for chunk in chunks:
+                known = self._recalled(x, chunk, verification)
+                if known is not None:
+                    outcomes[number][chunk.start] = known
+                    continue
+                back = self._memory is not None or not whole
+                here = U[chunk.start : chunk.stop]
+                self._jobs.add(_Job(number, x, verification, chunk, here, None, whole, back))
+            if len(outcomes[number]) == len(chunks):
+                judge(number)
+
+        for job, (outcome, judged) in self._jobs.results():
+            number = job.maneuver
+            if outcome is not None:
+                outcomes[number][job.samples.start] = outcome
+                if self._memory is not None:
+                    self._memory.keep(job.x, job.samples, outcome, verification=verification)
+                if not isinstance(outcome, str) and not whole:
+                    count(number, counted[number] + len(job.samples))
+            if judged is not None:
+                verified[number] = judged
+                count(number, judged.evaluation.simulations)
+            elif len(outcomes[number]) == len(chunks):
+                judge(number)
+        return [verified[number] for number in range(len(points))]
+
+    def _recalled(self, x: FloatArray, samples: range, verification: bool) -> Outcome | None:
+        if self._memory is None:
+            return None
+        return self._memory.recall(x, samples, verification=verification)
 
 
 @contextmanager
-def running(
-    f: Simulator, problem: DesignProblem, executor: Executor | None, workers: int | None
-) -> Iterator[Run]:
-    """Give a function that evaluates tasks and reports each (index, result) as soon as it is known.
+def evaluations(
+    f: Simulator,
+    problem: DesignProblem,
+    *,
+    executor: Executor | None = None,
+    workers: int | None = None,
+    chunk: int | None = None,
+    timeout: float | None = None,
+    memory: Memory | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Iterator[Evaluations]:
+    """Give a function that evaluates maneuvers.
 
     Without an executor, processes of this machine run them.
 
@@ -41,31 +219,40 @@ def running(
     problem : DesignProblem
         What is evaluated.
     executor : Executor, optional
-        Where tasks run.
+        Where jobs run.
     workers : int, optional
         Number of processes; 1 runs everything in this process.
+    chunk : int, optional
+        Simulations of one job; by default all of a maneuver.
+    timeout : float, optional
+        Time without any result [s] after which jobs are given to other workers.
+    memory : Memory, optional
+        What is known, and is kept.
+    progress : callable, optional
+        Called with the simulations so far.
+
+    Raises
+    ------
+    DesignError
+        A chunk or timeout that is not positive; f that cannot be sent.
     """
-    if executor is None and workers == 1:
-
-        def run(tasks: list[Task], done: Callable[[int, Result], None]) -> list[Result]:
-            results = []
-            for i, (x, verification, outcome) in enumerate(tasks):
-                results.append(evaluate(f, problem, x, verification=verification, outcome=outcome))
-                done(i, results[-1])
-            return results
-
-        yield run
-    elif executor is not None:
-        yield _submitting(f, problem, executor)
+    if chunk is not None and chunk < 1:
+        raise DesignError(f"chunk = {chunk} must be 1 or more")
+    work = partial(_work, f, problem)
+    jobs: Jobs[_Job, _Result]
+    if executor is not None:
+        jobs = JobsOfExecutor(work, executor, timeout=timeout)
+    elif workers == 1:
+        jobs = JobsHere(work)
     else:
-        try:
-            cloudpickle.dumps((f, problem))
-        except Exception as error:
-            raise DesignError(
-                "f or noise_variance holds something that cannot be sent to another process: "
-                f"make it inside the function, or give workers=1 ({error})"
-            ) from error
-        yield _submitting(f, problem, process_pool(workers))
+        pool = process_pool(workers)
+        jobs = JobsOfExecutor(
+            work, pool, replaced=partial(_replaced_pool, workers), timeout=timeout
+        )
+    try:
+        yield Evaluations(jobs, problem, chunk=chunk, memory=memory, progress=progress)
+    finally:
+        jobs.close()
 
 
 def process_pool(workers: int | None = None) -> Executor:
@@ -81,33 +268,20 @@ def process_pool(workers: int | None = None) -> Executor:
     workers : int, optional
         Their number, by default one per core.
     """
-    pool: Executor = get_reusable_executor(
-        workers or os.cpu_count(), timeout=IDLE_TIME, initializer=_prepare_worker
-    )
+    pool: Executor = _pool(workers)
     return pool
 
 
-def _submitting(f: Simulator, problem: DesignProblem, executor: Executor) -> Run:
-    def run(tasks: list[Task], done: Callable[[int, Result], None]) -> list[Result]:
-        futures: list[Future[Result]] = [
-            executor.submit(evaluate, f, problem, x, verification=verification, outcome=outcome)
-            for x, verification, outcome in tasks
-        ]
-        index = {future: i for i, future in enumerate(futures)}
-        try:
-            for future in as_completed(futures):
-                done(index[future], future.result())
-        except BrokenProcessPool as error:
-            raise DesignError(
-                "a worker process died: memory was short, f crashed it, or it could not import f "
-                "(processes of an executor of your own do not find what a notebook defines)"
-            ) from error
-        finally:
-            for future in futures:
-                future.cancel()
-        return [future.result() for future in futures]
+def _pool(workers: int | None) -> Any:
+    return get_reusable_executor(
+        workers or os.cpu_count(), timeout=IDLE_TIME, initializer=_prepare_worker
+    )
 
-    return run
+
+def _replaced_pool(workers: int | None) -> Executor:
+    """End the processes, also those that hang, and give others."""
+    _pool(workers).shutdown(kill_workers=True)
+    return process_pool(workers)
 
 
 def _prepare_worker() -> None:

@@ -29,10 +29,21 @@ class BesideParameters:
         Of the finite differences by each of them.
     own : int
         How many of them, the last ones, each maneuver of a set has its own of.
+
+    Raises
+    ------
+    DesignError
+        A step that is zero or infinite, more own ones than there are.
     """
 
     steps: tuple[float, ...] = ()
     own: int = 0
+
+    def __post_init__(self) -> None:
+        if not all(np.isfinite(step) and step != 0.0 for step in self.steps):
+            raise DesignError(f"beside: steps = {self.steps} must be finite and not zero")
+        if not 0 <= self.own <= len(self.steps):
+            raise DesignError(f"beside: own = {self.own} must be from 0 to {len(self.steps)}")
 
     @property
     def shared(self) -> int:

@@ -1,25 +1,36 @@
 """The store of a study: every simulation of a design on disk, so that nothing is run twice.
 
-The directory holds three files:
+The directory holds:
 
 ``study.json``
     The problem; written once.
 ``points.csv``
     ``point, verification, <operation parameters>``: a maneuver that was asked for.
 ``results.csv``
-    ``point, sample, output``: a number, ``failed``, or (sample ``*``) ``infeasible: reason``.
+    ``point, sample, output``: a number, a file of trajectories, ``failed``, or (sample ``*``)
+    ``infeasible: reason``.
+``trajectories/*.parquet``
+    For the criteria c, d and a: a row per time point with the columns ``point``, ``sample``,
+    ``maneuver`` (of a set, from 0) and one for each channel.
+``lock``
+    Held by a process while it adds something.
 
-The CSV files only grow, by whole lines; a line cut off by a crash is dropped on opening.
+The CSV files only grow, by whole lines, and so may be added to by several processes; a line cut
+off by a crash is left out, and removed before the next one is added.
 """
 
 from __future__ import annotations
 
 import csv
+import fcntl
+import hashlib
 import io
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -29,7 +40,9 @@ import numpy as np
 from excitation_planner.box import Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
-from excitation_planner.design.problem import DesignProblem, NoiseVariance, Outcome, Search
+from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.design.problem import DesignProblem, Outcome, Search
+from excitation_planner.design.trajectories import read_trajectories, write_trajectories
 from tricycle_core.documents import (
     check_texts,
     decode,
@@ -41,8 +54,8 @@ from tricycle_core.documents import (
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
-VERSION = 1
-"""Of the description in ``study.json``."""
+VERSION = 2
+"""Of the description in ``study.json``; 1 had the criterion H alone."""
 
 MAX_BYTES = 256_000_000
 """Largest file that is read; a result takes about 30 bytes."""
@@ -56,6 +69,11 @@ FAILED = "failed"
 INFEASIBLE = "infeasible: "
 """Begins the output of a maneuver that cannot be driven."""
 
+TRAJECTORIES = "trajectories"
+"""Folder of the files of trajectories."""
+
+_FILE = re.compile(r"[0-9a-f]{32}\.parquet")
+
 
 @dataclass(frozen=True)
 class StudyDocument:
@@ -67,18 +85,28 @@ class StudyDocument:
         `VERSION`.
     operation, unknown : mapping of str to (float, float)
         Ranges by name.
-    target : str
+    target : str or None
         Unknown parameter to excite.
     noise_variance : float or TrajectoryErrorNoise
-        V_n.
+        V_n, for H.
     samples : int
-        Runs per maneuver during the search.
+        Runs per maneuver during the search for H.
     budget : int
         Largest number of runs.
     seed : int
         Of the design.
     search : Search
         How the operation box is searched.
+    criterion : Criterion
+        What is minimised.
+    trajectory_noise : TrajectoryNoise
+        For C, D and A.
+    draws : int
+        For C, D and A: parameter values over which the criterion is averaged.
+    prior : BoxPrior, optional
+        For C, D and A; None: uniform.
+    beside : BesideParameters
+        For C, D and A: what f takes beside the parameters.
 
     Raises
     ------
@@ -89,23 +117,29 @@ class StudyDocument:
     version: int
     operation: dict[str, tuple[float, float]]
     unknown: dict[str, tuple[float, float]]
-    target: str
+    target: str | None
     noise_variance: float | TrajectoryErrorNoise
     samples: int
     budget: int
     seed: int
     search: Search
+    criterion: Criterion = Criterion.H
+    trajectory_noise: TrajectoryNoise = TrajectoryNoise()  # noqa: RUF009  (frozen)
+    draws: int = 1
+    prior: BoxPrior | None = None
+    beside: BesideParameters = NOTHING_BESIDE
 
     def __post_init__(self) -> None:
-        for name, high in (("samples", MAX_RUNS), ("budget", MAX_RUNS), ("seed", 2**63)):
+        for name, high in (
+            *(("samples", MAX_RUNS), ("budget", MAX_RUNS)),
+            *(("seed", 2**63), ("draws", MAX_RUNS)),
+        ):
             if not 0 <= getattr(self, name) <= high:
                 raise DesignError(f"{name} must be a whole number from 0 to {high}")
 
     @classmethod
     def of(cls, problem: DesignProblem) -> Self:
         """Return the description of a problem."""
-        if problem.criterion is not Criterion.H or problem.target is None:
-            raise DesignError(f"a study keeps scalar outputs: criterion h, not {problem.criterion}")
         noise = problem.noise_variance
         if callable(noise) and not isinstance(noise, TrajectoryErrorNoise):
             raise DesignError(
@@ -121,31 +155,41 @@ class StudyDocument:
             budget=problem.budget,
             seed=problem.seed,
             search=problem.search,
+            criterion=problem.criterion,
+            trajectory_noise=problem.trajectory_noise,
+            draws=problem.draws,
+            prior=problem.prior,
+            beside=problem.beside,
         )
 
     def problem(self) -> DesignProblem:
         """Return the problem that is described."""
-        return problem_of_outputs(
-            Box.of(self.operation),
-            Box.of(self.unknown),
-            self.target,
+        return DesignProblem(
+            operation=Box.of(self.operation),
+            unknown=Box.of(self.unknown),
+            target=self.target,
+            criterion=self.criterion,
             noise_variance=self.noise_variance,
+            trajectory_noise=self.trajectory_noise,
             samples=self.samples,
+            draws=self.draws,
             budget=self.budget,
             seed=self.seed,
             search=self.search,
+            prior=self.prior,
+            beside=self.beside,
         )
 
 
 class Store:
-    """What is known of a design, in memory and on disk.
+    """What is known of a design, on disk; several processes may add to it.
 
     Attributes
     ----------
     path : Path
         Directory.
     problem : DesignProblem
-        With the criterion H: trajectories are not kept.
+        Of the design.
 
     Raises
     ------
@@ -157,35 +201,57 @@ class Store:
         self.path, self.problem = path, problem
         self._sizes = [problem.runs(verification=v) for v in (False, True)]
         self._points: dict[tuple[float, ...], int] = {}  # (verification, *x) -> point
-        self._outputs: dict[int, dict[int, float]] = {}  # point -> sample -> output
+        self._asked: dict[int, int] = {}  # point -> number of its samples
+        # point -> sample -> output, or the file that has it; NaN: failed
+        self._outputs: dict[int, dict[int, float | str]] = {}
         self._reasons: dict[int, str] = {}  # point -> why it is infeasible
+        names = problem.operation.names
+        self._points_file = _Lines(path / "points.csv", ["point", "verification", *names])
+        self._results_file = _Lines(path / "results.csv", ["point", "sample", "output"])
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Take notice of what other processes have added."""
         try:
             self._read()
         except (ValueError, IndexError, csv.Error) as error:
-            raise DesignError(f"{path}: points.csv and results.csv are damaged: {error}") from error
+            raise DesignError(
+                f"{self.path}: points.csv and results.csv are damaged: {error}"
+            ) from error
 
     def _read(self) -> None:
-        for row in _rows(self.path / "points.csv"):
+        for row in self._points_file.new():
             verification, *x = map(float, row[1:])
             if verification not in (0, 1) or len(x) != len(self.problem.operation):
                 raise ValueError(f"point {row[0]} has {len(x)} operation parameters")
-            self._points[(verification, *x)] = int(row[0])
-        for point, sample, output in _rows(self.path / "results.csv"):
+            self._take_point(int(row[0]), (verification, *x))
+        for point, sample, output in self._results_file.new():
             if sample == "*":
                 self._reasons[int(point)] = output.removeprefix(INFEASIBLE)
             else:
-                value = math.nan if output == FAILED else float(output)
-                self._outputs.setdefault(int(point), {})[int(sample)] = value
+                self._outputs.setdefault(int(point), {})[int(sample)] = self._parsed(output)
+
+    def _take_point(self, point: int, key: tuple[float, ...]) -> None:
+        self._points[key] = point
+        self._asked[point] = self._sizes[int(key[0])]
+
+    def _parsed(self, output: str) -> float | str:
+        if output == FAILED:
+            return math.nan
+        if self.problem.criterion is Criterion.H:
+            return float(output)
+        if not _FILE.fullmatch(output):
+            raise ValueError(f"{output!r} is no file of trajectories")
+        return output
 
     @classmethod
     def open(cls, path: Path) -> Self:
         """Open the store in a directory."""
-        file = path / "study.json"
-        described = decode(StudyDocument, _load(path), str(file), DesignError)
+        described = _described(path)
         try:
             problem = described.problem()
         except DesignError as error:
-            raise DesignError(f"{file}: {error}") from error
+            raise DesignError(f"{path / 'study.json'}: {error}") from error
         return cls(path, problem)
 
     @classmethod
@@ -204,26 +270,32 @@ class Store:
         DesignError
             A directory with the study of another problem.
         """
-        text = json.dumps(encode(StudyDocument.of(problem)), indent=2) + "\n"
+        described = encode(StudyDocument.of(problem))
         if (path / "study.json").exists():
-            kept, described = _load(path), json.loads(text)
-            different = sorted(key for key in described if kept.get(key) != described[key])
+            kept = encode(_described(path))
+            different = sorted(
+                key for key in described if key != "version" and kept[key] != described[key]
+            )
             if different:
                 raise DesignError(
                     f"{path}: is a study of another design (different: {', '.join(different)}); "
                     "give another directory"
                 )
         else:
-            write_whole(path / "study.json", text)
+            write_whole(path / "study.json", json.dumps(described, indent=2) + "\n")
         return cls(path, problem)
 
-    def outcome(self, x: FloatArray, *, verification: bool) -> Outcome | None:
-        """Return all outputs at a maneuver, or why it is infeasible; None when some are missing.
+    def recall(
+        self, x: FloatArray, samples: range | None = None, *, verification: bool
+    ) -> Outcome | None:
+        """Return what f gave at a maneuver, or why it is infeasible; None when some is missing.
 
         Parameters
         ----------
         x : ndarray of float, shape (l,)
             Operation parameters.
+        samples : range, optional
+            Numbers of the simulations; by default all.
         verification : bool
             Whether the samples are those of the verification.
         """
@@ -233,9 +305,48 @@ class Store:
         if point in self._reasons:
             return self._reasons[point]
         known = self._outputs.get(point, {})
-        if self.missing(point, verification=verification):
+        wanted = range(self._sizes[verification]) if samples is None else samples
+        if any(sample not in known for sample in wanted):
             return None
-        return (np.array([known[sample] for sample in range(len(known))]),)
+        return self._rows(point, wanted)
+
+    def _rows(self, point: int, samples: Iterable[int]) -> tuple[FloatArray, ...]:
+        """Known outputs of some samples of a point."""
+        known = [self._outputs[point][sample] for sample in samples]
+        if self.problem.criterion is Criterion.H:
+            return (np.array(known, dtype=float),)
+        files = {
+            name: read_trajectories(self.path / TRAJECTORIES / name).get(point, ([], ()))
+            for name in dict.fromkeys(output for output in known if isinstance(output, str))
+        }
+        rows: list[tuple[FloatArray, ...] | None] = []
+        for sample, output in zip(samples, known, strict=True):
+            if isinstance(output, float):
+                rows.append(None)
+                continue
+            has, outputs = files[output]
+            if sample not in has:
+                raise DesignError(
+                    f"{self.path / TRAJECTORIES / output}: lacks point {point}, sample {sample}"
+                )
+            rows.append(tuple(Y[has.index(sample)] for Y in outputs))
+        # of failed ones nothing but that is known, and nothing else is needed
+        shapes = next((tuple(Y.shape for Y in row) for row in rows if row), ((1, 1),))
+        failed = tuple(np.full(shape, np.nan) for shape in shapes)
+        return tuple(np.stack(part) for part in zip(*(row or failed for row in rows), strict=True))
+
+    def asked(self, point: int) -> tuple[FloatArray, bool]:
+        """Return operation parameters (l,) of a point, and whether it is for the verification.
+
+        Raises
+        ------
+        DesignError
+            A point that was never asked for.
+        """
+        for (verification, *x), number in self._points.items():
+            if number == point:
+                return np.array(x), bool(verification)
+        raise DesignError(f"{self.path}: point {point} was never asked for")
 
     def missing(self, point: int, *, verification: bool) -> list[int]:
         """Return the samples of a point that have no output yet.
@@ -262,51 +373,40 @@ class Store:
         """
         key = (float(verification), *x.tolist())
         if key not in self._points:
-            point = len(self._points)
-            _append(
-                self.path / "points.csv",
-                ["point", "verification", *self.problem.operation.names],
-                [[point, int(verification), *map(repr, x.tolist())]],
-            )
-            self._points[key] = point
+            with self._adding():
+                if key not in self._points:
+                    point = len(self._points)
+                    row = [point, int(verification), *map(repr, x.tolist())]
+                    self._points_file.append([row])
+                    self._take_point(point, key)
         return self._points[key]
 
-    def keep(self, x: FloatArray, outcome: Outcome, *, verification: bool) -> None:
-        """Add the outcome of a maneuver, unless it is known.
+    def keep(self, x: FloatArray, samples: range, outcome: Outcome, *, verification: bool) -> None:
+        """Add the outcome of some samples of a maneuver.
 
         Parameters
         ----------
         x : ndarray of float, shape (l,)
             Operation parameters.
+        samples : range
+            Numbers of the simulations.
         outcome : tuple or str
             What f gave there.
         verification : bool
             Whether the samples are those of the verification.
         """
-        if self.outcome(x, verification=verification) is not None:
-            return
         point = self.number(x, verification=verification)
+        # one infeasible sample makes the maneuver infeasible, whatever others have given
+        if point in self._reasons:
+            return
         if isinstance(outcome, str):
-            self.add_reason(point, outcome)
+            if point not in self._outputs:
+                self.add([], {point: outcome})
+        elif self.problem.criterion is Criterion.H:
+            results = zip([point] * len(samples), samples, outcome[0].tolist(), strict=True)
+            self.add(list(results), {})
         else:
-            samples = self.missing(point, verification=verification)
-            self.add_outputs([(point, sample, float(outcome[0][sample])) for sample in samples])
-
-    def add_outputs(self, results: Sequence[tuple[int, int, float]]) -> None:
-        """Add (point, sample, output) each; an output that is not finite is a failed simulation."""
-        self.add(results, {})
-
-    def add_reason(self, point: int, reason: str) -> None:
-        """Mark the maneuver as one that cannot be driven.
-
-        Parameters
-        ----------
-        point : int
-            Number of the maneuver.
-        reason : str
-            Why it cannot be driven.
-        """
-        self.add([], {point: reason})
+            self.add_trajectories(point, samples, outcome)
 
     def add(self, results: Sequence[tuple[int, int, float]], reasons: Mapping[int, str]) -> None:
         """Add outputs and reasons why points are infeasible, all or none.
@@ -316,53 +416,128 @@ class Store:
         Parameters
         ----------
         results : sequence of (int, int, float)
-            Point, sample and output.
+            Point, sample and output; one that is not finite is a failed simulation. For the
+            criteria C, D and A failed ones alone: `add_trajectories` has the others.
         reasons : mapping of int to str
             By point, why it is infeasible.
         """
-        sizes = {point: self._sizes[int(key[0])] for key, point in self._points.items()}
-        new: dict[tuple[int, int], float] = {}
-        for point, sample, value in results:
-            output = value if math.isfinite(value) else math.nan
-            if not 0 <= sample < sizes.get(point, 0):
-                raise DesignError(
-                    f"{self.path}: point {point}, sample {sample} was never asked for"
-                )
-            if point in self._reasons or point in reasons:
-                raise DesignError(
-                    f"{self.path}: point {point} has an output and is infeasible: which?"
-                )
-            known = self._outputs.get(point, {}).get(sample, new.get((point, sample)))
-            if known is None:
-                new[point, sample] = output
-            elif not np.array_equal(known, output, equal_nan=True):
-                raise DesignError(
-                    f"{self.path}: point {point}, sample {sample} has the output {known!r} already"
-                )
-        new_reasons: dict[int, str] = {}
+        with self._adding():
+            new: dict[tuple[int, int], float] = {}
+            for point, sample, value in results:
+                output = value if math.isfinite(value) else math.nan
+                if self.problem.criterion is not Criterion.H and math.isfinite(value):
+                    raise DesignError(
+                        f"{self.path}: criterion {self.problem.criterion} needs the trajectory of "
+                        f"point {point}, sample {sample}, not a number"
+                    )
+                self._check_asked(point, sample, reasons)
+                known = self._outputs.get(point, {}).get(sample, new.get((point, sample)))
+                if known is None:
+                    new[point, sample] = output
+                elif isinstance(known, str) or not np.array_equal(known, output, equal_nan=True):
+                    self._refuse(point, sample, known)
+            self._append(new, self._new_reasons(reasons))
+
+    def add_trajectories(
+        self, point: int, samples: Sequence[int], outputs: tuple[FloatArray, ...]
+    ) -> None:
+        """Add trajectories of a point, all or none; refused like those of `add`.
+
+        Parameters
+        ----------
+        point : int
+            Number of the maneuver.
+        samples : sequence of int, length q
+            Numbers of the simulations.
+        outputs : tuple of ndarray, shape (q, t, c) each
+            Trajectories in each maneuver of a set.
+        """
+        if self.problem.criterion is Criterion.H:
+            raise DesignError(f"{self.path}: criterion h needs a number per sample")
+        with self._adding():
+            fresh = []
+            for i, sample in enumerate(samples):
+                self._check_asked(point, sample, {})
+                if sample not in self._outputs.get(point, {}):
+                    fresh.append(i)
+                    continue
+                known = self._rows(point, [sample])
+                told = tuple(Y[i : i + 1] for Y in outputs)
+                if len(known) != len(told) or not all(
+                    np.array_equal(a, b, equal_nan=True) for a, b in zip(known, told, strict=True)
+                ):
+                    self._refuse(point, sample, self._outputs[point][sample])
+            if not fresh:
+                return
+            self._check_shapes(point, outputs)
+            new, parts = [samples[i] for i in fresh], tuple(Y[fresh] for Y in outputs)
+            content = b"".join([repr((point, new)).encode(), *(Y.tobytes() for Y in parts)])
+            name = f"{hashlib.sha256(content).hexdigest()[:32]}.parquet"
+            write_trajectories(self.path / TRAJECTORIES / name, point, new, parts)
+            self._append({(point, sample): name for sample in new}, {})
+
+    def _check_asked(self, point: int, sample: int, reasons: Mapping[int, str]) -> None:
+        if not 0 <= sample < self._asked.get(point, 0):
+            raise DesignError(f"{self.path}: point {point}, sample {sample} was never asked for")
+        if point in self._reasons or point in reasons:
+            raise DesignError(f"{self.path}: point {point} has an output and is infeasible: which?")
+
+    def _check_shapes(self, point: int, outputs: tuple[FloatArray, ...]) -> None:
+        known = self._outputs.get(point, {})
+        sample = next((s for s, output in known.items() if isinstance(output, str)), None)
+        if sample is None:
+            return
+        was, now = (
+            ["x".join(map(str, Y.shape[1:])) for Y in Ys]
+            for Ys in (self._rows(point, [sample]), outputs)
+        )
+        if was != now:
+            raise DesignError(
+                f"{self.path}: point {point} has trajectories of {', '.join(was)} time points and "
+                f"channels, not {', '.join(now)}"
+            )
+
+    def _refuse(self, point: int, sample: int, known: float | str) -> None:
+        raise DesignError(
+            f"{self.path}: point {point}, sample {sample} has the output {known!r} already"
+        )
+
+    def _new_reasons(self, reasons: Mapping[int, str]) -> dict[int, str]:
+        new: dict[int, str] = {}
         for point, text in reasons.items():
             reason = " ".join(text.split())
-            if point not in sizes:
+            if point not in self._asked:
                 raise DesignError(f"{self.path}: point {point} was never asked for")
             if point in self._outputs:
                 raise DesignError(f"{self.path}: point {point} has outputs already")
             if point not in self._reasons:
-                new_reasons[point] = reason
+                new[point] = reason
             elif self._reasons[point] != reason:
                 raise DesignError(
                     f"{self.path}: point {point} is infeasible already: {self._reasons[point]}"
                 )
-        _append(
-            self.path / "results.csv",
-            ["point", "sample", "output"],
-            [
-                *([p, s, FAILED if math.isnan(m) else repr(m)] for (p, s), m in new.items()),
-                *([p, "*", INFEASIBLE + reason] for p, reason in new_reasons.items()),
-            ],
-        )
-        for (point, sample), output in new.items():
+        return new
+
+    def _append(
+        self, outputs: Mapping[tuple[int, int], float | str], reasons: dict[int, str]
+    ) -> None:
+        rows: list[list[object]] = []
+        for (point, sample), output in outputs.items():
+            cell = output if isinstance(output, str) else repr(output)
+            rows.append([point, sample, FAILED if cell == "nan" else cell])
+        rows += [[point, "*", INFEASIBLE + reason] for point, reason in reasons.items()]
+        self._results_file.append(rows)
+        for (point, sample), output in outputs.items():
             self._outputs.setdefault(point, {})[sample] = output
-        self._reasons |= new_reasons
+        self._reasons |= reasons
+
+    @contextmanager
+    def _adding(self) -> Iterator[None]:
+        """Keep other processes from adding, and know what they have added."""
+        with (self.path / "lock").open("ab") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # until it is closed
+            self.refresh()
+            yield
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -392,27 +567,49 @@ def read_study_file(path: Path) -> bytes:
     return read_bounded(path, MAX_BYTES, "a file of a study", DesignError)
 
 
-def _append(path: Path, header: list[str], rows: list[list[object]]) -> None:
-    """Add rows to a CSV file and wait until they are on disk."""
-    if not rows:
-        return
-    with path.open("ab") as file:
-        text = csv_text(rows if file.tell() else [header, *rows])
-        file.write(text.encode())
-        file.flush()
-        os.fsync(file.fileno())
+class _Lines:
+    """CSV file that grows by whole lines, and what of it has been read.
+
+    Parameters
+    ----------
+    path : Path
+        File; may be missing.
+    header : list of str
+        Its first line.
+    """
+
+    def __init__(self, path: Path, header: list[str]) -> None:
+        self._path, self._header, self._read = path, header, 0
+
+    def new(self) -> list[list[str]]:
+        """Rows that were added since the last call, without a last line that is not whole."""
+        if not self._path.exists():
+            return []
+        with self._path.open("rb") as file:
+            file.seek(self._read)
+            whole = file.read(MAX_BYTES + 1)
+        if len(whole) > MAX_BYTES:
+            raise DesignError(f"{self._path}: larger than {MAX_BYTES} bytes")
+        kept = whole[: whole.rfind(b"\n") + 1]
+        rows = list(csv.reader(io.StringIO(kept.decode())))
+        first, self._read = self._read == 0, self._read + len(kept)
+        return rows[1:] if first else rows
+
+    def append(self, rows: list[list[object]]) -> None:
+        """Add rows to what has been read, and wait until they are on disk."""
+        if not rows:
+            return
+        text = csv_text(rows if self._read else [self._header, *rows]).encode()
+        with self._path.open("ab") as file:
+            file.truncate(self._read)  # a line cut off by a crash
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        self._read += len(text)
 
 
-def _rows(path: Path) -> list[list[str]]:
-    """Rows of a CSV file without its header; a last line cut off by a crash is removed from it."""
-    if not path.exists():
-        return []
-    whole = read_study_file(path)
-    kept = whole[: whole.rfind(b"\n") + 1]
-    if len(kept) < len(whole):
-        with path.open("r+b") as file:
-            file.truncate(len(kept))
-    return list(csv.reader(io.StringIO(kept.decode())))[1:]
+def _described(path: Path) -> StudyDocument:
+    return decode(StudyDocument, _load(path), str(path / "study.json"), DesignError)
 
 
 def _load(path: Path) -> dict[str, Any]:
@@ -423,53 +620,8 @@ def _load(path: Path) -> dict[str, Any]:
     if not isinstance(kept, dict) or "version" not in kept:
         raise DesignError(f"{file}: is not the description of a study")
     check_texts(kept, str(file), DesignError)
-    if kept["version"] != VERSION:
+    if kept["version"] not in (1, VERSION):
         raise DesignError(
-            f"{path}: study of version {kept['version']!r}; this program reads {VERSION}"
+            f"{path}: study of version {kept['version']!r}; this program reads 1 and {VERSION}"
         )
     return kept
-
-
-def problem_of_outputs(
-    operation: Box,
-    unknown: Box,
-    target: str,
-    *,
-    noise_variance: NoiseVariance,
-    samples: int,
-    budget: int,
-    seed: int,
-    search: Search,
-) -> DesignProblem:
-    """Return a problem of the criterion H.
-
-    Parameters
-    ----------
-    operation, unknown : Box
-        Ranges of the operation and of the unknown parameters.
-    target : str
-        Unknown parameter to excite.
-    noise_variance : float or callable
-        V_n.
-    samples : int
-        Runs per maneuver during the search.
-    budget : int
-        Largest number of runs.
-    seed : int
-        The same seed gives the same design.
-    search : Search
-        How the operation box is searched.
-    """
-    return DesignProblem(
-        operation=operation,
-        unknown=unknown,
-        target=target,
-        criterion=Criterion.H,
-        noise_variance=noise_variance,
-        trajectory_noise=TrajectoryNoise(),
-        samples=samples,
-        draws=1,
-        budget=budget,
-        seed=seed,
-        search=search,
-    )

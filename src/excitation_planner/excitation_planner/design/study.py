@@ -9,7 +9,8 @@ E.g. in Simulink or on a test track.
 >>> study.design()                                                          # doctest: +SKIP
 
 The same through files: `Study.ask` writes ``pending.csv``; a copy of it with a column ``output``
-goes to `Study.tell_csv`. The search is run again from what is on disk whenever it is asked, so a
+goes to `Study.tell_csv`, trajectories go to `Study.tell_parquet`. Several processes may tell; one
+asks. The search is run again from what is on disk whenever it is asked, so a
 study resumes after a kill, and ends in the design that `design_excitation` finds with that seed.
 """
 
@@ -25,22 +26,32 @@ from typing import Self
 import numpy as np
 
 from excitation_planner.box import Bounds, Box
-from excitation_planner.design.evaluation import judge_outcome, parameter_points
-from excitation_planner.design.excitation import Design, search_design
-from excitation_planner.design.noise import TrajectoryErrorNoise
-from excitation_planner.design.problem import Search, Verified
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.evaluation import (
+    judge_outcome,
+    parameter_points,
+    simulated_values,
+)
+from excitation_planner.design.excitation import DRAWS, Design, search_design
+from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
+from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.design.problem import DesignProblem, Search, Trajectories, Verified
 from excitation_planner.design.store import (
     FAILED,
     INFEASIBLE,
     Store,
     csv_text,
-    problem_of_outputs,
     read_study_file,
 )
+from excitation_planner.design.trajectories import read_trajectories
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import DesignError
+from tricycle_core.optional import check_installed
 from tricycle_core.quantities import FloatArray
+
+PENDING = "pending.csv"
+"""File of the simulations that were asked for last."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +66,8 @@ class Proposal:
         Numbers of its simulations still to be run.
     x : ndarray (l,)
         Operation parameters.
-    P : ndarray (q, k)
-        Unknown parameters.
+    P : ndarray (q, k + e)
+        Unknown parameters, and what is beside them.
     """
 
     point: int
@@ -84,15 +95,20 @@ class Study:
         path: Path,
         operation: Box | Bounds,
         unknown: Box | Bounds,
-        target: str,
+        target: str | None,
         *,
+        criterion: Criterion | str = Criterion.H,
         noise_variance: float | TrajectoryErrorNoise = 0.0,
+        trajectory_noise: TrajectoryNoise = TrajectoryNoise(),  # noqa: B008  (frozen)
         samples: int = 100,
+        prior: BoxPrior | None = None,
+        beside: BesideParameters = NOTHING_BESIDE,
+        draws: int = DRAWS,
         budget: int = 25_000,
         seed: int = 0,
         search: Search | str = Search.ADAPTIVE,
     ) -> Self:
-        """Begin a study of the criterion H in a directory.
+        """Begin a study in a directory; what is meant is that of `design_excitation`.
 
         Parameters
         ----------
@@ -100,30 +116,54 @@ class Study:
             Directory, made if missing.
         operation, unknown : Box or dict
             Ranges of the operation and of the unknown parameters.
-        target : str
-            Unknown parameter to excite.
+        target : str or None
+            Unknown parameter to excite; the criteria D and A need none.
+        criterion : Criterion or str
+            What is minimised. H needs a number per simulation, C, D and A its trajectory.
         noise_variance : float or TrajectoryErrorNoise
-            V_n.
+            For H: V_n.
+        trajectory_noise : TrajectoryNoise
+            For C, D and A.
         samples : int
-            Runs per maneuver during the search.
+            Runs per maneuver during the search for H.
+        prior : BoxPrior, optional
+            For C, D and A: what earlier drives have taught; None: uniform.
+        beside : BesideParameters
+            For C, D and A: e inputs after the k parameters.
+        draws : int
+            For C, D and A: parameter values over which the criterion is averaged.
         budget : int
             Largest number of runs.
         seed : int
             The same seed gives the same design.
         search : Search or str
             How the operation box is searched.
+
+        Raises
+        ------
+        DesignError
+            A directory that holds a study, or a problem that is none.
+        ReportError
+            If trajectories are wanted and pyarrow is not installed.
         """
         if (path / "study.json").exists():
             raise DesignError(f"{path}: holds a study already; open it")
-        problem = problem_of_outputs(
-            Box.of(operation),
-            Box.of(unknown),
-            target,
+        if Criterion(criterion) is not Criterion.H:
+            check_installed("pyarrow", "a study of trajectories")
+        problem = DesignProblem(
+            operation=Box.of(operation),
+            unknown=Box.of(unknown),
+            target=target,
+            criterion=Criterion(criterion),
             noise_variance=noise_variance,
+            trajectory_noise=trajectory_noise,
             samples=samples,
+            draws=draws,
             budget=budget,
             seed=seed,
             search=Search(search),
+            prior=prior,
+            beside=beside,
         )
         return cls(Store.of(path, problem))
 
@@ -144,16 +184,45 @@ class Study:
         else:
             proposals = []
         problem = self._store.problem
-        header = ["point", "sample", *problem.operation.names, *problem.unknown.names]
+        beside = [f"beside{i}" for i in range(len(problem.beside.steps))]
+        names = (*problem.operation.names, *problem.unknown.names, *beside)
+        header = ["point", "sample", *names]
         rows = [
             [p.point, sample, *map(repr, p.x.tolist()), *map(repr, values)]
             for p in proposals
             for sample, values in zip(p.samples, p.P.tolist(), strict=True)
         ]
-        write_whole(self._store.path / "pending.csv", csv_text([header, *rows]))
+        write_whole(self._store.path / PENDING, csv_text([header, *rows]))
         return proposals
 
-    def tell(self, point: int, samples: Sequence[int], outputs: FloatArray) -> None:
+    def pending(self, part: int = 0, parts: int = 1) -> list[Proposal]:
+        """Return a part of what was asked for and is still missing, without a search.
+
+        For the tasks of an array job, each of which runs a part.
+
+        Parameters
+        ----------
+        part : int
+            Number of the part, from 0.
+        parts : int
+            Number of parts, of about the same size.
+        """
+        runs: list[tuple[int, int]] = []
+        for row in csv.DictReader(io.StringIO(self._pending_text(), newline="")):
+            try:
+                runs.append((int(row["point"]), int(row["sample"])))
+            except (KeyError, TypeError, ValueError):
+                raise DesignError(f"{self._store.path / PENDING}: is damaged; ask again") from None
+        by_point: dict[int, list[int]] = {}
+        for point, sample in runs[part::parts]:
+            by_point.setdefault(point, []).append(sample)
+        return [
+            proposal
+            for point, samples in by_point.items()
+            if (proposal := self._proposal(point, samples)).samples
+        ]
+
+    def tell(self, point: int, samples: Sequence[int], outputs: Trajectories) -> None:
         """Take outputs of some samples of a point.
 
         Parameters
@@ -162,11 +231,25 @@ class Study:
             Number of the maneuver.
         samples : sequence of int, length q
             Numbers of the simulations, in any order.
-        outputs : ndarray of float, shape (q,)
-            Of f; NaN marks a failed simulation.
+        outputs : ndarray of float, shape (q,) or (q, t, c), or tuple of the latter
+            Of f: numbers for the criterion H, else trajectories. NaN marks a failed simulation.
         """
-        results = zip([point] * len(samples), samples, np.asarray(outputs).tolist(), strict=True)
-        self._store.add_outputs(list(results))
+        told = tuple(
+            np.ascontiguousarray(Y, dtype=float)
+            for Y in (outputs if isinstance(outputs, tuple) else (outputs,))
+        )
+        dimensions = 1 if self._store.problem.criterion is Criterion.H else 3
+        if any(Y.ndim != dimensions or len(Y) != len(samples) for Y in told) or not told:
+            wanted = "number" if dimensions == 1 else "trajectory (time points, channels)"
+            raise DesignError(
+                f"point {point}: told {', '.join(str(Y.shape) for Y in told)} for {len(samples)} "
+                f"samples; criterion {self._store.problem.criterion} needs a {wanted} each"
+            )
+        if dimensions == 1:
+            results = zip([point] * len(samples), samples, told[0].tolist(), strict=True)
+            self._store.add(list(results), {})
+        else:
+            self._store.add_trajectories(point, samples, told)
 
     def tell_infeasible(self, point: int, reason: str) -> None:
         """Mark a maneuver as one that cannot be driven, whatever the parameters.
@@ -178,7 +261,7 @@ class Study:
         reason : str
             Why it cannot be driven.
         """
-        self._store.add_reason(point, reason)
+        self._store.add([], {point: reason})
 
     def tell_csv(self, path: Path) -> None:
         """Take the outputs in a CSV file with the columns point, sample and output.
@@ -212,8 +295,18 @@ class Study:
             raise DesignError(f"{path}: is not a CSV file: {error}") from error
         self._store.add(results, reasons)
 
+    def tell_parquet(self, path: Path) -> None:
+        """Take the trajectories in a Parquet file, a row per time point in the order of time.
+
+        Its columns are point, sample, maneuver (of a set, from 0) and the channels. A point is
+        taken whole or not at all.
+        """
+        for point, (samples, outputs) in read_trajectories(path).items():
+            self._store.add_trajectories(point, samples, outputs)
+
     def design(self) -> Design:
         """Return the design; PendingError while simulations are missing."""
+        self._store.refresh()
         with THREADPOOLS.limit(limits=1):
             return search_design(self._store.problem, self._judge_known)
 
@@ -223,7 +316,7 @@ class Study:
             key = (float(verification), *x.tolist())
             if key in self._judged:
                 continue
-            outcome = self._store.outcome(x, verification=verification)
+            outcome = self._store.recall(x, verification=verification)
             if outcome is None:
                 missing.append(x)
             else:
@@ -235,11 +328,24 @@ class Study:
         return [self._judged[(float(verification), *x.tolist())] for x in points]
 
     def _propose(self, x: FloatArray, verification: bool) -> Proposal:
-        problem = self._store.problem
-        point = self._store.number(x, verification=verification)
-        samples = self._store.missing(point, verification=verification)
-        U = parameter_points(problem, verification=verification)[samples]
-        return Proposal(point, tuple(samples), x, problem.unknown.from_unit(U))
+        return self._proposal(self._store.number(x, verification=verification))
+
+    def _proposal(self, point: int, samples: list[int] | None = None) -> Proposal:
+        """The missing simulations of a point, or those of some samples."""
+        x, verification = self._store.asked(point)
+        missing = self._store.missing(point, verification=verification)
+        kept = missing if samples is None else sorted(set(samples) & set(missing))
+        U = parameter_points(self._store.problem, verification=verification)[kept]
+        return Proposal(point, tuple(kept), x, simulated_values(self._store.problem, U))
+
+    def _pending_text(self) -> str:
+        file = self._store.path / PENDING
+        try:
+            return read_study_file(file).decode()
+        except FileNotFoundError:
+            return ""
+        except UnicodeDecodeError as error:
+            raise DesignError(f"{file}: is damaged; ask again") from error
 
 
 class PendingError(DesignError):
