@@ -133,12 +133,7 @@ def driven(plant, vehicle, commands):
         motion.append((rig.time - start, s.x, s.y, s.yaw, s.yaw_rate, s.drive_speed))
 
     look()
-    for row in command_rows(commands):
-        angle, speed = commands.steering_motor_angle[row], commands.speed[row]
-        host.target = VehicleCommand(float(angle), float(speed))
-        host.tick()
-        if not rig.armed:
-            raise SystemExit(f"the boards stopped: {host.log[-3:]}")
+    for _ in host.play(commands):
         look()
     when, x, y, heading, *rest = np.array(motion).T
     return SensedMotion(when, x, y, np.unwrap(heading), *rest)
