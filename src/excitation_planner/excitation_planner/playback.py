@@ -45,6 +45,9 @@ LEAD_IN = 0.5
 The wheels turn to where the maneuver starts, and the bridge has changed over to these commands.
 """
 
+BEING_STOPPED = "the vehicle is being stopped after a run; try again when it rests"
+"""Why a start is refused that comes too soon."""
+
 SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
 """Times after the end of a run for which standstill is commanded [s]: in between, until rest.
 
@@ -529,7 +532,7 @@ class Playback:
         if self._active:
             raise PlanError("already running")
         if self._stopping_since is not None:
-            raise PlanError("the vehicle is being stopped after a run; try again when it rests")
+            raise PlanError(BEING_STOPPED)
 
     def _paths_of(self, plan: _Plan) -> list[FloatArray]:
         return [points for stamp, points in self._paths if stamp == plan.stamp]

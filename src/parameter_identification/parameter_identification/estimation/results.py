@@ -179,9 +179,9 @@ class DriveFit:
 class HeldOut:
     """Prediction of a drive that was not used for the estimates.
 
-    Its start pose, delays and bias are fitted, the parameters are not. The band around the predicted
-    positions follows from the covariance of parameters and effects, the size of the deviations and
-    the noise, all found without this drive.
+    Its start pose, delays and bias are fitted, the parameters are not. The band around the
+    predicted positions follows from the covariance of parameters and effects, the size of the
+    deviations and the noise, all found without this drive.
 
     Attributes
     ----------
