@@ -322,6 +322,11 @@ def main() -> None:
                     )
                 )
             drive(plan, bag, vehicle, env)
+    finish(day, vehicle, bags, stopped)
+
+
+def finish(day: Path, vehicle: Path, bags: Sequence[Path], stopped: Sequence[bool]) -> None:
+    """Identify, report and film the drives; say how the day went."""
     found = day / "identified"
     command(
         *("identify", *bags[:-1], "--held-out", bags[-1], "--vehicle", vehicle),

@@ -3,7 +3,7 @@
 import pytest
 from rclpy.task import Future
 
-from excitation_planner.playback import BEING_STOPPED
+from excitation_planner.playback import BEING_STOPPED, MUST_STAND
 from tricycle_cli.operation import operator_node
 from tricycle_cli.operation.operator_node import Operator, ServiceCaller
 from tricycle_core.errors import NodeError
@@ -54,7 +54,7 @@ def test_a_request_is_made_once_when_the_node_has_answered_a_greeting(monkeypatc
 
 
 def test_a_start_that_comes_too_soon_is_tried_again_until_the_vehicle_rests():
-    answers, slept = [BEING_STOPPED, BEING_STOPPED, ""], []
+    answers, slept = [BEING_STOPPED, f"the vehicle moves; {MUST_STAND}", ""], []
     operator = Operator.__new__(Operator)
     operator._patience = 60.0
     operator._sleep = slept.append

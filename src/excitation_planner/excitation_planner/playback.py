@@ -46,6 +46,7 @@ The wheels turn to where the maneuver starts, and the bridge has changed over to
 """
 
 BEING_STOPPED = "the vehicle is being stopped after a run; try again when it rests"
+MUST_STAND = "it must stand still"
 """Why a start is refused that comes too soon."""
 
 SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
@@ -578,7 +579,7 @@ class Playback:
         """How fast the vehicle moves; empty where it stands."""
         if self._speed <= STANDSTILL_SPEED:
             return ""
-        return f"the vehicle moves at {self._speed:.2f} m/s; it must stand still"
+        return f"the vehicle moves at {self._speed:.2f} m/s; {MUST_STAND}"
 
     @property
     def _speed(self) -> float:

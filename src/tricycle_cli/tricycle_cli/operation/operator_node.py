@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP
+from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP, MUST_STAND
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import interrupts_held
@@ -435,13 +435,14 @@ class Operator(Closing):
             raise NodeError(f"{service}: {answer.message}")
 
     def _trigger_at_rest(self, service: str) -> None:
-        """Trigger, again and again while the driver still stops the vehicle after its last run."""
+        """Trigger, again and again while the vehicle does not rest yet after its last run."""
         deadline = time.monotonic() + self._patience
         while True:
             try:
                 return self._trigger(service)
             except NodeError as refusal:
-                if BEING_STOPPED not in str(refusal) or time.monotonic() > deadline:
+                too_soon = any(why in str(refusal) for why in (BEING_STOPPED, MUST_STAND))
+                if not too_soon or time.monotonic() > deadline:
                     raise
             self._sleep(REFUSED)
 
