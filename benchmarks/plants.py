@@ -1,6 +1,7 @@
 """The trial: vehicles that are not our model, identified from designed, ISO-like and random drives.
 
     python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects weighed]
+    python benchmarks/plants.py --bound [--plant ...] [--effects ...]
     python benchmarks/plants.py --pace
 
 Each plant is driven by the emulated boards. A set is a step steer and a sine sweep of 12 s each;
@@ -20,6 +21,7 @@ counted   the same, counting effects (`tricycle plan --effects all`)
 The tricycle's ranges are wider than its file's: of a vehicle that is not our model less is known.
 `own` is a control: our model with true values drawn from the file's ranges.
 --effects  none, or weighed, as `tricycle identify` does by default
+--bound    only the guess, and our model fitted to the drives to predict themselves
 --pace     only how fast each plant runs
 """
 
@@ -302,6 +304,23 @@ def tell(rows, kinds):
         print(f"  {way}: {', '.join(ratios)}", flush=True)
 
 
+def bound(name, weighed):
+    """Print how well the drives to predict are predicted by what is fitted to themselves."""
+    vehicle = TRIALS[name].vehicle
+    commands, motions = held_out(name)
+    known = identified(vehicle, motions, commands, 0, weighed)
+    guess, fitted, constants = (
+        1e3 * float(np.sqrt(np.mean(np.square(errors(name, one)))))
+        for one in (Known(vehicle), known, Known(known.vehicle))
+    )
+    print(
+        f"{name}, effects {'weighed' if weighed else 'none'}: RMS distance {guess:.0f} mm by the "
+        f"guess, {fitted:.0f} mm fitted to the drives themselves, {constants:.0f} mm by the "
+        "constants of that alone",
+        flush=True,
+    )
+
+
 def pace(name):
     """Print how fast a plant runs with both emulated boards and the bridge, on one core."""
     vehicle = TRIALS[name].vehicle
@@ -322,13 +341,16 @@ def main():
     parser.add_argument("--sets", type=int, default=20)
     parser.add_argument("--effects", choices=("none", "weighed"), default="weighed")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--bound", action="store_true")
     parser.add_argument("--pace", action="store_true")
     arguments = parser.parse_args()
     for name in arguments.plant:
+        weighed = arguments.effects == "weighed"
         if arguments.pace:
             pace(name)
+        elif arguments.bound:
+            bound(name, weighed)
         else:
-            weighed = arguments.effects == "weighed"
             try_plant(name, arguments.sets, weighed, arguments.processes)
 
 

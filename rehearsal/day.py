@@ -53,6 +53,7 @@ FAMILIES = ("circle", "slalom", "step-steer")  # each drive and its mirror image
 START = {"start_x": 12.0, "start_y": 8.0, "start_heading": 1.57}
 SENSORS = ("--heading-std", "0.002", "--yaw-rate-std", "0.005", "--pose-rate", "50")
 PACE = 2.0  # simulated s per s
+BRING_UPS = 3  # at most: the boards' times are measured by the wall clock
 FAULT_AT = 4.0  # s after the start
 INSIDE = 0.8  # share of the sixth drive that has to be in its band of 95 %: one drive is no average
 
@@ -96,7 +97,13 @@ def ask_for_vehicle(file: Path) -> None:
 
 
 def check_boards(day: Path, vehicle: Path, firmware: Path) -> None:
-    """Bring both boards up on a stand: `tricycle plc check`, and hands that do what it asks for."""
+    """Bring both boards up on a stand, again where the machine was too slow for real time."""
+    if not any(brought_up(day, vehicle, firmware) for _ in range(BRING_UPS)):
+        sys.exit("the day ends here: the boards did not pass their bring-up")
+
+
+def brought_up(day: Path, vehicle: Path, firmware: Path) -> bool:
+    """Run `tricycle plc check` with hands that do what it asks for; return whether all passed."""
     paths = {board: day / f"stand-{board.name.lower()}" for board in (Board.STEER, Board.DRIVE)}
     words = ["plc", "check", *paths.values(), "--engineer", "Rehearsal", "--vehicle", vehicle]
     words += ["--record", day / "bring_up.json", "--boot-wait", "0"]
@@ -114,8 +121,7 @@ def check_boards(day: Path, vehicle: Path, firmware: Path) -> None:
             print(line, end="", flush=True)
             if ">>" in line:
                 stand.do(line)
-    if check.returncode:
-        sys.exit("the day ends here: the boards did not pass their bring-up")
+    return check.returncode == 0
 
 
 class Hand:
