@@ -1,14 +1,16 @@
 """The trial: vehicles that are not our model, identified from designed, ISO-like and random drives.
 
     python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects weighed]
+    python benchmarks/plants.py --bound [--plant ...] [--effects ...]
     python benchmarks/plants.py --pace
 
 Each plant is driven by the emulated boards. A set is a step steer and a sine sweep of 12 s each;
 position (1 cm), gyro (5 mrad/s) and wheel speed (3 mrad/s) come at 20 Hz. Our model, with
 the vehicle file's linear tyres, is fitted to each set. Three drives of other kinds (circle, double
 lane change, slalom) are then predicted from their commands and their start alone, nothing of them
-is fitted. Printed: the RMS distance of predicted and true position over the three, median and
-quartiles over the sets, for
+is fitted. The prediction has all that was identified, the dead times and the localisation's delay
+too (the mean of the set's drives), or only the constants. Printed: the RMS distance of predicted
+and true position over the three, median and quartiles over the sets, for
 
 guess     the vehicle file, nothing fitted
 ISO       both maneuvers in the middle of their boxes; sets differ by their noise
@@ -19,6 +21,7 @@ counted   the same, counting effects (`tricycle plan --effects all`)
 The tricycle's ranges are wider than its file's: of a vehicle that is not our model less is known.
 `own` is a control: our model with true values drawn from the file's ranges.
 --effects  none, or weighed, as `tricycle identify` does by default
+--bound    only the guess, and our model fitted to the drives to predict themselves
 --pace     only how fast each plant runs
 """
 
@@ -46,14 +49,20 @@ from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
-from tricycle_sim.effects import EFFECTS, effects_of, extend
+from tricycle_sim.effects import (
+    DRIVE_DEAD_TIME,
+    EFFECTS,
+    SERVO_DEAD_TIME,
+    effects_of,
+    extend,
+)
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host
 from tricycle_sim.setpoints import command_rows
 from tricycle_sim.vehicle import draw_truth, load_vehicle
-from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.batch import CommandedBatch
 
 DURATION = 12.0  # s of every drive that is fitted
 SENSORS = {
@@ -133,27 +142,42 @@ def driven(plant, vehicle, commands):
         motion.append((rig.time - start, s.x, s.y, s.yaw, s.yaw_rate, s.drive_speed))
 
     look()
-    for row in command_rows(commands):
-        angle, speed = commands.steering_motor_angle[row], commands.speed[row]
-        host.target = VehicleCommand(float(angle), float(speed))
-        host.tick()
-        if not rig.armed:
-            raise SystemExit(f"the boards stopped: {host.log[-3:]}")
+    for _ in host.play(commands):
         look()
     when, x, y, heading, *rest = np.array(motion).T
     return SensedMotion(when, x, y, np.unwrap(heading), *rest)
 
 
-def distance(vehicle, commands, motion):
-    """RMS distance [m] of the vehicle's simulated way from a motion."""
-    run = simulate(vehicle, commands)
-    n = min(len(motion.x), run.x.shape[1])
-    squares = (run.x[0, :n] - motion.x[:n]) ** 2 + (run.y[0, :n] - motion.y[:n]) ** 2
+@dataclasses.dataclass(frozen=True)
+class Known:
+    """What is known of a vehicle: its constants, dead times, and how late it is located [s]."""
+
+    vehicle: object
+    servo_dead_time: float = 0.0
+    drive_dead_time: float = 0.0
+    pose_delay: float = 0.0
+
+
+def distance(known, commands, motion):
+    """RMS distance [m] of the predicted way from a motion."""
+    batch = CommandedBatch(known.vehicle, commands)
+    point = known.vehicle.nominal_point()[np.newaxis]
+    run = batch.run(
+        point,
+        ("x", "y"),
+        steering_delay=np.array([known.servo_dead_time]),
+        drive_delay=known.drive_dead_time,
+    )
+    time = motion.time[motion.time <= batch.time[-1]]
+    x, y = (
+        np.interp(time - known.pose_delay, batch.time, run.columns[name][0]) for name in ("x", "y")
+    )
+    squares = (x - motion.x[: len(time)]) ** 2 + (y - motion.y[: len(time)]) ** 2
     return float(np.sqrt(squares.mean()))
 
 
 def identified(vehicle, motions, all_commands, seed, weighed):
-    """The vehicle with the estimates of what the drives show, and with the effects."""
+    """What the drives show: parameters, effects, and the localisation's delay, their mean."""
     rng = np.random.default_rng([seed, 7])
     drives = [
         measure(motion, commands, SENSORS, rng=rng, name=f"drive {i}")
@@ -173,7 +197,12 @@ def identified(vehicle, motions, all_commands, seed, weighed):
             vehicle = extend(vehicle, effect.parts)
             for name, change in effect.constants.items():
                 values[name] = vehicle.values[name] + change * estimates[effect.name]
-    return vehicle.replace(**values)
+    return Known(
+        vehicle.replace(**values),
+        estimates.get(SERVO_DEAD_TIME, 0.0),
+        estimates.get(DRIVE_DEAD_TIME, 0.0),
+        float(np.mean([drive.nuisances["pose delay"].estimate for drive in found.drives])),
+    )
 
 
 def points(trial, way, seed):
@@ -200,10 +229,10 @@ def designed(trial, effects):
     return [np.array(list(plan.operation.values())) for plan in plan_set(request)]
 
 
-def errors(name, vehicle):
+def errors(name, known):
     """RMS distance of each drive to predict [m]."""
     to_predict, truths = held_out(name)
-    return [distance(vehicle, c, m) for c, m in zip(to_predict, truths, strict=True)]
+    return [distance(known, c, m) for c, m in zip(to_predict, truths, strict=True)]
 
 
 @functools.cache
@@ -228,19 +257,20 @@ def learnt(name, x):
 
 
 def one_set(job):
-    """Errors of the prediction from one set, and operation parameters of its maneuvers."""
+    """Errors of both predictions from one set, and operation parameters of its maneuvers."""
     name, way, seed, weighed, x = job
     trial = TRIALS[name]
     if x is None:
         x = tuple(tuple(one.tolist()) for one in points(trial, way, seed))
     commands, motions = learnt(name, x)
-    return errors(name, identified(trial.vehicle, motions, commands, seed, weighed)), x
+    known = identified(trial.vehicle, motions, commands, seed, weighed)
+    return (errors(name, known), errors(name, Known(known.vehicle))), x
 
 
 def try_plant(name, sets, weighed, processes):
     trial = TRIALS[name]
     kinds = [family.name for family, _ in trial.predicted]
-    rows = {"guess": np.array([errors(name, trial.vehicle)])}
+    rows = {"guess": np.array([2 * [errors(name, Known(trial.vehicle))]])}
     print(f"{name}, {sets} sets, effects {'weighed' if weighed else 'none'}", flush=True)
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
         for way in ("ISO", "random", "designed", "counted"):
@@ -253,7 +283,13 @@ def try_plant(name, sets, weighed, processes):
             rows[way] = np.array(results)
             if way != "random":
                 print(f"  {way}: {', '.join(str(np.round(one, 3)) for one in points_of[0])}")
-    print("  RMS distance, mm: median (quartiles); of each kind")
+    for number, what in enumerate(("constants and delays", "constants alone")):
+        print(f"  RMS distance, mm, {what}: median (quartiles); of each kind")
+        tell({way: each[:, number] for way, each in rows.items()}, kinds)
+
+
+def tell(rows, kinds):
+    """Print errors (sets, kinds) by way, and how often one way is better than another."""
     whole = {way: np.sqrt((each**2).mean(axis=1)) for way, each in rows.items()}
     for way, each in rows.items():
         low, middle, high = 1e3 * np.percentile(whole[way], [25, 50, 75])
@@ -266,6 +302,23 @@ def try_plant(name, sets, weighed, processes):
     for way in ("guess", "ISO", "random"):
         ratios = (f"{median[way] / median[best]:.2f} by {best}" for best in ("designed", "counted"))
         print(f"  {way}: {', '.join(ratios)}", flush=True)
+
+
+def bound(name, weighed):
+    """Print how well the drives to predict are predicted by what is fitted to themselves."""
+    vehicle = TRIALS[name].vehicle
+    commands, motions = held_out(name)
+    known = identified(vehicle, motions, commands, 0, weighed)
+    guess, fitted, constants = (
+        1e3 * float(np.sqrt(np.mean(np.square(errors(name, one)))))
+        for one in (Known(vehicle), known, Known(known.vehicle))
+    )
+    print(
+        f"{name}, effects {'weighed' if weighed else 'none'}: RMS distance {guess:.0f} mm by the "
+        f"guess, {fitted:.0f} mm fitted to the drives themselves, {constants:.0f} mm by the "
+        "constants of that alone",
+        flush=True,
+    )
 
 
 def pace(name):
@@ -288,13 +341,16 @@ def main():
     parser.add_argument("--sets", type=int, default=20)
     parser.add_argument("--effects", choices=("none", "weighed"), default="weighed")
     parser.add_argument("--processes", type=int, default=2)
+    parser.add_argument("--bound", action="store_true")
     parser.add_argument("--pace", action="store_true")
     arguments = parser.parse_args()
     for name in arguments.plant:
+        weighed = arguments.effects == "weighed"
         if arguments.pace:
             pace(name)
+        elif arguments.bound:
+            bound(name, weighed)
         else:
-            weighed = arguments.effects == "weighed"
             try_plant(name, arguments.sets, weighed, arguments.processes)
 
 

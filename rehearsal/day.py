@@ -6,7 +6,7 @@
 Every step is a command that a user would type, or what a hand would do at the vehicle: arm it, pull
 a cable, stand in the way of the localisation. The vehicle is a plant of other authors behind the
 firmware on simulated boards. The day ends with status 0 if six drives were driven, the two that a
-fault ended said so, and the last drive was predicted from the others.
+fault ended said so, and the last drive was inside the band that the others predict for it.
 """
 
 import argparse
@@ -28,8 +28,10 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from stand import Stand
 from std_srvs.srv import SetBool
 
+from tricycle_bridge.protocol.messages import Board
 from tricycle_bringup.configuration import (
     SIMULATION_CONFIG,
     bridge_parameters,
@@ -38,10 +40,11 @@ from tricycle_bringup.configuration import (
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
 from tricycle_core.nodes import LATCHED
+from tricycle_sim.vehicle import load_vehicle
 
 HERE = Path(__file__).parent
 TRICYCLE = Path(sys.executable).with_name("tricycle")
-PATIENCE = 120.0  # s
+PATIENCE = 900.0  # s: a loaded machine drives slower than it should
 ANSWERS = (  # to the questions of `tricycle vehicle new`; empty: what is offered
     *("yard trike", "tadpole", "", "", "", "", "", "", ""),
     *("48", "1.44", "0.75", "50", "0.49", "0.335", "45", "2", "35", "48"),
@@ -50,7 +53,9 @@ FAMILIES = ("circle", "slalom", "step-steer")  # each drive and its mirror image
 START = {"start_x": 12.0, "start_y": 8.0, "start_heading": 1.57}
 SENSORS = ("--heading-std", "0.002", "--yaw-rate-std", "0.005", "--pose-rate", "50")
 PACE = 2.0  # simulated s per s
+BRING_UPS = 3  # at most: the boards' times are measured by the wall clock
 FAULT_AT = 4.0  # s after the start
+INSIDE = 0.8  # share of the sixth drive that has to be in its band of 95 %: one drive is no average
 
 
 def say(*words: object) -> None:
@@ -89,6 +94,34 @@ def ask_for_vehicle(file: Path) -> None:
         pass
     if os.waitpid(pid, 0)[1]:
         sys.exit("the day ends here: the questions were not answered")
+
+
+def check_boards(day: Path, vehicle: Path, firmware: Path) -> None:
+    """Bring both boards up on a stand, again where the machine was too slow for real time."""
+    if not any(brought_up(day, vehicle, firmware) for _ in range(BRING_UPS)):
+        sys.exit("the day ends here: the boards did not pass their bring-up")
+
+
+def brought_up(day: Path, vehicle: Path, firmware: Path) -> bool:
+    """Run `tricycle plc check` with hands that do what it asks for; return whether all passed."""
+    paths = {board: day / f"stand-{board.name.lower()}" for board in (Board.STEER, Board.DRIVE)}
+    words = ["plc", "check", *paths.values(), "--engineer", "Rehearsal", "--vehicle", vehicle]
+    words += ["--record", day / "bring_up.json", "--boot-wait", "0"]
+    say("tricycle", *words)
+    with (
+        Stand(load_vehicle(vehicle), firmware, paths) as stand,
+        subprocess.Popen(
+            [TRICYCLE, *map(str, words)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        ) as check,
+    ):
+        for line in check.stdout or ():
+            print(line, end="", flush=True)
+            if ">>" in line:
+                stand.do(line)
+    return check.returncode == 0
 
 
 class Hand:
@@ -139,15 +172,16 @@ class Hand:
             if not result.successful:
                 raise RuntimeError(result.reason)
 
-    def during_the_drive(self, **parameters: Any) -> None:
+    def during_the_drive(self, driving: threading.Thread, **parameters: Any) -> None:
         """Set parameters of the simulation when a maneuver has run for a while."""
-        self.wait(
-            lambda: (
-                self._state.get("state") == "running"
-                and float(self._state.get("elapsed") or 0.0) > FAULT_AT
-            ),
-            "running maneuver",
-        )
+
+        def runs() -> bool:
+            elapsed = float(self._state.get("elapsed") or 0.0)
+            return self._state.get("state") == "running" and elapsed > FAULT_AT
+
+        self.wait(lambda: runs() or not driving.is_alive(), "running maneuver")
+        if not driving.is_alive():
+            sys.exit("the day ends here: the drive ended before anything failed")
         self.set(**parameters)
 
     def _on_preflight(self, message: DiagnosticArray) -> None:
@@ -167,7 +201,7 @@ class Hand:
 def nodes_of_the_day(
     folder: Path, vehicle: Path, plant: str, firmware: Path
 ) -> Iterator[tuple[dict[str, str], Hand]]:
-    """Ask the boards who they are, then start everything else; all ends with the block."""
+    """Start all nodes of the vehicle, armed; they end with the block."""
     domain = own_domain()
     env = ros_environment(domain=domain, log_dir=folder / "log" / "ros")
     ports = {f"{name}_port": str(folder / name) for name in ("steer", "drive")}
@@ -187,9 +221,6 @@ def nodes_of_the_day(
         hand = Hand(domain)
         try:
             hand.set(real_time_factor=PACE)
-            # `plc check` needs hands that turn wheels
-            for port in ports.values():
-                command("plc", "probe", port, "--boot-wait", "0")
             nodes.start(
                 "tricycle_bridge",
                 config=SIMULATION_CONFIG,
@@ -229,7 +260,7 @@ def faulty(
     outcome: list[str] = []
     driving = threading.Thread(target=lambda: outcome.append(drive()))
     driving.start()
-    hand.during_the_drive(**wrong)
+    hand.during_the_drive(driving, **wrong)
     driving.join()
     hand.set(**right)
     hand.arm()
@@ -250,6 +281,7 @@ def main() -> None:
     vehicle = day / "vehicle.yaml"
     ask_for_vehicle(vehicle)
     command("vehicle", "check", vehicle, "--draw", day / "vehicle.svg")
+    check_boards(day, vehicle, arguments.firmware.absolute())
     plans = []
     for family in FAMILIES:
         folder = day / "plans" / family
@@ -296,25 +328,37 @@ def main() -> None:
                     )
                 )
             drive(plan, bag, vehicle, env)
+    finish(day, vehicle, bags, stopped)
+
+
+def finish(day: Path, vehicle: Path, bags: Sequence[Path], stopped: Sequence[bool]) -> None:
+    """Identify, report and film the drives; say how the day went."""
     found = day / "identified"
     command(
         *("identify", *bags[:-1], "--held-out", bags[-1], "--vehicle", vehicle),
         *("--output", found),
     )
     command("report", found, "--vehicle", vehicle)
+    for name, words in {
+        "film.gif": (*bags[::2], "--speed", "4"),
+        "rendered.gif": (bags[2], "--plant", "mujoco", "--speed", "2"),
+    }.items():
+        command("film", *words, "--vehicle", vehicle, "--output", day / name)
     judge(day, stopped)
 
 
 def judge(day: Path, stopped: Sequence[bool]) -> None:
-    """Print how the day went; end with status 1 if a fault was not told."""
+    """Print how the day went; end with status 1 if a fault was not told, or the band is wrong."""
     document = json.loads((day / "identified" / "identification.json").read_text())
     held = document["held_out"][0]
     print(
         f"\n{len(stopped)} faults, {sum(stopped)} told by a drive that failed; the sixth drive, "
-        f"not used, is predicted to {1e3 * held['rms_estimated']:.0f} mm (rms), by the first "
-        f"file to {1e3 * held['rms_nominal']:.0f} mm; noise alone: {1e3 * held['noise']:.0f} mm"
+        f"not used, is predicted to {1e3 * held['rms_estimated']:.0f} mm (rms; expected "
+        f"{1e3 * held['expected']:.0f} mm), inside its {document['level']:.0%} band for "
+        f"{held['inside']:.0%} of the samples; by the first file to "
+        f"{1e3 * held['rms_nominal']:.0f} mm; noise alone: {1e3 * held['noise']:.0f} mm"
     )
-    sys.exit(int(not all(stopped)))
+    sys.exit(int(not all(stopped) or held["inside"] < INSIDE))
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ FOUND = Identification(
         Whiteness("first", "wheel speed", 0.001, np.nan, np.nan, 100, np.nan),
     ),
     drives=(DriveFit("first", {"gyro bias": NuisanceEstimate(0.1, 0.01, "rad/s")}, {}, {}, {}),),
-    held_out=(HeldOut("second", 0.2, 0.02, 0.014),),
+    held_out=(HeldOut("second", 0.2, 0.02, 0.014, 0.021, 0.97),),
     outliers=3,
     rivals=(np.array([700.0, 55.0]),),
     starts=(4, 3),

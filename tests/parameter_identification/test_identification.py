@@ -197,6 +197,42 @@ def test_a_held_out_drive_is_predicted_to_the_noise(pair):
     assert held.rms_estimated < 3 * held.noise
 
 
+GENTLE, DEMANDING = (planned(Circle(duration=d), *x) for d, *x in ((8, 4.0, 0.6), (14, 2.5, 0.9)))
+
+
+def predicted(vehicles, effects=(), offset=0.0):
+    """Predictions of a demanding drive of random vehicles, each known from a gentle one."""
+    rng, found = np.random.default_rng(5), []
+    for number in range(vehicles):
+        truth = LOW + (HIGH - LOW) * rng.uniform(0.0, 1.0, len(LOW))
+        vehicle = VEHICLE.replace(steering_offset=offset)
+        drives = [
+            driven(c, seed=10 * number + i, truth=truth, vehicle=vehicle, name=str(i))
+            for i, c in enumerate((GENTLE, DEMANDING))
+        ]
+        one = identify(drives[:1], VEHICLE, held_out=drives[1:], starts=1, effects=effects)
+        found += one.held_out
+    ratios = [held.rms_estimated / held.expected for held in found]
+    return np.mean([held.inside for held in found]), np.sqrt(np.mean(np.square(ratios)))
+
+
+@pytest.mark.slow
+def test_the_band_of_a_held_out_drive_holds_the_share_of_its_level():
+    inside, ratio = predicted(20)
+    assert inside == pytest.approx(0.95, abs=0.02)
+    assert ratio == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.slow
+def test_the_band_does_not_hold_what_the_vehicle_file_lacks_unless_it_is_an_effect():
+    inside, ratio = predicted(5, offset=0.035)
+    assert inside < 0.7
+    assert ratio > 2.0
+    inside, ratio = predicted(5, offset=0.035, effects=("steering-zero",))
+    assert inside > 0.9
+    assert ratio < 1.2
+
+
 @pytest.mark.slow
 def test_two_drives_one_after_the_other_tell_what_both_tell_together(pair):
     both = identify(pair, VEHICLE)

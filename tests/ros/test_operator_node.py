@@ -3,8 +3,10 @@
 import pytest
 from rclpy.task import Future
 
+from excitation_planner.playback import BEING_STOPPED, MUST_STAND
 from tricycle_cli.operation import operator_node
-from tricycle_cli.operation.operator_node import ServiceCaller
+from tricycle_cli.operation.operator_node import Operator, ServiceCaller
+from tricycle_core.errors import NodeError
 
 pytestmark = pytest.mark.ros
 
@@ -49,3 +51,22 @@ def test_a_request_is_made_once_when_the_node_has_answered_a_greeting(monkeypatc
     assert node.asked == [*["driver/get_parameters"] * 3, "driver/start"]
     services.call("driver/start", object, "request")  # a server that was restarted is greeted anew
     assert node.asked[4:] == ["driver/get_parameters", "driver/start"]
+
+
+def test_a_start_that_comes_too_soon_is_tried_again_until_the_vehicle_rests():
+    answers, slept = [BEING_STOPPED, f"the vehicle moves; {MUST_STAND}", ""], []
+    operator = Operator.__new__(Operator)
+    operator._patience = 60.0
+    operator._sleep = slept.append
+
+    def trigger(service):
+        if answer := answers.pop(0):
+            raise NodeError(f"{service}: {answer}")
+
+    operator._trigger = trigger
+    operator._trigger_at_rest("maneuver_driver/start")
+    assert answers == []
+    assert len(slept) == 2
+    answers[:] = ["the vehicle is not armed"]
+    with pytest.raises(NodeError, match="not armed"):
+        operator._trigger_at_rest("maneuver_driver/start")

@@ -45,6 +45,10 @@ LEAD_IN = 0.5
 The wheels turn to where the maneuver starts, and the bridge has changed over to these commands.
 """
 
+BEING_STOPPED = "the vehicle is being stopped after a run; try again when it rests"
+MUST_STAND = "it must stand still"
+"""Why a start is refused that comes too soon."""
+
 SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
 """Times after the end of a run for which standstill is commanded [s]: in between, until rest.
 
@@ -529,7 +533,7 @@ class Playback:
         if self._active:
             raise PlanError("already running")
         if self._stopping_since is not None:
-            raise PlanError("the vehicle is being stopped after a run; try again when it rests")
+            raise PlanError(BEING_STOPPED)
 
     def _paths_of(self, plan: _Plan) -> list[FloatArray]:
         return [points for stamp, points in self._paths if stamp == plan.stamp]
@@ -575,7 +579,7 @@ class Playback:
         """How fast the vehicle moves; empty where it stands."""
         if self._speed <= STANDSTILL_SPEED:
             return ""
-        return f"the vehicle moves at {self._speed:.2f} m/s; it must stand still"
+        return f"the vehicle moves at {self._speed:.2f} m/s; {MUST_STAND}"
 
     @property
     def _speed(self) -> float:

@@ -170,7 +170,7 @@ def identify(
             noise=problem.noise,
             whiteness=whiteness_of_residuals(problem, predictions),
             drives=fits_of_drives(problem, optimum, predictions),
-            held_out=tuple(predict_held_out(problem, optimum, d, loss) for d in held_out),
+            held_out=tuple(predict_held_out(problem, optimum, d, loss, level) for d in held_out),
             outliers=problem.outliers(predictions, OUTLIER),
             rivals=tuple(model.parameters(z) for z in optimum.rivals),
             starts=optimum.starts,

@@ -102,5 +102,6 @@ def test_estimates_predict_better_than_nominal_values(problem, optimum, pair):
     assert [(t.drive, t.channel) for t in tests] == [
         (d.name, c) for d in pair for c in ("x", "y")
     ]  # fmt: skip
-    held = predict_held_out(problem, optimum, pair[0], Loss.SQUARED)
+    held = predict_held_out(problem, optimum, pair[0], Loss.SQUARED, 0.95)
     assert held.rms_estimated < 0.5 * held.rms_nominal
+    assert held.inside > 0.9  # it was used, so that it fits

@@ -1,8 +1,21 @@
 """`tricycle film`: recorded drives as a GIF."""
 
+import math
+import os
+import re
+import subprocess
+import sys
+from ctypes.util import find_library
+from pathlib import Path
+
+import numpy as np
 import pytest
-from driven_bags import Scene, sideways
+from driven_bags import Scene, SimulatedBag, sideways
 from PIL import Image
+
+from tricycle_core.errors import PlantError
+
+TRICYCLE = Path(sys.executable).with_name("tricycle")
 
 
 @pytest.mark.slow
@@ -26,3 +39,50 @@ def test_mistyped_options_are_argparses(tricycle, arguments, capsys):
     with pytest.raises(SystemExit):
         tricycle(*arguments)
     assert "film" in capsys.readouterr().err
+
+
+def rendered(bag, *more, **environment):
+    """Render in a process of its own: MuJoCo chooses its renderer when it is first imported."""
+    command = [TRICYCLE, "film", bag, "--plant", "mujoco", *more]
+    env = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
+    return subprocess.run(
+        command, env=env | environment, capture_output=True, text=True, check=False
+    )
+
+
+@pytest.mark.slow
+def test_a_drive_is_repeated_and_rendered_without_a_screen(tmp_path):
+    pytest.importorskip("mujoco")
+    if find_library("EGL") is None:
+        pytest.skip("no EGL: nothing renders here without a screen")
+    film, bag = tmp_path / "film.gif", SimulatedBag().write(tmp_path / "bag")
+    done = rendered(bag, "--output", film, "--speed", "20")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"the plant mujoco drives \d+ mm \(rms\) from where", done.stdout)
+    with Image.open(film) as image:
+        assert image.n_frames == math.ceil(16.34 / 2.0)
+        frames = []
+        for frame in (0, 4):
+            image.seek(frame)
+            frames.append(np.asarray(image.convert("RGB"), float))
+    orange = [(f[..., 0] > 150) & (f[..., 2] < 90) for f in frames]  # body and measured way
+    assert all(0.005 < each.mean() < 0.1 for each in orange)
+    assert np.abs(frames[0] - frames[1]).mean() > 5.0  # it has moved over the squares
+
+
+@pytest.mark.slow
+def test_without_a_renderer_it_is_one_line_and_no_film(tmp_path):
+    pytest.importorskip("mujoco")
+    film, bag = tmp_path / "film.gif", SimulatedBag().write(tmp_path / "bag")
+    done = rendered(bag, "--output", film, MUJOCO_GL="none")
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert "nothing renders here with MUJOCO_GL=none" in line
+    assert "egl, osmesa or glfw" in line
+    assert not film.exists()
+
+
+def test_several_bags_cannot_be_rendered_at_once(tricycle, tmp_path):
+    bag = Scene().write(tmp_path / "bag")
+    with pytest.raises(PlantError, match="one bag at a time, not 2"):
+        tricycle("film", bag, bag, "--plant", "mujoco")

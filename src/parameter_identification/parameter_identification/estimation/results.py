@@ -179,7 +179,9 @@ class DriveFit:
 class HeldOut:
     """Prediction of a drive that was not used for the estimates.
 
-    Its start pose, delays and bias are fitted, the parameters are not.
+    Its start pose, delays and bias are fitted, the parameters are not. The band around the
+    predicted positions follows from the covariance of parameters and effects, the size of the
+    deviations and the noise, all found without this drive.
 
     Attributes
     ----------
@@ -190,12 +192,19 @@ class HeldOut:
         the estimated parameters.
     noise : float
         The same if there were only the measurement noise [m].
+    expected : float or None
+        Root mean square distance with the estimates that the band expects [m]; None in files of
+        versions that had no band.
+    inside : float or None
+        Share of the measured positions in the band, of the identification's level.
     """
 
     name: str
     rms_nominal: float
     rms_estimated: float
     noise: float
+    expected: float | None = None
+    inside: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from scipy.stats import chi2
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.estimation.model import DriveModel, Prediction
@@ -121,7 +122,7 @@ def whiteness_of_residuals(
 
 
 def predict_held_out(
-    problem: LeastSquares, optimum: Optimum, drive: MeasuredDrive, loss: Loss
+    problem: LeastSquares, optimum: Optimum, drive: MeasuredDrive, loss: Loss, level: float
 ) -> HeldOut:
     """Predict a drive with the nominal and with the estimated parameters, its nuisances fitted.
 
@@ -135,6 +136,8 @@ def predict_held_out(
         One that was not used for it.
     loss : Loss
         Of the residuals.
+    level : float
+        Probability of the band around the predicted positions.
     """
     k, like = problem.k, problem.models[0]
     model = DriveModel(like.vehicle, drive, like.effects, like.simulator)
@@ -154,9 +157,43 @@ def predict_held_out(
             position = next(p for p in predictions if p.sensor is Sensor.POSITION)
             rms.append(float(np.sqrt(np.mean(np.sum(position.residual**2, axis=1)))))
         noise = alone.noise[Sensor.POSITION]
+        variance = noise.white**2 + noise.drift**2
+        # what is fitted to the drive takes up a part of what the rest is off by
+        information = alone.gram(fit.at)[:-1, :-1]
+        taken = np.linalg.solve(information[np.ix_(free, free)], information[np.ix_(free, ~free)])
+        by_rest = position.jacobian[:, :, ~free] - position.jacobian[:, :, free] @ taken
+        covariance = by_rest @ _held_covariance(problem, optimum, model)[np.ix_(~free, ~free)]
+        covariance = covariance @ by_rest.transpose(0, 2, 1) + variance * np.eye(2)
+        whitened = np.linalg.solve(covariance, position.residual[:, :, np.newaxis])[:, :, 0]
+        distance = np.sum(position.residual * whitened, axis=1)
     return HeldOut(
-        drive.name, rms[0], rms[1], math.sqrt(2.0) * math.hypot(noise.white, noise.drift)
+        drive.name,
+        rms_nominal=rms[0],
+        rms_estimated=rms[1],
+        noise=math.sqrt(2.0 * variance),
+        expected=float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)))),
+        inside=float(np.mean(distance <= chi2.ppf(level, 2))),
     )
+
+
+def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel) -> FloatArray:
+    """Covariance of the variables of a drive that was not used: those it has alone, uncorrelated.
+
+    An effect that each drive has for itself is as large as in the drives that were used.
+    """
+    known = problem.k + model.shared
+    moments = optimum.covariance + np.outer(optimum.fit.at, optimum.fit.at)
+    sizes, of_effect = problem.sizes(), problem.constant_effects()
+    variances = np.zeros(len(model.nuisances) - model.shared)
+    for i, nuisance in enumerate(model.nuisances[model.shared :]):
+        if (effect := nuisance.effect) is not None:
+            at = of_effect.get(effect.name, [])
+            variances[i] = (
+                sizes[effect.name] ** 2 if effect.process else np.mean(np.diag(moments)[at])
+            )
+    covariance = np.diag(np.append(np.zeros(known), variances))
+    covariance[:known, :known] = optimum.covariance[:known, :known]
+    return covariance
 
 
 def _nominal(model: DriveModel) -> FloatArray:

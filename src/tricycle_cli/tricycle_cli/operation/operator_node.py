@@ -20,7 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.playback import LONGEST_STOP
+from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP, MUST_STAND
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import interrupts_held
@@ -33,6 +33,7 @@ from tricycle_core.quantities import Progress
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
 SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
 SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
+REFUSED = 0.5  # s until a start is tried again that came too soon
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
@@ -349,7 +350,7 @@ class Operator(Closing):
     def _driving(self, service: str) -> Iterator[None]:
         """Have the driver begin, abort it on any failure or interruption; then stand still."""
         try:
-            self._trigger(f"maneuver_driver/{service}")
+            self._trigger_at_rest(f"maneuver_driver/{service}")
             yield
         except BaseException as error:
             self._check()  # where the nodes end with a dead one, nobody is left to abort
@@ -432,6 +433,18 @@ class Operator(Closing):
         answer = self._services.call(service, Trigger, Trigger.Request())
         if not answer.success:
             raise NodeError(f"{service}: {answer.message}")
+
+    def _trigger_at_rest(self, service: str) -> None:
+        """Trigger, again and again while the vehicle does not rest yet after its last run."""
+        deadline = time.monotonic() + self._patience
+        while True:
+            try:
+                return self._trigger(service)
+            except NodeError as refusal:
+                too_soon = any(why in str(refusal) for why in (BEING_STOPPED, MUST_STAND))
+                if not too_soon or time.monotonic() > deadline:
+                    raise
+            self._sleep(REFUSED)
 
     def _set_parameters(self, node: str, **values: str | float) -> None:
         request = SetParameters.Request(

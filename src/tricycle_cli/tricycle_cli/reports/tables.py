@@ -17,7 +17,7 @@ from tricycle_sim.effects import TYRE_ROUNDING
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
     from parameter_identification.fleet import Fleet
-    from parameter_identification.identification import Estimate, Identification
+    from parameter_identification.identification import Estimate, HeldOut, Identification
     from parameter_identification.many_drives import ManyDrives
 
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
@@ -278,12 +278,20 @@ def remarks(found: Identification) -> list[str]:
         )
     if found.outliers:
         lines.append(f"{found.outliers} samples lie beyond 6 standard deviations: try --robust")
-    lines += [
+    return lines + [_remark_on_held_out(held, found.level) for held in found.held_out]
+
+
+def _remark_on_held_out(held: HeldOut, level: float) -> str:
+    band = ""
+    if held.expected is not None and held.inside is not None:
+        band = (
+            f"; expected {1e3 * held.expected:.1f} mm, inside its {level:.0%} band for "
+            f"{held.inside:.0%} of the samples"
+        )
+    return (
         f"{held.name}, not used: predicted to {1e3 * held.rms_estimated:.1f} mm (rms; before "
-        f"{1e3 * held.rms_nominal:.1f} mm, noise alone {1e3 * held.noise:.1f} mm)"
-        for held in found.held_out
-    ]
-    return lines
+        f"{1e3 * held.rms_nominal:.1f} mm, noise alone {1e3 * held.noise:.1f} mm{band})"
+    )
 
 
 def remarks_on_many(found: ManyDrives) -> list[str]:

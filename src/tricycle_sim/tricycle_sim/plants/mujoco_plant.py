@@ -37,6 +37,12 @@ KING_PIN_RATE = 300.0  # rad/s, of the stiff hold of a wheel's angle about its k
 # Ratio of the impedances of friction and of weight. Small: the damping that then gives a slip its
 # speed is so large that MuJoCo's neglect of how contacts turn does not show in it.
 SOFTNESS = 0.001
+LOOK = (  # squares of 1 m
+    '<visual><global offwidth="1920" offheight="1080"/></visual><asset>'
+    '<texture name="road" type="2d" builtin="checker" rgb1=".9 .9 .9" rgb2=".82 .82 .82" '
+    'width="64" height="64"/>'
+    '<material name="road" texture="road" texrepeat="0.5 0.5" texuniform="true"/></asset>'
+)
 
 
 class MujocoPlant:
@@ -83,6 +89,11 @@ class MujocoPlant:
         _give_inertia(self._model, self._data, _body_inertia(vehicle))
         self.place((0.0, 0.0, 0.0))
         self._soften()
+
+    @property
+    def scene(self) -> tuple[Any, Any]:
+        """Model and data of MuJoCo, to be looked at."""
+        return self._model, self._data
 
     def place(self, start: Pose) -> LiveState:
         """Return the state at rest at a pose, on settled tyres.
@@ -250,7 +261,7 @@ def _xml(vehicle: Vehicle) -> str:
     up = np.array([float(part) for part in upward(vehicle)])
     caster = vehicle.caster_angle
     king_pin = f"{-math.sin(caster)} 0 {math.cos(caster)}"
-    bodies, pairs, holds, motors = [], [], [], []
+    bodies, seen, pairs, holds, motors = [], [], [], [], []
     for wheel, load in zip(vehicle.wheels, vehicle.static_loads(), strict=True):
         own, name = vehicle.of(wheel), wheel.name
         radius, inertia = own.tyre_radius - load / own.vertical_stiffness, own.wheel_inertia
@@ -268,8 +279,14 @@ def _xml(vehicle: Vehicle) -> str:
             f'<inertial pos="0 0 0" mass="{_wheel_mass(own)}" '
             f'diaginertia="{0.5 * inertia} {inertia} {0.5 * inertia}"/>'
             f'{steer}<joint name="{name}_spin" axis="0 1 0"/>'
-            f'<geom name="{name}" type="ellipsoid" size="{radius} {0.06 * radius} {radius}"/>'
-            "</body>"
+            f'<geom name="{name}" type="ellipsoid" size="{radius} {0.06 * radius} {radius}" '
+            'rgba=".12 .12 .13 1"/>'
+            f'<geom type="box" size="{0.9 * radius} {0.07 * radius} {0.06 * radius}" '
+            'rgba=".8 .8 .8 1"/></body>'
+        )
+        seen.append(
+            f'<geom type="capsule" size=".03" fromto="0 0 0 {_row(_wheel_place(own))}" '
+            'rgba=".35 .4 .45 1"/>'
         )
         friction = own.friction_coefficient
         pairs.append(
@@ -280,10 +297,12 @@ def _xml(vehicle: Vehicle) -> str:
         f'<mujoco><option timestep="{TICK / SUBSTEPS}" integrator="implicitfast" '
         f'cone="elliptic" impratio="{SOFTNESS}" gravity="{_row(-vehicle.gravity * up)}"/>'
         '<default><geom contype="0" conaffinity="0"/></default>'
-        '<worldbody><geom name="road" type="plane" size="100 100 1"/>'
-        '<body name="body"><freejoint/><site name="com"/>'
+        f'{LOOK}<worldbody><light directional="true" pos="0 0 9" dir=".3 .4 -1"/>'
+        '<geom name="road" type="plane" size="100 100 1" material="road"/>'
+        '<body name="body"><freejoint/><site name="com" rgba="0 0 0 0"/>'
         f'<inertial pos="{_row(centre)}" mass="{mass}" diaginertia="1 1 1"/>'
-        f"{''.join(bodies)}</body></worldbody>"
+        f'<geom type="ellipsoid" size="{0.3 * vehicle.wheelbase} .2 .15" rgba=".84 .37 .18 1"/>'
+        f"{''.join(seen)}{''.join(bodies)}</body></worldbody>"
         f"<contact>{''.join(pairs)}</contact>"
         f"<actuator>{''.join(holds)}{''.join(motors)}</actuator>"
         '<sensor><accelerometer site="com"/></sensor></mujoco>'

@@ -1,6 +1,7 @@
 """A rig driven through the bridge's own logic, tick by tick, without ports and nodes."""
 
 import random
+from collections.abc import Iterator
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
@@ -8,7 +9,9 @@ from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
 from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
 from tricycle_sim.rig.rig import Rig
+from tricycle_sim.setpoints import command_rows
 
 _OFFSET = 100.0  # s that the bridge's clock is ahead of the rig's
 
@@ -94,6 +97,27 @@ class Host:
         """
         for _ in range(round(100 * seconds)):
             self.tick()
+
+    def play(self, commands: Commands) -> Iterator[None]:
+        """Drive commands with boards that are armed; yield after each tick.
+
+        Parameters
+        ----------
+        commands : Commands
+            Each held until the next.
+
+        Raises
+        ------
+        LinkError
+            With the bridge's last words, if the boards stop.
+        """
+        for row in command_rows(commands):
+            angle, speed = commands.steering_motor_angle[row], commands.speed[row]
+            self.target = VehicleCommand(float(angle), float(speed))
+            self.tick()
+            if not self.rig.armed:
+                raise LinkError(f"the boards stopped: {'; '.join(self.log[-3:])}")
+            yield
 
     def arm(self) -> None:
         """Stream standstill and arm both boards.

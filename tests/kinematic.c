@@ -6,7 +6,7 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { STEERING, SPEED, X, Y, HEADING, WHEELBASE, FAILS, COUNT };
+enum { STEERING, SPEED, X, Y, HEADING, WHEELBASE, FAILS, FAILS_FROM, COUNT };
 typedef struct { double v[COUNT], time; } Bicycle;
 
 FMI const char *fmi3GetVersion(void) { return "3.0"; }
@@ -41,9 +41,10 @@ FMI int fmi3DoStep(void *c, double time, double step, bool no_set, bool *event, 
     b->v[HEADING] += turn;
     *event = *early = false;
     *last = time + step;
-    *ends = b->v[FAILS] == 1.0;
-    if (b->v[FAILS] == 2.0) b->v[X] = NAN;
-    return b->v[FAILS] == 3.0 ? 3 : 0;
+    double fails = hypot(b->v[X], b->v[Y]) < b->v[FAILS_FROM] ? 0.0 : b->v[FAILS];
+    *ends = fails == 1.0;
+    if (fails == 2.0) b->v[X] = NAN;
+    return fails == 3.0 ? 3 : 0;
 }
 
 /* FMPy wants every function of the standard to be there. */
