@@ -18,21 +18,6 @@ if TYPE_CHECKING:
     from excitation_planner.design.prior import BoxPrior
 
 
-SIMULATED = MeasurementNoise(
-    noise_std=0.01,
-    heading_std=0.002,
-    pose_rate=100.0,
-    yaw_rate_std=0.005,
-    gyro_rate=100.0,
-    wheel_speed_std=0.001,
-    wheel_rate=1.0,
-)
-"""What the simulation measures unless its parameters are set.
-
-`joint_states` come at 100 Hz, rounded to 1 mm/s; identification counts those of a second as one.
-"""
-
-
 @dataclass(frozen=True)
 class Settings:
     """What must stay the same while a campaign goes on.

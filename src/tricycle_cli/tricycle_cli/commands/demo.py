@@ -82,11 +82,11 @@ def run(args: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
+    from excitation_planner.design.noise import SIMULATED
     from parameter_identification.drives.measured import measured_drive
     from parameter_identification.drives.recorded import read_drive
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive
-    from tricycle_cli.campaign.request import SIMULATED
     from tricycle_cli.operation.session import hidden_truth
     from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.run_folder import read_run
