@@ -49,6 +49,28 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
     return content
 
 
+def make_folder(path: Path) -> None:
+    """Make the folder that results will go to; to be called before the work that gives them.
+
+    Parameters
+    ----------
+    path : Path
+        May exist.
+
+    Raises
+    ------
+    ExcitationError
+        If it is a file, or cannot be written to.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        taken = next(p for p in (path, *path.parents) if p.exists())
+        raise ExcitationError(f"{taken} is a file; a folder is needed") from error
+    if not os.access(path, os.W_OK):
+        raise ExcitationError(f"{path}: no permission to write into this folder")
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a path to write to; the file takes the place of `path` when the block ends well.

@@ -62,6 +62,13 @@ def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
     assert {p.name for p in tmp_path.glob("*.json")} == {"plan.json", "notes.json"}
 
 
+def test_a_file_in_the_place_of_the_output_is_told_before_anything_is_planned(capsys, tmp_path):
+    (tmp_path / "taken").touch()
+    assert main(["plan", "--output", str(tmp_path / "taken" / "plans")]) == 2
+    taken = tmp_path / "taken"
+    assert capsys.readouterr().err == f"tricycle: {taken} is a file; a folder is needed\n"
+
+
 def test_help_names_the_search_boxes(capsys):
     with pytest.raises(SystemExit):
         main(["plan", "--help"])

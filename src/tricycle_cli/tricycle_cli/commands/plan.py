@@ -25,6 +25,7 @@ from tricycle_cli.arguments import (
     seed,
 )
 from tricycle_cli.progress import progress_bar
+from tricycle_core.documents import make_folder
 from tricycle_core.errors import PlanError
 from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
@@ -186,12 +187,15 @@ def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]
     """Plans by the files they go to."""
     from excitation_planner.planning import plan_at, plan_set
 
-    for warning in warnings_about(request.vehicle):
-        print(f"warning: {warning}", file=sys.stderr)
+    x = None
     if args.at:
         if request.others:
-            raise PlanError("--at plans one maneuver; give one --maneuver")
+            raise PlanError("--at plans one maneuver: give one --maneuver, and no --maneuvers")
         x = operation_point(request.family, parse_assignments(args.at))
+    make_folder(args.output)
+    for warning in warnings_about(request.vehicle):
+        print(f"warning: {warning}", file=sys.stderr)
+    if x is not None:
         return {args.output / "plan.json": plan_at(request, x)}
     names = ", ".join(family.name for family in request.families)
     with progress_bar(f"planning {names} for {request.target}") as progress:
