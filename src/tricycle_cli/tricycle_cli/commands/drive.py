@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
+from tricycle_core.documents import make_folder
 from tricycle_core.errors import PlanError
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
@@ -83,10 +84,13 @@ def run(args: argparse.Namespace) -> int:
     from excitation_planner.planning.mirror import mirrored
     from trajectory_recorder.bag.writer import check_new
     from tricycle_cli.operation.session import running_session, simulated_session
+    from tricycle_sim.plants.installed import check_plant
 
     if args.repeat < 1:
         raise PlanError(f"--repeat {args.repeat}: a plan is driven once or more often")
     check_new(args.bag)
+    check_plant(args.plant)
+    make_folder(args.bag.parent)
     plan, vehicle = load_plan(args.plan), load_vehicle(args.vehicle)
     if not args.other_vehicle:
         try:
@@ -120,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     )
     with session as drive:
         for one, bag in drives:
-            bag.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(bag.parent)
             with progress_bar(f"driving {plan.maneuver}, ms") as progress:
                 drive(one, bag, progress)
             print(f"bag: {bag}   judge it: tricycle judge {bag}")
