@@ -107,7 +107,7 @@ class CampaignRequest:
             raise PlanError("a campaign needs a maneuver family")
         if not 0.0 < self.tolerance < 1.0:
             raise PlanError(
-                f"tolerance {self.tolerance:g} must be above 0 and below 1 (100 %); 5 % is 5% or 0.05"
+                f"tolerance {self.tolerance:g} must be above 0 and below 1; 5 % is 5% or 0.05"
             )
         if self.most_drives < 1:
             raise PlanError(f"most drives {self.most_drives} must be 1 or more")
