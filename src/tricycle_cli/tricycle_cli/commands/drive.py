@@ -90,8 +90,8 @@ def run(args: argparse.Namespace) -> int:
         raise PlanError(f"--repeat {args.repeat}: a plan is driven once or more often")
     check_new(args.bag)
     check_plant(args.plant)
-    make_folder(args.bag.parent)
     plan, vehicle = load_plan(args.plan), load_vehicle(args.vehicle)
+    make_folder(args.bag.parent)
     if not args.other_vehicle:
         try:
             check_vehicle(plan, vehicle)
