@@ -49,26 +49,24 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
     return content
 
 
-def make_folder(path: Path) -> None:
-    """Make the folder that results will go to; to be called before the work that gives them.
+def check_folder(path: Path) -> None:
+    """Refuse a folder to which nothing can be written; called before the work that fills it.
 
     Parameters
     ----------
     path : Path
-        May exist.
+        May exist; where it does not, nothing is made yet.
 
     Raises
     ------
     ExcitationError
-        If it is a file, or cannot be written to.
+        If it is in a file's place, or there is no permission to make it or to write into it.
     """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except (FileExistsError, NotADirectoryError) as error:
-        taken = next(p for p in (path, *path.parents) if p.exists())
-        raise ExcitationError(f"{taken} is a file; a folder is needed") from error
-    if not os.access(path, os.W_OK):
-        raise ExcitationError(f"{path}: no permission to write into this folder")
+    existing = next(folder for folder in (path, *path.parents) if folder.exists())
+    if not existing.is_dir():
+        raise ExcitationError(f"{existing} is a file; a folder is needed")
+    if not os.access(existing, os.W_OK):
+        raise ExcitationError(f"{existing}: no permission to write into this folder")
 
 
 @contextmanager

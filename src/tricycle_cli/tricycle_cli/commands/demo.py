@@ -14,7 +14,7 @@ from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import add_effects_option, effects_asked, real_time_factor, seed
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import make_folder, write_whole
+from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import BagError
 from tricycle_core.optional import check_installed
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, load_vehicle
@@ -155,12 +155,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _make_room(folder: Path, *, overwrite: bool) -> None:
     """Make an output folder, empty of an earlier demo's bags."""
+    check_folder(folder)
     bags = folder / "bags"
     if bags.exists() and any(bags.iterdir()):
         if not overwrite:
             raise BagError(f"{bags}: holds bags already; choose another --output or --overwrite")
         shutil.rmtree(bags)
-    make_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
 
 
 def _plans(request: PlanRequest, folder: Path) -> dict[str, Plan]:

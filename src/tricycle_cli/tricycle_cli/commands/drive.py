@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import make_folder
+from tricycle_core.documents import check_folder
 from tricycle_core.errors import PlanError
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     check_new(args.bag)
     check_plant(args.plant)
     plan, vehicle = load_plan(args.plan), load_vehicle(args.vehicle)
-    make_folder(args.bag.parent)
+    check_folder(args.bag.parent)
     if not args.other_vehicle:
         try:
             check_vehicle(plan, vehicle)
@@ -124,7 +124,7 @@ def run(args: argparse.Namespace) -> int:
     )
     with session as drive:
         for one, bag in drives:
-            make_folder(bag.parent)
+            bag.parent.mkdir(parents=True, exist_ok=True)
             with progress_bar(f"driving {plan.maneuver}, ms") as progress:
                 drive(one, bag, progress)
             print(f"bag: {bag}   judge it: tricycle judge {bag}")

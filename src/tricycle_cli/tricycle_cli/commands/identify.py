@@ -21,7 +21,7 @@ from tricycle_cli.arguments import (
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import make_folder, write_whole
+from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import load_vehicle
 
@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     if args.output is not None:
-        make_folder(args.output)
+        check_folder(args.output)
     if args.drive_by_drive is not None:
         return _drive_by_drive(args)
     from rich.console import Console

@@ -25,7 +25,7 @@ from tricycle_cli.arguments import (
     seed,
 )
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import make_folder
+from tricycle_core.documents import check_folder
 from tricycle_core.errors import PlanError
 from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
@@ -192,7 +192,7 @@ def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]
         if request.others:
             raise PlanError("--at plans one maneuver: give one --maneuver, and no --maneuvers")
         x = operation_point(request.family, parse_assignments(args.at))
-    make_folder(args.output)
+    check_folder(args.output)
     for warning in warnings_about(request.vehicle):
         print(f"warning: {warning}", file=sys.stderr)
     if x is not None:
