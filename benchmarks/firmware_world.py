@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 from identification import MANEUVERS
 
+from excitation_planner.design.noise import SIMULATED
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.drives.measured import read_measured_drive
 from parameter_identification.identification import EFFECTS, identify
-from tricycle_cli.campaign.request import SIMULATED
 from tricycle_cli.operation.session import simulated_session
 from tricycle_sim.vehicle import load_vehicle
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from simulated_drives import TRUTH, VEHICLE
 
+from excitation_planner.design.noise import SIMULATED
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.drives.measured import Sensor, Signal, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
-from tricycle_cli.campaign.request import SIMULATED
 from tricycle_sim.vehicle.batch import simulate
 
 

@@ -16,6 +16,7 @@ from excitation_planner.design.information import (
     information,
     posterior_covariance,
 )
+from excitation_planner.design.noise import SIMULATED
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
@@ -26,7 +27,6 @@ from parameter_identification.drives.measured import read_measured_drive
 from parameter_identification.identification import identify
 from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
-from tricycle_cli.campaign.request import SIMULATED
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import NodeError
 from tricycle_sim.vehicle import draw_truth, load_vehicle

@@ -7,13 +7,13 @@ import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
 
+from excitation_planner.design.noise import SIMULATED
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from parameter_identification.drives.measured import read_measured_drive
 from parameter_identification.identification import identify
 from tricycle_bringup.configuration import SIMULATION_CONFIG
-from tricycle_cli.campaign.request import SIMULATED
 from tricycle_cli.operation.processes import NodeProcesses
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.nodes import LATCHED

@@ -63,6 +63,15 @@ def test_an_armed_vehicle_stands_still_until_somebody_commands(vehicle):
     assert vehicle.measured[DRIVE].speed == pytest.approx(0.5)
 
 
+def test_a_command_of_before_arming_does_not_turn_the_steering(vehicle):
+    vehicle.target = (0.3, 0.0)  # of the drive before, after which the vehicle was set back
+    vehicle.step()
+    vehicle.target = None
+    assert vehicle.arm() == (True, "armed")
+    vehicle.step(100)
+    assert vehicle.measured[STEER].angle == 0.0
+
+
 def test_a_commander_that_stops_the_vehicle_and_falls_silent_leaves_it_at_rest(driving):
     driving.target = (0.2, 0.0)
     driving.step(120)

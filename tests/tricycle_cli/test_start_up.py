@@ -58,8 +58,11 @@ def test_a_wrong_argument_imports_nothing_slow(arguments):
 
 
 @pytest.mark.slow
-def test_a_bag_is_judged_without_what_only_planning_and_plotting_need(record_drive, tmp_path):
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_a_bag_is_judged_without_what_only_planning_and_plotting_need(
+    record_drive, tmp_path, options
+):
     record_drive(tmp_path / "bag")
-    status, names = imported("judge", tmp_path / "bag", "--json")
+    status, names = imported("judge", tmp_path / "bag", *options)
     assert status == 0
     assert names & {"scipy", "sklearn", "numba", "matplotlib", "plotly", "rclpy"} == set()

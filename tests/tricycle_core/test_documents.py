@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tricycle_core.documents import (
+    check_folder,
     check_texts,
     decode,
     encode,
@@ -20,7 +21,7 @@ from tricycle_core.documents import (
     replacing,
     write_whole,
 )
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import ExcitationError, PlanError
 from tricycle_core.quantities import FloatArray
 
 
@@ -150,3 +151,11 @@ def test_texts_for_a_terminal_are_refused(values, message):
     with pytest.raises(PlanError, match=message):
         check_texts(values, "file", PlanError)
     check_texts({"a": ["Ä", 1.0, None]}, "file", PlanError)
+
+
+def test_a_folder_is_checked_before_it_is_made(tmp_path):
+    check_folder(tmp_path / "new" / "deep")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "taken").touch()
+    with pytest.raises(ExcitationError, match="taken is a file; a folder is needed"):
+        check_folder(tmp_path / "taken" / "deep")

@@ -350,6 +350,7 @@ class Bridge:
             done(ArmingOutcome(False, f"not armed: {reason}"))
         else:
             self._angle = self.resting_angle()
+            self.commands.begin(now)
             self._enabled = True
             self._estopped = False
             self.stopped_by = ""

@@ -88,7 +88,9 @@ def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, Measurement
     defaults : mapping of str to MeasurementNoise
         What holds where an option is left out, by the condition, for the help.
     """
-    group = parser.add_argument_group("how the drive is measured", "deviations of white noise")
+    group = parser.add_argument_group(
+        "how the drive is measured", "deviations of white noise; where left out, the simulation's"
+    )
     for option, unit, text in (
         ("--noise-std", "M", "of the position per axis; 0: the paper's cost"),
         ("--heading-std", "RAD", "of the heading; 0: it is not measured"),

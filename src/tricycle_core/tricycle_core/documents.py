@@ -49,6 +49,26 @@ def read_bounded(path: Path, limit: int, what: str, error: type[ExcitationError]
     return content
 
 
+def check_folder(path: Path) -> None:
+    """Refuse a folder to which nothing can be written; called before the work that fills it.
+
+    Parameters
+    ----------
+    path : Path
+        May exist; where it does not, nothing is made yet.
+
+    Raises
+    ------
+    ExcitationError
+        If it is in a file's place, or there is no permission to make it or to write into it.
+    """
+    existing = next(folder for folder in (path, *path.parents) if folder.exists())
+    if not existing.is_dir():
+        raise ExcitationError(f"{existing} is a file; a folder is needed")
+    if not os.access(existing, os.W_OK):
+        raise ExcitationError(f"{existing}: no permission to write into this folder")
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give a path to write to; the file takes the place of `path` when the block ends well.

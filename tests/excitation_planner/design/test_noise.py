@@ -38,6 +38,7 @@ def test_impossible_noise_of_a_trajectory_is_refused(arguments):
 
 def test_a_gyro_is_one_more_channel():
     with_gyro = MeasurementNoise(noise_std=0.02, yaw_rate_std=0.003)
+    assert str(with_gyro) == "position ± 20 mm at 20 Hz, gyro ± 3 mrad/s at 20 Hz"
     assert with_gyro.channels == ("x", "y", "yaw_rate")
     assert with_gyro.of_trajectory.std == (0.02, 0.02, 0.003)
     assert MeasurementNoise(noise_std=0.02).of_trajectory.std == (0.02, 0.02)

@@ -2,12 +2,15 @@
 
 import json
 from importlib.resources import files
+from pathlib import Path
 
 import pytest
+import yaml
 
-from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.noise import SIMULATED, MeasurementNoise
 from excitation_planner.maneuver import Circle
-from tricycle_cli.campaign.request import SIMULATED, CampaignRequest
+from tricycle_bringup.configuration import SIMULATION_CONFIG
+from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_core.errors import PlanError
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import load_vehicle
@@ -44,3 +47,8 @@ def test_a_simulated_campaign_is_planned_for_what_the_simulation_measures():
     assert SIMULATED.heading_std == float(defaults["yaw_noise"])
     assert SIMULATED.yaw_rate_std == float(defaults["yaw_rate_noise"])
     assert SIMULATED.pose_rate == SIMULATED.gyro_rate == 1.0 / TICK
+
+
+def test_the_planner_node_of_a_simulation_counts_on_the_same():
+    planner = yaml.safe_load(Path(SIMULATION_CONFIG).read_text())["/**/excitation_planner"]
+    assert MeasurementNoise(**planner["ros__parameters"]) == SIMULATED

@@ -64,6 +64,7 @@ def test_the_table_has_a_row_per_drive(campaign):
     text = console.export_text()
     for part in ("wanted: ± 5 %", "nothing: the ranges", "1: circle", "710 ± 2.76%", "700"):
         assert part in text
+    assert "expected: if no effects act" not in text  # those of this campaign count none either
 
 
 @pytest.mark.slow

@@ -5,8 +5,9 @@ import json
 import numpy as np
 import pytest
 
+from excitation_planner.design.noise import SIMULATED
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
-from tricycle_cli.campaign.request import SIMULATED, Settings
+from tricycle_cli.campaign.request import Settings
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_core.errors import PlanError
 

@@ -80,3 +80,8 @@ def test_repeats_and_mirror_images_take_turns_and_each_has_a_bag(line, monkeypat
 def test_a_plan_is_driven_once_at_least(line, capsys):
     assert line("--repeat", "0") == 2
     assert "--repeat 0" in capsys.readouterr().err
+
+
+def test_a_plant_that_is_not_installed_is_refused_before_a_node_starts(line, capsys):
+    assert line("--plant", "foo") == 2
+    assert "unknown plant 'foo'; there are: own" in capsys.readouterr().err

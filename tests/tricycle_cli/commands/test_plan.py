@@ -48,6 +48,7 @@ def test_a_plan_is_made_in_the_search_box_that_is_given_and_shown(capsys, tmp_pa
     assert main([*command, "--output", str(tmp_path)]) == 0
     output = capsys.readouterr().out
     assert "search box: radius=3:12 speed=0.5:0.8, speed at the end of its range" in output
+    assert "position ± 10 mm and heading ± 2 mrad at 100 Hz, gyro ± 5 mrad/s at 100 Hz" in output
 
 
 @pytest.mark.slow
@@ -59,6 +60,13 @@ def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
     assert f"{tmp_path / 'plan-1.json'} exists: --overwrite replaces" in capsys.readouterr().err
     assert main([*command, str(tmp_path), "--overwrite"]) == 0
     assert {p.name for p in tmp_path.glob("*.json")} == {"plan.json", "notes.json"}
+
+
+def test_a_file_in_the_place_of_the_output_is_told_before_anything_is_planned(capsys, tmp_path):
+    (tmp_path / "taken").touch()
+    assert main(["plan", "--output", str(tmp_path / "taken" / "plans")]) == 2
+    taken = tmp_path / "taken"
+    assert capsys.readouterr().err == f"tricycle: {taken} is a file; a folder is needed\n"
 
 
 def test_help_names_the_search_boxes(capsys):

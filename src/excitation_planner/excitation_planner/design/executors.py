@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -273,6 +274,8 @@ def process_pool(workers: int | None = None) -> Executor:
 
 
 def _pool(workers: int | None) -> Any:
+    # an idle process that ends just when work comes is replaced; loky warns of it
+    warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     return get_reusable_executor(
         workers or os.cpu_count(), timeout=IDLE_TIME, initializer=_prepare_worker
     )

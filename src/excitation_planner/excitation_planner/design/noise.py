@@ -208,3 +208,32 @@ class MeasurementNoise:
     def of_trajectory_error(self) -> TrajectoryErrorNoise:
         """Noise of TE, for the criterion H: the worst case, a constant offset of the position."""
         return TrajectoryErrorNoise(self.noise_std)
+
+    def __str__(self) -> str:
+        """List the sensors, with deviations and rates."""
+        pose = [f"position ± {1e3 * self.noise_std:g} mm"]
+        if self.heading_std:
+            pose.append(f"heading ± {1e3 * self.heading_std:g} mrad")
+        sensors = [f"{' and '.join(pose)} at {self.pose_rate:g} Hz"]
+        if self.yaw_rate_std:
+            sensors.append(f"gyro ± {1e3 * self.yaw_rate_std:g} mrad/s at {self.gyro_rate:g} Hz")
+        if self.wheel_speed_std:
+            sensors.append(
+                f"wheel ± {1e3 * self.wheel_speed_std:g} mrad/s at {self.wheel_rate:g} Hz"
+            )
+        return ", ".join(sensors)
+
+
+SIMULATED = MeasurementNoise(
+    noise_std=0.01,
+    heading_std=0.002,
+    pose_rate=100.0,
+    yaw_rate_std=0.005,
+    gyro_rate=100.0,
+    wheel_speed_std=0.001,
+    wheel_rate=1.0,
+)
+"""What the simulation measures unless its parameters are set.
+
+`joint_states` come at 100 Hz, rounded to 1 mm/s; identification counts those of a second as one.
+"""

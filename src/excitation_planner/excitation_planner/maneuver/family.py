@@ -10,9 +10,11 @@ Families are found by their entry points, see docs/how-to-maneuver-family.md.
 """
 
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from functools import cache
+from importlib.metadata import EntryPoints, entry_points
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -146,9 +148,15 @@ def path_point(vehicle: Vehicle) -> float:
     return vehicle.axle_x(next(wheel.axle for wheel in vehicle.wheels if not wheel.steered))
 
 
+@cache
+def _installed(_: tuple[str, ...]) -> EntryPoints:
+    """Read what is installed on a search path: once, it takes as long as to import NumPy."""
+    return entry_points(group=ENTRY_POINTS)
+
+
 def family_names() -> tuple[str, ...]:
     """Return the names of the families of all installed distributions, sorted."""
-    return tuple(sorted(entry_points(group=ENTRY_POINTS).names))
+    return tuple(sorted(_installed(tuple(sys.path)).names))
 
 
 def family_by_name(name: str) -> ManeuverFamily:
@@ -166,7 +174,7 @@ def family_by_name(name: str) -> ManeuverFamily:
     """
     key = name.replace("-", "_")
     # a colcon workspace over an installed wheel registers the same class twice
-    points = {point.value: point for point in entry_points(group=ENTRY_POINTS, name=key)}
+    points = {point.value: point for point in _installed(tuple(sys.path)).select(name=key)}
     if not points:
         raise PlanError(f"unknown maneuver {name!r}; there are: {', '.join(family_names())}")
     if len(points) > 1:

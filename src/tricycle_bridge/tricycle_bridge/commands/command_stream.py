@@ -134,11 +134,24 @@ class CommandStream:
         self._conflict = ""
         self._conflict_at = -math.inf
         self._newest: _Input | None = None
+        self._begun_at = -math.inf  # commands of before do not count
         self._sent: _Sent | None = None
         self._sent_at = -math.inf
         self._new_allowed_at = -math.inf
 
     # ---- whose command counts ----
+
+    def begin(self, now: float) -> None:
+        """Let only commands of from now on count, because the vehicle is being armed.
+
+        The last command of an earlier drive may have another steering angle than the vehicle.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        """
+        self._begun_at = now
 
     def lock(self) -> None:
         """Let whoever commands next be the only commander, because the vehicle is armed."""
@@ -307,11 +320,14 @@ class CommandStream:
     def clear(self) -> None:
         """Forget the commands, after the clock jumped back."""
         self._newest = None
-        self._sent_at = self._new_allowed_at = -math.inf
+        self._begun_at = self._sent_at = self._new_allowed_at = -math.inf
         self._conflict_at = self._released_heard_at = -math.inf
 
     def _is_fresh(self, now: float) -> bool:
-        return self._newest is not None and now - self._newest.stamp <= INPUT_AGE + JITTER
+        newest = self._newest
+        if newest is None or newest.stamp <= self._begun_at:
+            return False
+        return now - newest.stamp <= INPUT_AGE + JITTER
 
 
 def _stamp_refusal(age: float) -> str | None:

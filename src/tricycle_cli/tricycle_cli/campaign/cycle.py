@@ -24,7 +24,7 @@ from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.session import DrivePlan
-from tricycle_core.documents import encode
+from tricycle_core.documents import check_folder, encode
 from tricycle_core.errors import DesignError, PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
@@ -85,6 +85,7 @@ class Campaign:
         elif folder.exists() and any(folder.iterdir()):
             raise PlanError(f"{folder}: holds something else; give a new folder for the campaign")
         else:
+            check_folder(folder)
             folder.mkdir(parents=True, exist_ok=True)
             self._keep(())
 

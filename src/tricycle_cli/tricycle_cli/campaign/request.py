@@ -18,21 +18,6 @@ if TYPE_CHECKING:
     from excitation_planner.design.prior import BoxPrior
 
 
-SIMULATED = MeasurementNoise(
-    noise_std=0.01,
-    heading_std=0.002,
-    pose_rate=100.0,
-    yaw_rate_std=0.005,
-    gyro_rate=100.0,
-    wheel_speed_std=0.001,
-    wheel_rate=1.0,
-)
-"""What the simulation measures unless its parameters are set.
-
-`joint_states` come at 100 Hz, rounded to 1 mm/s; identification counts those of a second as one.
-"""
-
-
 @dataclass(frozen=True)
 class Settings:
     """What must stay the same while a campaign goes on.
@@ -121,7 +106,9 @@ class CampaignRequest:
         if not self.families:
             raise PlanError("a campaign needs a maneuver family")
         if not 0.0 < self.tolerance < 1.0:
-            raise PlanError(f"tolerance {self.tolerance:g} must be above 0 and below 1 (100 %)")
+            raise PlanError(
+                f"tolerance {self.tolerance:g} must be above 0 and below 1; 5 % is 5% or 0.05"
+            )
         if self.most_drives < 1:
             raise PlanError(f"most drives {self.most_drives} must be 1 or more")
         for target in self.targets:

@@ -77,6 +77,9 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
     wanted = f"wanted: ± {100.0 * campaign.request.tolerance:g} %"
     table = Table(
         title=f"estimates ± half their 95 % intervals (2σ), {wanted}",
+        caption="expected: if no effects act; the estimates reckon with them"
+        if campaign.request.effects
+        else None,
         box=SIMPLE_HEAD,
         pad_edge=False,
     )

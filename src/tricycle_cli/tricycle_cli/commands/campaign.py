@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from excitation_planner.area.area import load_area
-from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.noise import SIMULATED, MeasurementNoise
 from excitation_planner.maneuver import family_names
 from tricycle_cli.arguments import (
     add_area_option,
@@ -24,7 +24,7 @@ from tricycle_cli.arguments import (
     search_boxes,
     seed,
 )
-from tricycle_cli.campaign.request import SIMULATED, CampaignRequest
+from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError

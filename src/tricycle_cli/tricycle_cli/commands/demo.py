@@ -14,7 +14,7 @@ from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import add_effects_option, effects_asked, real_time_factor, seed
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import write_whole
+from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import BagError
 from tricycle_core.optional import check_installed
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, Vehicle, load_vehicle
@@ -82,11 +82,11 @@ def run(args: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
+    from excitation_planner.design.noise import SIMULATED
     from parameter_identification.drives.measured import measured_drive
     from parameter_identification.drives.recorded import read_drive
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive
-    from tricycle_cli.campaign.request import SIMULATED
     from tricycle_cli.operation.session import hidden_truth
     from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.run_folder import read_run
@@ -155,6 +155,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _make_room(folder: Path, *, overwrite: bool) -> None:
     """Make an output folder, empty of an earlier demo's bags."""
+    check_folder(folder)
     bags = folder / "bags"
     if bags.exists() and any(bags.iterdir()):
         if not overwrite:

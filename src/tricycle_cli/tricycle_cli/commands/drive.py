@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tricycle_cli.arguments import real_time_factor, seed
 from tricycle_cli.progress import progress_bar
+from tricycle_core.documents import check_folder
 from tricycle_core.errors import PlanError
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
@@ -83,11 +84,14 @@ def run(args: argparse.Namespace) -> int:
     from excitation_planner.planning.mirror import mirrored
     from trajectory_recorder.bag.writer import check_new
     from tricycle_cli.operation.session import running_session, simulated_session
+    from tricycle_sim.plants.installed import check_plant
 
     if args.repeat < 1:
         raise PlanError(f"--repeat {args.repeat}: a plan is driven once or more often")
     check_new(args.bag)
+    check_plant(args.plant)
     plan, vehicle = load_plan(args.plan), load_vehicle(args.vehicle)
+    check_folder(args.bag.parent)
     if not args.other_vehicle:
         try:
             check_vehicle(plan, vehicle)

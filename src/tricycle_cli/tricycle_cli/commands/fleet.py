@@ -75,12 +75,14 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.fleet import identify_fleet
     from tricycle_cli.reports.static_figures import plot_fleet
     from tricycle_cli.reports.tables import population_table
-    from tricycle_core.documents import encode, write_whole
+    from tricycle_core.documents import check_folder, encode, write_whole
 
     if args.workers is not None and args.workers < 1:
         raise BagError(f"--workers {args.workers}: 1 or more are needed")
     vehicle = load_vehicle(args.vehicle)
     bags = _by_vehicle(args.bags, args.vehicles)
+    if args.output is not None:
+        check_folder(args.output)
     with (
         ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as executor,
         progress_bar("identifying vehicles") as progress,

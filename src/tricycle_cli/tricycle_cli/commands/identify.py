@@ -21,6 +21,7 @@ from tricycle_cli.arguments import (
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
+from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import load_vehicle
 
@@ -118,6 +119,8 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
+    if args.output is not None:
+        check_folder(args.output)
     if args.drive_by_drive is not None:
         return _drive_by_drive(args)
     from rich.console import Console
@@ -185,7 +188,6 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     from parameter_identification.identified_vehicle import identified_vehicle
     from parameter_identification.many_drives import identify_many
     from tricycle_cli.reports.tables import parameter_table, remarks_on_many
-    from tricycle_core.documents import write_whole
 
     others = {
         "--columns": args.columns,

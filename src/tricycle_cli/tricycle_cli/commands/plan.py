@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.noise import SIMULATED
 from excitation_planner.maneuver import family_names, operation_point, shown_ranges
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import (
@@ -25,6 +25,7 @@ from tricycle_cli.arguments import (
     seed,
 )
 from tricycle_cli.progress import progress_bar
+from tricycle_core.documents import check_folder
 from tricycle_core.errors import PlanError
 from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
@@ -38,7 +39,7 @@ EXAMPLE = """\
 examples:
   tricycle plan --maneuver circle --target cornering_stiffness --output out/plan
   tricycle plan --maneuver circle,double-lane-change --target camber_stiffness
-  tricycle plan --maneuver circle --maneuvers 2 --criterion a --yaw-rate-std 0.005
+  tricycle plan --maneuver circle --maneuvers 2 --criterion a --yaw-rate-std 0.002
   tricycle plan --maneuver circle --range radius=3:12 speed=0.5:1.5
   tricycle plan --criterion h --noise-std 0 --at radius=3 speed=0.8
   tricycle plan show out/plan/plan.json
@@ -90,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--seed", type=seed, default=0, help="same seed, same plan")
     add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
     add("--budget", type=int, default=PlanRequest.budget, help="largest number of simulations")
-    add_noise_options(parser, {"": MeasurementNoise()})
+    add_noise_options(parser, {"": SIMULATED})
     add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
     add("--overwrite", action="store_true", help="replace the plans that are there")
     add("--json", action="store_true", help="print one JSON object")
@@ -142,6 +143,7 @@ def run(args: argparse.Namespace) -> int:
             console.print(_summary(plan))
         if first.predicted_std:
             console.print(prediction_table(first))
+            console.print(f"if these measure it: {first.noise}", soft_wrap=True)
             if first.effects:
                 console.print(
                     f"counted as not known either: {', '.join(first.effects)}", soft_wrap=True
@@ -164,7 +166,7 @@ def _request(args: argparse.Namespace) -> PlanRequest:
     if not len(families) <= count <= MOST_MANEUVERS:
         raise PlanError(f"--maneuvers {count}: must be from {len(families)} to {MOST_MANEUVERS}")
     first, *others = (families[i % len(families)] for i in range(count))
-    noise = noise_of(args, MeasurementNoise())
+    noise = noise_of(args, SIMULATED)
     default = Criterion.C if noise.noise_std > 0.0 else Criterion.H
     return PlanRequest(
         load_vehicle(args.vehicle),
@@ -185,12 +187,15 @@ def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]
     """Plans by the files they go to."""
     from excitation_planner.planning import plan_at, plan_set
 
-    for warning in warnings_about(request.vehicle):
-        print(f"warning: {warning}", file=sys.stderr)
+    x = None
     if args.at:
         if request.others:
-            raise PlanError("--at plans one maneuver; give one --maneuver")
+            raise PlanError("--at plans one maneuver: give one --maneuver, and no --maneuvers")
         x = operation_point(request.family, parse_assignments(args.at))
+    check_folder(args.output)
+    for warning in warnings_about(request.vehicle):
+        print(f"warning: {warning}", file=sys.stderr)
+    if x is not None:
         return {args.output / "plan.json": plan_at(request, x)}
     names = ", ".join(family.name for family in request.families)
     with progress_bar(f"planning {names} for {request.target}") as progress:

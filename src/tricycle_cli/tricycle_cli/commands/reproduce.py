@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from paper_reproduction.published import ITEMS
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import write_whole
+from tricycle_core.documents import check_folder, write_whole
 
 if TYPE_CHECKING:
     from paper_reproduction.comparison import Item
@@ -68,6 +68,7 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.reports.comparison_page import comparison_page, comparison_table
 
     names = ITEMS if "all" in args.items else [name for name in ITEMS if name in args.items]
+    check_folder(args.output)
     args.output.mkdir(parents=True, exist_ok=True)
     items, figures = [], []
     reproduction = Reproduction(process_pool(), budget=PaperBudget() if args.faithful else None)

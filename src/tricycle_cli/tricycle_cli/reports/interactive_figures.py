@@ -354,7 +354,8 @@ def _layout(height: int) -> dict[str, object]:
         "plot_bgcolor": "rgba(0,0,0,0)",
         "margin": {"l": 70, "r": 20, "t": 30, "b": 50},
         "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
-        "hoverlabel": {"bgcolor": "white", "font": {"color": "black"}},
+        "hoverlabel": {"bgcolor": "white", "font": {"color": "black"}, "namelength": -1},
+        "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": GREY, "activecolor": BLUE},
         "font": {"family": "system-ui, sans-serif", "size": 13},
     }
 

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from parameter_identification.identified_vehicle import named
 from parameter_identification.judging.judgement import Anchor, Judgement
 from tricycle_sim.effects import TYRE_ROUNDING
 
@@ -206,6 +205,8 @@ def parameter_table(
         Hidden true values; default: those that the bags hold.
     """
     rows = parameter_rows(found, truth)
+    from parameter_identification.identified_vehicle import named  # with SciPy; judging needs none
+
     drives = named([drive.name for drive in found.drives])
     title = f"identified from {drives}; {100 * found.level:g} % intervals"
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)

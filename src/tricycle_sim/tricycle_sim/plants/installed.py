@@ -18,6 +18,24 @@ def plant_names() -> tuple[str, ...]:
     return OWN, *sorted(entry_points(group=ENTRY_POINTS).names)
 
 
+def check_plant(name: str) -> None:
+    """Refuse a plant that is not installed.
+
+    Parameters
+    ----------
+    name : str
+        As for `plant_by_name`.
+
+    Raises
+    ------
+    PlantError
+        Unknown name, with those that are known.
+    """
+    known = plant_names()
+    if name.partition(":")[0] not in known:
+        raise PlantError(f"unknown plant {name!r}; there are: {', '.join(known)}")
+
+
 def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     """Return a plant.
 
@@ -38,10 +56,9 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
     name, _, file = name.partition(":")
     if name == OWN and not file:
         return OwnPlant(vehicle, seed)
+    check_plant(name)
     # a colcon workspace over an installed wheel registers the same class twice
     points = {point.value: point for point in entry_points(group=ENTRY_POINTS, name=name)}
-    if not points:
-        raise PlantError(f"unknown plant {name!r}; there are: {', '.join(plant_names())}")
     if len(points) > 1:
         raise PlantError(f"plant {name!r} is registered for {' and for '.join(sorted(points))}")
     ((value, point),) = points.items()
