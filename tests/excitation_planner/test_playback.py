@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from excitation_planner.localisation import PlanarState
 from excitation_planner.playback import (
-    LEAD_IN,
     MAX_ROWS,
+    PREPARATION,
     JointCommand,
     Playback,
     PlaybackState,
@@ -55,7 +55,7 @@ def running(now=10.0, **options):
 
 def start(playback, now):
     """Start a playback so that row 0 is due now."""
-    for t in (now - LEAD_IN, now):
+    for t in (now - PREPARATION, now):
         playback.observe(AT_REST, t, t)
         playback.hear(ARMED, t)
         if t < now:

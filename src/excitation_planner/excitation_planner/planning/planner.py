@@ -16,7 +16,7 @@ from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_excitation
 from excitation_planner.design.information import ManeuverSet
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
-from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.maneuver import LedInFamily, ManeuverFamily, lead_in_of
 from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.prediction import (
     ReplayedTrajectories,
@@ -34,9 +34,6 @@ from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
-
-CURVATURES = 64
-"""Steering angles at which a path's curvature is computed, and interpolated between."""
 
 LEAST_DRAWS = 6
 """Vehicles over which a criterion is averaged, however many effects each is simulated with."""
@@ -327,6 +324,7 @@ def _plans(
                 path=run.path,
                 reference=run.reference,
                 search=searched,
+                lead_in=lead_in_of(run.commands) if isinstance(family, LedInFamily) else 0.0,
                 **({} if room is None else on_area(room, vehicle, run.commands)),
             )
         )
@@ -346,16 +344,15 @@ def on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
         Of the maneuver.
     """
     fit = room.fit(vehicle, commands)
-    placement, angles = fit.placement, commands.steering_motor_angle
-    tried = np.linspace(angles.min(), angles.max(), CURVATURES)
+    placement = fit.placement
     return {
         "area": room.area,
         "start_pose": (placement.x, placement.y, placement.heading),
         "clearance": placement.clearance,
-        "tube": rings_of(fit.tube.drive),
-        "stopping_zone": rings_of(fit.tube.whole),
+        "tube": rings_of(fit.drive),
+        "stopping_zone": rings_of(fit.whole),
         "footprint": room.footprint,
-        "curvature": np.interp(angles, tried, crawl_curvature(vehicle, tried)),
+        "curvature": crawl_curvature(vehicle, commands.steering_motor_angle),
     }
 
 

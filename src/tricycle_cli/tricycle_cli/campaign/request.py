@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from excitation_planner.area.area import Area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.maneuver import LedInFamily, ManeuverFamily
 from excitation_planner.planning import PlanRequest
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import Vehicle
@@ -17,6 +17,9 @@ from tricycle_sim.vehicle import Vehicle
 if TYPE_CHECKING:
     from excitation_planner.design.prior import BoxPrior
 
+
+WAY_BACK = "way_back"
+"""Folder, in that of the campaign, for the bag of the way back from the last drive."""
 
 SIMULATED = MeasurementNoise(
     noise_std=0.01,
@@ -53,6 +56,8 @@ class Settings:
         The search box, by ``FAMILY.NAME``.
     area : Area, optional
         Ground that the drives stay on.
+    lead_in : float, optional
+        Straight before the families' own run-ins [m]; None: no lead-in.
     """
 
     vehicle: str
@@ -63,6 +68,7 @@ class Settings:
     true_seed: int | None
     ranges: Mapping[str, tuple[float, float]]
     area: Area | None = None
+    lead_in: float | None = None
 
 
 @dataclass(frozen=True)
@@ -170,4 +176,5 @@ class CampaignRequest:
                 for name, limits in family.operation.bounds().items()
             },
             area=self.area,
+            lead_in=next((f.length for f in self.families if isinstance(f, LedInFamily)), None),
         )

@@ -15,6 +15,7 @@ from excitation_planner.maneuver import family_names
 from tricycle_cli.arguments import (
     add_area_option,
     add_effects_option,
+    add_lead_in_option,
     add_noise_options,
     add_range_options,
     effects_asked,
@@ -24,7 +25,7 @@ from tricycle_cli.arguments import (
     search_boxes,
     seed,
 )
-from tricycle_cli.campaign.request import SIMULATED, CampaignRequest
+from tricycle_cli.campaign.request import SIMULATED, WAY_BACK, CampaignRequest
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
@@ -82,6 +83,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_range_options(parser)
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add_area_option(parser)
+    add_lead_in_option(parser)
     add(
         "--return",
         action="store_true",
@@ -202,13 +204,17 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
             true_seed=args.true_seed,
             real_time_factor=args.real_time_factor,
             folder=args.output / "session",
-            back=args.back,
+            back=_way_back(args),
             monitor=args.stop_early,
         ) as drive:
             yield drive
         return
-    with running_session(load_vehicle(args.vehicle), ask=True, back=args.back) as drive:
+    with running_session(load_vehicle(args.vehicle), ask=True, back=_way_back(args)) as drive:
         yield drive
+
+
+def _way_back(args: argparse.Namespace) -> Path | None:
+    return args.output / WAY_BACK if args.back else None
 
 
 def _step(
