@@ -4,9 +4,9 @@
 
 plans   each family is planned without a yard and in three of them, by criterion c for the cornering
         stiffness. Printed: what share of the information is kept (variance free over variance in
-        the yard), how many times as much processor time the planning took, and how many of the random vehicles of
-        the ranges, begun up to 5 cm and 1 deg beside the planned start, come closer to the border
-        than the margin, and how close the closest comes.
+        the yard), how many times as much processor time the planning took, and how many of the
+        random vehicles of the ranges, begun up to 5 cm and 1 deg beside the planned start, come
+        closer to the border than the margin, and how close the closest comes.
 faults  vehicles of random draws drive these plans behind emulated boards, by the driver's own state
         machine and its fence, on the 9-DOF vehicle. At a random time the localisation jumps by 2 m,
         freezes, drifts by the margin within 5 s, or the host falls silent and the boards' watchdogs

@@ -216,7 +216,7 @@ def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Flo
 
 
 def _effects(request: PlanRequest) -> tuple[Effect, ...]:
-    return planned_effects(request.vehicle, request.effects)
+    return planned_effects(request.vehicle, request.effects, request.known_effects)
 
 
 def _trajectories(request: PlanRequest) -> tuple[ReplayedTrajectories, ...]:

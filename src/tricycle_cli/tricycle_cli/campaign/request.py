@@ -101,6 +101,8 @@ class CampaignRequest:
         What is estimated beside the parameters: of `EFFECTS`.
     weighed : bool
         Whether by the average over all their subsets.
+    plan_effects : tuple of str
+        Of the same: what plans count as not known either.
 
     Raises
     ------
@@ -120,6 +122,7 @@ class CampaignRequest:
     area: Area | None = None
     effects: tuple[str, ...] = ()
     weighed: bool = False
+    plan_effects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.targets or len(set(self.targets)) < len(self.targets):
@@ -134,7 +137,13 @@ class CampaignRequest:
             self.plan_request(self.families[0], target, None, seed=0)  # checks the rest
 
     def plan_request(
-        self, family: ManeuverFamily, target: str, prior: BoxPrior | None, *, seed: int
+        self,
+        family: ManeuverFamily,
+        target: str,
+        prior: BoxPrior | None,
+        *,
+        seed: int,
+        known_effects: Mapping[str, float] | None = None,
     ) -> PlanRequest:
         """Return the request of the plan of one drive.
 
@@ -148,6 +157,8 @@ class CampaignRequest:
             What is known after earlier drives; None: the ranges of the vehicle.
         seed : int
             Of the search.
+        known_effects : mapping of str to float, optional
+            Standard deviations of effects after earlier drives, in their units.
         """
         return PlanRequest(
             self.vehicle,
@@ -159,6 +170,8 @@ class CampaignRequest:
             noise=self.noise,
             prior=prior,
             area=self.area,
+            effects=self.plan_effects,
+            known_effects=known_effects or {},
         )
 
     def settings(self) -> Settings:

@@ -30,6 +30,7 @@ from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
 from tricycle_core.optional import check_installed
+from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -109,6 +110,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
     add_effects_option(parser)
+    add(
+        "--plan-effects",
+        default="none",
+        metavar="all|none|NAME,NAME",
+        help="of the same: what plans count as not known either (default: none)",
+    )
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -146,6 +153,7 @@ def run(args: argparse.Namespace) -> int:
         true_seed=None if args.vehicle_nodes else args.true_seed,
         area=None if args.area is None else load_area(args.area),
         **effects_asked(args),
+        plan_effects=named_effects(args.plan_effects),
     )
     campaign = Campaign(args.output, request)
     console = Console(stderr=True)
