@@ -5,9 +5,8 @@
 Each campaign has a vehicle of its own, with random unknown parameters and random effects that the
 file does not know (steering zero and gain, wheel radius, loads, slopes, dead times, ...), and every
 drive is measured as the simulation measures. It plans for the cornering stiffness, drives,
-and identifies with all effects, which is repeated. Printed for both: RMS of the error of the
-estimate and of its standard deviation after the last drive, in % of the range, error over standard
-deviation, and the processor time of a plan.
+and identifies with all effects, which is repeated. Printed for both: error of the estimate and its
+standard deviation after the last drive, in % of the range, and the processor time of a plan.
 """
 
 import argparse
@@ -132,16 +131,21 @@ def main():
     parser.add_argument("--drives", type=int, default=3)
     parser.add_argument("--budget", type=int, default=3000)
     arguments = parser.parse_args()
-    print("plans count     error   std   error/std   plan takes")
-    found = {name: [] for name in ("parameters", "effects too")}
+    print("campaign  plans count     error     std   plan takes  drives")
+    found = {"parameters": [], "effects too": []}
     for seed in range(arguments.campaigns):
-        for name, effects in zip(found, ((), EFFECTS), strict=True):
-            found[name].append(campaigned(seed, effects, arguments))
+        for (name, rows), effects in zip(found.items(), ((), EFFECTS), strict=True):
+            rows.append(campaigned(seed, effects, arguments))
+            off, std, took, driven = rows[-1]
+            told = ", ".join(driven)
+            print(f"{seed:8d}  {name:12s}{off:8.2%}{std:8.2%}{took:9.0f} s   {told}", flush=True)
     for name, rows in found.items():
         off, std, took = np.array([row[:3] for row in rows]).T
+        error, known = (np.sqrt(np.mean(v**2)) for v in (off, std))
+        ratio = np.sqrt(np.mean((off / std) ** 2))
         print(
-            f"{name:14s}{100 * np.sqrt(np.mean(off**2)):6.2f}%{100 * np.sqrt(np.mean(std**2)):6.2f}%"
-            f"{np.sqrt(np.mean((off / std) ** 2)):9.2f}{np.mean(took):10.0f} s"
+            f"{name:12s}: RMS error {error:.2%}, std {known:.2%}, error/std {ratio:.2f}, "
+            f"a plan takes {np.mean(took):.0f} s"
         )
 
 

@@ -207,6 +207,7 @@ def design_excitation(
     executor: Executor | None = None,
     workers: int | None = None,
     store: Path | None = None,
+    starts: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> Design:
     """Find the maneuver that excites the parameter ``target`` best.
@@ -251,6 +252,8 @@ def design_excitation(
         Number of those processes, by default one per core; 1 runs everything in this process.
     store : Path, optional
         Directory of a `Study` that keeps every run of f; what is there is not run again.
+    starts : ndarray of float, shape (n, l), optional
+        Points of the unit box that an adaptive search begins with; default: corners and others.
     progress : callable, optional
         Called with (runs of f so far, budget).
 
@@ -299,11 +302,13 @@ def design_excitation(
             ]
             return [verified for _, verified in run(tasks, finished)]
 
-        return search_design(problem, evaluate_all)
+        return search_design(problem, evaluate_all, starts)
 
 
 def search_design(
-    problem: DesignProblem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
+    problem: DesignProblem,
+    evaluate_all: Callable[[list[FloatArray], bool], list[Verified]],
+    starts: FloatArray | None = None,
 ) -> Design:
     """Search, verify and judge.
 
@@ -313,9 +318,11 @@ def search_design(
         What is designed.
     evaluate_all : callable
         Evaluates points x (l,); called with them and with whether to verify.
+    starts : ndarray of float, shape (n, l), optional
+        Points of the unit box that an adaptive search begins with.
     """
     history: list[Evaluation] = []
-    steps = search_steps(problem)
+    steps = search_steps(problem, starts)
     try:
         X = next(steps)
         while True:

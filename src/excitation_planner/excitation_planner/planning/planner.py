@@ -12,9 +12,11 @@ from excitation_planner.area.polygons import rings_of
 from excitation_planner.area.room import DoesNotFit, Room
 from excitation_planner.area.tube import crawl_curvature, footprint_of
 from excitation_planner.box import Box
+from excitation_planner.design.combinations import best_combinations
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_excitation
 from excitation_planner.design.information import ManeuverSet
+from excitation_planner.design.problem import Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.maneuver import LedInFamily, ManeuverFamily, lead_in_of
 from excitation_planner.plan import Index, Plan, SearchHistory
@@ -126,6 +128,23 @@ def _searched(
         return (_Maneuver(design.x, design.sensitivity, design.cost),), design
     maneuvers = ManeuverSet(_trajectories(request), tuple(f.operation for f in request.families))
     beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
+    # as many simulations of a maneuver as without effects, but a few vehicles at least
+    draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
+    starts, taken = None, 0
+    if request.others and request.search is Search.ADAPTIVE:
+        unknown = Box.of(dict(request.vehicle.unknown))
+        starts, taken = best_combinations(
+            maneuvers,
+            unknown,
+            request.noise.of_trajectory,
+            request.criterion,
+            unknown.index(request.target),
+            draws=draws,
+            seed=request.seed,
+            prior=request.prior,
+            beside=beside,
+        )
+        taken //= len(request.families)  # a run of the set is one of each maneuver
     design = design_excitation(
         maneuvers,
         maneuvers.operation,
@@ -135,15 +154,16 @@ def _searched(
         trajectory_noise=request.noise.of_trajectory,
         prior=request.prior,
         beside=beside,
-        # as many simulations of a maneuver as without effects, but a few vehicles at least
-        draws=max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps))),
+        draws=draws,
         samples=request.samples,
-        budget=request.budget,
+        budget=request.budget - taken,
         seed=request.seed,
         search=request.search,
+        starts=starts,
         executor=executor,
         progress=progress,
     )
+    design = dataclasses.replace(design, simulations=design.simulations + taken)
     # samples that the search has not seen, three times as many: as H is verified
     fresh = dataclasses.replace(request, samples=3 * request.samples, seed=request.seed + 1)
     judged = tuple(
