@@ -64,7 +64,8 @@ def _request(settings: Settings) -> PlanRequest:
     """Request that the parameters describe; raises DesignError, PlanError or VehicleError."""
     file = settings["vehicle_file"]
     ranges = parse_ranges([text for text in settings["ranges"] if text])
-    families = with_ranges([family_by_name(settings["maneuver"])], ranges)
+    family = family_by_name(settings["maneuver"])
+    families = with_ranges([family], ranges, slower=bool(settings["area_file"]))
     if settings["lead_in"] >= 0.0:
         families = with_lead_in(families, settings["lead_in"])
     return PlanRequest(

@@ -145,7 +145,8 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
     names : str
         Of the families, separated by commas.
     args : Namespace
-        Parsed arguments, among them those of `add_range_options` and `add_lead_in_option`.
+        Parsed arguments, among them those of `add_range_options`, `add_area_option` and
+        `add_lead_in_option`.
 
     Raises
     ------
@@ -162,7 +163,8 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
 
     ranges = {} if args.ranges is None else load_ranges(args.ranges)
     families = tuple(family_by_name(name) for name in names.split(","))
-    families = with_ranges(families, ranges | parse_ranges(args.range))
+    ranges |= parse_ranges(args.range)
+    families = with_ranges(families, ranges, slower=args.area is not None)
     return families if args.lead_in is None else with_lead_in(families, args.lead_in)
 
 

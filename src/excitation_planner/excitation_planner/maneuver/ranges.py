@@ -18,6 +18,9 @@ from tricycle_sim.vehicle import Vehicle
 MAX_BYTES = 100_000
 """Largest file of ranges that is read."""
 
+SLOWER = 0.5
+"""Share of a family's speed down to which `with_ranges` may search it."""
+
 
 @dataclass(frozen=True)
 class RangedFamily:
@@ -122,7 +125,9 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
     return ranges
 
 
-def with_ranges(families: Sequence[ManeuverFamily], ranges: Bounds) -> tuple[ManeuverFamily, ...]:
+def with_ranges(
+    families: Sequence[ManeuverFamily], ranges: Bounds, *, slower: bool = False
+) -> tuple[ManeuverFamily, ...]:
     """Return the families with these ranges in place of their own.
 
     Parameters
@@ -132,6 +137,9 @@ def with_ranges(families: Sequence[ManeuverFamily], ranges: Bounds) -> tuple[Man
     ranges : mapping of str to (float, float)
         By ``NAME``, of every family that has it, or by ``FAMILY.NAME``: an operation parameter, or
         a setting of the family that is a number, as the speed of a slalom, which then is one too.
+    slower : bool
+        Whether a speed that is a setting is searched too, down to `SLOWER` of it, unless a range
+        is given: a slow vehicle stops in less room.
 
     Raises
     ------
@@ -147,16 +155,19 @@ def with_ranges(families: Sequence[ManeuverFamily], ranges: Bounds) -> tuple[Man
     for name in ranges:
         if name not in known:
             raise PlanError(f"range of {name!r}: the parameters are {', '.join(known)}")
-    return tuple(_with_own_ranges(family, ranges) for family in families)
+    return tuple(_with_own_ranges(family, ranges, slower=slower) for family in families)
 
 
-def _with_own_ranges(family: ManeuverFamily, ranges: Bounds) -> ManeuverFamily:
+def _with_own_ranges(family: ManeuverFamily, ranges: Bounds, *, slower: bool) -> ManeuverFamily:
     bounds = {
         name: ranges.get(f"{family.name}.{name}", ranges.get(name, limits))
         for name, limits in family.operation.bounds().items()
     }
     for name in _settings(family):
         limits = ranges.get(f"{family.name}.{name}", ranges.get(name))
+        if limits is None and slower and name == "speed":
+            usual = float(getattr(family, name))
+            limits = SLOWER * usual, usual
         if limits is not None:
             bounds[name] = limits
     if bounds == family.operation.bounds():
