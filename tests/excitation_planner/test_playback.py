@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from excitation_planner.localisation import PlanarState
 from excitation_planner.playback import (
-    LEAD_IN,
     MAX_ROWS,
+    PREPARATION,
     JointCommand,
     Playback,
     PlaybackState,
@@ -55,7 +55,7 @@ def running(now=10.0, **options):
 
 def start(playback, now):
     """Start a playback so that row 0 is due now."""
-    for t in (now - LEAD_IN, now):
+    for t in (now - PREPARATION, now):
         playback.observe(AT_REST, t, t)
         playback.hear(ARMED, t)
         if t < now:
@@ -89,6 +89,32 @@ def test_rows_are_played_from_the_start_time():
     end = JointCommand(0.3, 0.0)  # standstill, wheels left as they are
     assert playback.tick(10.05) == end
     assert playback.state is PlaybackState.DONE
+
+
+def test_in_the_lead_in_the_steering_leads_back_to_the_line_and_then_the_rows_alone_count():
+    playback = ready()
+    playback.load(Schedule(np.array([0.0, 1.0]), np.array([0.1, 0.1]), np.array([1.0, 1.0])), 7)
+    playback.load_path(PATH, 7)
+    playback.load_lead_in(0.5, 7)
+    playback.load_lead_in(0.9, 8)  # of another plan
+    playback.start(10.0)
+    beside = replace(AT_REST, x=AT_REST.x - 0.1, speed=0.5)  # left of the line, which leads along y
+    angles = {}
+    for t in np.arange(10.0, 11.4, 0.01):
+        playback.observe(beside, t, t)
+        playback.hear(ARMED, t)
+        command = playback.tick(t)
+        if playback.start_time is not None:
+            angles[round(t - playback.start_time, 2)] = command.steering_motor_angle
+    assert angles[0.4] < 0.05  # to the right
+    assert angles[0.49] < 0.05
+    assert angles[0.5] == angles[0.8] == 0.1
+
+
+@pytest.mark.parametrize("end", [-0.1, np.nan, np.inf])
+def test_a_lead_in_that_ends_at_no_time_is_refused(end):
+    with pytest.raises(PlanError, match="needs a time from 0"):
+        ready().load_lead_in(end)
 
 
 def test_the_origin_of_the_path_is_where_the_vehicle_is_and_then_where_it_started():

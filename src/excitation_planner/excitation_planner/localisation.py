@@ -148,6 +148,13 @@ class RestingPoses:
         while poses[0][0] < stamp - WINDOW:
             poses.popleft()
 
+    def mean(self) -> tuple[float, float, float] | None:
+        """Return the mean pose x, y [m] and yaw [rad]; None without any."""
+        if not self._poses:
+            return None
+        _, x, y, yaw = np.array(self._poses).T
+        return float(x.mean()), float(y.mean()), float(np.unwrap(yaw).mean())
+
     def check(self, age: float) -> Check:
         """Return how the localisation is.
 

@@ -200,6 +200,7 @@ class ManeuverDriver(Node):
         for kind, topic, callback, qos in (
             (JointTrajectory, "maneuver/commands", self._on_commands, LATCHED),
             (Path, "maneuver/path", self._on_path, LATCHED),
+            (Path, "maneuver/lead_in", self._on_lead_in, LATCHED),
             (Odometry, "odom", self._on_odom, qos_profile_sensor_data),
             (DiagnosticStatus, READINESS_TOPIC, self._on_readiness, LATCHED),
             (Bool, "maneuver/hold", self._on_hold, qos_profile_sensor_data),
@@ -278,6 +279,13 @@ class ManeuverDriver(Node):
             self._playback.load_path(_points(message), nanoseconds_of(message.header.stamp))
         except PlanError as error:
             self.get_logger().error(f"maneuver/path refused: {error}")
+
+    def _on_lead_in(self, message: Path) -> None:
+        end = max((seconds_of(pose.header.stamp) for pose in message.poses), default=0.0)
+        try:
+            self._playback.load_lead_in(end, nanoseconds_of(message.header.stamp))
+        except PlanError as error:
+            self.get_logger().error(f"maneuver/lead_in refused: {error}")
 
     def _on_area(self, part: str, read: Callable[[Any], Any], message: Any) -> None:
         try:

@@ -190,6 +190,9 @@ class Plan:
         Corners of the vehicle in its body frame [m].
     curvature : ndarray of float, shape (c,), or None
         Of the path at each command, without slip, left positive [1/m].
+    lead_in : float
+        Time from the start until which the driver keeps the vehicle on a straight line, closed loop
+        [s]; 0: all of it is open loop.
     effects : tuple of str
         What the vehicle file may not know, and criterion and `predicted_std` count.
 
@@ -238,12 +241,15 @@ class Plan:
     stopping_zone: tuple[FloatArray, ...] = ()
     footprint: FloatArray | None = None
     curvature: FloatArray | None = None
+    lead_in: float = 0.0
     effects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_array("path", self.path, (None, 2))
         if not 0.0 < self.tyre_radius < math.inf:
             raise PlanError("tyre_radius must be above 0")
+        if not 0.0 <= self.lead_in <= self.commands.duration:
+            raise PlanError("lead_in must be a time of the maneuver")
         if self.search is not None and self.search.x.shape[1] != len(self.operation):
             raise PlanError(f"search: x must have {len(self.operation)} columns")
         if self.area is not None:

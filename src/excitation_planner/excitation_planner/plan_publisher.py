@@ -62,7 +62,7 @@ class PlanPublisher:
     A joint trajectory has no frame, so `maneuver/commands` carries the plan id in its header's
     `frame_id`: the driver repeats it in `maneuver/state`. All headers share one stamp, by which
     the messages of a plan are found in a bag with several. Without an area `maneuver/ground` is
-    empty, and footprint, planned start and twist are not published.
+    empty, and footprint, planned start and twist are not published; nor is a lead-in that is none.
 
     Parameters
     ----------
@@ -80,6 +80,7 @@ class PlanPublisher:
         self._ground = publisher(PolygonStamped, "maneuver/ground")
         self._footprint = publisher(PolygonStamped, "maneuver/footprint")
         self._planned_start = publisher(PoseStamped, "maneuver/planned_start")
+        self._lead_in = publisher(Path, "maneuver/lead_in")
         self._twist = publisher(MultiDOFJointTrajectory, "maneuver/twist")
         self._commands = publisher(JointTrajectory, "maneuver/commands")
 
@@ -104,6 +105,12 @@ class PlanPublisher:
             )
             point.time_from_start.sec, point.time_from_start.nanosec = split_seconds(time)
             commands.points.append(point)
+        if plan.lead_in > 0.0:
+            lead_in = Path()
+            lead_in.header.frame_id, lead_in.header.stamp = FRAME, stamp
+            end = float(r.x[r.time <= plan.lead_in][-1])
+            lead_in.poses = [_pose(0.0, 0.0, 0.0, 0.0), _pose(end, 0.0, 0.0, plan.lead_in)]
+            self._lead_in.publish(lead_in)
         self._publish_area(plan.fence, c.time, stamp)
         self._path.publish(path)
         self._reference.publish(reference)
@@ -130,6 +137,6 @@ class PlanPublisher:
         """Return whether every known subscriber has acknowledged the plan."""
         publishers = (
             *(self._path, self._reference, self._ground, self._footprint, self._planned_start),
-            *(self._twist, self._commands),
+            *(self._twist, self._lead_in, self._commands),
         )
         return all(publisher.wait_for_all_acked(Duration()) for publisher in publishers)

@@ -20,7 +20,14 @@ from excitation_planner import planning
 from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import family_by_name, family_names, parse_ranges, with_ranges
+from excitation_planner.maneuver import (
+    family_by_name,
+    family_names,
+    parse_ranges,
+    with_lead_in,
+    with_ranges,
+)
+from excitation_planner.maneuver.lead_in import LONGEST
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.planning import PlanRequest, check_vehicle
@@ -46,7 +53,7 @@ NOISES = {
     "start_heading_std": "rad, of the start heading",
 }
 PLAN_PARAMETERS = (
-    *("vehicle_file", "area_file", "maneuver", "ranges", "target"),
+    *("vehicle_file", "area_file", "maneuver", "ranges", "lead_in", "target"),
     *("criterion", "effects", "samples", "budget", "seed"),
     *NOISES,
 )
@@ -57,10 +64,13 @@ def _request(settings: Settings) -> PlanRequest:
     """Request that the parameters describe; raises DesignError, PlanError or VehicleError."""
     file = settings["vehicle_file"]
     ranges = parse_ranges([text for text in settings["ranges"] if text])
-    (family,) = with_ranges([family_by_name(settings["maneuver"])], ranges)
+    family = family_by_name(settings["maneuver"])
+    families = with_ranges([family], ranges, slower=bool(settings["area_file"]))
+    if settings["lead_in"] >= 0.0:
+        families = with_lead_in(families, settings["lead_in"])
     return PlanRequest(
         vehicle=load_vehicle(Path(file) if file else None),
-        family=family,
+        family=families[0],
         target=settings["target"],
         criterion=Criterion(settings["criterion"]),
         samples=settings["samples"],
@@ -99,6 +109,13 @@ class ExcitationPlanner(Node):
         setting("other_vehicle", False, "take plan files of other vehicles than this one")
         setting("maneuver", "circle", f"family: {', '.join(family_names())}")
         setting("ranges", [""], "search box: NAME=LOW:HIGH of operation parameters, as radius=3:12")
+        setting(
+            "lead_in",
+            -1.0,
+            "m of straight before the family's own, on which the driver steers closed loop while "
+            "the vehicle gets up to speed; negative: all is open loop",
+            (-1.0, LONGEST),
+        )
         setting("target", UNKNOWN_PARAMETERS[0], "unknown parameter to excite")
         setting("criterion", Criterion.C.value, f"what is minimised: {', '.join(Criterion)}")
         setting("effects", "none", "counted as not known either: all, or names with commas")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from excitation_planner.area.fence import Fence
+from excitation_planner.lead_in import LeadIn
 from excitation_planner.localisation import PlanarState, PoseWatch, RestingPoses
 from excitation_planner.preflight import Check
 from excitation_planner.way_back.dubins import Arc, Pose
@@ -39,7 +40,7 @@ READINESS_TIMEOUT = 1.0
 CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
 
-LEAD_IN = 0.5
+PREPARATION = 0.5
 """Time before row 0 for which standstill with its steering angle is commanded [s].
 
 The wheels turn to where the maneuver starts, and the bridge has changed over to these commands.
@@ -209,6 +210,8 @@ class Playback:
     _plan: _Plan | None = None
     _next: _Plan | None = None  # came during the run
     _finishing: str = ""  # why the maneuver is to end at the next tick
+    _lead_ins: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
+    _lead_in: LeadIn | None = None  # of the maneuver running
     _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
     _areas: dict[int, dict[str, Any]] = field(default_factory=dict)  # by stamp, part
     _fence: Fence | None = None  # of the maneuver running
@@ -269,6 +272,25 @@ class Playback:
         if not finite.all():
             raise PlanError(f"point {int(np.argmin(finite))} holds a number that is not finite")
         self._paths.append((stamp, points))
+
+    def load_lead_in(self, end: float, stamp: int = 0) -> None:
+        """Take how long the schedule with the same stamp leads straight ahead, closed loop.
+
+        Parameters
+        ----------
+        end : float
+            Time since the start of the maneuver [s].
+        stamp : int
+            Of its message [ns]; it and the schedule may come in either order.
+
+        Raises
+        ------
+        PlanError
+            If it is no time.
+        """
+        if not 0.0 <= end <= LONGEST:
+            raise PlanError(f"end at {end:g} s: needs a time from 0 to {LONGEST:g} s")
+        self._lead_ins.append((stamp, end))
 
     def load_area(self, part: str, value: Any, stamp: int = 0) -> None:
         """Take one of the `AREA_PARTS` of the schedule with the same stamp.
@@ -370,7 +392,7 @@ class Playback:
         )
 
     def start(self, now: float, others: Sequence[Check] = ()) -> None:
-        """Start the maneuver; row 0 is played after the countdown and `LEAD_IN`.
+        """Start the maneuver; row 0 is played after the countdown and `PREPARATION`.
 
         Parameters
         ----------
@@ -393,6 +415,7 @@ class Playback:
         self._fence = self._fence_of(plan)
         self._watch, self._contradiction = PoseWatch(), ""
         self._path, self._nearest = self._paths_of(plan)[-1], 0
+        self._lead_in = self._lead_in_of(plan)
         self._anchor = self._observed
         if self._anchor is not None:
             self._last_start = self._anchor.x, self._anchor.y, self._anchor.yaw
@@ -629,7 +652,7 @@ class Playback:
             self.seconds_left = max(0, math.ceil(-waited - 1e-6))
             if self.seconds_left:
                 return None
-            if waited < LEAD_IN - 1e-6:
+            if waited < PREPARATION - 1e-6:
                 self._held = JointCommand(float(schedule.steering_motor_angle[0]), 0.0)
                 return self._held
             self.start_time, self.state = now, PlaybackState.RUNNING
@@ -641,9 +664,27 @@ class Playback:
             self._end(PlaybackState.DONE, self._held.steering_motor_angle, self._finishing)
             return self._held
         self._held = JointCommand(
-            float(schedule.steering_motor_angle[row]), float(schedule.wheel_rate[row])
+            float(schedule.steering_motor_angle[row]) + self._led(now),
+            float(schedule.wheel_rate[row]),
         )
         return self._held
+
+    def _lead_in_of(self, plan: _Plan) -> LeadIn | None:
+        """Lead-in of a plan along the line on which the vehicle rests; None without one."""
+        ends = [end for stamp, end in self._lead_ins if stamp == plan.stamp]
+        pose = self._resting.mean()
+        if not ends or ends[-1] == 0.0 or pose is None:
+            return None
+        return LeadIn(pose, ends[-1], self.chassis)
+
+    def _led(self, now: float) -> float:
+        """Steering motor angle that keeps the vehicle on the line of its lead-in [rad]."""
+        lead_in, here = self._lead_in, self._observed
+        if lead_in is None or here is None or self.elapsed >= lead_in.end - 1e-6:
+            self._lead_in = None
+            return 0.0
+        pose = here.after(now - self._observed_stamp)
+        return lead_in.steer(pose, here.speed, self.elapsed)
 
     @staticmethod
     def _row(schedule: Schedule, elapsed: float) -> int:
@@ -683,7 +724,8 @@ class Playback:
         if self._fence is None:
             return ""
         push = 0.0 if self.start_time is None else float(schedule.wheel_rate[row])
-        return self._trespass(self._fence, now, float(self._fence.curvature[row]), push)
+        led = 0.0 if self._lead_in is None else self._lead_in.curvature
+        return self._trespass(self._fence, now, float(self._fence.curvature[row]) + led, push)
 
     def _trespass(self, fence: Fence, now: float, curvature: float, push: float) -> str:
         if self._observed is None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from nav_msgs.msg import Odometry
+from nav_msgs.msg import Path as PathMessage
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -30,6 +31,7 @@ from tricycle_core.errors import ExcitationError, IdentificationError
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node
+from tricycle_core.stamps import seconds_of
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 
@@ -73,6 +75,8 @@ class IdentificationMonitor(Node):
         self._vehicle = load_vehicle(Path(file) if file else None)
         self._live = LiveIdentification(self._vehicle)
         self._commands: dict[str, Commands] = {}  # the newest by plan id
+        self._stamp = 0  # of these commands
+        self._lead_ins: dict[int, float] = {}  # the newest by stamp: its end
         self._planned: Planned | None = None  # of these commands
         self._running: int | None = None  # start of the drive under way, ns
         self._plan_id = ""  # of the newest drive
@@ -80,6 +84,8 @@ class IdentificationMonitor(Node):
         topics = TopicNames()
         for kind, topic, callback, qos in (
             (JointTrajectory, topics.commands, self._on_commands, LATCHED),
+            (PathMessage, topics.lead_in, self._on_lead_in, LATCHED),
+            (JointState, topics.played, self._on_played, 10),
             (DiagnosticStatus, topics.state, self._on_state, LATCHED),
             (Odometry, topics.pose, self._on_odom, SENSORS),
             (Imu, topics.imu, self._on_imu, SENSORS),
@@ -114,7 +120,18 @@ class IdentificationMonitor(Node):
             self.get_logger().error(f"refused: {error}")
             return
         self._commands = {plan_id: commands}
+        self._stamp = stamp_of(message)
         self._planned = self._prediction(plan_id)
+
+    def _on_lead_in(self, message: PathMessage) -> None:
+        if message.poses:
+            self._lead_ins = {stamp_of(message): seconds_of(message.poses[-1].header.stamp)}
+
+    def _on_played(self, message: JointState) -> None:
+        """Take a set-point of the driver, which steers the lead-in itself."""
+        if self._running is not None and STEERING_JOINT in message.name:
+            angle = message.position[message.name.index(STEERING_JOINT)]
+            self._live.play(stamp_of(message), angle)
 
     def _prediction(self, plan_id: str) -> Planned | None:
         """Return what the plan of that id predicts; None, with the reason logged, if none does."""
@@ -154,7 +171,8 @@ class IdentificationMonitor(Node):
             )
             return
         self._running, self._plan_id = state.start_time, state.plan_id
-        self._live.begin(commands, state.start_time, self._planned, self._prior())
+        lead_in = self._lead_ins.get(self._stamp, 0.0)
+        self._live.begin(commands, state.start_time, self._planned, self._prior(), lead_in)
 
     def _prior(self) -> GaussianPrior | None:
         """Return what earlier drives have shown; None, with the reason logged, if they cannot."""

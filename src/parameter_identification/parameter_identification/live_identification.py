@@ -29,6 +29,7 @@ from parameter_identification.drives.measured import (
     Sensor,
     Signal,
 )
+from parameter_identification.drives.recorded import LeadIn
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
@@ -213,6 +214,15 @@ class _Drive:
     noise: dict[Sensor, NoiseLevel] = field(default_factory=dict)
     rate: dict[Sensor, float] = field(default_factory=dict)  # Hz
     steered: float | None = None  # largest angle of the steering motor either way, rad
+    lead_in: float = 0.0  # its end, s
+    led: list[tuple[float, float]] = field(default_factory=list)  # set-points until then: s, rad
+
+    @property
+    def played(self) -> Commands:
+        """Commands, with what the driver steered in their lead-in."""
+        if not self.led:
+            return self.commands
+        return LeadIn(self.lead_in, *np.array(self.led).T).in_place(self.commands)
 
     def variables(self, problem: LeastSquares) -> FloatArray:
         """Where the next fit starts: the means of the nuisances' priors follow the samples."""
@@ -286,6 +296,7 @@ class LiveIdentification:
         start: int,
         planned: Planned | None = None,
         prior: GaussianPrior | None = None,
+        lead_in: float = 0.0,
     ) -> None:
         """Begin a drive; what was learnt in another one is forgotten.
 
@@ -299,8 +310,25 @@ class LiveIdentification:
             Compared with what is learnt.
         prior : GaussianPrior, optional
             Knowledge before the drive. Parameters that it does not name keep their ranges.
+        lead_in : float
+            Time until which what is played steers, in place of the commands [s].
         """
-        self._drive = _Drive(commands, start, planned, prior_in_ranges(self._vehicle, prior))
+        known = prior_in_ranges(self._vehicle, prior)
+        self._drive = _Drive(commands, start, planned, known, lead_in=lead_in)
+
+    def play(self, stamp: int, angle: float) -> None:
+        """Take a steering motor angle that the driver commands; it counts during the lead-in.
+
+        Parameters
+        ----------
+        stamp : int
+            Of the set-point [ns].
+        angle : float
+            Left positive [rad].
+        """
+        drive = self._drive
+        if drive is not None and 0.0 <= (time := (stamp - drive.start) * 1e-9) < drive.lead_in:
+            drive.led.append((time, angle))
 
     def update(self) -> Moment | None:
         """Return what all samples of the drive have shown so far; None before they show anything.
@@ -392,7 +420,7 @@ class LiveIdentification:
 
     def _update(self, drive: "_Drive", end: float, *, last: bool) -> Moment | None:
         """Fit the samples until `end`, from where the last update ended."""
-        commands = drive.commands
+        commands = drive.played
         signals = self._signals(drive, min(end, commands.duration))
         if Sensor.POSITION not in signals:
             return None

@@ -78,6 +78,23 @@ def add_area_option(parser: ArgumentParser) -> None:
     )
 
 
+def add_lead_in_option(parser: ArgumentParser) -> None:
+    """Declare the option of the lead-in.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand that plans.
+    """
+    parser.add_argument(
+        "--lead-in",
+        type=float,
+        metavar="M",
+        help="keep the vehicle on its line, closed loop, while it gets up to speed, on so many "
+        "metres more than the family's own straight (default: all is open loop)",
+    )
+
+
 def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, MeasurementNoise]) -> None:
     """Declare the options that say how a drive is measured.
 
@@ -130,18 +147,28 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
     names : str
         Of the families, separated by commas.
     args : Namespace
-        Parsed arguments, among them those of `add_range_options`.
+        Parsed arguments, among them those of `add_range_options`, `add_area_option` and
+        `add_lead_in_option`.
 
     Raises
     ------
     PlanError
-        If a name or a range is wrong.
+        If a name, a range or the lead-in is wrong.
     """
-    from excitation_planner.maneuver import family_by_name, load_ranges, parse_ranges, with_ranges
+    from excitation_planner.maneuver import (
+        family_by_name,
+        load_ranges,
+        parse_ranges,
+        with_lead_in,
+        with_ranges,
+    )
 
     ranges = {} if args.ranges is None else load_ranges(args.ranges)
     families = tuple(family_by_name(name) for name in names.split(","))
-    return with_ranges(families, ranges | parse_ranges(args.range))
+    ranges |= parse_ranges(args.range)
+    searched = not getattr(args, "at", None)  # a given maneuver has the usual speed
+    families = with_ranges(families, ranges, slower=searched and args.area is not None)
+    return families if args.lead_in is None else with_lead_in(families, args.lead_in)
 
 
 class EffectsAsked(TypedDict):

@@ -35,6 +35,20 @@ def test_a_wider_box_gives_the_maneuvers_of_its_family():
     assert circle.drive(x, vehicle).length == Circle().drive(x, vehicle).length
 
 
+def test_a_setting_of_a_family_is_searched_too_where_it_gets_a_range():
+    slalom = family_by_name("slalom")
+    (freed,) = with_ranges([slalom], {"slalom.speed": (1.0, 2.5)})
+    assert freed.operation.bounds() == slalom.operation.bounds() | {"speed": (1.0, 2.5)}
+    vehicle = load_vehicle()
+    slow, usual = (
+        freed.drive(operation_point(freed, {"spacing": 4.0, "offset": 0.5, "speed": v}), vehicle)
+        for v in (1.2, slalom.speed)
+    )
+    assert slow.speed == 1.2
+    own = slalom.drive(operation_point(slalom, {"spacing": 4.0, "offset": 0.5}), vehicle)
+    assert (usual.speed, usual.length) == (own.speed, own.length)
+
+
 @pytest.mark.parametrize("name", family_names())
 def test_what_is_shown_is_read_again(name):
     bounds = family_by_name(name).operation.bounds()

@@ -115,3 +115,12 @@ def test_another_vehicle_needs_other_commands():
     drive = Circle().drive(np.array([3.0, 0.8]), slow)
     commands = track(slow, drive).commands
     assert np.abs(np.diff(commands.steering_motor_angle)).max() <= 0.3 * PERIOD + ANGLE_UNIT
+
+
+@pytest.mark.parametrize(("radius", "speed"), [(6.0, 0.6), (4.5, 0.6), (6.0, 0.7)])
+def test_on_a_slow_wide_circle_the_steering_comes_to_rest(radius, speed):
+    _, tracking = tracked(Circle(), (radius, speed))
+    last = tracking.commands.steering_motor_angle[-250:]  # 5 s
+    assert np.ptp(last) < 0.005
+    motion = simulate(VEHICLE, tracking.commands)
+    assert motion.feasibility.feasible[0]

@@ -8,9 +8,10 @@ import pytest
 from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways
 
 from parameter_identification.drives.measured import Sensor, measured_drive, read_measured_drive
-from parameter_identification.drives.recorded import TopicNames, read_drive
+from parameter_identification.drives.recorded import LeadIn, TopicNames, read_drive
 from parameter_identification.judging.judgement import judge, judge_drive
 from tricycle_core.errors import JudgeError
+from tricycle_sim.commands import Commands
 
 
 @pytest.mark.slow
@@ -64,6 +65,17 @@ def test_a_drive_that_was_ended_early_ends_there_and_is_not_judged(tmp_path: Pat
 
 
 @pytest.mark.slow
+def test_the_steering_of_a_lead_in_takes_the_place_of_the_plan_s_until_its_end() -> None:
+    planned = Commands(np.arange(5) * 0.02, np.full(5, 0.3), np.array([1.0, 2.0, 3.0, 4.0, 4.0]))
+    led = LeadIn(0.05, np.array([0.01, 0.0299, 0.04]), np.array([0.1, -0.2, 0.2]))
+    found = led.in_place(planned)  # a set-point is held until the next; one at 0 s is lost
+    np.testing.assert_allclose(found.time, [0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08])
+    np.testing.assert_allclose(
+        found.steering_motor_angle, [0.3, 0.1, 0.1, -0.2, 0.2, 0.3, 0.3, 0.3]
+    )
+    np.testing.assert_allclose(found.speed, [1.0, 1.0, 2.0, 2.0, 3.0, 3.0, 4.0, 4.0])
+
+
 def test_a_second_imu_in_another_namespace_is_left_alone(tmp_path: Path) -> None:
     ours, other = (imu(START + 10**9, rate) for rate in (0.1, 0.7))
     scene = Scene(deviation=sideways(0.1))

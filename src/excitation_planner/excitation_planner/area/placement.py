@@ -5,6 +5,7 @@ p: poses tried, t: points of the tube's outline.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,13 @@ import shapely
 from numpy.typing import NDArray
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import placed, rings_of, seen_from, signed_distance
+from excitation_planner.area.polygons import (
+    Rings,
+    placed,
+    rings_of,
+    seen_from,
+    signed_distance,
+)
 from tricycle_core.quantities import FloatArray
 
 HEADINGS = 24
@@ -30,11 +37,11 @@ STARTS = 4
 ROUNDS, STEPS = 9, 24
 """Of that search, and poses tried in each from each start."""
 
-SPACING = 0.3
-"""Between points of the outline at which distances are looked at [m]."""
+SPACING = 0.5
+"""Between points of outlines at which distances are looked at [m]."""
 
-_ANGLES = np.arange(12) * np.pi / 6
-_DIRECTIONS = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
+ROUGH, FINE = 0.3, 0.05
+"""By which a tube is simplified for the first poses, and for the others [m]."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,9 @@ class Placement:
     clearance: float
 
 
-def best_placement(tube: shapely.Polygon, area: Area, *, seed: int = 0) -> Placement:
+def best_placement(
+    tube: shapely.Polygon, area: Area, *, seed: int = 0, enough: float = math.inf
+) -> Placement:
     """Return the start pose at which a tube keeps the largest distance.
 
     Parameters
@@ -66,21 +75,28 @@ def best_placement(tube: shapely.Polygon, area: Area, *, seed: int = 0) -> Place
         With the region of start poses.
     seed : int
         Of the search.
+    enough : float
+        Distance at which the search ends [m].
     """
-    outline = _points(tube)
-    rough = outline[np.unique(np.argmax(outline @ _DIRECTIONS, axis=0))]
+    bounds = shapely.Polygon(area.keep_in)
+    # in a convex area the corners of the hull come closest to the border
+    convex = bool(bounds.convex_hull.area < bounds.area + 1e-9)
+    rough = _Sampled.of(shapely.simplify(tube, ROUGH), area, by_hull=True)
+    fine = _Sampled.of(shapely.simplify(tube, FINE), area, by_hull=convex)
     rng = np.random.default_rng(seed)
     low, high, around = _limits(area)
     poses = _grid(low, high, around)
-    poses = poses[_best(_clearance(poses, rough, tube, area), CANDIDATES)]
-    found = _clearance(poses, outline, tube, area)
+    poses = poses[_best(rough.clearance(poses), CANDIDATES)]
+    found = fine.clearance(poses)
     best = _best(found, STARTS)
     poses, found = poses[best], found[best]
     reach = np.maximum((high - low) / np.array([PLACES, PLACES, HEADINGS]), 0.0)
     for _ in range(ROUNDS):
+        if found.max() > enough:
+            break
         steps = rng.uniform(-1.0, 1.0, (len(poses), STEPS, 3)) * reach
         tried = np.clip(poses[:, None] + steps, low, high)
-        values = _clearance(tried.reshape(-1, 3), outline, tube, area).reshape(len(poses), STEPS)
+        values = fine.clearance(tried.reshape(-1, 3)).reshape(len(poses), STEPS)
         pick = np.argmax(values, axis=1)
         better = values[np.arange(len(poses)), pick] > found
         poses = np.where(better[:, None], tried[np.arange(len(poses)), pick], poses)
@@ -130,23 +146,35 @@ def _best(values: FloatArray, count: int) -> NDArray[np.intp]:
     return np.argsort(-values, kind="stable")[:count]
 
 
-def _points(tube: shapely.Polygon) -> FloatArray:
-    """Points (t, 2) along the outline of a tube."""
-    return np.asarray(shapely.get_coordinates(shapely.segmentize(tube.exterior, SPACING)))
+@dataclass(frozen=True)
+class _Sampled:
+    """A tube and what bounds an area, at points: what is between them is left out."""
+
+    area: Area
+    outline: FloatArray  # points (t, 2) of the tube
+    rings: Rings  # of the tube
+    obstacles: FloatArray  # points (o, 2) of the area's obstacles
+
+    @classmethod
+    def of(cls, tube: shapely.Polygon, area: Area, *, by_hull: bool) -> _Sampled:
+        """Sample a tube, its outline at the corners of its hull only or all along."""
+        outline = shapely.get_coordinates(tube.convex_hull) if by_hull else _points(tube)
+        obstacles = [_points(shapely.Polygon(corners)) for corners in area.keep_out]
+        return cls(area, outline, rings_of(tube), np.concatenate([np.empty((0, 2)), *obstacles]))
+
+    def clearance(self, poses: FloatArray) -> FloatArray:
+        """Clearance (p,) of the tube at poses (p, 3)."""
+        x, y, heading = poses.T
+        clearance: FloatArray = self.area.clearance(placed(self.outline, x, y, heading)).min(-1)
+        if len(self.obstacles):
+            seen = seen_from(self.obstacles, x, y, heading)
+            clearance = np.minimum(clearance, -signed_distance(seen, self.rings).max(axis=-1))
+        return clearance
 
 
-def _clearance(
-    poses: FloatArray, outline: FloatArray, tube: shapely.Polygon, area: Area
-) -> FloatArray:
-    """Clearance (p,) of the tube at poses (p, 3), at the points of its outline and of the area."""
-    x, y, heading = poses.T
-    clearance: FloatArray = area.clearance(placed(outline, x, y, heading)).min(axis=-1)
-    if area.keep_out:  # one that lies within the tube
-        rings = rings_of(tube)
-        corners = np.concatenate(area.keep_out)
-        seen = seen_from(corners, x, y, heading)
-        clearance = np.minimum(clearance, -signed_distance(seen, rings).max(axis=-1))
-    return clearance
+def _points(polygon: shapely.Polygon) -> FloatArray:
+    """Points (t, 2) along the outline of a polygon."""
+    return np.asarray(shapely.get_coordinates(shapely.segmentize(polygon.exterior, SPACING)))
 
 
 def _exact_clearance(tube: shapely.Polygon, area: Area, sampled: float) -> float:

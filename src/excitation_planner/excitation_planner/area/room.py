@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
+import shapely
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.fence import START_HEADING_TOLERANCE, START_POSITION_TOLERANCE
+from excitation_planner.area.fence import START_POSITION_TOLERANCE
 from excitation_planner.area.placement import Placement, at_pose, best_placement
-from excitation_planner.area.tube import Tube, tube_of
+from excitation_planner.area.tube import tube_of
 from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
+
+DIRECTION_NOISE = 0.05
+"""By which the noisy direction of a slow vehicle moves the stop that the fence expects [m]."""
 
 
 class DoesNotFit(InfeasibleManeuver):
@@ -43,14 +46,15 @@ class Fit:
     ----------
     placement : Placement
         Start pose with the largest clearance.
-    tube : Tube
-        In the area's frame.
+    drive, whole : shapely.Polygon
+        Of the maneuver's `Tube`, in the area's frame.
     needed : float
         Clearance that is asked for [m].
     """
 
     placement: Placement
-    tube: Tube
+    drive: shapely.Polygon
+    whole: shapely.Polygon
     needed: float
 
     @property
@@ -92,6 +96,13 @@ class Room:
         """
         return cls(area, footprint, noise.position_std)
 
+    @property
+    def needed(self) -> float:
+        """Distance between a tube and the border that is asked for [m]."""
+        return (
+            self.area.margin + 3.0 * self.position_std + START_POSITION_TOLERANCE + DIRECTION_NOISE
+        )
+
     def fit(self, vehicle: Vehicle, commands: Commands) -> Fit:
         """Return how a maneuver fits, at its best start pose.
 
@@ -109,18 +120,12 @@ class Room:
         """
         tube = tube_of(vehicle, commands, self.footprint)
         best = best_placement(tube.whole, self.area)
-        farthest = float(np.hypot(*np.asarray(tube.whole.exterior.coords).T).max())
-        needed = (
-            self.area.margin
-            + 3.0 * self.position_std
-            + START_POSITION_TOLERANCE
-            + START_HEADING_TOLERANCE * farthest
-        )
         x, y, heading = best.x, best.y, best.heading
         return Fit(
             best,
-            Tube(at_pose(tube.drive, x, y, heading), at_pose(tube.whole, x, y, heading)),
-            needed,
+            at_pose(tube.drive, x, y, heading),
+            at_pose(tube.whole, x, y, heading),
+            self.needed,
         )
 
     def check(self, vehicle: Vehicle, commands: Commands) -> None:
@@ -140,6 +145,7 @@ class Room:
         InfeasibleManeuver
             If a vehicle of the ranges rolls over.
         """
-        shortage = self.fit(vehicle, commands).shortage
+        tube = tube_of(vehicle, commands, self.footprint)
+        shortage = self.needed - best_placement(tube.whole, self.area, enough=self.needed).clearance
         if shortage > 0.0:
             raise DoesNotFit(shortage)

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from excitation_planner.area.fence import START_HEADING_TOLERANCE
 from excitation_planner.area.polygons import placed
 from excitation_planner.area.stops import longest_stop, stopping_path
 from excitation_planner.indices.sampling import sobol_sequence
@@ -26,11 +28,14 @@ from tricycle_sim.vehicle.kinematics import road_angles
 VEHICLES = 64
 """Vehicles of the ranges, beside the nominal one: half of them at corners."""
 
-EVERY = 0.1
+EVERY = 0.2
 """Time between footprints [s]; the hull of two covers the time between."""
 
 STOP_EVERY = 0.3
 """Time between the points from which a stop is looked at [s]."""
+
+CURVATURES = 128
+"""Steering angles at which the curvature of a crawl is computed, and interpolated between."""
 
 SLOWEST = 0.02
 """Speed below which nothing is to be stopped [m/s]."""
@@ -42,7 +47,8 @@ WHEEL_WIDTH = 0.1
 """Of the tyre and what stands out beside it, each side [m]."""
 
 _ANGLES = np.arange(32) * np.pi / 16
-_DIRECTIONS = np.array([np.cos(_ANGLES), np.sin(_ANGLES)])
+_DIRECTIONS = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+_TURNS = np.array([-1.0, 0.0, 1.0]) * START_HEADING_TOLERANCE
 
 
 def footprint_of(vehicle: Vehicle) -> FloatArray:
@@ -67,14 +73,25 @@ class Tube:
 
     Attributes
     ----------
-    drive : shapely.Polygon
-        Covered by the footprint of any of the vehicles in the undisturbed maneuver.
-    whole : shapely.Polygon
-        The same, and where the vehicles come to rest when they are stopped at any time.
+    drives : ndarray of shapely.Polygon, shape (t,)
+        Covered by the footprint of any of the vehicles in the undisturbed maneuver, piece by piece,
+        begun with any heading within `START_HEADING_TOLERANCE`.
+    stops : ndarray of shapely.Polygon, shape (s,)
+        Where the vehicles come to rest when they are stopped at any time, and the way there.
     """
 
-    drive: shapely.Polygon
-    whole: shapely.Polygon
+    drives: NDArray[np.object_]
+    stops: NDArray[np.object_]
+
+    @cached_property
+    def drive(self) -> shapely.Polygon:
+        """All ground of the undisturbed maneuver."""
+        return _outline(self.drives)
+
+    @cached_property
+    def whole(self) -> shapely.Polygon:
+        """The same, and that of the stops."""
+        return _outline([*self.drives, *self.stops])
 
 
 def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed: int = 0) -> Tube:
@@ -106,7 +123,7 @@ def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed
         return np.concatenate([column[:, :-1:every], column[:, -1:]], axis=1)
 
     poses = placed(footprint, *(thinned(c, EVERY) for c in (motion.x, motion.y, motion.yaw)))
-    drive = _hulls(poses[:, :-1], poses[:, 1:])
+    drives = _hulls(poses[:, :-1], poses[:, 1:])
     columns = (motion.x, motion.y, motion.yaw, motion.vx, motion.vy, motion.yaw_rate)
     x, y, yaw, u, v, r = (thinned(column, STOP_EVERY) for column in columns)
     angle = thinned(motion.steering_motor_angle[:1], STOP_EVERY)  # the same for all
@@ -119,8 +136,8 @@ def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed
         placed(footprint, *stopping_path(x, y, yaw, slip, way, curvature))
         for curvature in curvatures
     ]
-    whole = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
-    return Tube(_outline(drive), _outline([*drive, *whole.ravel()]))
+    stops = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
+    return Tube(drives, stops.ravel())
 
 
 def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
@@ -144,18 +161,32 @@ def crawl_curvature(vehicle: Vehicle, angle: FloatArray) -> FloatArray:
     angle : ndarray of float
         Of the steering motor [rad].
     """
-    curvature: FloatArray = np.tan(road_angles(vehicle, angle.ravel())) / vehicle.wheelbase
-    return curvature.reshape(angle.shape)
+    return np.interp(angle, *_curvatures(vehicle))
+
+
+@lru_cache(maxsize=4)
+def _curvatures(vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
+    """Curvatures of a crawl [1/m] at angles of the steering motor [rad], from stop to stop."""
+    angles = np.linspace(-vehicle.steering_limit, vehicle.steering_limit, CURVATURES)
+    return angles, np.tan(road_angles(vehicle, angles)) / vehicle.wheelbase
 
 
 def _hulls(*corners: FloatArray) -> NDArray[np.object_]:
-    """Convex hulls of the corners (n, ..., m, 2) of all vehicles, shape (...)."""
+    """Convex hulls (...) of the corners (n, ..., m, 2) of all vehicles, with any start heading."""
     together = np.concatenate([np.moveaxis(c, 0, -2) for c in corners], axis=-2)  # (..., m, n, 2)
-    points = together.reshape(*together.shape[:-3], -1, 2)
     # the outermost points by direction: a hundredth of them makes the same hull, within millimetres
-    outermost = np.argmax(points @ _DIRECTIONS, axis=-2)
-    kept = np.take_along_axis(points, outermost[..., None], axis=-2)
-    return np.asarray(shapely.convex_hull(shapely.multipoints(kept)))
+    points = _outermost(together.reshape(*together.shape[:-3], -1, 2))
+    c, s = np.cos(_TURNS)[:, None], np.sin(_TURNS)[:, None]
+    x, y = points[..., None, :, 0], points[..., None, :, 1]
+    turned = np.stack([c * x - s * y, s * x + c * y], axis=-1)  # about the start
+    hulls = _outermost(turned.reshape(*points.shape[:-2], -1, 2))
+    return np.asarray(shapely.polygons(hulls))
+
+
+def _outermost(points: FloatArray) -> FloatArray:
+    """Of points (..., n, 2) the farthest in each direction (..., d, 2), counter-clockwise."""
+    far = np.argmax(_DIRECTIONS @ np.swapaxes(points, -1, -2), axis=-1)
+    return np.take_along_axis(points, far[..., None], axis=-2)
 
 
 def _outline(polygons: Iterable[shapely.Polygon]) -> shapely.Polygon:

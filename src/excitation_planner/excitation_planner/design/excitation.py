@@ -209,6 +209,7 @@ def design_excitation(
     chunk: int | None = None,
     timeout: float | None = None,
     store: Path | None = None,
+    starts: FloatArray | None = None,
     progress: Progress | None = None,
 ) -> Design:
     """Find the maneuver that excites the parameter ``target`` best.
@@ -260,6 +261,8 @@ def design_excitation(
         task takes. By default a worker that hangs is waited for.
     store : Path, optional
         Directory of a `Study` that keeps every run of f; what is there is not run again.
+    starts : ndarray of float, shape (n, l), optional
+        Points of the unit box that an adaptive search begins with; default: corners and others.
     progress : callable, optional
         Called with (runs of f so far, budget).
 
@@ -300,11 +303,13 @@ def design_excitation(
             progress=None if progress is None else lambda done: progress(done, budget),
         ) as evaluate_all,
     ):
-        return search_design(problem, evaluate_all)
+        return search_design(problem, evaluate_all, starts)
 
 
 def search_design(
-    problem: DesignProblem, evaluate_all: Callable[[list[FloatArray], bool], list[Verified]]
+    problem: DesignProblem,
+    evaluate_all: Callable[[list[FloatArray], bool], list[Verified]],
+    starts: FloatArray | None = None,
 ) -> Design:
     """Search, verify and judge.
 
@@ -314,9 +319,11 @@ def search_design(
         What is designed.
     evaluate_all : callable
         Evaluates points x (l,); called with them and with whether to verify.
+    starts : ndarray of float, shape (n, l), optional
+        Points of the unit box that an adaptive search begins with.
     """
     history: list[Evaluation] = []
-    steps = search_steps(problem)
+    steps = search_steps(problem, starts)
     try:
         X = next(steps)
         while True:

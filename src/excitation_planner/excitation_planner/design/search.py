@@ -39,6 +39,7 @@ def adaptive_search(
     points: int,
     seed: int,
     criterion: Criterion,
+    starts: FloatArray | None = None,
 ) -> SearchSteps:
     """Search corners and Sobol' points of the unit box, then by COBYQA from the best of them.
 
@@ -55,10 +56,13 @@ def adaptive_search(
         Of the Sobol' points.
     criterion : Criterion
         Decides the scale on which costs are searched.
+    starts : ndarray of float, shape (n, l), optional
+        Points that are searched first, instead of corners and Sobol' points.
     """
-    X = np.vstack(
-        [_corners(dimensions, seed=seed), sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)]
-    )[:points]
+    if starts is None or not len(starts):
+        screened = sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)
+        starts = np.vstack([_corners(dimensions, seed=seed), screened])
+    X = starts[:points]
     costs = _scaled((yield X), criterion)
     if not np.isfinite(costs).any():
         return
@@ -334,18 +338,24 @@ def _best_apart(X: FloatArray, costs: FloatArray, others: FloatArray) -> int | N
     return None
 
 
-def search_steps(problem: DesignProblem) -> SearchSteps:
+def search_steps(problem: DesignProblem, starts: FloatArray | None = None) -> SearchSteps:
     """Return the search that the problem asks for.
 
     Parameters
     ----------
     problem : DesignProblem
         Has the search, its budget and its seed.
+    starts : ndarray of float, shape (n, l), optional
+        Points of the unit box that an adaptive search begins with.
     """
     dimensions, points = len(problem.operation), problem.points
     if problem.search is Search.ADAPTIVE:
         return adaptive_search(
-            dimensions, points=points, seed=problem.seed, criterion=problem.criterion
+            dimensions,
+            points=points,
+            seed=problem.seed,
+            criterion=problem.criterion,
+            starts=starts,
         )
     if problem.search is Search.DIRECT:
         return direct_search(dimensions, points=points, criterion=problem.criterion)

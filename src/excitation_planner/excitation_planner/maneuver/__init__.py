@@ -7,6 +7,7 @@ from excitation_planner.maneuver.family import (
     family_names,
     operation_point,
 )
+from excitation_planner.maneuver.lead_in import LedInFamily, lead_in_of, with_lead_in
 from excitation_planner.maneuver.paths import Circle, DoubleLaneChange, Slalom, evenly_spaced
 from excitation_planner.maneuver.ranges import (
     load_ranges,
@@ -23,15 +24,18 @@ __all__ = [
     "DoubleLaneChange",
     "Drive",
     "DrivenPath",
+    "LedInFamily",
     "ManeuverFamily",
     "PlanError",
     "Slalom",
     "evenly_spaced",
     "family_by_name",
     "family_names",
+    "lead_in_of",
     "load_ranges",
     "operation_point",
     "parse_ranges",
     "shown_ranges",
+    "with_lead_in",
     "with_ranges",
 ]

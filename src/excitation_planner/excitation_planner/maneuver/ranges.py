@@ -1,5 +1,6 @@
 """The search box: ranges of operation parameters other than those that a family brings."""
 
+import dataclasses
 import reprlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,9 @@ from tricycle_sim.vehicle import Vehicle
 MAX_BYTES = 100_000
 """Largest file of ranges that is read."""
 
+SLOWER = 0.5
+"""Share of a family's speed down to which `with_ranges` may search it."""
+
 
 @dataclass(frozen=True)
 class RangedFamily:
@@ -27,7 +31,8 @@ class RangedFamily:
     family : ManeuverFamily
         Gives the maneuvers.
     operation : Box
-        Ranges, with the names of the family's.
+        Ranges, with the names of the family's; after them those of its settings that are searched
+        too, as the speed of a slalom.
     """
 
     family: ManeuverFamily
@@ -48,7 +53,10 @@ class RangedFamily:
         vehicle : Vehicle
             Its nominal values.
         """
-        return self.family.drive(x, vehicle)
+        own = len(self.family.operation)
+        values = dict(zip(self.operation.names[own:], x[own:].tolist(), strict=True))
+        family = dataclasses.replace(self.family, **values) if values else self.family  # type: ignore[type-var]
+        return family.drive(x[:own], vehicle)
 
 
 def parse_ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -117,7 +125,9 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
     return ranges
 
 
-def with_ranges(families: Sequence[ManeuverFamily], ranges: Bounds) -> tuple[ManeuverFamily, ...]:
+def with_ranges(
+    families: Sequence[ManeuverFamily], ranges: Bounds, *, slower: bool = False
+) -> tuple[ManeuverFamily, ...]:
     """Return the families with these ranges in place of their own.
 
     Parameters
@@ -125,7 +135,11 @@ def with_ranges(families: Sequence[ManeuverFamily], ranges: Bounds) -> tuple[Man
     families : sequence of ManeuverFamily
         Some have the parameters named.
     ranges : mapping of str to (float, float)
-        By ``NAME``, of every family that has it, or by ``FAMILY.NAME``.
+        By ``NAME``, of every family that has it, or by ``FAMILY.NAME``: an operation parameter, or
+        a setting of the family that is a number, as the speed of a slalom, which then is one too.
+    slower : bool
+        Whether a speed that is a setting is searched too, down to `SLOWER` of it, unless a range
+        is given: a slow vehicle stops in less room.
 
     Raises
     ------
@@ -135,26 +149,45 @@ def with_ranges(families: Sequence[ManeuverFamily], ranges: Bounds) -> tuple[Man
     known = {
         key: None
         for family in families
-        for name in family.operation.names
+        for name in (*family.operation.names, *_settings(family))
         for key in (name, f"{family.name}.{name}")
     }
     for name in ranges:
         if name not in known:
             raise PlanError(f"range of {name!r}: the parameters are {', '.join(known)}")
-    return tuple(_with_own_ranges(family, ranges) for family in families)
+    return tuple(_with_own_ranges(family, ranges, slower=slower) for family in families)
 
 
-def _with_own_ranges(family: ManeuverFamily, ranges: Bounds) -> ManeuverFamily:
+def _with_own_ranges(family: ManeuverFamily, ranges: Bounds, *, slower: bool) -> ManeuverFamily:
     bounds = {
         name: ranges.get(f"{family.name}.{name}", ranges.get(name, limits))
         for name, limits in family.operation.bounds().items()
     }
+    for name in _settings(family):
+        limits = ranges.get(f"{family.name}.{name}", ranges.get(name))
+        if limits is None and slower and name == "speed":
+            usual = float(getattr(family, name))
+            limits = SLOWER * usual, usual
+        if limits is not None:
+            bounds[name] = limits
     if bounds == family.operation.bounds():
         return family
     try:
         return RangedFamily(family, Box.of(bounds))
     except DesignError as error:
         raise PlanError(f"{family.name}: {error}") from error
+
+
+def _settings(family: ManeuverFamily) -> tuple[str, ...]:
+    """Settings of a family that are numbers and no operation parameters."""
+    if not dataclasses.is_dataclass(family):
+        return ()
+    return tuple(
+        field.name
+        for field in dataclasses.fields(family)
+        if isinstance(getattr(family, field.name), float)
+        and field.name not in family.operation.names
+    )
 
 
 def shown_ranges(bounds: Mapping[str, tuple[float, float]]) -> str:

@@ -33,6 +33,8 @@ from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 
 LOOK_AHEAD = 0.6  # m, of pure pursuit ...
 LOOK_AHEAD_TIME = 0.3  # s, ... plus this times the speed
+SLOW = 0.8  # m/s of cruise speed below which it grows again, by 1 m per m/s: the pursuit of a near
+# point would sway with the body, which rolls at 2.4 Hz, until a wheel lifts
 AT_LOCK = 0.1  # m from the path, steering as far as it may, at which the steering does not suffice
 OFF_PATH = 1.0  # m from the path at which tracking has failed
 
@@ -107,8 +109,8 @@ def _track(
             return row, saturated, lost
         if distance > OFF_PATH:
             return row, saturated, row
-        ahead = (LOOK_AHEAD + LOOK_AHEAD_TIME * target) / PATH_SPACING
-        goal = min(near + int(ahead), path_x.shape[0] - 1)
+        ahead = LOOK_AHEAD + LOOK_AHEAD_TIME * target + max(SLOW - speed, 0.0)
+        goal = min(near + int(ahead / PATH_SPACING), path_x.shape[0] - 1)
         dx, dy = path_x[goal] - own_x, path_y[goal] - own_y
         lateral = -s * dx + c * dy
         wanted = math.atan(wheelbase * 2.0 * lateral / (dx * dx + dy * dy))

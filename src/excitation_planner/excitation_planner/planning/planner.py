@@ -12,11 +12,13 @@ from excitation_planner.area.polygons import rings_of
 from excitation_planner.area.room import DoesNotFit, Room
 from excitation_planner.area.tube import crawl_curvature, footprint_of
 from excitation_planner.box import Box
+from excitation_planner.design.combinations import best_combinations
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_excitation
 from excitation_planner.design.information import ManeuverSet
+from excitation_planner.design.problem import Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
-from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.maneuver import LedInFamily, ManeuverFamily, lead_in_of
 from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.prediction import (
     ReplayedTrajectories,
@@ -34,9 +36,6 @@ from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
-
-CURVATURES = 64
-"""Steering angles at which a path's curvature is computed, and interpolated between."""
 
 LEAST_DRAWS = 6
 """Vehicles over which a criterion is averaged, however many effects each is simulated with."""
@@ -129,6 +128,23 @@ def _searched(
         return (_Maneuver(design.x, design.sensitivity, design.cost),), design
     maneuvers = ManeuverSet(_trajectories(request), tuple(f.operation for f in request.families))
     beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
+    # as many simulations of a maneuver as without effects, but a few vehicles at least
+    draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
+    starts, taken = None, 0
+    if request.others and request.search is Search.ADAPTIVE:
+        unknown = Box.of(dict(request.vehicle.unknown))
+        starts, taken = best_combinations(
+            maneuvers,
+            unknown,
+            request.noise.of_trajectory,
+            request.criterion,
+            unknown.index(request.target),
+            draws=draws,
+            seed=request.seed,
+            prior=request.prior,
+            beside=beside,
+        )
+        taken //= len(request.families)  # a run of the set is one of each maneuver
     design = design_excitation(
         maneuvers,
         maneuvers.operation,
@@ -138,15 +154,16 @@ def _searched(
         trajectory_noise=request.noise.of_trajectory,
         prior=request.prior,
         beside=beside,
-        # as many simulations of a maneuver as without effects, but a few vehicles at least
-        draws=max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps))),
+        draws=draws,
         samples=request.samples,
-        budget=request.budget,
+        budget=request.budget - taken,
         seed=request.seed,
         search=request.search,
+        starts=starts,
         executor=executor,
         progress=progress,
     )
+    design = dataclasses.replace(design, simulations=design.simulations + taken)
     # samples that the search has not seen, three times as many: as H is verified
     fresh = dataclasses.replace(request, samples=3 * request.samples, seed=request.seed + 1)
     judged = tuple(
@@ -219,7 +236,7 @@ def random_feasible_point(request: PlanRequest, rng: np.random.Generator) -> Flo
 
 
 def _effects(request: PlanRequest) -> tuple[Effect, ...]:
-    return planned_effects(request.vehicle, request.effects)
+    return planned_effects(request.vehicle, request.effects, request.known_effects)
 
 
 def _trajectories(request: PlanRequest) -> tuple[ReplayedTrajectories, ...]:
@@ -327,6 +344,7 @@ def _plans(
                 path=run.path,
                 reference=run.reference,
                 search=searched,
+                lead_in=lead_in_of(run.commands) if isinstance(family, LedInFamily) else 0.0,
                 **({} if room is None else on_area(room, vehicle, run.commands)),
             )
         )
@@ -346,16 +364,15 @@ def on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
         Of the maneuver.
     """
     fit = room.fit(vehicle, commands)
-    placement, angles = fit.placement, commands.steering_motor_angle
-    tried = np.linspace(angles.min(), angles.max(), CURVATURES)
+    placement = fit.placement
     return {
         "area": room.area,
         "start_pose": (placement.x, placement.y, placement.heading),
         "clearance": placement.clearance,
-        "tube": rings_of(fit.tube.drive),
-        "stopping_zone": rings_of(fit.tube.whole),
+        "tube": rings_of(fit.drive),
+        "stopping_zone": rings_of(fit.whole),
         "footprint": room.footprint,
-        "curvature": np.interp(angles, tried, crawl_curvature(vehicle, tried)),
+        "curvature": crawl_curvature(vehicle, commands.steering_motor_angle),
     }
 
 

@@ -4,8 +4,9 @@ n: samples, k: unknown parameters, e: effects, l: operation parameters, t: time 
 channels.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -86,7 +87,9 @@ class ReplayedTrajectories:
         return _replayed(self.vehicle, commands, self.columns, parameters, self.effects)
 
 
-def planned_effects(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
+def planned_effects(
+    vehicle: Vehicle, names: Sequence[str], known: Mapping[str, float] | None = None
+) -> tuple[Effect, ...]:
     """Return the effects that plans count, those that each drive has its own of last.
 
     The deviations are left out: a process has no end of variables.
@@ -97,13 +100,20 @@ def planned_effects(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...
         That is planned for.
     names : sequence of str
         Of `tricycle_sim.effects.EFFECTS`.
+    known : mapping of str to float, optional
+        Standard deviations after earlier drives, by these names, in the effects' units.
 
     Raises
     ------
     VehicleError
         If a name is none of an effect.
     """
-    counted = [e for e in effects_of(vehicle, names) if not e.process]
+    known = known or {}
+    counted = [
+        replace(e, std=min(e.std, known.get(e.option, math.inf)))
+        for e in effects_of(vehicle, names)
+        if not e.process
+    ]
     return tuple(sorted(counted, key=lambda e: e.per_drive))
 
 

@@ -1,6 +1,7 @@
 """The request of a plan: data without computation, which command line and node read quickly."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from excitation_planner.area.area import Area
 from excitation_planner.design.criteria import Criterion
@@ -47,6 +48,8 @@ class PlanRequest:
     effects : tuple of str
         Of `tricycle_sim.effects.EFFECTS`: what the vehicle file may not know, counted by the
         criteria C, D and A and in the predicted deviations.
+    known_effects : mapping of str to float
+        Standard deviations of some of them after earlier drives, in their units.
 
     Raises
     ------
@@ -68,6 +71,7 @@ class PlanRequest:
     search: Search = Search.ADAPTIVE
     area: Area | None = None
     effects: tuple[str, ...] = ()
+    known_effects: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_motor(self.vehicle)

@@ -222,6 +222,8 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
             "model of the drive"
         )
     commands = commands_of(drive.commands, vehicle, str(drive.bag))
+    if drive.lead_in is not None:
+        commands = drive.lead_in.in_place(commands)
     if drive.ended_early is not None:
         commands = commands.until(drive.ended_early)
     poses = drive.poses

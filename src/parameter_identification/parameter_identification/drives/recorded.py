@@ -28,9 +28,12 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS
 from tricycle_core.readiness import Readiness
 from tricycle_core.stamps import seconds_of
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
 
 DURATION_TOLERANCE = 0.05  # s between the reference's end and the driver's
 COMMANDS_TOLERANCE = 1e-6  # rad and rad/s between a set-point planned and played
+PATH = "nav_msgs/msg/Path"
 IMU, JOINT_STATE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState"
 STATUS, DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray"
 NOT_ARMED = "tricycle_bridge: vehicle", "not armed"  # a diagnosis: its name, how its message begins
@@ -45,7 +48,7 @@ class TopicNames:
     ----------
     pose : str
         Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix.
-    reference, state, commands, played : str
+    reference, state, commands, lead_in, played : str
         What planner and maneuver driver publish.
     readiness, diagnostics : str
         What the bridge publishes: whether the vehicle was armed.
@@ -61,6 +64,7 @@ class TopicNames:
     reference: str = "maneuver/reference"
     state: str = "maneuver/state"
     commands: str = "maneuver/commands"
+    lead_in: str = "maneuver/lead_in"
     played: str = "joint_commands"
     readiness: str = READINESS
     diagnostics: str = "diagnostics"
@@ -106,6 +110,44 @@ class YawRates:
 
 
 @dataclass(frozen=True, eq=False)
+class LeadIn:
+    """The steering while the driver kept the vehicle on a line, in place of that of the commands.
+
+    Attributes
+    ----------
+    end : float
+        Time since the start event from which the commands hold [s].
+    time : ndarray of float, shape (r,)
+        Of the set-points [s].
+    steering_motor_angle : ndarray of float, shape (r,)
+        Left positive [rad].
+    """
+
+    end: float
+    time: FloatArray
+    steering_motor_angle: FloatArray
+
+    def in_place(self, commands: Commands) -> Commands:
+        """Return commands with this steering.
+
+        Parameters
+        ----------
+        commands : Commands
+            Of the plan.
+        """
+        ticks = np.arange(round(self.end / TICK))
+        later = commands.time[commands.time > (len(ticks) + 0.5) * TICK]
+        time = np.concatenate([TICK * np.append(ticks, len(ticks)), later])
+        rows = np.searchsorted(commands.time, time + 0.1 * TICK, side="right") - 1
+        angle = commands.steering_motor_angle[rows]
+        if len(self.time):
+            newest = np.searchsorted(np.round(self.time / TICK), ticks, side="right") - 1
+            led = self.steering_motor_angle[newest]
+            angle[: len(ticks)] = np.where(newest >= 0, led, angle[: len(ticks)])
+        return Commands(time, angle, commands.speed[rows])
+
+
+@dataclass(frozen=True, eq=False)
 class RecordedDrive:
     """One driven maneuver as a bag holds it: what is judged and identified from.
 
@@ -134,6 +176,8 @@ class RecordedDrive:
     ended_early : float, optional
         Time at which the driver ended the maneuver, because no more of it was needed [s]; the
         reference ends then, the commands go on. None: it was driven to its end.
+    lead_in : LeadIn, optional
+        What the driver steered closed loop before the commands; None: nothing.
     """
 
     bag: Path
@@ -148,6 +192,13 @@ class RecordedDrive:
     yaw_rates: YawRates | None = None
     topics: TopicNames = field(default_factory=TopicNames)
     ended_early: float | None = None
+    lead_in: LeadIn | None = None
+
+    @property
+    def driven(self) -> PlanarTrajectory:
+        """Poses from the start event to the end of the reference."""
+        time = self.poses.time
+        return self.poses.part((time >= 0.0) & (time <= self.duration))
 
     @property
     def duration(self) -> float:
@@ -182,6 +233,27 @@ def read_drive(
         return _Collector(reader, topics or TopicNames(), sensors=sensors).drive()
 
 
+def read_way_back(bag: Path, *, topics: TopicNames | None = None) -> PlanarTrajectory | None:
+    """Read the poses of a vehicle that drives back to a start by itself; None without any.
+
+    Parameters
+    ----------
+    bag : Path
+        Of a drive, which such a way may precede, or of the way alone.
+    topics : TopicNames, optional
+        Where names differ from the suite's.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    JudgeError
+        If what it holds of states or poses is none.
+    """
+    with BagReader(bag) as reader:
+        return _Collector(reader, topics or TopicNames(), sensors=False).way_back()
+
+
 @dataclass(frozen=True)
 class _StartEvent:
     time: int  # ns, by the clock that stamps the poses
@@ -203,6 +275,7 @@ class _Collector:
         self.state = self._name(topics.state, "the drive's start event is recorded there")
         self.pose = self._name(topics.pose, "name the topic of the poses")
         self.commands = self._name(topics.commands)
+        self.lead_in = self._beside(topics.lead_in, PATH)
         self.played = self._name(topics.played)
         self.readiness = self._beside(topics.readiness, STATUS)
         self.diagnostics = self._beside(topics.diagnostics, DIAGNOSTICS)
@@ -215,7 +288,9 @@ class _Collector:
         poses = PoseCollector(
             self.bag, self.pose, kinds[self.pose], topics.child_frame, topics.datum
         )
-        latched: dict[str, dict[bytes, Any]] = {self.reference: {}, self.commands: {}}
+        latched: dict[str, dict[bytes, Any]] = {
+            name: {} for name in (self.reference, self.commands, self.lead_in)
+        }
         every: dict[str, list[Any]] = {
             name: [] for name in (self.played, self.imu, self.joint_states)
         }
@@ -242,8 +317,10 @@ class _Collector:
                 f"{self.bag}: the driven maneuver lasts {event.duration:.2f} s, its reference "
                 f"{reference.time[-1]:.2f} s: the reference of another maneuver"
             )
+        lead_in = self._led(latched[self.lead_in].values(), commands, every[self.played], start)
         if commands is not None:
-            self._check_commands(commands, every[self.played], event)
+            open_loop = 0.0 if lead_in is None else lead_in.end
+            self._check_commands(commands, every[self.played], event, open_loop)
         if event.early is not None:
             reference = reference.part(reference.time <= event.early)
         return RecordedDrive(
@@ -259,7 +336,31 @@ class _Collector:
             yaw_rates=_yaw_rates(every[self.imu], start),
             topics=topics,
             ended_early=event.early,
+            lead_in=lead_in,
         )
+
+    def way_back(self) -> PlanarTrajectory | None:
+        kinds = {name: topic.type for name, topic in self.reader.topics.items()}
+        topics, returning, found = self.topics, False, False
+        poses = PoseCollector(
+            self.bag, self.pose, kinds[self.pose], topics.child_frame, topics.datum
+        )
+        for name, _, data in self.reader.messages({self.pose, self.state}):
+            message = decode(kinds[name], data)
+            if name == self.state:
+                returning = self._state(message).state is PlaybackState.RETURNING
+            elif returning:
+                poses.add(message)
+                found = True
+        return poses.since(0) if found else None
+
+    def _state(self, message: Any) -> ManeuverState:
+        try:
+            return ManeuverState.from_values({v.key: v.value for v in message.values})
+        except ValueError as error:
+            raise JudgeError(
+                f"{self.bag}: {self.state}: {error}; want start_time and duration in seconds"
+            ) from error
 
     def _name(self, name: str, why: str = "", type_name: str = "") -> str:
         """Topic of the bag with this name in any namespace; "" if there is none and no ``why``."""
@@ -289,6 +390,23 @@ class _Collector:
         newest = list(messages)[::-1]
         own = (message for message in newest if message.header.frame_id == plan_id)
         return next(own, newest[0] if newest else None)
+
+    def _led(
+        self, messages: Iterable[Any], commands: Any, played: Iterable[Any], start: int
+    ) -> LeadIn | None:
+        """The lead-in with the stamp of the commands, as it was steered; None without one."""
+        own = [m for m in messages if commands is not None and stamp_of(m) == stamp_of(commands)]
+        if not own or not own[-1].poses:
+            return None
+        end = stamp_of(own[-1].poses[-1]) * 1e-9
+        rows = [
+            (elapsed, setpoint.position[setpoint.name.index(STEERING_JOINT)])
+            for setpoint in played
+            if STEERING_JOINT in setpoint.name
+            and 0.0 <= (elapsed := (stamp_of(setpoint) - start) * 1e-9) < end
+        ]
+        time, angle = np.array(rows, dtype=np.float64).reshape(-1, 2).T
+        return LeadIn(end, time, angle)
 
     def _reference(self, messages: Iterable[Any], commands: Any) -> PlanarTrajectory:
         """The reference with the stamp of the commands; the only one where none has it."""
@@ -320,15 +438,7 @@ class _Collector:
 
     def _start_event(self, messages: Iterable[tuple[int, Any]]) -> _StartEvent:
         """The only start event that the driver's state tells of."""
-        try:
-            states = [
-                (at, ManeuverState.from_values({v.key: v.value for v in message.values}))
-                for at, message in messages
-            ]
-        except ValueError as error:
-            raise JudgeError(
-                f"{self.bag}: {self.state}: {error}; want start_time and duration in seconds"
-            ) from error
+        states = [(at, self._state(message)) for at, message in messages]
         running = [(at, s) for at, s in states if s.state is PlaybackState.RUNNING]
         starts = {s.start_time for _, s in running}
         if not starts:
@@ -375,10 +485,12 @@ class _Collector:
                     f"({state.reason or 'no reason is given'})"
                 )
 
-    def _check_commands(self, planned: Any, played: Iterable[Any], event: _StartEvent) -> None:
-        """Raise if what was played is not what the bag holds as the plan."""
+    def _check_commands(
+        self, planned: Any, played: Iterable[Any], event: _StartEvent, open_loop: float
+    ) -> None:
+        """Raise if what was played from a time on is not what the bag holds as the plan."""
         try:
-            pairs = list(_planned_and_played(planned, played, event.time, event.early))
+            pairs = list(_planned_and_played(planned, played, event.time, open_loop, event.early))
         except (LookupError, ValueError) as error:
             raise JudgeError(
                 f"{self.bag}: {self.commands} and {self.played}: want position and velocity of "
@@ -396,15 +508,15 @@ class _Collector:
 
 
 def _planned_and_played(
-    planned: Any, played: Iterable[Any], start: int, end: float | None
+    planned: Any, played: Iterable[Any], start: int, begin: float, end: float | None
 ) -> Iterator[tuple[float, float, float, float]]:
-    """Angle and wheel speed planned, then those played, of each set-point until the end."""
+    """Angle and wheel speed planned, then those played, of each set-point from begin to end."""
     times = [seconds_of(point.time_from_start) for point in planned.points]
     steer, wheel = (planned.joint_names.index(name) for name in JOINTS)
     rows = [(point.positions[steer], point.velocities[wheel]) for point in planned.points]
     for setpoint in played:
         elapsed = (stamp_of(setpoint) - start) * 1e-9
-        if 0 <= elapsed < (times[-1] if end is None else end):
+        if begin <= elapsed < (times[-1] if end is None else end):
             row = bisect_right(times, elapsed + 1e-6) - 1
             steer, wheel = (setpoint.name.index(name) for name in JOINTS)
             yield *rows[row], setpoint.position[steer], setpoint.velocity[wheel]

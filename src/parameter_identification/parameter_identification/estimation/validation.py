@@ -187,7 +187,7 @@ def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel)
     variances = np.zeros(len(model.nuisances) - model.shared)
     for i, nuisance in enumerate(model.nuisances[model.shared :]):
         if (effect := nuisance.effect) is not None:
-            at = of_effect.get(effect.name, [])
+            at = of_effect.get(effect, [])
             variances[i] = (
                 sizes[effect.name] ** 2 if effect.process else np.mean(np.diag(moments)[at])
             )

@@ -164,7 +164,11 @@ class Campaign:
         plans, problems = [], []
         for family in self.request.families:
             request = self.request.plan_request(
-                family, target, self._prior(), seed=self.request.seed + number
+                family,
+                target,
+                self._prior(),
+                seed=self.request.seed + number,
+                known_effects=self._known_effects(),
             )
             try:
                 with progress(f"planning {family.name} for {target}") as report:
@@ -200,6 +204,16 @@ class Campaign:
         estimates = np.array([entry.estimate for entry in found.parameters.values()])
         covariance = found.covariance / np.outer(high - low, high - low)
         return BoxPrior((estimates - low) / (high - low), 0.5 * (covariance + covariance.T))
+
+    def _known_effects(self) -> dict[str, float]:
+        """Standard deviations of what all drives have in common beside the parameters."""
+        found = self.steps[-1].identification if self.steps else None
+        effects = found.effects if found is not None else ()
+        return {
+            e.name.replace(" ", "-"): e.standard_deviation
+            for e in effects
+            if not e.drive and e.standard_deviation > 0.0
+        }
 
     def drive(self, drive: DrivePlan, progress: Progress, *, stop_early: bool = False) -> None:
         """Drive the last plan, unless its bag is complete.

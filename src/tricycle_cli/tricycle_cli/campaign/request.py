@@ -9,13 +9,17 @@ from typing import TYPE_CHECKING
 from excitation_planner.area.area import Area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import ManeuverFamily
+from excitation_planner.maneuver import LedInFamily, ManeuverFamily
 from excitation_planner.planning import PlanRequest
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from excitation_planner.design.prior import BoxPrior
+
+
+WAY_BACK = "way_back"
+"""Folder, in that of the campaign, for the bag of the way back from the last drive."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class Settings:
         The search box, by ``FAMILY.NAME``.
     area : Area, optional
         Ground that the drives stay on.
+    lead_in : float, optional
+        Straight before the families' own run-ins [m]; None: no lead-in.
     """
 
     vehicle: str
@@ -48,6 +54,7 @@ class Settings:
     true_seed: int | None
     ranges: Mapping[str, tuple[float, float]]
     area: Area | None = None
+    lead_in: float | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +87,8 @@ class CampaignRequest:
         What is estimated beside the parameters: of `EFFECTS`.
     weighed : bool
         Whether by the average over all their subsets.
+    plan_effects : tuple of str
+        Of the same: what plans count as not known either.
 
     Raises
     ------
@@ -99,6 +108,7 @@ class CampaignRequest:
     area: Area | None = None
     effects: tuple[str, ...] = ()
     weighed: bool = False
+    plan_effects: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.targets or len(set(self.targets)) < len(self.targets):
@@ -115,7 +125,13 @@ class CampaignRequest:
             self.plan_request(self.families[0], target, None, seed=0)  # checks the rest
 
     def plan_request(
-        self, family: ManeuverFamily, target: str, prior: BoxPrior | None, *, seed: int
+        self,
+        family: ManeuverFamily,
+        target: str,
+        prior: BoxPrior | None,
+        *,
+        seed: int,
+        known_effects: Mapping[str, float] | None = None,
     ) -> PlanRequest:
         """Return the request of the plan of one drive.
 
@@ -129,6 +145,8 @@ class CampaignRequest:
             What is known after earlier drives; None: the ranges of the vehicle.
         seed : int
             Of the search.
+        known_effects : mapping of str to float, optional
+            Standard deviations of effects after earlier drives, in their units.
         """
         return PlanRequest(
             self.vehicle,
@@ -140,6 +158,8 @@ class CampaignRequest:
             noise=self.noise,
             prior=prior,
             area=self.area,
+            effects=self.plan_effects,
+            known_effects=known_effects or {},
         )
 
     def settings(self) -> Settings:
@@ -157,4 +177,5 @@ class CampaignRequest:
                 for name, limits in family.operation.bounds().items()
             },
             area=self.area,
+            lead_in=next((f.length for f in self.families if isinstance(f, LedInFamily)), None),
         )

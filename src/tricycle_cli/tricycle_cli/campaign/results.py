@@ -11,8 +11,9 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from excitation_planner.area.area import Area
-from parameter_identification.drives.recorded import read_drive
+from parameter_identification.drives.recorded import read_drive, read_way_back
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
+from tricycle_cli.campaign.request import WAY_BACK
 from tricycle_cli.reports.static_figures import draw_borders
 from tricycle_core.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
 
@@ -107,7 +108,7 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
 
 
 def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
-    """Draw every drive on its area, to scale, as the localisation has seen the vehicle.
+    """Draw drives and ways back on the area, to scale, as the localisation has seen the vehicle.
 
     Parameters
     ----------
@@ -122,11 +123,17 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
     axes = figure.subplots()
     draw_borders(axes, area)
     families = [family.name for family in campaign.request.families]
+    returned = False
     for number, step in enumerate(campaign.steps, start=1):
         if not step.driven:
             continue
-        poses = read_drive(campaign.folder / step.bag, sensors=False).poses
+        bag = campaign.folder / step.bag
+        poses = read_drive(bag, sensors=False).driven
         color = FAMILIES[families.index(step.maneuver) % len(FAMILIES)]
+        for way in (bag, campaign.folder / WAY_BACK / bag.name):
+            if way.exists() and (back := read_way_back(way)) is not None:
+                axes.plot(back.x, back.y, "--", color="0.6", linewidth=0.8)
+                returned = True
         axes.plot(poses.x, poses.y, color=color, linewidth=1.0)
         axes.plot(poses.x[0], poses.y[0], "o", color=color)
         axes.annotate(
@@ -136,6 +143,8 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
     for name, color in zip(families, FAMILIES, strict=False):
         if name in driven:
             axes.plot([], [], "o-", color=color, label=f"{name.replace('_', ' ')}, from its start")
+    if returned:
+        axes.plot([], [], "--", color="0.6", linewidth=0.8, label="way back to a start")
     axes.set(xlabel=f"x in {area.frame} / m", ylabel=f"y in {area.frame} / m")
     axes.set_aspect("equal")
     axes.grid(alpha=0.3)

@@ -15,6 +15,7 @@ from excitation_planner.maneuver import family_names
 from tricycle_cli.arguments import (
     add_area_option,
     add_effects_option,
+    add_lead_in_option,
     add_noise_options,
     add_range_options,
     effects_asked,
@@ -24,11 +25,12 @@ from tricycle_cli.arguments import (
     search_boxes,
     seed,
 )
-from tricycle_cli.campaign.request import CampaignRequest
+from tricycle_cli.campaign.request import WAY_BACK, CampaignRequest
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
 from tricycle_core.optional import check_installed
+from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -82,6 +84,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_range_options(parser)
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add_area_option(parser)
+    add_lead_in_option(parser)
     add(
         "--return",
         action="store_true",
@@ -107,6 +110,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
     add_effects_option(parser)
+    add(
+        "--plan-effects",
+        default="none",
+        metavar="all|none|NAME,NAME",
+        help="of the same: what plans count as not known either (default: none)",
+    )
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -144,6 +153,7 @@ def run(args: argparse.Namespace) -> int:
         true_seed=None if args.vehicle_nodes else args.true_seed,
         area=None if args.area is None else load_area(args.area),
         **effects_asked(args),
+        plan_effects=named_effects(args.plan_effects),
     )
     campaign = Campaign(args.output, request)
     console = Console(stderr=True)
@@ -202,13 +212,17 @@ def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
             true_seed=args.true_seed,
             real_time_factor=args.real_time_factor,
             folder=args.output / "session",
-            back=args.back,
+            back=_way_back(args),
             monitor=args.stop_early,
         ) as drive:
             yield drive
         return
-    with running_session(load_vehicle(args.vehicle), ask=True, back=args.back) as drive:
+    with running_session(load_vehicle(args.vehicle), ask=True, back=_way_back(args)) as drive:
         yield drive
+
+
+def _way_back(args: argparse.Namespace) -> Path | None:
+    return args.output / WAY_BACK if args.back else None
 
 
 def _step(

@@ -45,7 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--return",
         action="store_true",
         dest="back",
-        help="drive back to the start, closed loop at walking pace, after each drive",
+        help="drive back to the start, closed loop at walking pace, after each drive; recorded in "
+        "the next bag, and that of the last drive in a folder beside --bag",
     )
     add(
         "--vehicle",
@@ -105,12 +106,13 @@ def run(args: argparse.Namespace) -> int:
     ]
     if len(drives) == 1:
         drives = [(plan, args.bag)]
+    back = args.bag.with_name(f"{args.bag.name}.way_back") if args.back else None
     session = (
         running_session(
             None if args.other_vehicle else vehicle,
             args.namespace,
             ask=len(drives) > 1,
-            back=args.back,
+            back=back,
         )
         if args.vehicle_nodes
         else simulated_session(
@@ -119,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
             real_time_factor=args.real_time_factor,
             folder=args.bag.with_name(f"{args.bag.name}.session"),
             plant=args.plant,
-            back=args.back,
+            back=back,
         )
     )
     with session as drive:

@@ -16,6 +16,7 @@ from excitation_planner.maneuver import family_names, operation_point, shown_ran
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import (
     add_area_option,
+    add_lead_in_option,
     add_noise_options,
     add_range_options,
     families_of,
@@ -80,6 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add_area_option(parser)
+    add_lead_in_option(parser)
     add(
         "--effects",
         default="none",

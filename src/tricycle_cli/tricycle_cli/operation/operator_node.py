@@ -173,7 +173,7 @@ class Operator(Closing):
         ask: Callable[[], None] | None = None,
         enough: Enough | None = None,
     ) -> None:
-        """Drive the plan to its end and record it to `bag`.
+        """Drive the plan to its end and record it to `bag`, with the way back before it.
 
         Parameters
         ----------
@@ -216,9 +216,9 @@ class Operator(Closing):
             ask()
         if self._simulated:
             self._arm()
-        if back:
-            self._go_back()
         with self._recording(bag):
+            if back:
+                self._go_back()
             self._sleep(STANDSTILL)
             if self._state.plan_id != plan.id:  # a planner has published another one meanwhile
                 self._hand_over(plan)
@@ -241,8 +241,13 @@ class Operator(Closing):
         self._wait(lambda: self._looked >= seen + 2, "maneuver_driver to say how everything stands")
         return self._preflight
 
-    def go_back(self) -> None:
+    def go_back(self, bag: Path) -> None:
         """Have the vehicle drive back to the start of the plan that was driven last.
+
+        Parameters
+        ----------
+        bag : Path
+            New rosbag2 directory.
 
         Raises
         ------
@@ -253,7 +258,8 @@ class Operator(Closing):
         self._sleep(LONGEST_STOP - STANDSTILL)  # the drive has ended, the driver's stop has not
         if self._simulated:
             self._arm()
-        self._go_back()
+        with self._recording(bag):
+            self._go_back()
         if self._simulated:
             self._disarm()
 

@@ -2,6 +2,7 @@
 
 import math
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -52,7 +53,7 @@ def simulated_session(
     folder: Path,
     firmware: Path | None = None,
     plant: str = OWN,
-    back: bool = False,
+    back: Path | None = None,
     monitor: bool = False,
 ) -> Iterator[DrivePlan]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
@@ -72,9 +73,9 @@ def simulated_session(
         Build of the real firmware to run on simulated UNOs; None: emulated PLCs.
     plant : str
         What the boards drive.
-    back : bool
-        Whether the vehicle drives back to the start of each further drive, and at the end to that
-        of the last one, instead of being put there.
+    back : Path, optional
+        Makes the vehicle drive to the start of each further drive, and at the end to that of the
+        last one, instead of being put there: the folder for the bag of this last way.
     monitor : bool
         Whether `identification_monitor` runs too, so that drives can end when they taught enough.
 
@@ -128,22 +129,21 @@ def simulated_session(
         if monitor:
             nodes.start("identification_monitor", config=config, parameters={"vehicle_file": file})
         with Operator(domain=domain, check=nodes.check) as operator:
-            drives = 0
+            driven: list[str] = []  # names of the bags
 
             def drive(
                 plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None
             ) -> None:
-                nonlocal drives
                 operator.pace(real_time_factor)
-                there = back and drives > 0
+                there = back is not None and bool(driven)
                 operator.drive(plan, bag.absolute(), progress=progress, back=there, enough=enough)
                 operator.pace(IDLE_PACE)
-                drives += 1
+                driven.append(bag.name)
 
             yield drive
-            if back and drives:
+            if back is not None and driven:
                 operator.pace(real_time_factor)
-                operator.go_back()
+                operator.go_back(_new(back / driven[-1]))
 
 
 def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
@@ -163,7 +163,7 @@ def hidden_truth(vehicle: Vehicle, true_seed: int) -> dict[str, float]:
 
 @contextmanager
 def running_session(
-    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False, back: bool = False
+    vehicle: Vehicle | None, namespace: str = "", *, ask: bool = False, back: Path | None = None
 ) -> Iterator[DrivePlan]:
     """Drive plans on nodes of the real vehicle that run already; the operator has armed it.
 
@@ -175,9 +175,9 @@ def running_session(
         Of those nodes.
     ask : bool
         Whether each drive waits for somebody to say that the vehicle is ready.
-    back : bool
-        Whether the vehicle drives to the start of each drive by itself, and back at the end;
-        without an area somebody puts it at the first one.
+    back : Path, optional
+        Makes the vehicle drive to the start of each drive by itself, and back at the end: the
+        folder for the bag of this last way. Without an area somebody puts it at the first start.
 
     Yields
     ------
@@ -199,11 +199,10 @@ def running_session(
         if vehicle is not None and "tricycle_bridge" in operator.publishers(TOPIC):
             check_bridge(vehicle, operator.parameters("tricycle_bridge", IDENTIFYING))
 
-        drives = 0
+        driven: list[str] = []  # names of the bags
 
         def drive(plan: Plan, bag: Path, progress: Progress, enough: Enough | None = None) -> None:
-            nonlocal drives
-            there = back and (drives > 0 or plan.area is not None)
+            there = back is not None and (bool(driven) or plan.area is not None)
             wait = partial(_wait_for_enter, plan, operator.preflight, there)
             operator.drive(
                 plan,
@@ -213,11 +212,18 @@ def running_session(
                 ask=wait if ask else None,
                 enough=enough,
             )
-            drives += 1
+            driven.append(bag.name)
 
         yield drive
-        if back and drives:
-            operator.go_back()
+        if back is not None and driven:
+            operator.go_back(_new(back / driven[-1]))
+
+
+def _new(bag: Path) -> Path:
+    """Make room for a bag: one of an earlier run with the same drives is replaced."""
+    shutil.rmtree(bag, ignore_errors=True)
+    bag.parent.mkdir(parents=True, exist_ok=True)
+    return bag.absolute()
 
 
 def _wait_for_enter(

@@ -47,6 +47,7 @@ def plot_plan(plan: Plan, path: Path) -> None:
     if plan.area is None or plan.start_pose is None:
         track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
         track.plot(plan.reference.x, plan.reference.y, color=REFERENCE, label="nominal trajectory")
+        _draw_lead_in(track, plan, np.column_stack([plan.reference.x, plan.reference.y]))
     else:
         _draw_on_area(track, plan, plan.area, plan.start_pose)
     track.set(xlabel="x / m", ylabel="y / m")
@@ -100,10 +101,20 @@ def _draw_on_area(
     draw_borders(axes, area)
     x, y, heading = start_pose
     reference = np.column_stack([plan.reference.x, plan.reference.y])
-    axes.plot(*placed(reference, x, y, heading).T, color=REFERENCE, label="nominal trajectory")
+    driven = placed(reference, x, y, heading)
+    axes.plot(*driven.T, color=REFERENCE, label="nominal trajectory")
+    _draw_lead_in(axes, plan, driven)
     tip = (x + 1.5 * math.cos(heading), y + 1.5 * math.sin(heading))
     axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE})
     axes.plot(x, y, "o", color=REFERENCE, label=f"start; {plan.clearance:.2f} m to the border")
+
+
+def _draw_lead_in(axes: Axes, plan: Plan, driven: FloatArray) -> None:
+    """Draw the part of the nominal trajectory (t, 2) that is steered closed loop."""
+    if plan.lead_in > 0.0:
+        led = driven[plan.reference.time <= plan.lead_in]
+        label = f"lead-in, closed loop: {plan.lead_in:.1f} s"
+        axes.plot(*led.T, color=MEASURED, linewidth=3.0, label=label)
 
 
 def draw_borders(axes: Axes, area: Area) -> None:

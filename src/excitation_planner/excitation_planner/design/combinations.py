@@ -1,0 +1,143 @@
+"""Where the search of a set of maneuvers begins: the best combinations of single ones.
+
+The information of drives adds up. A few maneuvers of each family, simulated alone, therefore judge
+all their combinations without further simulations.
+"""
+
+import itertools
+
+import numpy as np
+
+from excitation_planner.box import Box
+from excitation_planner.design.criteria import Criterion
+from excitation_planner.design.information import (
+    ManeuverSet,
+    difference_points,
+    information,
+    information_costs,
+    posterior_covariance,
+)
+from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
+from excitation_planner.indices.sampling import sobol_sequence
+from tricycle_core.errors import InfeasibleManeuver
+from tricycle_core.quantities import FloatArray
+
+SINGLES = 16
+"""Maneuvers of each family beside the corners of its box."""
+
+KEPT = 200
+"""Best combinations that are combined with the next family's maneuvers."""
+
+STARTS = 12
+"""Combinations from which the search begins."""
+
+APART = 0.1
+"""Least distance between them on some axis, in ranges."""
+
+
+def best_combinations(
+    maneuvers: ManeuverSet,
+    unknown: Box,
+    noise: TrajectoryNoise,
+    criterion: Criterion,
+    target: int | None,
+    *,
+    draws: int,
+    seed: int,
+    prior: BoxPrior | None = None,
+    beside: BesideParameters = NOTHING_BESIDE,
+) -> tuple[FloatArray, int]:
+    """Return the cheapest combinations of a few maneuvers of each family.
+
+    Parameters
+    ----------
+    maneuvers : ManeuverSet
+        Families of the set.
+    unknown : Box
+        Ranges of the unknown parameters.
+    noise : TrajectoryNoise
+        Of the measurement.
+    criterion : Criterion
+        C, D or A.
+    target : int or None
+        Axis of the target, for C.
+    draws : int
+        Parameter values over which the criterion is averaged.
+    seed : int
+        Of the draws and of the maneuvers.
+    prior : BoxPrior, optional
+        What is known before; None: uniform.
+    beside : BesideParameters
+        What is beside the parameters.
+
+    Returns
+    -------
+    points : ndarray of float, shape (s, l)
+        In the unit box of the set; none where a family has no maneuver that can be driven.
+    simulations : int
+        That it took.
+    """
+    k = len(unknown)
+    U = difference_points(k, draws, seed=seed, prior=prior, beside=beside)
+    P = np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
+    shape, simulations = k + beside.shared, 0
+    points, total = np.empty((1, 0)), np.zeros((1, draws, shape, shape))
+    for simulate, box in zip(maneuvers.simulators, maneuvers.operations, strict=True):
+        singles, found = [], []
+        for u in _singles(len(box), seed):
+            try:
+                Y = simulate(box.from_unit(u), P)
+            except InfeasibleManeuver:
+                continue
+            simulations += len(P)
+            singles.append(u)
+            found.append(information(U, Y, noise, beside))
+        if not singles:
+            return np.empty((0, len(maneuvers.operation))), simulations
+        points = np.hstack(
+            [np.repeat(points, len(singles), axis=0), np.tile(singles, (len(points), 1))]
+        )
+        total = (total[:, None] + np.array(found)).reshape(-1, draws, shape, shape)
+        costs = _costs(total, criterion, target, prior, beside)
+        best = np.argsort(costs, kind="stable")[:KEPT]
+        best = best[np.isfinite(costs[best])]
+        points, total = points[best], total[best]
+    return _apart(points), simulations
+
+
+def _singles(dimensions: int, seed: int) -> FloatArray:
+    """Points (n, l) of a family's unit box."""
+    corners = np.array(list(itertools.product((0.0, 1.0), repeat=min(dimensions, 4))))
+    corners = np.pad(corners, ((0, 0), (0, dimensions - corners.shape[1])), constant_values=0.5)
+    return np.vstack([corners, sobol_sequence(SINGLES, dimensions, seed=seed)])
+
+
+def _costs(
+    total: FloatArray,
+    criterion: Criterion,
+    target: int | None,
+    prior: BoxPrior | None,
+    beside: BesideParameters,
+) -> FloatArray:
+    """Criterion (n,) of the information (n, draws, k + s, k + s); infinite without any."""
+    n, draws = total.shape[:2]
+    flat = total.reshape(n * draws, *total.shape[2:])
+    costs = np.full(n * draws, np.nan)
+    usable = np.isfinite(flat).all(axis=(1, 2))  # no vehicle rolled over
+    covariance = posterior_covariance(flat[usable], prior, beside)
+    costs[usable] = information_costs(covariance, criterion, target)
+    kept = np.isfinite(costs).reshape(n, draws)
+    summed = np.where(kept, costs.reshape(n, draws), 0.0).sum(axis=1)
+    return np.where(kept.any(axis=1), summed / np.maximum(kept.sum(axis=1), 1), np.inf)
+
+
+def _apart(points: FloatArray) -> FloatArray:
+    """The first of the points, best first, that are not close to one another."""
+    chosen = points[:1]
+    for point in points[1:]:
+        if len(chosen) == STARTS:
+            break
+        if np.abs(chosen - point).max(axis=1).min() >= APART:
+            chosen = np.vstack([chosen, point])
+    return chosen

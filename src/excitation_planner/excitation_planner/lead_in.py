@@ -1,0 +1,68 @@
+"""The lead-in: a vehicle that gets up to speed is kept on the line on which it stood."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from excitation_planner.area.polygons import seen_from
+from excitation_planner.way_back.dubins import Pose
+from excitation_planner.way_back.pursuit import Chassis
+from tricycle_bridge.protocol.messages import ANGLE_UNIT
+
+DECAY_TIME = 0.5
+"""Time in which a deviation falls by a factor of e [s] ..."""
+
+SHORTEST_DECAY = 0.7
+"""... and the way that this takes at least [m]."""
+
+SMOOTHING_TIME = 0.1
+"""In which the steering takes up a correction [s]."""
+
+SHARPEST = 0.1
+"""Largest curvature of a correction [1/m]."""
+
+
+@dataclass
+class LeadIn:
+    """Steers along a straight line, closed loop; the speed is not its own.
+
+    Attributes
+    ----------
+    start : (float, float, float)
+        Pose of `base_link` at rest [m, m, rad]: the line goes through it, along its heading.
+    end : float
+        Time from the start of the maneuver until which it steers [s].
+    chassis : Chassis
+        Of the vehicle.
+    curvature : float
+        Commanded of the middle of the unsteered axle's way [1/m].
+    """
+
+    start: Pose
+    end: float
+    chassis: Chassis
+    curvature: float = 0.0
+    _time: float = 0.0  # of the last step
+
+    def steer(self, pose: Pose, speed: float, time: float) -> float:
+        """Return the steering motor angle for now [rad], as the protocol can say it.
+
+        Parameters
+        ----------
+        pose : (float, float, float)
+            Of `base_link` now [m, m, rad].
+        speed : float
+            Of it [m/s].
+        time : float
+            Since the start of the maneuver [s].
+        """
+        x, y, heading = self.chassis.axle(*pose)
+        ((_, aside),) = seen_from(np.array([[x, y]]), *self.chassis.axle(*self.start)).tolist()
+        turned = float(np.remainder(heading - self.start[2] + np.pi, 2.0 * np.pi) - np.pi)
+        decay = max(SHORTEST_DECAY, DECAY_TIME * speed)
+        # critically damped along the way
+        wanted = float(np.clip(-aside / decay**2 - 2.0 * turned / decay, -SHARPEST, SHARPEST))
+        share = min((time - self._time) / SMOOTHING_TIME, 1.0)
+        self._time = time
+        self.curvature += share * (wanted - self.curvature)
+        return round(self.chassis.motor_angle(self.curvature) / ANGLE_UNIT) * ANGLE_UNIT

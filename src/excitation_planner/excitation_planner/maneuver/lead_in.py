@@ -1,0 +1,145 @@
+"""The lead-in: the straight on which a vehicle gets up to speed before the maneuver proper.
+
+Every family begins with a run-in. With a lead-in the straight is longer, if that is wanted, and the
+driver keeps the vehicle on its line, closed loop; the maneuver proper is then begun at speed, and
+driven open loop.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from excitation_planner.box import Box
+from excitation_planner.maneuver.family import (
+    COMMAND_TICKS,
+    PATH_SPACING,
+    DrivenPath,
+    ManeuverFamily,
+)
+from tricycle_core.errors import PlanError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+
+STRAIGHT = 0.01
+"""Steering motor angle up to which commands lead straight ahead [rad]."""
+
+OPEN_LOOP = 0.2
+"""Time between the end of the lead-in and the first steering of the maneuver proper [s]."""
+
+LONGEST = 100.0
+"""Straight that may be asked for [m]."""
+
+
+@dataclass(frozen=True)
+class LedInFamily:
+    """A maneuver family whose maneuvers begin with a lead-in.
+
+    Attributes
+    ----------
+    family : ManeuverFamily
+        Gives the maneuvers.
+    length : float
+        Of the straight before the family's own run-in [m].
+
+    Raises
+    ------
+    PlanError
+        A length that is not from 0 to `LONGEST`.
+    """
+
+    family: ManeuverFamily
+    length: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.length <= LONGEST:
+            raise PlanError(f"lead-in {self.length:g} m must be from 0 to {LONGEST:g} m")
+
+    @property
+    def name(self) -> str:
+        """Name of the family."""
+        return self.family.name
+
+    @property
+    def operation(self) -> Box:
+        """Ranges of the family."""
+        return self.family.operation
+
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> DrivenPath | Commands:
+        """Return what the family drives at x, after the longer straight.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (l,)
+            Operation parameters.
+        vehicle : Vehicle
+            Its nominal values.
+        """
+        drive = self.family.drive(x, vehicle)
+        if isinstance(drive, Commands):
+            return _longer(drive, self.length)
+        steps = round(self.length / PATH_SPACING)
+        before = drive.x[0] + PATH_SPACING * np.arange(steps)
+        return DrivenPath(
+            np.concatenate([before, drive.x + steps * PATH_SPACING]),
+            np.concatenate([np.zeros(steps), drive.y]),
+            drive.speed,
+            drive.length + steps * PATH_SPACING,
+        )
+
+
+def with_lead_in(families: Sequence[ManeuverFamily], length: float) -> tuple[ManeuverFamily, ...]:
+    """Return the families with a lead-in.
+
+    Parameters
+    ----------
+    families : sequence of ManeuverFamily
+        Without one.
+    length : float
+        Of the straight before their own run-ins [m].
+
+    Raises
+    ------
+    PlanError
+        A length that is not from 0 to `LONGEST`.
+    """
+    return tuple(LedInFamily(family, length) for family in families)
+
+
+def lead_in_of(commands: Commands) -> float:
+    """Return how long commands lead straight ahead, less `OPEN_LOOP` [s]; 0 if no longer than that.
+
+    Parameters
+    ----------
+    commands : Commands
+        Of a maneuver.
+    """
+    return max(0.0, float(commands.time[_first_steered(commands)]) - OPEN_LOOP)
+
+
+def _first_steered(commands: Commands) -> int:
+    """Row of the first steering; the last one without any."""
+    steered = np.flatnonzero(np.abs(commands.steering_motor_angle) > STRAIGHT)
+    return int(steered[0]) if len(steered) else len(commands.time) - 1
+
+
+def _longer(commands: Commands, length: float) -> Commands:
+    """Commands with a straight put in before the first steering."""
+    row, period = _first_steered(commands), COMMAND_TICKS * TICK
+    pace = float(commands.speed[max(row - 1, 0)])
+    if length > 0.0 and pace <= 0.0:
+        raise PlanError("a lead-in needs a maneuver that is driven forwards before it steers")
+    more = round(length / (pace * period)) if length > 0.0 else 0
+    return Commands(
+        np.concatenate(
+            [
+                commands.time[:row],
+                commands.time[row] + period * np.arange(more),
+                commands.time[row:] + period * more,
+            ]
+        ),
+        np.insert(commands.steering_motor_angle, [row] * more, 0.0),
+        np.insert(commands.speed, [row] * more, pace),
+    )
