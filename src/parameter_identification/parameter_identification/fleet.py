@@ -1,20 +1,42 @@
-"""Identification of a fleet: each vehicle from its own drives, then their population."""
+"""Identification of a fleet: parameters of each vehicle, shared by all, or drawn from a population.
+
+Each vehicle is first fitted to its own drives. Parameters that all vehicles share are then fitted
+to all drives together: what a vehicle has for itself is eliminated from its drives (the second
+arrow; the first one eliminates what a drive has for itself). What is left of every vehicle, an
+estimate and its errors, makes the population of a parameter.
+
+A parameter that changes has a level and a rate in each vehicle, linear in time, and both have a
+population: the rates first, and with what it tells of every rate the levels at one time.
+"""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from parameter_identification.drives.kept import began
 from parameter_identification.drives.recorded import TopicNames
-from parameter_identification.estimation.population import FEWEST, Population, population
+from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.prior import UNIFORM_VARIANCE
 from parameter_identification.estimation.results import Estimate
-from parameter_identification.many_drives import ManyDrives, identify_many
+from parameter_identification.estimation.shares import DriveShare
+from parameter_identification.many_drives import (
+    ManyDrives,
+    begin,
+    descend,
+    read_bags,
+    result_of,
+)
+from parameter_identification.together import Together
 from tricycle_core.errors import IdentificationError
-from tricycle_core.quantities import Progress
+from tricycle_core.quantities import FloatArray, Progress
+from tricycle_sim.effects import effects_of
 from tricycle_sim.vehicle import Vehicle
+
+DAY = 86400.0  # s
+MOST_POINTS = 24  # of a vehicle's estimates over time
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,21 +46,46 @@ class Fleet:
     Attributes
     ----------
     vehicles : mapping of str to ManyDrives
-        What the drives of each vehicle alone show.
+        What the drives of each vehicle show; shared parameters are those of all.
     populations : mapping of str to Population
         By parameter, of the vehicles whose drives show it; a parameter that fewer than
-        `estimation.population.FEWEST` vehicles show has none.
+        `estimation.population.FEWEST` vehicles show has none. Of one that changes, at the time
+        `when`.
+    changes : mapping of str to Population
+        By parameter, of its rate per day.
+    shared : mapping of str to Estimate
+        By parameter that is the same in all vehicles.
+    own : tuple of str
+        Parameters of which vehicles are not compared.
+    when : float
+        Middle of the times of all drives [s since 1970]; NaN where one is not known.
+    left_out : tuple of str
+        Bags that were not used, with the reason.
+    level : float
+        Probability of the intervals.
     """
 
     vehicles: Mapping[str, ManyDrives]
     populations: Mapping[str, Population]
+    changes: Mapping[str, Population]
+    shared: Mapping[str, Estimate]
+    own: tuple[str, ...]
+    when: float
+    left_out: tuple[str, ...]
+    level: float
+
+    @property
+    def outliers(self) -> tuple[tuple[str, bool, Member], ...]:
+        """What is odd, the oddest first: parameter, whether its rate is meant, vehicle."""
+        found = [(name, False, m) for name, p in self.populations.items() for m in p.members]
+        found += [(name, True, m) for name, p in self.changes.items() for m in p.members]
+        odd = [(name, rate, member) for name, rate, member in found if member.odd]
+        return tuple(sorted(odd, key=lambda entry: -abs(entry[2].distance)))
 
     @property
     def odd(self) -> tuple[str, ...]:
-        """Vehicles that are odd in a parameter, the oddest first."""
-        members = [m for found in self.populations.values() for m in found.members if m.odd]
-        farthest = sorted(members, key=lambda m: -abs(m.distance))
-        return tuple(dict.fromkeys(m.vehicle for m in farthest))
+        """Vehicles that are odd in a parameter or in its rate, the oddest first."""
+        return tuple(dict.fromkeys(member.vehicle for _, _, member in self.outliers))
 
 
 def identify_fleet(
@@ -46,6 +93,10 @@ def identify_fleet(
     vehicle: Vehicle,
     *,
     folder: Path,
+    shared: Sequence[str] = (),
+    own: Sequence[str] = (),
+    changing: Sequence[str] = (),
+    effects: Sequence[str] = (),
     executor: Executor | None = None,
     leave_out: bool = False,
     topics: TopicNames | None = None,
@@ -63,6 +114,15 @@ def identify_fleet(
         Known constants and ranges, the same for all.
     folder : Path
         Where the drives are kept once they are read.
+    shared : sequence of str, optional
+        Parameters that are the same in all vehicles.
+    own : sequence of str, optional
+        Parameters of which nothing is concluded from one vehicle to another. Those that are neither
+        are drawn from a population.
+    changing : sequence of str, optional
+        Of those drawn from a population: those that change linearly in time.
+    effects : sequence of str, optional
+        Of `EFFECTS`: estimated beside the parameters of each vehicle. All act.
     executor : concurrent.futures.Executor, optional
         As of `identify_many`.
     leave_out : bool
@@ -74,48 +134,166 @@ def identify_fleet(
     seed : int
         Of the starts.
     progress : callable, optional
-        Called with the number of vehicles done and in all.
+        Called with the number of bags read and in all.
 
     Raises
     ------
     IdentificationError
-        If there are fewer than `FEWEST` vehicles, or a bag cannot be used.
+        If there are fewer than `FEWEST` vehicles, a bag cannot be used, or a parameter is not one,
+        or is named twice.
     """
+    _check_names(vehicle, shared, own, changing)
     if len(bags) < FEWEST:
         raise IdentificationError(
             f"{len(bags)} vehicles ({', '.join(bags)}) are no fleet: {FEWEST} are needed"
         )
-    found = {}
-    for done, (name, own) in enumerate(bags.items(), start=1):
-        found[name] = identify_many(
-            own,
-            vehicle,
-            folder=folder,
-            executor=executor,
-            leave_out=leave_out,
-            topics=topics,
-            level=level,
-            seed=seed,
+    known, left_out = read_bags(
+        [bag for drives in bags.values() for bag in drives],
+        vehicle,
+        folder=folder,
+        executor=executor,
+        leave_out=leave_out,
+        topics=topics,
+        progress=progress,
+    )
+    files = {
+        name: here
+        for name, drives in bags.items()
+        if (here := [known[bag] for bag in drives if bag in known])
+    }
+    if len(files) < FEWEST:
+        raise IdentificationError(
+            f"{len(files)} vehicles with drives that can be used ({', '.join(files)}) are no "
+            f"fleet: {FEWEST} are needed"
         )
-        if progress is not None:
-            progress(done, len(bags))
-    populations = {}
-    for parameter in vehicle.unknown:
-        shown = {
-            name: each.parameters[parameter]
-            for name, each in found.items()
-            if each.parameters[parameter].identifiable
-        }
-        if len(shown) >= FEWEST:
-            alone = np.array([_without_range(estimate) for estimate in shown.values()])
-            populations[parameter] = population(list(shown), *alone.T, level=level)
-    return Fleet(found, populations)
+    when, unit = _times([began(file) for drives in files.values() for file in drives])
+    if changing and not unit > 0.0:
+        raise IdentificationError(
+            f"{', '.join(changing)}: no change is seen where drives have no times that differ"
+        )
+    searches = begin(
+        list(files.values()),
+        vehicle,
+        effects_of(vehicle, effects),
+        None,
+        seed,
+        executor,
+        changing=changing,
+        since=lambda time: (time - when) / unit,
+    )
+    descend(searches, executor)
+    names = list(vehicle.unknown)
+    together = Together(searches, sorted(names.index(name) for name in shared))
+    together.descend(executor)
+    found = together.result()
+    alike = found.shared(level)
+    vehicles = {}
+    for i, (name, search) in enumerate(zip(files, searches, strict=True)):
+        one = result_of(search, (), level, covariance=found.covariance(i))
+        vehicles[name] = replace(one, parameters={**one.parameters, **alike})
+    populations, changes = {}, {}
+    for i, parameter in enumerate(names):
+        if parameter in shared or parameter in own:
+            continue
+        low, high = vehicle.unknown[parameter]
+        at = [i]
+        if parameter in changing:
+            at.append(searches[0].variables.common + list(changing).index(parameter))
+        parts = found.without_prior(at)
+        told = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
+        if len(told) < FEWEST:
+            continue
+        if parameter in changing:
+            per_day = (high - low) / (unit / DAY)
+            changes[parameter] = parts.population(told, 1, (0.0, per_day), level)
+            parts = parts.with_rates(changes[parameter], per_day, level)
+        populations[parameter] = parts.population(told, 0, (low, high - low), level)
+    return Fleet(vehicles, populations, changes, alike, tuple(own), when, tuple(left_out), level)
 
 
-def _without_range(e: Estimate) -> tuple[float, float]:
-    """Estimate and deviation without what the range has told: it would count for every vehicle."""
-    low, high = e.range
-    told = 1.0 / (UNIFORM_VARIANCE * (high - low) ** 2)
-    precision = 1.0 / e.standard_deviation**2 - told
-    value = (e.estimate / e.standard_deviation**2 - 0.5 * (low + high) * told) / precision
-    return value, precision**-0.5
+def _check_names(
+    vehicle: Vehicle, shared: Sequence[str], own: Sequence[str], changing: Sequence[str]
+) -> None:
+    for name in (*shared, *own, *changing):
+        if name not in vehicle.unknown:
+            raise IdentificationError(
+                f"{name!r} is not an unknown parameter of {vehicle.name}; there are: "
+                f"{', '.join(vehicle.unknown) or 'none'}"
+            )
+    for name in shared:
+        if name in own:
+            raise IdentificationError(f"{name} cannot be shared by all vehicles and their own")
+    for name in changing:
+        if name in shared or name in own:
+            raise IdentificationError(
+                f"{name}: changes are those of a population; it cannot be shared or own too"
+            )
+
+
+def _times(times: Sequence[float]) -> tuple[float, float]:
+    """Middle of times [s], and how far the farthest is from it: the unit of rates; or NaN."""
+    when = float(np.mean(times))
+    return when, float(np.abs(np.array(times) - when).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Estimates of a parameter over time, each from the drives of one time.
+
+    Attributes
+    ----------
+    times : ndarray of float, shape (p,)
+        Increasing [s since 1970].
+    values, deviations : ndarray of float, shape (p,)
+        In the parameter's unit.
+    """
+
+    times: FloatArray
+    values: FloatArray
+    deviations: FloatArray
+
+
+def course(found: ManyDrives, parameter: str) -> Course:
+    """Return what each drive of a vehicle says of a parameter, the others being those of all.
+
+    Of more than `MOST_POINTS` drives those that follow each other are taken together.
+
+    Parameters
+    ----------
+    found : ManyDrives
+        Of a vehicle of a fleet.
+    parameter : str
+        Its name.
+    """
+    low, high = found.parameters[parameter].range
+    i, k = list(found.parameters).index(parameter), len(found.parameters)
+    shares = sorted(found.drives, key=lambda share: share.began)
+    count = min(len(shares), MOST_POINTS)
+    groups = [g.tolist() for g in np.array_split(np.arange(len(shares)), count)]
+    middle = np.mean([share.at for share in shares], axis=0)
+    c = len(middle)
+    information = np.array([sum(shares[d].information for d in g) for g in groups])
+    gradient = np.array([sum(_slope(shares[d], middle) for d in g) for g in groups])
+    # every group has its own value; the others are those of all groups
+    rest = np.flatnonzero(np.arange(c) != i)
+    alone = np.maximum(information[:, i, i], 1e-300)
+    across = information[:, i, rest]
+    reduced = information[:, rest[:, None], rest]
+    reduced = reduced - across[:, :, None] * across[:, None, :] / alone[:, None, None]
+    slopes = gradient[:, rest] - across * (gradient[:, i] / alone)[:, None]
+    prior = np.append(np.full(k, 1.0 / UNIFORM_VARIANCE), np.ones(c - k))[rest]
+    mean = np.append(np.full(k, 0.5), np.zeros(c - k))[rest]
+    of_rest = np.linalg.inv(reduced.sum(axis=0) + np.diag(prior))
+    step = -of_rest @ (slopes.sum(axis=0) + prior * (middle[rest] - mean))
+    values = middle[i] - (gradient[:, i] + across @ step) / alone
+    variances = 1.0 / alone + np.einsum("gi,ij,gj->g", across, of_rest, across) / alone**2
+    return Course(
+        np.array([np.mean([shares[d].began for d in g]) for g in groups]),
+        low + (high - low) * values,
+        (high - low) * np.sqrt(variances),
+    )
+
+
+def _slope(share: DriveShare, point: FloatArray) -> FloatArray:
+    slope: FloatArray = share.gradient + share.information @ (point - share.at)
+    return slope

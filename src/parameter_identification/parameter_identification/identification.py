@@ -205,10 +205,7 @@ def _estimates(
         z = optimum.fit.at[i]
         around = [z - quantile * std[i], z + quantile * std[i]]
         if average is not None:
-            low, middle, high = (average.quantile(i, 0.5 + s * 0.5 * level) for s in (-1, 0, 1))
-            if not low <= z <= high:  # the average lies beyond the range, at whose end z is
-                low, high = z + low - middle, z + high - middle
-            around = [low, high]
+            around = list(average.interval(i, float(z), level))
         ends = np.clip(around, 0.0, 1.0)
         linear = tuple(float(v) for v in limits[0] + ends * model.width[i])
         low, high = linear

@@ -3,11 +3,9 @@
     with ProcessPoolExecutor() as executor:
         found = identify_many(bags, vehicle, folder=Path("work"), executor=executor)
 
-Every drive has start pose, clocks and bias of its own, and all share the parameters: the
-information matrix has the shape of an arrow. Each drive is therefore looked at alone, its own
-variables are eliminated (Schur complement), and what it says of the common ones, a small matrix,
-is summed. Time and memory grow in proportion to the drives. A few drives, evenly chosen, give the
-start and the noise, which is taken to be the same in all.
+What each drive has of its own is eliminated from it alone (`estimation.shares`), and what it says
+of the common variables is summed: time and memory grow in proportion to the drives. A few drives,
+evenly chosen, give the start and the noise, which is taken to be the same in all.
 
 What a model lacks does not become less with more drives, and the deviations do. They are therefore
 those of the drives' own scatter (cluster-robust; Liang and Zeger, Biometrika 73, 1986), where it is
@@ -19,35 +17,29 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.stats import binom, norm
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
-from parameter_identification.drives.kept import content_key, keep, kept
-from parameter_identification.drives.measured import (
-    MeasuredDrive,
-    Sensor,
-    read_measured_drive,
-)
+from parameter_identification.drives.kept import began, content_key, keep, kept
+from parameter_identification.drives.measured import MeasuredDrive, Sensor, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_vehicle
-from parameter_identification.estimation.model import DriveModel
-from parameter_identification.estimation.noise import NoiseLevel
-from parameter_identification.estimation.optimum import find_optimum
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
-from parameter_identification.estimation.problem import LeastSquares, Loss
-from parameter_identification.estimation.results import Estimate
-from parameter_identification.estimation.validation import whiteness_of_residuals
-from parameter_identification.estimation.whiteness import SIGNIFICANCE, all_white
+from parameter_identification.estimation.results import EffectEstimate, Estimate
+from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
+from parameter_identification.estimation.weighing import CERTAIN, Mixture
+from parameter_identification.estimation.weighing import mixture as mixture_of
+from parameter_identification.estimation.whiteness import SIGNIFICANCE
 from tricycle_core.errors import ExcitationError, IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
+from tricycle_sim.effects import Effect, effects_of
 from tricycle_sim.vehicle import Vehicle
 
 LOOKED_AT = 8  # drives from which start and noise are found
@@ -55,43 +47,10 @@ TOGETHER = 4  # drives of one task of the executor
 PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that promises less is the last one
 SCATTER = 20  # drives from which their scatter is an estimate
+RATE = 0.5  # standard deviation of a rate's prior, in ranges per unit of time
 
 T = TypeVar("T")
 R = TypeVar("R")
-
-
-@dataclass(frozen=True, eq=False)
-class DriveShare:
-    """What one drive says of the k common variables at a point, its own ones eliminated.
-
-    Attributes
-    ----------
-    name : str
-        Of the drive.
-    samples : int
-        Numbers measured.
-    cost : float
-        Squared residuals over their variances.
-    information : ndarray of float, shape (k, k)
-        Of the common variables, in their ranges.
-    gradient : ndarray of float, shape (k,)
-        Half the slope of the cost.
-    own : ndarray of float, shape (q,)
-        The drive's own variables.
-    white : bool
-        Whether the residuals are.
-    truth : mapping of str to float
-        True parameters, where the drive was simulated.
-    """
-
-    name: str
-    samples: int
-    cost: float
-    information: FloatArray
-    gradient: FloatArray
-    own: FloatArray
-    white: bool
-    truth: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +76,8 @@ class ManyDrives:
         Name and hash of the vehicle file.
     level : float
         Probability of the intervals.
+    effects : tuple of EffectEstimate
+        What all drives have in common beside the parameters; of deviations their sizes.
     """
 
     parameters: Mapping[str, Estimate]
@@ -128,6 +89,7 @@ class ManyDrives:
     vehicle: str
     vehicle_hash: str
     level: float
+    effects: tuple[EffectEstimate, ...] = ()
 
     @property
     def not_white(self) -> int:
@@ -141,31 +103,245 @@ class ManyDrives:
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
-    """Where drives are looked at."""
+class Variables:
+    """The n variables of a vehicle: the c common ones of its drives, then the rates of some.
 
-    vehicle: Vehicle
-    z: FloatArray  # parameters in their ranges
-    noise: Mapping[Sensor, NoiseLevel]
+    Attributes
+    ----------
+    low, high : ndarray of float, shape (n,)
+        Bounds.
+    mean : ndarray of float, shape (n,)
+        Of the prior.
+    information : ndarray of float, shape (n, n)
+        Of the prior.
+    changing : tuple of int
+        Parameters that have a rate, in the order of the rates.
+    """
+
+    low: FloatArray
+    high: FloatArray
+    mean: FloatArray
+    information: FloatArray
+    changing: tuple[int, ...] = ()
+
+    @property
+    def common(self) -> int:
+        """Number c of variables that a drive has in common with the others."""
+        return len(self.mean) - len(self.changing)
+
+    def of_drive(self, since: float) -> FloatArray:
+        """Return the matrix (c, n) that gives the common variables of a drive.
+
+        Parameters
+        ----------
+        since : float
+            Time of the drive, in units of the rates.
+        """
+        found = np.eye(self.common, len(self.mean))
+        found[list(self.changing), self.common + np.arange(len(self.changing))] = since
+        return found
 
 
 @dataclass(frozen=True, eq=False)
-class _Sum:
-    """What all drives and the prior say at a point."""
+class Sum:
+    """What drives and prior say of variables (n,) at a point.
 
+    Attributes
+    ----------
+    at : ndarray of float, shape (n,)
+        The point.
+    cost : float
+        Squared residuals over their variances.
+    information : ndarray of float, shape (n, n)
+        Half the second derivatives of the cost.
+    gradient : ndarray of float, shape (n,)
+        Half the first ones.
+    slopes : ndarray of float, shape (d, n)
+        The gradient of each drive.
+    shares : tuple of DriveShare
+        Of each drive.
+    """
+
+    at: FloatArray
     cost: float
-    information: FloatArray  # (k, k)
-    gradient: FloatArray  # (k,)
+    information: FloatArray
+    gradient: FloatArray
+    slopes: FloatArray
     shares: tuple[DriveShare, ...]
 
-    def step(self, z: FloatArray) -> FloatArray:
-        """The step to the minimum of the quadratic cost within the ranges."""
+    def step(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the step (n,) to the minimum of the quadratic cost.
+
+        Parameters
+        ----------
+        low, high : ndarray of float, shape (n,)
+            Bounds of the step.
+        """
         factor = np.linalg.cholesky(self.information)
         wanted = np.linalg.solve(factor, -self.gradient)
         step: FloatArray = np.linalg.solve(factor.T, wanted)
-        if np.any((z + step < 0.0) | (z + step > 1.0)):
-            step = lsq_linear(factor.T, wanted, (-z, 1.0 - z), method="bvls").x
+        if np.any((step < low) | (step > high)):
+            step = lsq_linear(factor.T, wanted, (low, high), method="bvls").x
         return step
+
+    def promise(self, step: FloatArray) -> float:
+        """Return by how much a step lowers the quadratic cost.
+
+        Parameters
+        ----------
+        step : ndarray of float, shape (n,)
+            Of the variables.
+        """
+        return -float(step @ (2.0 * self.gradient + self.information @ step))
+
+
+@dataclass(eq=False)
+class Search:
+    """The drives of one vehicle, and where their best fit is looked for.
+
+    Attributes
+    ----------
+    files : sequence of Path
+        Kept drives.
+    setting : Setting
+        How they are looked at.
+    variables : Variables
+        Of the vehicle.
+    since : ndarray of float, shape (d,)
+        Time of each drive, in units of the rates.
+    at : ndarray of float, shape (n,)
+        The point.
+    here : Sum, optional
+        What the drives say there, or close by.
+    """
+
+    files: Sequence[Path]
+    setting: Setting
+    variables: Variables
+    since: FloatArray
+    at: FloatArray
+    here: Sum | None = field(default=None)
+
+    @property
+    def sum(self) -> Sum:
+        """What the drives said last."""
+        if self.here is None:
+            raise ValueError("the drives were not looked at yet")
+        return self.here
+
+    def trial(self, length: float) -> tuple[FloatArray, float]:
+        """Return the point (n,) of the next step, and what it promises.
+
+        Parameters
+        ----------
+        length : float
+            Share of the step that is made.
+        """
+        low, high = self.variables.low, self.variables.high
+        step = length * self.sum.step(low - self.at, high - self.at)
+        return np.clip(self.at + step, low, high), self.sum.promise(step)
+
+
+def look(
+    searches: Sequence[Search], points: Sequence[FloatArray], executor: Executor | None
+) -> list[Sum]:
+    """Return what the drives of vehicles say at points; one pass over all of them.
+
+    Parameters
+    ----------
+    searches : sequence of Search
+        The vehicles.
+    points : sequence of ndarray of float, shape (n,)
+        Of their variables.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    """
+    jobs, designs = [], []
+    for search, point in zip(searches, points, strict=True):
+        of_drives = [search.variables.of_drive(since) for since in search.since]
+        designs.append(of_drives)
+        c, drives = search.variables.common, len(search.files)
+        low, high = search.variables.low[:c], search.variables.high[:c]
+        places = [np.clip(design @ point, low, high) for design in of_drives]
+        before: list[FloatArray | None] = [None] * drives
+        if search.here is not None:
+            before = [share.own for share in search.here.shares]
+        for first in range(0, drives, TOGETHER):
+            some = slice(first, first + TOGETHER)
+            jobs.append((search.setting, search.files[some], places[some], before[some]))
+    shares = itertools.chain.from_iterable(each(executor, _look, jobs))
+    return [
+        _summed(s.variables, point, of_drives, list(itertools.islice(shares, len(s.files))))
+        for s, point, of_drives in zip(searches, points, designs, strict=True)
+    ]
+
+
+def _look(
+    job: tuple[Setting, Sequence[Path], Sequence[FloatArray], Sequence[FloatArray | None]],
+) -> list[DriveShare]:
+    """What each of some drives says at its point; searches begin at its own variables of before."""
+    setting, files, places, before = job
+    with threadpool_limits(1, user_api="blas"):
+        return [
+            share_of(setting, kept(file), place, own)
+            for file, place, own in zip(files, places, before, strict=True)
+        ]
+
+
+def _summed(
+    variables: Variables,
+    point: FloatArray,
+    of_drives: Sequence[FloatArray],
+    shares: Sequence[DriveShare],
+) -> Sum:
+    """The sum in the order of the drives, so that it is the same on every executor."""
+    off = point - variables.mean
+    pull = variables.information @ off
+    slopes = np.array([d.T @ s.gradient for d, s in zip(of_drives, shares, strict=True)])
+    information = variables.information + sum(
+        d.T @ s.information @ d for d, s in zip(of_drives, shares, strict=True)
+    )
+    cost = float(off @ pull) + sum(share.cost for share in shares)
+    return Sum(point, cost, information, pull + slopes.sum(axis=0), slopes, tuple(shares))
+
+
+def descend(searches: Sequence[Search], executor: Executor | None) -> None:
+    """Bring each vehicle to the best fit of its drives, all in the same passes.
+
+    Parameters
+    ----------
+    searches : sequence of Search
+        The vehicles.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+
+    Raises
+    ------
+    IdentificationError
+        If one has no minimum.
+    """
+    found = look(searches, [search.at for search in searches], executor)
+    for search, there in zip(searches, found, strict=True):
+        search.here = there
+    lengths = dict.fromkeys(range(len(searches)), 1.0)
+    for _ in range(PASSES):
+        trials = {}
+        for i in list(lengths):
+            point, promise = searches[i].trial(lengths[i])
+            if promise < TOLERANCE:
+                searches[i].at = point
+                del lengths[i]
+            else:
+                trials[i] = point
+        if not trials:
+            return
+        found = look([searches[i] for i in trials], list(trials.values()), executor)
+        for (i, point), there in zip(trials.items(), found, strict=True):
+            if there.cost < searches[i].sum.cost:
+                searches[i].at, searches[i].here, lengths[i] = point, there, 1.0
+            else:
+                lengths[i] *= 0.3
+    raise IdentificationError(f"no minimum after {PASSES} passes over the drives")
 
 
 def identify_many(
@@ -175,6 +351,8 @@ def identify_many(
     folder: Path,
     executor: Executor | None = None,
     prior: GaussianPrior | None = None,
+    effects: Sequence[str] = (),
+    weighed: bool = False,
     leave_out: bool = False,
     topics: TopicNames | None = None,
     level: float = 0.95,
@@ -196,6 +374,12 @@ def identify_many(
         Its workers see bags and folder. The result is the same on each. Default: this process.
     prior : GaussianPrior, optional
         Knowledge before the drives. Parameters that it does not name keep their ranges.
+    effects : sequence of str, optional
+        Of `EFFECTS`: estimated beside the parameters; those of each drive are eliminated with what
+        else it has of its own.
+    weighed : bool
+        Whether the result is the average over the models with and without each effect that all
+        drives have in common. Those of each drive act.
     leave_out : bool
         Whether bags that cannot be used are left out, instead of being an error.
     topics : TopicNames, optional
@@ -212,68 +396,152 @@ def identify_many(
     IdentificationError
         If a bag cannot be used, comes twice, none is left, a worker dies, or there is no minimum.
     """
+    beside = effects_of(vehicle, effects)
+    files, left_out = read_bags(
+        bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
+        progress=progress,
+    )  # fmt: skip
+    if not files:
+        raise IdentificationError("no drive: nothing to identify from")
+    (search,) = begin([list(files.values())], vehicle, beside, prior, seed, executor)
+    descend([search], executor)
+    average = None
+    if weighed and search.setting.shared:
+        average = _weigh(search)
+    return result_of(search, left_out, level, average=average)
+
+
+def read_bags(
+    bags: Sequence[Path],
+    vehicle: Vehicle,
+    *,
+    folder: Path,
+    executor: Executor | None,
+    leave_out: bool,
+    topics: TopicNames | None,
+    progress: Progress | None,
+) -> tuple[dict[Path, Path], list[str]]:
+    """Keep the drives of bags; return the file of each that can be used, and why others cannot.
+
+    Parameters
+    ----------
+    bags, vehicle, folder, executor, leave_out, topics, progress
+        As of `identify_many`.
+
+    Raises
+    ------
+    IdentificationError
+        If a bag cannot be used, or comes twice.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    files: dict[Path, Path] = {}  # bag by file
+    known: dict[Path, Path] = {}  # bag by file
     left_out: list[str] = []
     jobs = [(bag, vehicle, folder, topics) for bag in bags]
     for done, (bag, (file, reason)) in enumerate(
-        zip(bags, _each(executor, _read, jobs), strict=True), start=1
+        zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
-        if not reason and file in files:
-            reason = f"{bag} and {files[file]} are the same drive"
+        if not reason and file in known:
+            reason = f"{bag} and {known[file]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
         if reason:
             left_out.append(reason)
         else:
-            files[file] = bag
+            known[file] = bag
         if progress is not None:
             progress(done, len(bags))
-    usable = list(files)
-    if not usable:
-        raise IdentificationError("no drive: nothing to identify from")
+    return {bag: file for file, bag in known.items()}, left_out
 
-    prior_mean, prior_information = prior_in_ranges(vehicle, prior)
-    point = _begin(usable, vehicle, (prior_mean, prior_information), seed)
-    own: list[FloatArray | None] = [None] * len(usable)
 
-    def look(point: _Point) -> _Sum:
-        blocks = [
-            (point, usable[first : first + TOGETHER], own[first : first + TOGETHER])
-            for first in range(0, len(usable), TOGETHER)
-        ]
-        off = point.z - prior_mean
-        pull = prior_information @ off
-        shares = tuple(itertools.chain.from_iterable(_each(executor, _look, blocks)))
-        # in the order of the bags, so that the sum is the same on every executor
-        return _Sum(
-            float(off @ pull) + sum(share.cost for share in shares),
-            prior_information + sum(share.information for share in shares),
-            pull + sum(share.gradient for share in shares),
-            shares,
+def begin(
+    files: Sequence[Sequence[Path]],
+    vehicle: Vehicle,
+    effects: Sequence[Effect],
+    prior: GaussianPrior | None,
+    seed: int,
+    executor: Executor | None,
+    *,
+    changing: Sequence[str] = (),
+    since: Callable[[float], float] = lambda _: 0.0,
+) -> list[Search]:
+    """Return where vehicles are searched from: the best fit of a few of their drives.
+
+    Parameters
+    ----------
+    files : sequence of sequence of Path
+        Kept drives of each vehicle.
+    vehicle : Vehicle
+        Known constants and ranges.
+    effects : sequence of Effect
+        Estimated beside the parameters.
+    prior : GaussianPrior, optional
+        Knowledge before the drives.
+    seed : int
+        Of the starts.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    changing : sequence of str
+        Parameters that change linearly in time.
+    since : callable
+        Time in units of the rates, of that in seconds since 1970.
+    """
+    mean, information = prior_in_ranges(vehicle, prior)
+    jobs = [(own, vehicle, tuple(effects), (mean, information), seed) for own in files]
+    found = []
+    for own, (setting, at) in zip(files, each(executor, _begin, jobs), strict=True):
+        shared, k, names = setting.shared, len(mean), list(vehicle.unknown)
+        rates = tuple(names.index(name) for name in changing)
+        precisions = np.append(np.ones(len(shared)), np.full(len(rates), RATE**-2))
+        n = k + len(precisions)
+        whole = np.diag(np.append(np.zeros(k), precisions))
+        whole[:k, :k] = information
+        free = np.full(len(rates), np.inf)
+        variables = Variables(
+            np.concatenate([np.zeros(k), [e.low / e.std for e in shared], -free]),
+            np.concatenate([np.ones(k), [e.high / e.std for e in shared], free]),
+            np.append(mean, np.zeros(n - k)),
+            whole,
+            rates,
         )
+        times = np.array([since(began(file)) for file in own]) if rates else np.zeros(len(own))
+        found.append(Search(own, setting, variables, times, np.append(at, np.zeros(len(rates)))))
+    return found
 
-    here, shorter = look(point), 1.0
-    for _ in range(PASSES):
-        step = shorter * here.step(point.z)
-        promise = -float(step @ (2.0 * here.gradient + here.information @ step))
-        if promise < TOLERANCE:
+
+def _begin(
+    job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], tuple[FloatArray, FloatArray], int],
+) -> tuple[Setting, FloatArray]:
+    """The best fit of a few drives, with every sensor that any drive has, and their noise."""
+    files, vehicle, effects, prior, seed = job
+    chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
+    drives: dict[Path, MeasuredDrive] = {file: kept(file) for file in files if file in chosen}
+    known = {sensor for drive in drives.values() for sensor in drive.signals}
+    for file in files:
+        if known >= set(Sensor):
             break
-        own = [share.own for share in here.shares]
-        trial = _Point(vehicle, np.clip(point.z + step, 0.0, 1.0), point.noise)
-        there = look(trial)
-        if there.cost < here.cost:
-            point, here, shorter = trial, there, 1.0
-        else:
-            shorter *= 0.3
-    else:
-        raise IdentificationError(f"no minimum after {PASSES} passes over the drives")
-    z = np.clip(point.z + step, 0.0, 1.0)
-    return _result(vehicle, z, here, prior_information, left_out, level)
+        if file not in drives and not known >= set((drive := kept(file)).signals):
+            drives[file] = drive
+            known |= set(drive.signals)
+    return first_fit(list(drives.values()), vehicle, effects, prior, seed)
 
 
-def _each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -> Iterator[R]:
-    """Results in the order of the jobs."""
+def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -> Iterator[R]:
+    """Yield results in the order of the jobs.
+
+    Parameters
+    ----------
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    work : callable
+        What is done to a job.
+    jobs : iterable
+        One argument each.
+
+    Raises
+    ------
+    IdentificationError
+        If a worker dies.
+    """
     try:
         yield from map(work, jobs) if executor is None else executor.map(work, jobs)
     except BrokenExecutor as error:
@@ -300,109 +568,163 @@ def _read(job: tuple[Path, Vehicle, Path, TopicNames | None]) -> tuple[Path, str
     return file, ""
 
 
-def _begin(
-    files: Sequence[Path], vehicle: Vehicle, prior: tuple[FloatArray, FloatArray], seed: int
-) -> _Point:
-    """The best fit of a few drives, with every sensor that any drive has, and their noise."""
-    chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
-    drives = {file: kept(file) for file in files if file in chosen}
-    known = {sensor for drive in drives.values() for sensor in drive.signals}
-    for file in files:
-        if known >= set(Sensor):
-            break
-        if file not in drives and not known >= set((drive := kept(file)).signals):
-            drives[file] = drive
-            known |= set(drive.signals)
-    models = [DriveModel(vehicle, drive) for drive in drives.values()]
-    with (
-        threadpool_limits(1, user_api="blas"),
-        LeastSquares(models, *prior, Loss.SQUARED) as problem,
-    ):
-        best = find_optimum(problem, starts=4, seed=seed, level=0.95)
-        return _Point(vehicle, best.fit.at[: problem.k], dict(problem.noise))
+def grown(covariance: FloatArray, slopes: FloatArray, prior: FloatArray) -> FloatArray:
+    """Return by which factor (n,) deviations are larger by the clusters' scatter; NaN: too few.
+
+    Parameters
+    ----------
+    covariance : ndarray of float, shape (n, n)
+        By the noise.
+    slopes : ndarray of float, shape (d, n)
+        Gradient of each cluster.
+    prior : ndarray of float, shape (n, n)
+        Information that is of no cluster.
+    """
+    count = len(slopes)
+    if count < SCATTER:
+        return np.full(len(covariance), math.nan)
+    slopes = slopes - slopes.mean(axis=0)  # where a parameter ends at its range, there is one
+    middle = slopes.T @ slopes * count / (count - 1) + prior
+    robust = covariance @ middle @ covariance
+    return np.asarray(np.sqrt(np.diag(robust) / np.diag(covariance)))
 
 
-def _look(job: tuple[_Point, Sequence[Path], Sequence[FloatArray | None]]) -> list[DriveShare]:
-    """What each of some drives says at a point; searches begin at its own variables of before."""
-    point, files, before = job
-    with threadpool_limits(1, user_api="blas"):
-        return [_share(point, kept(file), own) for file, own in zip(files, before, strict=True)]
+def estimate_of(
+    vehicle: Vehicle, name: str, z: float, std: float, ends: Sequence[float], *, shown: bool
+) -> Estimate:
+    """Return the estimate of a parameter in its unit.
 
-
-def _share(point: _Point, drive: MeasuredDrive, own: FloatArray | None) -> DriveShare:
-    model, k = DriveModel(point.vehicle, drive), len(point.z)
-    nothing = np.zeros((k, k))  # the prior counts once, not for every drive
-    with LeastSquares([model], point.z, nothing, Loss.SQUARED) as problem:
-        problem.noise = {sensor: point.noise[sensor] for sensor in problem.noise}
-        at = np.append(point.z, np.zeros(problem.n - k) if own is None else own)
-        problem.weigh(at)
-        free: NDArray[np.bool_] = np.arange(problem.n) >= k
-        at = problem.minimise(at, free).at
-        gram = problem.gram(at)
-        white = all_white(whiteness_of_residuals(problem, problem.predictions(at)))
-        samples = problem.samples_in_all
-    across, alone, slope = gram[:k, k:-1], gram[k:-1, k:-1], gram[:-1, -1]
-    eliminated = np.linalg.solve(alone, np.column_stack([across.T, slope[k:]]))
-    return DriveShare(
-        drive.name,
-        samples,
-        float(gram[-1, -1] - slope[k:] @ eliminated[:, -1]),
-        gram[:k, :k] - across @ eliminated[:, :-1],
-        slope[:k] - across @ eliminated[:, -1],
-        at[k:] - eliminated[:, -1],
-        white,
-        drive.truth,
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Whose parameter it is.
+    name : str
+        Of the parameter.
+    z, std : float
+        Estimate and its standard deviation, in the range.
+    ends : sequence of float
+        Of the interval, in the range; they end there.
+    shown : bool
+        Whether the drives show it.
+    """
+    low, high = vehicle.unknown[name]
+    interval = tuple(low + (high - low) * min(max(float(end), 0.0), 1.0) for end in ends)
+    return Estimate(
+        unit=vehicle.unit(name),
+        estimate=low + (high - low) * z,
+        standard_deviation=(high - low) * std,
+        low=interval[0],
+        high=interval[1],
+        linear=(interval[0], interval[1]),
+        range=(low, high),
+        identifiable=shown,
     )
 
 
-def _result(
-    vehicle: Vehicle,
-    z: FloatArray,
-    found: _Sum,
-    prior: FloatArray,
+def growth_of(search: Search) -> FloatArray:
+    """Return by which factor (n,) deviations are larger by the drives' scatter; NaN: too few.
+
+    Parameters
+    ----------
+    search : Search
+        At the best fit.
+    """
+    covariance = np.asarray(np.linalg.inv(search.sum.information))
+    return grown(covariance, search.sum.slopes, search.variables.information)
+
+
+@dataclass(frozen=True, eq=False)
+class _Average:
+    """Over all subsets of the effects: their distribution, and how probable each effect is."""
+
+    mixture: Mixture
+    acts: tuple[float, ...]
+
+
+def _weigh(search: Search) -> _Average:
+    """Average over effects that all drives have in common; go to the most probable ones."""
+    here, variables = search.sum, search.variables
+    first = len(search.setting.vehicle.unknown)
+    effects = range(first, first + len(search.setting.shared))
+    mixture = mixture_of(
+        here.information,
+        here.information @ here.at - here.gradient,
+        [[i] for i in effects],
+        {i: variables.low[i] for i in effects if variables.low[i] > -CERTAIN},
+    )
+    search.at = np.clip(mixture.means[0], variables.low, variables.high)
+    return _Average(mixture, tuple((mixture.weights @ mixture.acting).tolist()))
+
+
+def result_of(
+    search: Search,
     left_out: Sequence[str],
     level: float,
+    *,
+    covariance: FloatArray | None = None,
+    average: _Average | None = None,
 ) -> ManyDrives:
-    covariance: FloatArray = np.asarray(np.linalg.inv(found.information), dtype=np.float64)
-    scatter, count = math.nan, len(found.shares)
-    if count >= SCATTER:
-        slopes = np.array([share.gradient for share in found.shares])
-        slopes = slopes - slopes.mean(axis=0)  # where a parameter ends at its range, there is one
-        middle = slopes.T @ slopes * count / (count - 1) + prior
-        robust = covariance @ middle @ covariance
-        larger = np.sqrt(np.diag(robust) / np.diag(covariance))
-        scatter = float(larger.max())
-        growth = np.maximum(larger, 1.0)
-        covariance = covariance * np.outer(growth, growth)
-    low, high = np.array(list(vehicle.unknown.values())).T
-    width = high - low
-    std, quantile = np.sqrt(np.diag(covariance)), float(norm.ppf(0.5 + 0.5 * level))
-    shown = std <= SHOWN * np.sqrt(np.diag(np.linalg.inv(prior)))
+    """Return what was found of a vehicle.
+
+    Parameters
+    ----------
+    search : Search
+        At the best fit.
+    left_out : sequence of str
+        Bags that were not used, with the reason.
+    level : float
+        Probability of the intervals.
+    covariance : ndarray of float, shape (n, n), optional
+        Of the variables, where other vehicles tell of them too.
+    average : _Average, optional
+        Over subsets of the effects.
+    """
+    here, setting, at = search.sum, search.setting, search.at
+    growth = growth_of(search)
+    if average is not None:
+        covariance = average.mixture.covariance(at)
+    elif covariance is None:
+        covariance = np.asarray(np.linalg.inv(here.information))
+    factors = np.fmax(growth, 1.0)
+    covariance = covariance * np.outer(factors, factors)
+    k, vehicle = len(setting.vehicle.unknown), setting.vehicle
+    width = np.array([high - low for low, high in vehicle.unknown.values()])
+    std = np.sqrt(np.diag(covariance))
+    before = np.sqrt(np.diag(np.linalg.inv(search.variables.information)))
+    quantile = float(norm.ppf(0.5 + 0.5 * level))
     estimates = {}
-    for i, (name, limits) in enumerate(vehicle.unknown.items()):
-        ends = np.clip([z[i] - quantile * std[i], z[i] + quantile * std[i]], 0.0, 1.0)
-        linear = (float(low[i] + ends[0] * width[i]), float(low[i] + ends[1] * width[i]))
-        estimates[name] = Estimate(
-            unit=vehicle.unit(name),
-            estimate=float(low[i] + z[i] * width[i]),
-            standard_deviation=float(std[i] * width[i]),
-            low=linear[0],
-            high=linear[1],
-            linear=linear,
-            range=limits,
-            identifiable=bool(shown[i]),
+    for i, name in enumerate(vehicle.unknown):
+        around = [at[i] - quantile * std[i], at[i] + quantile * std[i]]
+        if average is not None:
+            around = [
+                at[i] + factors[i] * (end - at[i])
+                for end in average.mixture.interval(i, float(at[i]), level)
+            ]
+        shown = bool(std[i] <= SHOWN * before[i])
+        estimates[name] = estimate_of(
+            vehicle, name, float(at[i]), float(std[i]), around, shown=shown
         )
-    scaled = covariance * np.outer(width, width)
-    truth = found.shares[0].truth
-    alike = all(share.truth == truth for share in found.shares)
+    acts = [None] * len(setting.shared) if average is None else average.acts
+    effects = [
+        EffectEstimate(e.name, e.unit, e.std * float(v), e.std * float(s), e.std, acts=known)
+        for e, v, s, known in zip(setting.shared, at[k:], std[k:], acts, strict=False)
+    ]
+    effects += [
+        EffectEstimate(e.name, e.unit, 0.0, e.std * setting.sizes[e.name], e.std)
+        for e in setting.effects
+        if e.process
+    ]
+    truth = here.shares[0].truth
+    alike = all(share.truth == truth for share in here.shares)
     return ManyDrives(
         estimates,
-        scaled,
-        scatter,
-        found.shares,
+        covariance[:k, :k] * np.outer(width, width),
+        float(growth.max()),
+        here.shares,
         tuple(left_out),
         truth if alike else {},
         vehicle.name,
         vehicle.fingerprint,
         level,
+        tuple(effects),
     )

@@ -56,6 +56,7 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
     arrays = {
         "name": np.array(drive.name),
         "complete": np.array(drive.complete),
+        "began": np.array(drive.began),
         "commands": np.array([commands.time, commands.steering_motor_angle, commands.speed]),
         "truth": np.array(list(drive.truth.values())),
         "true": np.array(list(drive.truth), dtype=str),
@@ -92,4 +93,17 @@ def kept(file: Path) -> MeasuredDrive:
             signals,
             truth=dict(zip(arrays["true"].tolist(), arrays["truth"].tolist(), strict=True)),
             complete=bool(arrays["complete"]),
+            began=float(arrays["began"]),
         )
+
+
+def began(file: Path) -> float:
+    """Return when a kept drive began [s since 1970]; NaN: not known.
+
+    Parameters
+    ----------
+    file : Path
+        Written by `keep`.
+    """
+    with np.load(file) as arrays:
+        return float(arrays["began"])

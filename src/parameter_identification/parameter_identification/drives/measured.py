@@ -7,6 +7,7 @@ Letters of shapes: `m` samples of a signal, `c` channels.
 """
 
 import contextlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -20,7 +21,7 @@ from parameter_identification.drives.recorded import RecordedDrive, TopicNames, 
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
 from tricycle_core.joints import JOINTS
 from tricycle_core.quantities import FloatArray
-from tricycle_core.stamps import seconds_of
+from tricycle_core.stamps import SECOND, seconds_of
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
@@ -148,6 +149,8 @@ class MeasuredDrive:
         True values of the unknown parameters, where the drive was simulated and they are recorded.
     complete : bool
         False where the recording was cut off.
+    began : float
+        When it was recorded [s since 1970]; NaN: not known.
 
     Raises
     ------
@@ -162,6 +165,7 @@ class MeasuredDrive:
     reference: PlanarTrajectory | None = None
     truth: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True
+    began: float = math.nan
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:
@@ -246,6 +250,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         reference=drive.reference,
         truth=_truth(drive.metadata),
         complete=drive.complete,
+        began=drive.recorded / SECOND,
     )
 
 

@@ -159,6 +159,8 @@ class RecordedDrive:
         Of the maneuver driven.
     start : int
         Stamp of the start event [ns], by the clock that stamps the poses.
+    recorded : int
+        When the start event was recorded [ns since 1970], by the recorder's clock.
     poses : PlanarTrajectory
         Measured, in the frame of the sensor; with what was recorded before and after the drive.
     reference : PlanarTrajectory
@@ -183,6 +185,7 @@ class RecordedDrive:
     bag: Path
     plan_id: str
     start: int
+    recorded: int
     poses: PlanarTrajectory
     reference: PlanarTrajectory
     commands: Any
@@ -327,6 +330,7 @@ class _Collector:
             bag=self.bag,
             plan_id=plan_id,
             start=start,
+            recorded=event.recorded,
             poses=poses.since(start),
             reference=reference,
             commands=commands,

@@ -85,7 +85,12 @@ class Population:
 
 
 def population(
-    vehicles: Sequence[str], estimates: FloatArray, deviations: FloatArray, *, level: float = 0.95
+    vehicles: Sequence[str],
+    estimates: FloatArray,
+    deviations: FloatArray,
+    *,
+    together: FloatArray | None = None,
+    level: float = 0.95,
 ) -> Population:
     """Return the population that vehicles come from.
 
@@ -95,6 +100,9 @@ def population(
         Their names.
     estimates, deviations : ndarray of float, shape (v,)
         Of a parameter, each from the drives of one vehicle alone.
+    together : ndarray of float, shape (v, s), optional
+        Errors that the estimates have in common beside the deviations, e.g. by a parameter that all
+        vehicles share: how much one standard deviation of each changes every estimate.
     level : float
         Probability of the intervals.
 
@@ -108,23 +116,25 @@ def population(
         raise IdentificationError(f"{count} vehicles are no population: {FEWEST} are needed")
     if not (np.all(np.isfinite(estimates)) and np.all(deviations > 0.0)):
         raise IdentificationError("population: needs finite estimates and positive deviations")
-    scale = float(np.hypot(np.std(estimates), np.median(deviations)))
-    spreads = np.linspace(0.0, _FARTHEST * scale, _SPREADS)
+    columns = np.ones((count, 1))
+    if together is not None:
+        columns = np.column_stack([columns, together])
+    about = float(np.median(estimates))
+    given = _Given(estimates - about, deviations, columns)
+    distances, odd = _distances(given)
+    common = given.mixture(~odd)
     ends = 0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level
-    distances, odd = _distances(spreads, estimates, deviations)
-    if count - odd.sum() < FEWEST:
-        odd[:] = False
-    common = _given_spread(spreads, estimates[~odd], deviations[~odd])
-    weights, means, variances = common
-    share = np.cumsum(weights)
+    share = np.cumsum(common.weights)
     members = []
     for i, vehicle in enumerate(vehicles):
         own = [estimates[i] + norm.ppf(p) * deviations[i] for p in ends]
         if not odd[i]:
-            kept = spreads**2 / (spreads**2 + deviations[i] ** 2)  # of its own estimate
-            centre = kept * estimates[i] + (1.0 - kept) * means
-            std = np.sqrt(kept * deviations[i] ** 2 + (1.0 - kept) ** 2 * variances)
-            own = [_quantile(weights, centre, std, p) for p in ends]
+            kept = given.spreads**2 / (given.spreads**2 + deviations[i] ** 2)  # of its own estimate
+            of_common = -kept[:, None] * columns[i]
+            of_common[:, 0] = 1.0 - kept
+            centre = kept * given.estimates[i] + np.sum(of_common * common.means, axis=1)
+            variance = kept * deviations[i] ** 2 + common.variances(of_common)
+            own = [about + _quantile(common.weights, centre, np.sqrt(variance), p) for p in ends]
         members.append(
             Member(
                 vehicle,
@@ -135,42 +145,81 @@ def population(
                 bool(odd[i]),
             )
         )
+    means, deviation = common.means[:, 0], np.sqrt(common.covariances[:, 0, 0])
     return Population(
-        Interval(*(_quantile(weights, means, np.sqrt(variances), p) for p in ends)),
-        Interval(*(float(np.interp(p, share, spreads)) for p in ends)),
+        Interval(*(about + _quantile(common.weights, means, deviation, p) for p in ends)),
+        Interval(*(float(np.interp(p, share, given.spreads)) for p in ends)),
         tuple(members),
     )
 
 
-def _distances(
-    spreads: FloatArray, estimates: FloatArray, deviations: FloatArray
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """How far each vehicle (v,) is from what the others let expect, and whether it is odd."""
-    count = len(estimates)
-    distances, odd = np.empty(count), np.zeros(count, dtype=bool)
-    for i in range(count):
-        others = np.arange(count) != i
-        weights, means, variances = _given_spread(spreads, estimates[others], deviations[others])
-        off = (estimates[i] - means) / np.sqrt(variances + spreads**2 + deviations[i] ** 2)
-        below, above = float(weights @ norm.cdf(off)), float(weights @ norm.sf(off))
-        tail = max(min(below, above), 1e-300)
-        distances[i] = math.copysign(float(norm.isf(tail)), below - above)
-        odd[i] = 2.0 * tail < FALSE_ALARMS / count
-    return distances, odd
+@dataclass(frozen=True, eq=False)
+class _Mixture:
+    """Mean and common errors (p,), normal given each of t spreads."""
+
+    weights: FloatArray  # (t,), of the spreads
+    means: FloatArray  # (t, p)
+    covariances: FloatArray  # (t, p, p)
+
+    def variances(self, of: FloatArray) -> FloatArray:
+        """Variance (t,) of linear combinations (t, p) or (p,) of them."""
+        found: FloatArray = np.einsum("...i,...ij,...j->...", of, self.covariances, of)
+        return found
 
 
-def _given_spread(
-    spreads: FloatArray, estimates: FloatArray, deviations: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Weight of each spread (t,), and mean and variance of the population's mean given it."""
-    precision = 1.0 / (spreads[:, None] ** 2 + deviations**2)  # (t, v)
-    total = precision.sum(axis=1)
-    means = precision @ estimates / total
-    off = estimates - means[:, None]
-    evidence = 0.5 * np.log(precision).sum(axis=1) - 0.5 * np.log(total)
-    evidence -= 0.5 * np.sum(precision * off**2, axis=1)
-    weights: FloatArray = np.exp(evidence - logsumexp(evidence))
-    return weights, means, 1.0 / total
+class _Given:
+    """Estimates (v,) about 0 with deviations (v,), and their columns (v, p): mean, common errors.
+
+    For every spread the population is a linear regression, whose sums over the vehicles are kept,
+    so that single ones can be left out.
+    """
+
+    def __init__(self, estimates: FloatArray, deviations: FloatArray, columns: FloatArray) -> None:
+        self.estimates, self.deviations, self.columns = estimates, deviations, columns
+        scale = float(np.hypot(np.std(estimates), np.median(deviations)))
+        # dense at small spreads; the weights count how dense
+        roots = (np.arange(_SPREADS) + 0.5) / _SPREADS
+        self.spreads = _FARTHEST * scale * roots**2
+        self._density = np.log(roots)
+        self.precision = 1.0 / (self.spreads[:, None] ** 2 + deviations**2)  # (t, v)
+        self._before = np.diag(np.append(0.0, np.ones(columns.shape[1] - 1)))
+
+    def mixture(self, kept: NDArray[np.bool_]) -> _Mixture:
+        """Population of some of the vehicles."""
+        x, y = self.columns[kept], self.estimates[kept]
+        weighted = self.precision[:, kept]
+        information = np.einsum("tv,vi,vj->tij", weighted, x, x) + self._before
+        covariances = np.linalg.inv(information)
+        pulls = weighted @ (x * y[:, None])
+        means = np.einsum("tij,tj->ti", covariances, pulls)
+        evidence = 0.5 * np.log(weighted).sum(axis=1) + self._density
+        evidence -= 0.5 * np.linalg.slogdet(information)[1]
+        evidence -= 0.5 * (weighted @ y**2 - np.sum(means * pulls, axis=1))
+        return _Mixture(np.exp(evidence - logsumexp(evidence)), means, covariances)
+
+
+def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """How far each vehicle (v,) is from what the others let expect, and whether it is odd.
+
+    Odd ones are no longer among the others, so that they do not hide each other.
+    """
+    count = len(given.estimates)
+    odd = np.zeros(count, dtype=bool)
+    while True:
+        distances, tails = np.empty(count), np.empty(count)
+        for i in range(count):
+            others = ~odd
+            others[i] = False
+            found, x = given.mixture(others), given.columns[i]
+            variance = given.spreads**2 + given.deviations[i] ** 2 + found.variances(x)
+            off = (given.estimates[i] - found.means @ x) / np.sqrt(variance)
+            below, above = (float(found.weights @ tail(off)) for tail in (norm.cdf, norm.sf))
+            tails[i] = max(min(below, above), 1e-300)
+            distances[i] = math.copysign(float(norm.isf(tails[i])), below - above)
+        now = odd | (2.0 * tails < FALSE_ALARMS / count)
+        if np.array_equal(now, odd) or count - now.sum() < FEWEST:
+            return distances, odd
+        odd = now
 
 
 def _quantile(weights: FloatArray, means: FloatArray, std: FloatArray, probability: float) -> float:

@@ -1,0 +1,133 @@
+"""Linear systems in the shape of an arrow: variables of all groups, and of each group alone.
+
+Each group's own variables are eliminated (Schur complement), which leaves a small system of the
+common ones. Time and memory grow in proportion to the groups.
+
+Letters of shapes: `v` groups of n variables each, of which s are common to all.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tricycle_core.quantities import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Arrow:
+    """A quadratic cost; half its second and first derivatives at a point.
+
+    Attributes
+    ----------
+    information : ndarray of float, shape (v, n, n)
+        Of each group.
+    gradient : ndarray of float, shape (v, n)
+        Of each group.
+    common : ndarray of int, shape (s,)
+        Which of the n variables are the same in all groups.
+    prior : ndarray of float, shape (s, s)
+        Information of the common ones beside the groups.
+    pull : ndarray of float, shape (s,)
+        Gradient of the common ones beside the groups.
+    """
+
+    information: FloatArray
+    gradient: FloatArray
+    common: NDArray[np.int64]
+    prior: FloatArray
+    pull: FloatArray
+
+    @property
+    def own(self) -> NDArray[np.int64]:
+        """Which of the n variables each group has for itself."""
+        return np.setdiff1d(np.arange(self.information.shape[1]), self.common)
+
+    def _eliminated(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Information (s, s), gradient (s,) of the common ones; how own ones follow (v, m, s)."""
+        own, common = self.own, self.common
+        alone = self.information[:, own[:, None], own]
+        across = self.information[:, own[:, None], common]
+        both = np.concatenate([across, self.gradient[:, own, None]], axis=2)
+        solved = np.linalg.solve(alone, both)
+        information = self.information[:, common[:, None], common].sum(axis=0) + self.prior
+        information = information - np.einsum("vms,vmt->st", across, solved[:, :, :-1])
+        gradient = self.gradient[:, common].sum(axis=0) + self.pull
+        gradient = gradient - np.einsum("vms,vm->s", across, solved[:, :, -1])
+        return information, gradient, -solved[:, :, :-1]
+
+    def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the covariance, taken apart.
+
+        Returns
+        -------
+        common : ndarray of float, shape (s, s)
+            Of the common variables.
+        alone : ndarray of float, shape (v, m, m)
+            Of each group's own ones, if the common ones were known.
+        follow : ndarray of float, shape (v, m, s)
+            By how much own ones change with the common ones: the covariance of the own variables of
+            groups a and b is `follow[a] @ common @ follow[b].T`, and where they are the same, that
+            and `alone[a]`.
+        """
+        information, _, follow = self._eliminated()
+        own = self.own
+        alone = np.linalg.inv(self.information[:, own[:, None], own])
+        return np.asarray(np.linalg.inv(information)), np.asarray(alone), follow
+
+    def step(self, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return the step (v, n) to the minimum; variables that would pass a bound end there.
+
+        Parameters
+        ----------
+        low, high : ndarray of float, shape (v, n)
+            Bounds of the step; those of a common variable are the same in all groups.
+        """
+        step, held = np.zeros_like(self.gradient), np.zeros(self.gradient.shape, dtype=bool)
+        for _ in range(1 + self.information.shape[1]):
+            found = self._holding(held, step)
+            beyond = ~held & ((found < low) | (found > high))
+            step = np.clip(found, low, high)
+            if not beyond.any():
+                break
+            held |= beyond
+        return step
+
+    def promise(self, step: FloatArray) -> float:
+        """Return by how much a step lowers the cost.
+
+        Parameters
+        ----------
+        step : ndarray of float, shape (v, n)
+            Of all variables.
+        """
+        shared = step[0, self.common]
+        lowers = np.einsum("vi,vi->", step, 2.0 * self.gradient)
+        lowers += np.einsum("vi,vij,vj->", step, self.information, step)
+        return -float(lowers + shared @ (2.0 * self.pull + self.prior @ shared))
+
+    def _holding(self, held: NDArray[np.bool_], at: FloatArray) -> FloatArray:
+        """The step (v, n) where some variables make the steps that they have."""
+        known = np.where(held, at, 0.0)
+        gradient = self.gradient + np.einsum("vij,vj->vi", self.information, known)
+        free = ~held
+        kept = free[:, :, None] & free[:, None, :]
+        fixed_common = held[0, self.common]
+        free_common = ~fixed_common
+        pull = self.pull + self.prior @ known[0, self.common]
+        reduced = Arrow(
+            np.where(kept, self.information, 0.0) + held[:, :, None] * np.eye(held.shape[1]),
+            np.where(free, gradient, 0.0),
+            self.common,
+            np.where(np.outer(free_common, free_common), self.prior, 0.0),
+            np.where(free_common, pull, 0.0),
+        )
+        information, slope, follow = reduced._eliminated()
+        own, common = self.own, self.common
+        step = known.copy()
+        shared = np.linalg.solve(information, -slope)
+        alone = reduced.information[:, own[:, None], own]
+        lone = np.linalg.solve(alone, -reduced.gradient[:, own, None])[:, :, 0]
+        step[:, common] += np.where(free_common, shared, 0.0)
+        step[:, own] += np.where(held[:, own], 0.0, lone + follow @ shared)
+        return step

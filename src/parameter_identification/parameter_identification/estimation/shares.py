@@ -1,0 +1,179 @@
+"""What one drive says of the variables that it has in common with others, its own eliminated.
+
+Every drive has start pose, clocks and bias of its own, and shares parameters and effects with the
+others: the information matrix has the shape of an arrow. A drive is therefore looked at alone, its
+own variables are eliminated (Schur complement), and what is left, a small matrix, can be summed.
+
+Letters of shapes: `c` common variables, parameters in their ranges and then the effects of all
+drives in standard deviations of their priors; `q` variables of the drive alone.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.optimum import find_optimum
+from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.validation import whiteness_of_residuals
+from parameter_identification.estimation.whiteness import all_white
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.effects import Effect
+from tricycle_sim.vehicle import Vehicle
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """How the drives of a vehicle are looked at.
+
+    Attributes
+    ----------
+    vehicle : Vehicle
+        Known constants, and the unknown parameters with their ranges.
+    effects : tuple of Effect
+        Estimated beside the parameters.
+    noise : mapping of Sensor to NoiseLevel
+        Of every sensor that a drive has.
+    sizes : mapping of str to float
+        Of the deviations among the effects, in standard deviations of their priors.
+    """
+
+    vehicle: Vehicle
+    effects: tuple[Effect, ...]
+    noise: Mapping[Sensor, NoiseLevel]
+    sizes: Mapping[str, float]
+
+    @property
+    def shared(self) -> tuple[Effect, ...]:
+        """Effects that all drives have in common, in the order of the common variables."""
+        return tuple(e for e in self.effects if not e.per_drive)
+
+
+@dataclass(frozen=True, eq=False)
+class DriveShare:
+    """What one drive says of the common variables at a point.
+
+    Attributes
+    ----------
+    name : str
+        Of the drive.
+    began : float
+        When it began [s since 1970]; NaN: not known.
+    samples : int
+        Numbers measured.
+    at : ndarray of float, shape (c,)
+        The point.
+    cost : float
+        Squared residuals over their variances.
+    information : ndarray of float, shape (c, c)
+        Of the common variables, without their priors.
+    gradient : ndarray of float, shape (c,)
+        Half the slope of the cost.
+    own : ndarray of float, shape (q,)
+        The drive's own variables.
+    white : bool
+        Whether the residuals are.
+    truth : mapping of str to float
+        True parameters, where the drive was simulated.
+    """
+
+    name: str
+    began: float
+    samples: int
+    at: FloatArray
+    cost: float
+    information: FloatArray
+    gradient: FloatArray
+    own: FloatArray
+    white: bool
+    truth: Mapping[str, float]
+
+
+def first_fit(
+    drives: Sequence[MeasuredDrive],
+    vehicle: Vehicle,
+    effects: Sequence[Effect],
+    prior: tuple[FloatArray, FloatArray],
+    seed: int,
+) -> tuple[Setting, FloatArray]:
+    """Return noise and common variables (c,) of the best fit of a few drives together.
+
+    Parameters
+    ----------
+    drives : sequence of MeasuredDrive
+        With every sensor that other drives of the vehicle have.
+    vehicle : Vehicle
+        Known constants and ranges.
+    effects : sequence of Effect
+        Estimated beside the parameters.
+    prior : (ndarray of float, ndarray of float), shapes (k,) and (k, k)
+        Mean and information of the parameters, in their ranges.
+    seed : int
+        Of the starts.
+    """
+    near = None
+    with threadpool_limits(1, user_api="blas"):
+        if effects:  # without them a search takes a tenth of the time
+            models = [DriveModel(vehicle, drive) for drive in drives]
+            with LeastSquares(models, *prior, Loss.SQUARED) as without:
+                first = find_optimum(without, starts=4, seed=seed, level=0.95)
+            near = [first.fit.at[: without.k], *first.rivals]
+        models = [DriveModel(vehicle, drive, effects) for drive in drives]
+        with LeastSquares(models, *prior, Loss.SQUARED) as problem:
+            best = find_optimum(problem, starts=4, seed=seed, level=0.95, near=near)
+            common = problem.k + models[0].shared
+            noise, sizes = dict(problem.noise), problem.sizes()
+    return Setting(vehicle, tuple(effects), noise, sizes), best.fit.at[:common]
+
+
+def share_of(
+    setting: Setting, drive: MeasuredDrive, common: FloatArray, own: FloatArray | None = None
+) -> DriveShare:
+    """Return what a drive says at a point, its own variables fitted and eliminated.
+
+    Parameters
+    ----------
+    setting : Setting
+        Of its vehicle.
+    drive : MeasuredDrive
+        The drive.
+    common : ndarray of float, shape (c,)
+        The point.
+    own : ndarray of float, shape (q,), optional
+        Where the search of its own variables begins. Default: the means of their priors.
+    """
+    model = DriveModel(setting.vehicle, drive, setting.effects)
+    k, c = len(model.low), len(common)
+    with LeastSquares([model], common[:k], np.zeros((k, k)), Loss.SQUARED) as problem:
+        problem.noise = {sensor: setting.noise[sensor] for sensor in problem.noise}
+        problem.set_sizes(setting.sizes)
+        at = np.append(common, np.zeros(problem.n - c) if own is None else own)
+        problem.weigh(at)
+        free: NDArray[np.bool_] = np.arange(problem.n) >= c
+        at = problem.minimise(at, free).at
+        gram = problem.gram(at)
+        white = all_white(whiteness_of_residuals(problem, problem.predictions(at)))
+        samples = problem.samples_in_all
+    effects, places = common[k:], np.arange(k, c)
+    gram[places, places] -= 1.0  # priors of what is common count once, not for every drive
+    gram[places, -1] -= effects
+    cost = gram[-1, -1] - effects @ effects
+    across, alone, slope = gram[:c, c:-1], gram[c:-1, c:-1], gram[:-1, -1]
+    eliminated = np.linalg.solve(alone, np.column_stack([across.T, slope[c:]]))
+    return DriveShare(
+        drive.name,
+        drive.began,
+        samples,
+        common,
+        float(cost - slope[c:] @ eliminated[:, -1]),
+        gram[:c, :c] - across @ eliminated[:, :-1],
+        slope[:c] - across @ eliminated[:, -1],
+        at[c:] - eliminated[:, -1],
+        white,
+        drive.truth,
+    )

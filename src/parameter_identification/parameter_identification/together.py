@@ -1,0 +1,299 @@
+"""Vehicles of a fleet fitted together, and what their drives alone tell of each of them.
+
+Letters of shapes: `v` vehicles of n variables each, of which s are common to all and m are not.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from excitation_planner.design.prior import SHOWN
+from parameter_identification.estimation.arrow import Arrow
+from parameter_identification.estimation.population import Population, population
+from parameter_identification.estimation.results import Estimate
+from parameter_identification.many_drives import (
+    PASSES,
+    TOLERANCE,
+    Search,
+    Sum,
+    estimate_of,
+    grown,
+    growth_of,
+    look,
+)
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+
+TAKEN_OUT = 0.999  # share of a rate's prior: what is left keeps a single drive's rate finite
+
+
+@dataclass(eq=False)
+class Together:
+    """Vehicles of which some variables are the same in all.
+
+    Attributes
+    ----------
+    searches : sequence of Search
+        The vehicles, each at its own best fit.
+    common : sequence of int
+        Places of these variables.
+    """
+
+    searches: Sequence[Search]
+    common: Sequence[int]
+
+    def descend(self, executor: Executor | None) -> None:
+        """Bring all vehicles to the best fit of all drives together.
+
+        Parameters
+        ----------
+        executor : concurrent.futures.Executor, optional
+            Default: this process.
+
+        Raises
+        ------
+        IdentificationError
+            If there is no minimum.
+        """
+        searches, common = self.searches, list(self.common)
+        if not common:
+            return
+        low = np.array([search.variables.low for search in searches])
+        high = np.array([search.variables.high for search in searches])
+        points = np.array([search.at for search in searches])
+        points[:, common] = np.median(points[:, common], axis=0)
+        points += self._arrow(points).step(low - points, high - points)
+        self._take(points, look(searches, list(points), executor))
+        shorter = 1.0
+        for _ in range(PASSES):
+            arrow = self._arrow(points)
+            step = shorter * arrow.step(low - points, high - points)
+            trial = np.clip(points + step, low, high)
+            if arrow.promise(step) < TOLERANCE:
+                for search, point in zip(searches, trial, strict=True):
+                    search.at = point
+                return
+            there = look(searches, list(trial), executor)
+            if self._cost(there) < self._cost([search.sum for search in searches]):
+                points, shorter = trial, 1.0
+                self._take(trial, there)
+            else:
+                shorter *= 0.3
+        raise IdentificationError(
+            f"no minimum of all vehicles together after {PASSES} passes over the drives"
+        )
+
+    def _take(self, points: FloatArray, sums: Sequence[Sum]) -> None:
+        for search, point, there in zip(self.searches, points, sums, strict=True):
+            search.at, search.here = point, there
+
+    def _repeated(self) -> FloatArray:
+        """What the vehicles tell too much (s, s) of what is common: its prior counts once."""
+        prior = self.searches[0].variables.information
+        places = np.array(self.common, dtype=np.int64)
+        return (len(self.searches) - 1) * prior[np.ix_(places, places)]
+
+    def _cost(self, sums: Sequence[Sum]) -> float:
+        off = (sums[0].at - self.searches[0].variables.mean)[list(self.common)]
+        return sum(s.cost for s in sums) - float(off @ self._repeated() @ off)
+
+    def _arrow(self, points: FloatArray) -> Arrow:
+        """What all say at points (v, n), by their derivatives close by."""
+        sums, mean = [search.sum for search in self.searches], self.searches[0].variables.mean
+        shifted = [
+            s.gradient + s.information @ (point - s.at)
+            for s, point in zip(sums, points, strict=True)
+        ]
+        repeated, common = self._repeated(), np.array(self.common, dtype=np.int64)
+        return Arrow(
+            np.array([s.information for s in sums]),
+            np.array(shifted),
+            common,
+            -repeated,
+            -repeated @ (points[0] - mean)[common],
+        )
+
+    def result(self) -> "Joint":
+        """Return what is known at the best fit."""
+        points = np.array([search.at for search in self.searches])
+        arrow = self._arrow(points)
+        covariance, alone, follow = arrow.covariances()
+        slopes = arrow.gradient[:, arrow.common]
+        slopes = slopes + np.einsum("vms,vm->vs", follow, arrow.gradient[:, arrow.own])
+        if self.common:
+            prior = self._repeated() / (len(self.searches) - 1)
+            growth = np.fmax(grown(covariance, slopes, prior), 1.0)
+            covariance = covariance * np.outer(growth, growth)
+        return Joint(self.searches, points, arrow.common, arrow.own, covariance, alone, follow)
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Vehicles at the best fit, and the covariance of their variables as `Arrow` takes it apart.
+
+    Attributes
+    ----------
+    searches : sequence of Search
+        The vehicles.
+    at : ndarray of float, shape (v, n)
+        Their variables.
+    common, own : ndarray of int, shape (s,) and (m,)
+        Places of the variables that are the same in all, and of the others.
+    of_common : ndarray of float, shape (s, s)
+        Covariance.
+    alone : ndarray of float, shape (v, m, m)
+        Covariance, if the common ones were known.
+    follow : ndarray of float, shape (v, m, s)
+        Change with the common ones.
+    """
+
+    searches: Sequence[Search]
+    at: FloatArray
+    common: NDArray[np.int64]
+    own: NDArray[np.int64]
+    of_common: FloatArray
+    alone: FloatArray
+    follow: FloatArray
+
+    def covariance(self, i: int) -> FloatArray:
+        """Return the covariance (n, n) of the variables of a vehicle.
+
+        Parameters
+        ----------
+        i : int
+            Number of the vehicle.
+        """
+        found = np.empty((self.at.shape[1], self.at.shape[1]))
+        follow = self.follow[i]
+        found[np.ix_(self.common, self.common)] = self.of_common
+        found[np.ix_(self.own, self.common)] = follow @ self.of_common
+        found[np.ix_(self.common, self.own)] = (follow @ self.of_common).T
+        found[np.ix_(self.own, self.own)] = self.alone[i] + follow @ self.of_common @ follow.T
+        return found
+
+    def shared(self, level: float) -> dict[str, Estimate]:
+        """Return the estimates of the common parameters, by name.
+
+        Parameters
+        ----------
+        level : float
+            Probability of the intervals.
+        """
+        vehicle = self.searches[0].setting.vehicle
+        names, quantile = list(vehicle.unknown), float(norm.ppf(0.5 + 0.5 * level))
+        before = 1.0 / np.sqrt(np.diag(self.searches[0].variables.information))
+        found = {}
+        for i, std in zip(self.common.tolist(), np.sqrt(np.diag(self.of_common)), strict=True):
+            z = float(self.at[0, i])
+            ends = z - quantile * std, z + quantile * std
+            shown = bool(std <= SHOWN * before[i])
+            found[names[i]] = estimate_of(vehicle, names[i], z, float(std), ends, shown=shown)
+        return found
+
+    def without_prior(self, at: Sequence[int]) -> "Alone":
+        """What the drives alone tell of variables of each vehicle: a level, and perhaps its rate.
+
+        The prior would otherwise count for every vehicle.
+
+        Parameters
+        ----------
+        at : sequence of int
+            Places of the variables.
+        """
+        variables = self.searches[0].variables
+        prior = np.diag(variables.information)[list(at)].copy()
+        prior[1:] *= TAKEN_OUT
+        places = np.searchsorted(self.own, at)
+        estimates, covariances, together, shown = [], [], [], []
+        root = np.linalg.cholesky(self.of_common)
+        for i, search in enumerate(self.searches):
+            whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
+            shown.append(bool(whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]))
+            told = np.linalg.inv(self.alone[i][np.ix_(places, places)])
+            rest = np.linalg.inv(told - np.diag(prior))
+            factors = np.fmax(growth_of(search), 1.0)[list(at)]
+            estimates.append(rest @ (told @ self.at[i, at] - prior * variables.mean[list(at)]))
+            covariances.append(rest * np.outer(factors, factors))
+            together.append(rest @ told @ self.follow[i][places] @ root)
+        kept = np.array(shown)
+        return Alone(
+            np.array(estimates)[kept], np.array(covariances)[kept], np.array(together)[kept], shown
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Alone:
+    """Level and perhaps rate, q variables in ranges, of the v vehicles that show them.
+
+    Attributes
+    ----------
+    estimates : ndarray of float, shape (v, q)
+        By the drives alone.
+    covariances : ndarray of float, shape (v, q, q)
+        Of them, if what all vehicles share were known.
+    together : ndarray of float, shape (v, q, e)
+        Their change by one standard deviation of each of e errors that they have in common.
+    shown : sequence of bool
+        Of all vehicles, whether the drives show the level.
+    """
+
+    estimates: FloatArray
+    covariances: FloatArray
+    together: FloatArray
+    shown: Sequence[bool]
+
+    def population(
+        self, vehicles: Sequence[str], i: int, scale: tuple[float, float], level: float
+    ) -> Population:
+        """Return the population of one of the variables.
+
+        Parameters
+        ----------
+        vehicles : sequence of str
+            Names of those that show it.
+        i : int
+            Number of the variable.
+        scale : (float, float)
+            Value at 0 and that of one more, in the unit of the population.
+        level : float
+            Probability of the intervals.
+        """
+        start, width = scale
+        return population(
+            vehicles,
+            start + width * self.estimates[:, i],
+            width * np.sqrt(self.covariances[:, i, i]),
+            together=width * self.together[:, i],
+            level=level,
+        )
+
+    def with_rates(self, rates: Population, width: float, level: float) -> "Alone":
+        """Return the levels alone, with what the population tells of rates that are not odd.
+
+        Parameters
+        ----------
+        rates : Population
+            Of the rates.
+        width : float
+            What a rate of 1 is in its unit.
+        level : float
+            Probability of the intervals.
+        """
+        spread = rates.spread.middle / width
+        wide = (rates.mean.high - rates.mean.low) / (2.0 * norm.ppf(0.5 + 0.5 * level)) / width
+        rate = self.covariances[:, 1, 1]
+        slope = self.covariances[:, 0, 1] / rate
+        odd = np.array([m.odd for m in rates.members])
+        kept = np.where(odd, 1.0, spread**2 / (spread**2 + rate))
+        found = np.array([m.value.middle for m in rates.members]) / width
+        value = self.estimates[:, 0] + slope * (found - self.estimates[:, 1])
+        variance = (
+            self.covariances[:, 0, 0] - slope * self.covariances[:, 0, 1] + slope**2 * kept * rate
+        )
+        more = (slope * (1.0 - kept))[:, None]
+        together = np.column_stack([self.together[:, 0] - more * self.together[:, 1], more * wide])
+        return Alone(value[:, None], variance[:, None, None], together[:, None], self.shown)
