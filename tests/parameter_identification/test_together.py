@@ -37,7 +37,7 @@ def searches(tmp_path):
 
 
 class Dense:
-    """All drives of all vehicles in one matrix: shared, then of each vehicle, then of each drive."""
+    """All drives in one matrix: what is shared, then of each vehicle, then of each drive."""
 
     def __init__(self, searches):
         self.at, self.problems, last = [], [], len(SHARED) + (K - len(SHARED)) * len(searches)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtr
 from scipy.stats import norm
 
 from tricycle_core.errors import IdentificationError
@@ -122,7 +122,7 @@ def population(
     about = float(np.median(estimates))
     given = _Given(estimates - about, deviations, columns)
     distances, odd = _distances(given)
-    common = given.mixture(~odd)
+    common = given.mixture(given.sums(~odd))
     ends = 0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level
     share = np.cumsum(common.weights)
     members = []
@@ -184,18 +184,38 @@ class _Given:
         self.precision = 1.0 / (self.spreads[:, None] ** 2 + deviations**2)  # (t, v)
         self._before = np.diag(np.append(0.0, np.ones(columns.shape[1] - 1)))
 
-    def mixture(self, kept: NDArray[np.bool_]) -> _Mixture:
-        """Population of some of the vehicles."""
-        x, y = self.columns[kept], self.estimates[kept]
-        weighted = self.precision[:, kept]
-        information = np.einsum("tv,vi,vj->tij", weighted, x, x) + self._before
+    def sums(self, kept: NDArray[np.bool_]) -> "_Sums":
+        """What some of the vehicles tell."""
+        x, y, weighted = self.columns[kept], self.estimates[kept], self.precision[:, kept]
+        return _Sums(
+            np.einsum("tv,vi,vj->tij", weighted, x, x),
+            weighted @ (x * y[:, None]),
+            np.log(weighted).sum(axis=1),
+            weighted @ y**2,
+        )
+
+    def mixture(self, sums: "_Sums") -> _Mixture:
+        """Population of vehicles."""
+        information = sums.information + self._before
         covariances = np.linalg.inv(information)
-        pulls = weighted @ (x * y[:, None])
-        means = np.einsum("tij,tj->ti", covariances, pulls)
-        evidence = 0.5 * np.log(weighted).sum(axis=1) + self._density
-        evidence -= 0.5 * np.linalg.slogdet(information)[1]
-        evidence -= 0.5 * (weighted @ y**2 - np.sum(means * pulls, axis=1))
+        means = np.einsum("tij,tj->ti", covariances, sums.pulls)
+        evidence = self._density + 0.5 * (sums.logarithms - np.linalg.slogdet(information)[1])
+        evidence -= 0.5 * (sums.squares - np.sum(means * sums.pulls, axis=1))
         return _Mixture(np.exp(evidence - logsumexp(evidence)), means, covariances)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """Sums over vehicles for each of t spreads."""
+
+    information: FloatArray  # (t, p, p)
+    pulls: FloatArray  # (t, p)
+    logarithms: FloatArray  # (t,), of the precisions
+    squares: FloatArray  # (t,), of the estimates, weighted
+
+    def less(self, other: "_Sums") -> "_Sums":
+        """Sums over the vehicles that are not among the others."""
+        return _Sums(*(getattr(self, name) - part for name, part in vars(other).items()))
 
 
 def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -206,14 +226,13 @@ def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
     count = len(given.estimates)
     odd = np.zeros(count, dtype=bool)
     while True:
-        distances, tails = np.empty(count), np.empty(count)
-        for i in range(count):
-            others = ~odd
-            others[i] = False
-            found, x = given.mixture(others), given.columns[i]
+        distances, tails, every = np.empty(count), np.empty(count), given.sums(~odd)
+        for i, x in enumerate(given.columns):
+            others = every if odd[i] else every.less(given.sums(np.arange(count) == i))
+            found = given.mixture(others)
             variance = given.spreads**2 + given.deviations[i] ** 2 + found.variances(x)
             off = (given.estimates[i] - found.means @ x) / np.sqrt(variance)
-            below, above = (float(found.weights @ tail(off)) for tail in (norm.cdf, norm.sf))
+            below, above = (float(found.weights @ ndtr(side * off)) for side in (1.0, -1.0))
             tails[i] = max(min(below, above), 1e-300)
             distances[i] = math.copysign(float(norm.isf(tails[i])), below - above)
         now = odd | (2.0 * tails < FALSE_ALARMS / count)
@@ -224,10 +243,11 @@ def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
 
 def _quantile(weights: FloatArray, means: FloatArray, std: FloatArray, probability: float) -> float:
     """Value below which a mixture of normal distributions is with a probability."""
+    std = np.maximum(std, 1e-300)
     reach = 10.0 * float(std.max()) + 1e-12
     return float(
         brentq(
-            lambda x: float(weights @ norm.cdf(x, means, np.maximum(std, 1e-300))) - probability,
+            lambda x: float(weights @ ndtr((x - means) / std)) - probability,
             float(means.min()) - reach,
             float(means.max()) + reach,
         )

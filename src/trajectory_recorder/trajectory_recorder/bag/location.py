@@ -1,5 +1,6 @@
 """Where a bag is: a path of this computer, or a URL."""
 
+import glob
 import re
 from pathlib import Path
 from typing import Any, cast
@@ -59,6 +60,53 @@ def bag_path(text: str) -> Path:
         raise _not_installed(text, error.__cause__ or error) from error
     except ValueError as error:  # of fsspec for a scheme that it does not know
         raise BagError(f"{text}: {error}") from error
+
+
+def find_bags(text: str) -> list[Path]:
+    """Return the bags that a text names.
+
+    Parameters
+    ----------
+    text : str
+        Path, URL, or pattern with ``*``, ``?``, ``[…]`` or ``**``. What a pattern matches besides
+        bags is passed over; a file within a bag stands for the bag.
+
+    Returns
+    -------
+    bags : list of Path
+        One, whether it is there or not, of a path or URL; all in the order of their names of a
+        pattern.
+
+    Raises
+    ------
+    BagError
+        If a pattern matches no bag, or is one of a URL.
+    """
+    remote = "://" in text
+    if not glob.has_magic(text) or (not remote and Path(text).exists()):
+        return [bag_path(text)]
+    if remote:
+        raise BagError(f"{text}: patterns are those of files of this computer: name the bags")
+    matched = [_bag_at(Path(name)) for name in _matched(text)]
+    found = [bag for bag in dict.fromkeys(matched) if bag is not None]
+    if not found:
+        raise BagError(f"{text}: matches no bag")
+    return found
+
+
+def _matched(pattern: str) -> list[str]:
+    # `Path.glob` takes no pattern that begins at the root
+    return sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
+
+
+def _bag_at(path: Path) -> Path | None:
+    """The bag that a folder or file is, or that a file is of."""
+    if path.is_dir():
+        whole = (path / "metadata.yaml").is_file() or any(path.glob(f"{path.name}_*.mcap"))
+        return path if whole else None
+    if path.suffix in (".mcap", ".db3"):
+        return _bag_at(path.parent) or path
+    return None
 
 
 def is_remote(path: Path) -> bool:

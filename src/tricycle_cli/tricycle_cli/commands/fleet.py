@@ -1,13 +1,15 @@
-"""``tricycle fleet``: parameters of several vehicles of one kind, and which of them is odd."""
+"""`tricycle fleet`: parameters of several vehicles of one kind, and which of them is odd."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import tempfile
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from tricycle_cli.arguments import BAG_HELP, add_topic_options, bag_argument, seed, topics_of
+from tricycle_cli.arguments import BAG_HELP, add_topic_options, seed, topics_of
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError
 from tricycle_sim.vehicle import load_vehicle
@@ -15,10 +17,12 @@ from tricycle_sim.vehicle import load_vehicle
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from parameter_identification.fleet import Fleet
+
 EXAMPLE = """\
 examples:
-  tricycle fleet bags/*/* --keep work --output fleet
-  tricycle fleet bags/* --vehicles vehicle_id --keep work
+  tricycle fleet identify 'bags/**' --vehicles vehicle_id --output fleet
+  tricycle fleet identify 'bags/**' --shared yaw_inertia --changing cornering_stiffness
 """
 
 
@@ -30,13 +34,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser : argparse.ArgumentParser
         Parser of the subcommand.
     """
-    parser.description = (
+    parser.epilog = EXAMPLE
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    summary = "estimate the parameters of each vehicle, and their population"
+    identify = verbs.add_parser(
+        "identify", help=summary, epilog=EXAMPLE, formatter_class=parser.formatter_class
+    )
+    identify.description = (
         "Identifies each vehicle from its own bags, drive by drive, and from all of them the "
         "population: its mean, how far the vehicles are apart, and which one is odd."
     )
-    parser.epilog = EXAMPLE
-    add = parser.add_argument
-    add("bags", metavar="BAG", nargs="+", type=bag_argument, help=BAG_HELP)
+    add = identify.add_argument
+    add(
+        "bags",
+        metavar="BAG",
+        nargs="+",
+        help=f"{BAG_HELP}; a pattern, as 'bags/**' in quotes, stands for all bags that it matches",
+    )
     add(
         "--vehicles",
         metavar="KEY",
@@ -44,19 +58,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML of all (default: the paper's)")
     add(
+        "--shared",
+        type=_names,
+        default=(),
+        metavar="NAME,NAME",
+        help="parameters that are the same in all vehicles, estimated from all drives together",
+    )
+    add(
+        "--own",
+        type=_names,
+        default=(),
+        metavar="NAME,NAME",
+        help="parameters of each vehicle that tell nothing of another one; the rest is drawn from "
+        "a population",
+    )
+    add(
+        "--changing",
+        type=_names,
+        default=(),
+        metavar="NAME,NAME",
+        help="parameters of the population that change over the months, each vehicle's at its own "
+        "rate (tyre wear)",
+    )
+    add(
+        "--effects",
+        default="none",
+        metavar="all|none|NAME,NAME",
+        help="what the real vehicles have beside the file, each its own, and is estimated too",
+    )
+    add(
         "--keep",
         type=Path,
-        required=True,
         metavar="DIR",
-        help="where drives are kept once they are read: the same call goes on",
+        help="where drives are kept once they are read, so that the same call goes on (default: "
+        "drives in the output; without one nothing is kept)",
     )
     add("--workers", type=int, metavar="N", help="processes (default: one per processor)")
     add("--leave-out", action="store_true", help="leave bags out that cannot be used")
     add("--seed", type=seed, default=0, help="of the starts")
     add("--json", action="store_true", help="print one JSON object")
-    add("--output", type=Path, metavar="DIR", help="write fleet.json and fleet.png")
-    add_topic_options(parser, sensors=True)
-    parser.set_defaults(run=run)
+    add(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write report.html, fleet.json and fleet.png",
+    )
+    add_topic_options(identify, sensors=True)
+    identify.set_defaults(run=run)
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(text.replace("-", "_").split(","))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,62 +125,68 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from parameter_identification.fleet import identify_fleet
-    from tricycle_cli.reports.static_figures import plot_fleet
-    from tricycle_cli.reports.tables import population_table
-    from tricycle_core.documents import check_folder, encode, write_whole
+    from trajectory_recorder.bag.location import find_bags
+    from tricycle_cli.reports.fleet_page import save_fleet
+    from tricycle_cli.reports.tables import population_table, remarks_on_fleet
+    from tricycle_core.documents import check_folder
+    from tricycle_sim.effects import named_effects
 
     if args.workers is not None and args.workers < 1:
         raise BagError(f"--workers {args.workers}: 1 or more are needed")
+    effects = named_effects(args.effects)
     vehicle = load_vehicle(args.vehicle)
-    bags = _by_vehicle(args.bags, args.vehicles)
+    bags = _by_vehicle([bag for text in args.bags for bag in find_bags(text)], args.vehicles)
     if args.output is not None:
         check_folder(args.output)
-    with (
-        ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as executor,
-        progress_bar("identifying vehicles") as progress,
-    ):
+    with ExitStack() as stack:
+        keep = args.keep or (args.output and args.output / "drives")
+        folder = keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        executor = stack.enter_context(
+            ProcessPoolExecutor(args.workers, mp_context=get_context("spawn"))
+        )
         fleet = identify_fleet(
             bags,
             vehicle,
-            folder=args.keep,
+            folder=folder,
+            shared=args.shared,
+            own=args.own,
+            changing=args.changing,
+            effects=effects,
             executor=executor,
             leave_out=args.leave_out,
             topics=topics_of(args),
             seed=args.seed,
-            progress=progress,
+            progress=stack.enter_context(progress_bar("reading drives")),
         )
     console = Console(stderr=args.json, highlight=False)
     console.print(population_table(fleet))
-    for parameter in vehicle.unknown:
-        if parameter not in fleet.populations:
-            console.print(f"{parameter}: too few vehicles show it")
-    for name in fleet.odd:
-        console.print(f"{name} is odd: far from what the others let expect", soft_wrap=True)
-    for name, found in fleet.vehicles.items():
-        if not found.white:
-            console.print(
-                f"{name}: residuals of {found.not_white} of {len(found.drives)} drives are NOT "
-                "white: the model lacks something",
-                soft_wrap=True,
-            )
-        for reason in found.left_out:
-            console.print(f"{name}: left out: {reason}", soft_wrap=True)
-    document = {
+    for remark in remarks_on_fleet(fleet):
+        console.print(remark, soft_wrap=True)
+    document = json.dumps(_document(fleet), allow_nan=False)
+    if args.output is not None:
+        save_fleet(fleet, document, args.output)
+        console.print(f"report, figure and numbers: {args.output}", soft_wrap=True)
+    if args.json:
+        print(document)
+    return 0
+
+
+def _document(fleet: Fleet) -> dict[str, Any]:
+    from tricycle_core.documents import encode
+
+    return {
         "vehicles": {
             name: {"drives": len(found.drives), "parameters": encode(dict(found.parameters))}
             for name, found in fleet.vehicles.items()
         },
         "populations": encode(dict(fleet.populations)),
+        "changes_per_day": encode(dict(fleet.changes)),
+        "shared": encode(dict(fleet.shared)),
+        "own": list(fleet.own),
+        "when": fleet.when,
         "odd": list(fleet.odd),
+        "left_out": list(fleet.left_out),
     }
-    if args.output is not None:
-        args.output.mkdir(parents=True, exist_ok=True)
-        plot_fleet(fleet, args.output / "fleet.png")
-        write_whole(args.output / "fleet.json", json.dumps(document, allow_nan=False) + "\n")
-        console.print(f"figure and numbers: {args.output}", soft_wrap=True)
-    if args.json:
-        print(json.dumps(document, allow_nan=False))
-    return 0
 
 
 def _by_vehicle(bags: Sequence[Path], key: str | None) -> dict[str, list[Path]]:
@@ -136,7 +194,7 @@ def _by_vehicle(bags: Sequence[Path], key: str | None) -> dict[str, list[Path]]:
     from trajectory_recorder.bag.reader import BagReader
 
     found: dict[str, list[Path]] = {}
-    for bag in bags:
+    for bag in dict.fromkeys(bags):
         name = bag.absolute().parent.name
         if key is not None:
             with BagReader(bag) as reader:

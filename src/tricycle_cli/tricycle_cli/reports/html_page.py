@@ -1,8 +1,8 @@
 """A report as one HTML file that needs nothing else: sections of text, tables and figures.
 
-Light or dark as the reader's system is, and fit to be printed. Everything but the pictures is
-escaped. A page with plots to zoom into carries Plotly's script once, compressed; the page unpacks
-it after it is shown, and draws a plot when it comes into view.
+Light or dark as the reader's system is, and fit to be printed. Everything but the pictures and
+`Markup` is escaped. A page with plots to zoom into carries Plotly's script once, compressed; the
+page unpacks it after it is shown, and draws a plot when it comes into view.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class TableBlock:
     headings : tuple of str
         Of the columns.
     rows : tuple of tuple of str
-        As many cells as there are headings in each; one that ends with ✗ is marked as a miss.
+        As many cells as there are headings in each; one that ends with ✗ is marked as a miss. Those
+        of `Markup` hold HTML.
     caption : str
         Text above it.
 

@@ -170,15 +170,15 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def plot_fleet(fleet: Fleet, path: Path) -> None:
-    """Each vehicle in its populations, the farthest from the others on top; of many, only these.
+def fleet_figure(fleet: Fleet) -> Figure:
+    """Return each vehicle in its populations, the farthest from the others on top.
+
+    Of many vehicles, only these are drawn.
 
     Parameters
     ----------
     fleet : Fleet
         What `identify_fleet` found.
-    path : Path
-        Image to be written; its suffix gives the format.
     """
     count, rows = max(1, len(fleet.populations)), min(len(fleet.vehicles), MOST_VEHICLES)
     figure = Figure(figsize=(4.6 * count, 1.8 + 0.28 * rows), layout="constrained")
@@ -204,4 +204,4 @@ def plot_fleet(fleet: Fleet, path: Path) -> None:
         axes.grid(alpha=0.3)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    figure.savefig(path, dpi=150)
+    return figure

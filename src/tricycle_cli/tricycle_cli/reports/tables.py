@@ -15,6 +15,7 @@ from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
+    from parameter_identification.estimation.population import Interval
     from parameter_identification.fleet import Fleet
     from parameter_identification.identification import Estimate, HeldOut, Identification
     from parameter_identification.many_drives import ManyDrives
@@ -320,7 +321,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
 
 
 def population_table(fleet: Fleet) -> Table:
-    """Return the populations, and what each vehicle is in them.
+    """Return what is shared, the populations, and what each vehicle is in them.
 
     Parameters
     ----------
@@ -328,20 +329,66 @@ def population_table(fleet: Fleet) -> Table:
         What `identify_fleet` found.
     """
     drives = sum(len(found.drives) for found in fleet.vehicles.values())
-    title = f"{len(fleet.vehicles)} vehicles, {drives} drives; 95 % intervals"
+    title = f"{len(fleet.vehicles)} vehicles, {drives} drives; {fleet.level:.0%} intervals"
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("parameter, vehicle", no_wrap=True)
     for heading in ("value", "interval", "from the others / σ"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for name, found in fleet.populations.items():
+    for name, e in fleet.shared.items():
+        ends = f"{_short(e.low)} – {_short(e.high)}" if e.identifiable else "not shown"
+        table.add_row(f"{name}: all vehicles", f"{e.estimate:.4g}", ends, "")
+    entries = [(name, "", found) for name, found in fleet.populations.items()]
+    entries += [(name, " per day", found) for name, found in fleet.changes.items()]
+    for name, rate, found in sorted(
+        entries, key=lambda entry: list(fleet.populations).index(entry[0])
+    ):
         for label, interval in (("mean", found.mean), ("spread", found.spread)):
-            ends = f"{_short(interval.low)} – {_short(interval.high)}"
-            table.add_row(f"{name}: {label}", f"{interval.middle:.4g}", ends, "")
+            table.add_row(
+                f"{name}{rate}: {label}", f"{interval.middle:.4g}", shown_interval(interval), ""
+            )
         for m in sorted(found.members, key=lambda m: -abs(m.distance)):
-            ends = f"{_short(m.value.low)} – {_short(m.value.high)}"
             far = f"{m.distance:+.1f}" + " ODD" * m.odd
-            table.add_row(f"  {m.vehicle}", f"{m.value.middle:.4g}", ends, far)
+            table.add_row(f"  {m.vehicle}", f"{m.value.middle:.4g}", shown_interval(m.value), far)
     return table
+
+
+def shown_interval(interval: Interval) -> str:
+    """Return the ends of an interval as text.
+
+    Parameters
+    ----------
+    interval : Interval
+        Of a population or member.
+    """
+    return f"{_short(interval.low)} – {_short(interval.high)}"
+
+
+def remarks_on_fleet(fleet: Fleet) -> list[str]:
+    """Return what a reader must know besides the table, a line each, outliers first.
+
+    Parameters
+    ----------
+    fleet : Fleet
+        What `identify_fleet` found.
+    """
+    lines = []
+    for name in fleet.odd:
+        where = ", ".join(
+            f"{'the change of ' * rate}{parameter} ({m.distance:+.1f} σ)"
+            for parameter, rate, m in fleet.outliers
+            if m.vehicle == name
+        )
+        lines.append(f"{name} is odd: far from what the others let expect in {where}")
+    parameters = next(iter(fleet.vehicles.values())).parameters
+    known = {*fleet.populations, *fleet.shared, *fleet.own}
+    lines += [f"{name}: too few vehicles show it" for name in parameters if name not in known]
+    for name, found in fleet.vehicles.items():
+        if not found.white:
+            lines.append(
+                f"{name}: residuals of {found.not_white} of {len(found.drives)} drives are NOT "
+                "white: the model lacks something"
+            )
+    return lines + [f"left out: {reason}" for reason in fleet.left_out]
 
 
 def allowed_rise(level: float) -> float:
