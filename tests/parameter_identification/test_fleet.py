@@ -1,6 +1,8 @@
 """A fleet of simulated vehicles, from their bags."""
 
+import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -11,39 +13,111 @@ from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
+from parameter_identification.fleet import DAY, course, identify_fleet
 from tricycle_cli.main import main
+from tricycle_core.errors import IdentificationError
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
+BEGINNING = 1.7e9  # s since 1970
+
+
+def write(bag, seed, stiffness, *, days=0.0, circle=(2.5, 0.8)):
+    truth = np.append(stiffness, TRUTH[1:])
+    drive = driven(
+        planned(Circle(duration=6.0), *circle),
+        noise=0.001, seed=seed, truth=truth, others=SENSORS, standstill=1.0,
+    )  # fmt: skip
+    bag.parent.mkdir(parents=True, exist_ok=True)
+    recording = dataclasses.replace(recording_of(drive), start=BEGINNING + DAY * days)
+    write_bag(recording, VEHICLE, SteeringMap(), bag)
+    return bag
 
 
 @pytest.mark.slow
 def test_a_fleet_has_a_population_and_an_odd_vehicle(tmp_path, capsys):
     true = TRUTH[0] * np.array([0.98, 1.0, 1.01, 0.99, 1.02, 1.35])
-    commands = planned(Circle(duration=6.0), 2.5, 0.8)
-    for number, stiffness in enumerate(true):
-        truth = np.append(stiffness, TRUTH[1:])
-        drive = driven(
-            commands, noise=0.001, seed=number, truth=truth, others=SENSORS, standstill=1.0
-        )
-        bag = tmp_path / f"trike_{number}" / "drive"
-        bag.parent.mkdir()
-        write_bag(recording_of(drive), VEHICLE, SteeringMap(), bag)
-    bags = sorted(str(bag) for bag in tmp_path.glob("trike_*/drive"))
-    options = ["--keep", str(tmp_path / "work"), "--workers", "1"]
+    bags = [
+        write(tmp_path / "bags" / f"trike_{number}" / "drive", number, stiffness)
+        for number, stiffness in enumerate(true)
+    ]
+    command, pattern = ["fleet", "identify"], str(tmp_path / "bags" / "**")
+    options = ["--workers", "1", "--own", "camber-stiffness", "--shared", "rolling_coefficient_2"]
     out = tmp_path / "out"
-    assert main(["fleet", *bags, *options, "--output", str(out), "--json"]) == 0
+    assert main([*command, pattern, *options, "--output", str(out), "--json"]) == 0
     printed = capsys.readouterr()
     found = json.loads(printed.out)
     assert found == json.loads((out / "fleet.json").read_text())
     assert found["odd"] == ["trike_5"]
-    assert "trike_5 is odd" in printed.err
+    assert re.search(r"trike_5 is odd: .* in cornering_stiffness \(\+", printed.err)
     stiffness = found["populations"]["cornering_stiffness"]
     assert stiffness["mean"]["low"] < true[:5].mean() < stiffness["mean"]["high"]
     for member, value in zip(stiffness["members"], true, strict=True):
         assert abs(member["own"] - value) < 4.0 * member["deviation"]
+    assert "camber_stiffness" not in found["populations"]
+    shared = found["shared"]["rolling_coefficient_2"]
+    for vehicle in found["vehicles"].values():
+        assert vehicle["parameters"]["rolling_coefficient_2"] == shared
     assert (out / "fleet.png").stat().st_size > 10_000
+    assert len(list((out / "drives").glob("*.npz"))) == 6
 
-    assert main(["fleet", *bags[:3], *options]) == 2
+    page = (out / "report.html").read_text()
+    assert page.index("Odd vehicles") < page.index("trike_5") < page.index("Population</h2>")
+    assert page.index(">trike_5</td>", page.index("Vehicles</h2>")) < page.index(">trike_0</td>")
+    assert page.count("<svg class=") == 6 * len(VEHICLE.unknown)
+    assert len(page) < 2e6
+    assert "<script" not in page
+
+    keep = ["--keep", str(out / "drives"), "--workers", "1"]
+    assert main([*command, *map(str, bags[:3]), *keep]) == 2
     assert "3 vehicles (trike_0, trike_1, trike_2) are no fleet" in capsys.readouterr().err
-    assert main(["fleet", *bags, *options, "--vehicles", "vehicle_id"]) == 2
+    assert main([*command, pattern, *keep, "--vehicles", "vehicle_id"]) == 2
     assert "its metadata has no 'vehicle_id'; there is: imported_from" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_parameter_changes_in_each_vehicle_at_its_own_rate(tmp_path):
+    rates = TRUTH[0] / 180.0 * np.array([-0.04, -0.05, -0.05, -0.06, -0.05, -0.04, -0.06, -0.5])
+    days = np.array([-90.0, 60.0])
+    bags = {
+        f"trike_{v}": [
+            write(
+                tmp_path / f"trike_{v}_{i}", 10 * v + i, TRUTH[0] * (1.0 + 0.01 * v) + rate * day,
+                days=day, circle=(2.5 + 0.5 * i, 0.8),
+            )
+            for i, day in enumerate(days)
+        ]
+        for v, rate in enumerate(rates)
+    }  # fmt: skip
+    fleet = identify_fleet(
+        bags, VEHICLE, folder=tmp_path / "work", changing=["cornering_stiffness"]
+    )
+    assert fleet.when == pytest.approx(BEGINNING + DAY * days.mean(), abs=60.0)
+    change = fleet.changes["cornering_stiffness"]
+    assert change.mean.low < rates[:7].mean() < change.mean.high < 0.0
+    for member, rate in zip(change.members, rates, strict=True):
+        assert member.value.low < rate < member.value.high, member
+    assert [m.vehicle for m in change.members if m.odd] == ["trike_7"]
+    assert ("cornering_stiffness", True) in {entry[:2] for entry in fleet.outliers}
+    levels = fleet.populations["cornering_stiffness"].members
+    for v, (member, rate) in enumerate(zip(levels, rates, strict=True)):
+        level = TRUTH[0] * (1.0 + 0.01 * v) + rate * days.mean()
+        assert abs(member.own - level) < 4.0 * member.deviation
+    seen = course(fleet.vehicles["trike_7"], "cornering_stiffness")
+    true = TRUTH[0] * 1.07 + rates[7] * days
+    assert np.all(np.abs(seen.values - true) < 4.0 * seen.deviations)
+    assert np.all(seen.deviations < 0.1 * true)
+    other = course(fleet.vehicles["trike_7"], "yaw_inertia")
+    assert np.all(np.abs(other.values - TRUTH[3]) < 4.0 * other.deviations)
+
+
+@pytest.mark.parametrize(
+    ("named", "message"),
+    [
+        ({"shared": ["mass"]}, "'mass' is not an unknown parameter"),
+        ({"shared": ["yaw_inertia"], "own": ["yaw_inertia"]}, "shared by all vehicles and their"),
+        ({"own": ["yaw_inertia"], "changing": ["yaw_inertia"]}, "cannot be shared or own too"),
+    ],
+)
+def test_parameters_that_cannot_be_so_are_refused(tmp_path, named, message):
+    with pytest.raises(IdentificationError, match=message):
+        identify_fleet({}, VEHICLE, folder=tmp_path, **named)

@@ -55,6 +55,37 @@ def test_it_is_the_identification_of_all_drives_at_once(bags, tmp_path):
     assert found.white == at_once.white
 
 
+OF_ALL = ("steering-zero", "wheel-radius")
+OF_EACH = ("slope-or-wind-across", "turn-deviation")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effects", "weighed"), [(OF_ALL + OF_EACH, False), (OF_ALL, True)], ids=["acting", "weighed"]
+)
+def test_with_effects_it_is_that_of_all_drives_at_once(bags, tmp_path, effects, weighed):
+    found = identify_many(bags, VEHICLE, folder=tmp_path, effects=effects, weighed=weighed)
+    drives = [read_measured_drive(bag, VEHICLE) for bag in bags]
+    at_once = identify(drives, VEHICLE, effects=effects, weighed=weighed)
+    close = 0.1
+    for name, expected in at_once.parameters.items():
+        estimate, std = found.parameters[name], expected.standard_deviation
+        assert estimate.estimate == pytest.approx(expected.estimate, abs=close * std), name
+        assert estimate.standard_deviation == pytest.approx(std, rel=close), name
+        assert estimate.identifiable == expected.identifiable
+    shared = {e.name: e for e in at_once.effects if not e.drive and e.chance is None}
+    assert {e.name for e in found.effects} - {"turn deviation"} == set(shared)
+    for e in found.effects:
+        if e.name in shared:
+            expected = shared[e.name]
+            assert e.standard_deviation == pytest.approx(expected.standard_deviation, rel=close)
+            assert e.estimate == pytest.approx(
+                expected.estimate, abs=close * expected.standard_deviation
+            )
+            if weighed:
+                assert e.acts == pytest.approx(expected.acts, abs=0.05)
+
+
 def assert_same(found, expected):
     for name, e in expected.parameters.items():
         assert found.parameters[name].estimate == pytest.approx(e.estimate, rel=1e-9)

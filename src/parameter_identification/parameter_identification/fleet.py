@@ -21,7 +21,6 @@ from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.prior import UNIFORM_VARIANCE
 from parameter_identification.estimation.results import Estimate
-from parameter_identification.estimation.shares import DriveShare
 from parameter_identification.many_drives import (
     ManyDrives,
     begin,
@@ -256,6 +255,7 @@ class Course:
 def course(found: ManyDrives, parameter: str) -> Course:
     """Return what each drive of a vehicle says of a parameter, the others being those of all.
 
+    Others that change do so at the rate that was found.
     Of more than `MOST_POINTS` drives those that follow each other are taken together.
 
     Parameters
@@ -270,11 +270,11 @@ def course(found: ManyDrives, parameter: str) -> Course:
     shares = sorted(found.drives, key=lambda share: share.began)
     count = min(len(shares), MOST_POINTS)
     groups = [g.tolist() for g in np.array_split(np.arange(len(shares)), count)]
-    middle = np.mean([share.at for share in shares], axis=0)
-    c = len(middle)
+    c = len(shares[0].at)
+    at = np.array([np.mean([shares[d].at for d in g], axis=0) for g in groups])
     information = np.array([sum(shares[d].information for d in g) for g in groups])
-    gradient = np.array([sum(_slope(shares[d], middle) for d in g) for g in groups])
-    # every group has its own value; the others are those of all groups
+    gradient = np.array([sum(shares[d].gradient for d in g) for g in groups])
+    # every group has its own value; the others are off by the same in all groups
     rest = np.flatnonzero(np.arange(c) != i)
     alone = np.maximum(information[:, i, i], 1e-300)
     across = information[:, i, rest]
@@ -284,16 +284,11 @@ def course(found: ManyDrives, parameter: str) -> Course:
     prior = np.append(np.full(k, 1.0 / UNIFORM_VARIANCE), np.ones(c - k))[rest]
     mean = np.append(np.full(k, 0.5), np.zeros(c - k))[rest]
     of_rest = np.linalg.inv(reduced.sum(axis=0) + np.diag(prior))
-    step = -of_rest @ (slopes.sum(axis=0) + prior * (middle[rest] - mean))
-    values = middle[i] - (gradient[:, i] + across @ step) / alone
+    step = -of_rest @ (slopes.sum(axis=0) + prior * (at.mean(axis=0)[rest] - mean))
+    values = at[:, i] - (gradient[:, i] + across @ step) / alone
     variances = 1.0 / alone + np.einsum("gi,ij,gj->g", across, of_rest, across) / alone**2
     return Course(
         np.array([np.mean([shares[d].began for d in g]) for g in groups]),
         low + (high - low) * values,
         (high - low) * np.sqrt(variances),
     )
-
-
-def _slope(share: DriveShare, point: FloatArray) -> FloatArray:
-    slope: FloatArray = share.gradient + share.information @ (point - share.at)
-    return slope

@@ -294,6 +294,7 @@ def document_of_many(found: ManyDrives) -> IdentificationDocument:
         parameters={name: _entry(e, found.truth.get(name)) for name, e in found.parameters.items()},
         covariance=found.covariance,
         white=found.white,
+        effects=found.effects,
     )
 
 

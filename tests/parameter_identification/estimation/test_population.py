@@ -85,6 +85,35 @@ def test_units_do_not_matter(shift, factor):
     )
 
 
+def test_an_error_that_all_have_in_common_widens_the_mean_and_moves_no_vehicle_from_the_others():
+    _, estimates, deviations = drawn(np.random.default_rng(4), 12)
+    plain = population(names(12), estimates, deviations)
+    found = population(names(12), estimates, deviations, together=np.full((12, 1), 50.0))
+    half = [0.5 * (p.mean.high - p.mean.low) for p in (plain, found)]
+    assert half[1] == pytest.approx(np.hypot(half[0], 1.96 * 50.0), rel=0.02)
+    assert found.spread.middle == pytest.approx(plain.spread.middle, rel=1e-6)
+    assert [m.distance for m in found.members] == pytest.approx(
+        [m.distance for m in plain.members], abs=1e-6
+    )
+
+
+def test_errors_in_common_do_not_count_as_spread():
+    rng = np.random.default_rng(5)
+    together = rng.uniform(-60.0, 60.0, (40, 1))
+    deviations = np.full(40, 5.0)
+    estimates = 600.0 + 1.5 * together[:, 0] + 10.0 * rng.standard_normal(40)
+    found = population(names(40), estimates, deviations, together=together)
+    assert found.spread.high < 15.0
+    assert found.mean.low < 600.0 < found.mean.high
+
+
+def test_two_odd_vehicles_do_not_hide_each_other():
+    _, estimates, deviations = drawn(np.random.default_rng(6), 10, spread=10.0)
+    estimates[[2, 7]] += 600.0
+    members = population(names(10), estimates, deviations).members
+    assert [m.vehicle for m in members if m.odd] == ["trike 2", "trike 7"]
+
+
 def test_three_vehicles_are_no_population():
     with pytest.raises(IdentificationError, match="3 vehicles are no population: 4"):
         population(names(3), np.ones(3), np.ones(3))

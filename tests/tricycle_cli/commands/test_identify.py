@@ -31,7 +31,6 @@ def test_an_effect_that_is_none_is_refused_before_any_work(tricycle, tmp_path, c
     ("more", "message"),
     [
         (["--robust"], "--drive-by-drive: not together with --robust"),
-        (["--effects", "all"], "--effects"),
         (["--fmu", "f.yaml", "--columns", "c.yaml"], "--columns, --fmu"),
         (["--workers", "0"], "--workers 0: 1 or more"),
     ],
@@ -54,12 +53,15 @@ def test_drive_by_drive_writes_what_it_found(tricycle, tmp_path, capsys):
     with pytest.raises(IdentificationError, match="nowhere: no such bag"):
         tricycle("identify", *bags, *options)
     assert not (tmp_path / "out").exists()
-    assert tricycle("identify", *bags, *options, "--leave-out", "--json") == 0
+    more = "--leave-out", "--json", "--effects", "steering-zero"
+    assert tricycle("identify", *bags, *options, *more) == 0
     printed = capsys.readouterr()
     assert "left out" in printed.err
+    assert "beside them: steering zero" in printed.err
     document = load_identification_file(tmp_path / "out" / "identification.json")
     stiffness = document.parameters["cornering_stiffness"]
     assert json.loads(printed.out)["parameters"]["cornering_stiffness"]["low"] == stiffness.low
     assert abs(stiffness.estimate - TRUTH[0]) < 4.0 * stiffness.standard_deviation
+    assert [effect.name for effect in document.effects] == ["steering zero"]
     found = load_vehicle(tmp_path / "out" / "vehicle.yaml")
     assert found.nominal["cornering_stiffness"] == pytest.approx(stiffness.estimate)

@@ -25,6 +25,7 @@ FEWEST = 4
 FALSE_ALARMS = 0.01
 """Probability that a population without odd vehicles has one that is called odd."""
 
+_MOST_ODD = 10  # vehicles of a fleet
 _SPREADS = 400  # values of τ that are averaged
 _FARTHEST = 6.0  # largest of them, in standard deviations of the estimates
 
@@ -36,6 +37,16 @@ class Interval:
     middle: float
     low: float
     high: float
+
+    def scaled(self, factor: float) -> "Interval":
+        """Return the interval in another unit.
+
+        Parameters
+        ----------
+        factor : float
+            By which its numbers are larger there; positive.
+        """
+        return Interval(factor * self.middle, factor * self.low, factor * self.high)
 
 
 @dataclass(frozen=True)
@@ -201,7 +212,8 @@ class _Given:
         means = np.einsum("tij,tj->ti", covariances, sums.pulls)
         evidence = self._density + 0.5 * (sums.logarithms - np.linalg.slogdet(information)[1])
         evidence -= 0.5 * (sums.squares - np.sum(means * sums.pulls, axis=1))
-        return _Mixture(np.exp(evidence - logsumexp(evidence)), means, covariances)
+        weights: FloatArray = np.exp(evidence - logsumexp(evidence))
+        return _Mixture(weights, means, np.asarray(covariances, dtype=np.float64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,24 +233,33 @@ class _Sums:
 def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
     """How far each vehicle (v,) is from what the others let expect, and whether it is odd.
 
-    Odd ones are no longer among the others, so that they do not hide each other.
+    Several odd ones hide each other. The farthest is therefore taken away, then the farthest from
+    those that are left, and so on; all up to the last one that is too far away are odd (B. Rosner,
+    Technometrics 25 (1983) 165-172).
     """
     count = len(given.estimates)
-    odd = np.zeros(count, dtype=bool)
-    while True:
-        distances, tails, every = np.empty(count), np.empty(count), given.sums(~odd)
-        for i, x in enumerate(given.columns):
-            others = every if odd[i] else every.less(given.sums(np.arange(count) == i))
-            found = given.mixture(others)
-            variance = given.spreads**2 + given.deviations[i] ** 2 + found.variances(x)
-            off = (given.estimates[i] - found.means @ x) / np.sqrt(variance)
-            below, above = (float(found.weights @ ndtr(side * off)) for side in (1.0, -1.0))
-            tails[i] = max(min(below, above), 1e-300)
-            distances[i] = math.copysign(float(norm.isf(tails[i])), below - above)
-        now = odd | (2.0 * tails < FALSE_ALARMS / count)
-        if np.array_equal(now, odd) or count - now.sum() < FEWEST:
-            return distances, odd
-        odd = now
+    away, odd = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    for taken in range(min(_MOST_ODD, count // 4, count - FEWEST)):
+        distances = np.where(away, 0.0, _from_others(given, away))
+        farthest = int(np.argmax(np.abs(distances)))
+        away[farthest] = True
+        if 2.0 * norm.sf(abs(distances[farthest])) < FALSE_ALARMS / (count - taken):
+            odd = away.copy()
+    return _from_others(given, odd), odd
+
+
+def _from_others(given: _Given, away: NDArray[np.bool_]) -> FloatArray:
+    """How far each vehicle (v,) is from what the others let expect of which none is away."""
+    distances, every = np.empty(len(away)), given.sums(~away)
+    for i, x in enumerate(given.columns):
+        others = every if away[i] else every.less(given.sums(np.arange(len(away)) == i))
+        found = given.mixture(others)
+        variance = given.spreads**2 + given.deviations[i] ** 2 + found.variances(x)
+        off = (given.estimates[i] - found.means @ x) / np.sqrt(variance)
+        below, above = (float(found.weights @ ndtr(side * off)) for side in (1.0, -1.0))
+        tail = max(min(below, above), 1e-300)
+        distances[i] = math.copysign(float(norm.isf(tail)), below - above)
+    return distances
 
 
 def _quantile(weights: FloatArray, means: FloatArray, std: FloatArray, probability: float) -> float:

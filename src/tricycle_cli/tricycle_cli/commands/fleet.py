@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
     from parameter_identification.fleet import Fleet
 
+TABLE_WIDTH = 100  # characters; folded numbers cannot be read
+
 EXAMPLE = """\
 examples:
   tricycle fleet identify 'bags/**' --vehicles vehicle_id --output fleet
@@ -159,6 +161,7 @@ def run(args: argparse.Namespace) -> int:
             progress=stack.enter_context(progress_bar("reading drives")),
         )
     console = Console(stderr=args.json, highlight=False)
+    console.width = max(console.width, TABLE_WIDTH)
     console.print(population_table(fleet))
     for remark in remarks_on_fleet(fleet):
         console.print(remark, soft_wrap=True)

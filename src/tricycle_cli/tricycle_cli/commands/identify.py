@@ -75,7 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="drives to predict",
     )
-    add_effects_option(parser, exceptions="; none for tables and FMUs, where it takes minutes")
+    add_effects_option(
+        parser, exceptions="; none for tables, FMUs and drive by drive, where it takes minutes"
+    )
     add(
         "--fmu",
         type=Path,
@@ -103,8 +105,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="eliminate what each drive has of its own by itself, so that time and memory grow in "
-        "proportion; without effects, with linear intervals. The drives read are kept in DIR: the "
-        "same call goes on",
+        "proportion; with linear intervals, and effects where --effects names them. The drives "
+        "read are kept in DIR: the same call goes on",
     )
     add("--workers", type=int, metavar="N", help="processes (default: one per processor)")
     add("--leave-out", action="store_true", help="leave bags out that cannot be used")
@@ -194,12 +196,12 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         "--fmu": args.fmu,
         "--held-out": args.held_out,
         "--robust": args.robust,
-        "--effects": args.effects not in (None, "none"),
     }
     if wrong := [name for name, given in others.items() if given]:
         raise IdentificationError(f"--drive-by-drive: not together with {', '.join(wrong)}")
     if args.workers is not None and args.workers < 1:
         raise IdentificationError(f"--workers {args.workers}: 1 or more are needed")
+    effects = effects_asked(args, "none")
     vehicle = load_vehicle(args.vehicle)
     known = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
     with (
@@ -211,6 +213,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
             known,
             folder=args.drive_by_drive,
             executor=executor,
+            **effects,
             leave_out=args.leave_out,
             topics=topics_of(args),
             seed=args.seed,

@@ -13,7 +13,7 @@ from parameter_identification.estimation.population import Member, Population
 from parameter_identification.fleet import DAY, Course, Fleet, course
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.static_figures import MOST_VEHICLES, fleet_figure
-from tricycle_cli.reports.tables import remarks_on_fleet, shown_interval
+from tricycle_cli.reports.tables import MONTH, remarks_on_fleet, shown_interval
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.quantities import FloatArray
 
@@ -21,7 +21,6 @@ WIDTH, HEIGHT, EDGE = 128, 36, 3  # of a sparkline, in its own units
 AHEAD = (
     4.0  # spreads of the population, or deviations of a vehicle, that a sparkline shows at least
 )
-MONTH = 30.0  # days
 
 
 def fleet_page(fleet: Fleet) -> str:
@@ -94,8 +93,8 @@ def _populations(fleet: Fleet) -> TableBlock:
         shown = "" if unit == "1" else unit
         if name in fleet.shared:
             e = fleet.shared[name]
-            value = f"{e.estimate:.4g} ({e.low:.4g} – {e.high:.4g})" if e.identifiable else ""
-            rows.append((name, shown, "same in all", value or "not shown", "", "", ""))
+            value = f"{e.estimate:.4g} ({shown_interval(e)})" if e.identifiable else "not shown"
+            rows.append((name, shown, "same in all", value, "", "", ""))
         elif name in fleet.own:
             rows.append((name, shown, "each its own", "", "", "", ""))
         elif name in fleet.populations:
@@ -116,11 +115,11 @@ def _populations(fleet: Fleet) -> TableBlock:
 
 
 def _of_population(found: Population, factor: float) -> tuple[str, str]:
-    texts = []
-    for interval in (found.mean, found.spread):
-        middle, low, high = (factor * v for v in (interval.middle, interval.low, interval.high))
-        texts.append(f"{middle:.4g} ({low:.3g} – {high:.3g})")
-    return texts[0], texts[1]
+    mean, spread = (i.scaled(factor) for i in (found.mean, found.spread))
+    return (
+        f"{mean.middle:.4g} ({shown_interval(mean)})",
+        f"{spread.middle:.4g} ({shown_interval(spread)})",
+    )
 
 
 def _figure(fleet: Fleet) -> tuple[FigureBlock, ...]:
@@ -150,7 +149,8 @@ def _vehicles(fleet: Fleet) -> TableBlock:
     names = list(_units(fleet))
     span = _span(fleet)
     courses = {v: {p: course(found, p) for p in names} for v, found in fleet.vehicles.items()}
-    scales = {p: _scale(fleet, p, [courses[v][p] for v in courses]) for p in names}
+    usual = [v for v in courses if v not in fleet.odd] or list(courses)
+    scales = {p: _scale(fleet, p, [courses[v][p] for v in usual]) for p in names}
     members = {p: {m.vehicle: m for m in found.members} for p, found in fleet.populations.items()}
     changes = {p: {m.vehicle: m for m in found.members} for p, found in fleet.changes.items()}
     rows = []
@@ -181,10 +181,12 @@ def _value(
 ) -> Markup:
     e = fleet.vehicles[vehicle].parameters[parameter]
     lines = ["not shown"]
-    if member is not None:
+    if parameter in fleet.shared:
+        lines = ["as in all"]
+    elif member is not None:
         lines = [f"{member.value.middle:.4g}", shown_interval(member.value)]
     elif e.identifiable:
-        lines = [f"{e.estimate:.4g}", f"{e.low:.3g} – {e.high:.3g}"]
+        lines = [f"{e.estimate:.4g}", shown_interval(e)]
     if change is not None:
         lines.append(f"{MONTH * change.value.middle:+.2g} in {MONTH:.0f} d")
     return Markup("<br>").join(lines)
@@ -199,8 +201,6 @@ def _scale(fleet: Fleet, parameter: str, courses: list[Course]) -> tuple[float, 
     if found is not None:
         reach = AHEAD * found.spread.middle
         low, high = min(low, found.mean.middle - reach), max(high, found.mean.middle + reach)
-        odd = [m.own for m in found.members if m.odd]
-        low, high = min([low, *odd]), max([high, *odd])
     low, high = low - deviation, high + deviation
     least, most = next(iter(fleet.vehicles.values())).parameters[parameter].range
     wide = (

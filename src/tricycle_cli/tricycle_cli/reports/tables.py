@@ -15,7 +15,7 @@ from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
-    from parameter_identification.estimation.population import Interval
+    from parameter_identification.estimation.population import Interval, Population
     from parameter_identification.fleet import Fleet
     from parameter_identification.identification import Estimate, HeldOut, Identification
     from parameter_identification.many_drives import ManyDrives
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
 """Of the table of identified parameters."""
 
+MOST_MEMBERS = 12  # of a population that are printed
+MONTH = 30.0  # days, for which changes are shown
 CONTRADICTING = 1.5
 """Scatter of drives, over what their noise explains, from which it is told."""
 
@@ -190,7 +192,7 @@ def _truth(e: Estimate, value: float) -> str:
 
 def _short(value: float) -> str:
     """Three digits, but no exponent for thousands."""
-    return f"{value:.3g}" if abs(value) < 1000 else f"{value:.4g}"
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.4g}"
 
 
 def parameter_table(
@@ -316,6 +318,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
             f"the drives contradict each other: they scatter up to {found.scatter:.1f} times as "
             "much as their noise. The intervals count the scatter, not what errs alike in all"
         )
+    lines += [f"beside them: {effect}" for effect in found.effects]
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
 
@@ -337,28 +340,34 @@ def population_table(fleet: Fleet) -> Table:
     for name, e in fleet.shared.items():
         ends = f"{_short(e.low)} – {_short(e.high)}" if e.identifiable else "not shown"
         table.add_row(f"{name}: all vehicles", f"{e.estimate:.4g}", ends, "")
-    entries = [(name, "", found) for name, found in fleet.populations.items()]
-    entries += [(name, " per day", found) for name, found in fleet.changes.items()]
-    for name, rate, found in sorted(
-        entries, key=lambda entry: list(fleet.populations).index(entry[0])
-    ):
-        for label, interval in (("mean", found.mean), ("spread", found.spread)):
-            table.add_row(
-                f"{name}{rate}: {label}", f"{interval.middle:.4g}", shown_interval(interval), ""
-            )
-        for m in sorted(found.members, key=lambda m: -abs(m.distance)):
-            far = f"{m.distance:+.1f}" + " ODD" * m.odd
-            table.add_row(f"  {m.vehicle}", f"{m.value.middle:.4g}", shown_interval(m.value), far)
+    for name, found in fleet.populations.items():
+        _add_population(table, name, found, 1.0)
+        if name in fleet.changes:
+            _add_population(table, f"{name}, in {MONTH:.0f} days", fleet.changes[name], MONTH)
     return table
 
 
-def shown_interval(interval: Interval) -> str:
+def _add_population(table: Table, name: str, found: Population, factor: float) -> None:
+    def row(label: str, interval: Interval, far: str) -> None:
+        shown = interval.scaled(factor)
+        table.add_row(label, f"{shown.middle:.4g}", shown_interval(shown), far)
+
+    row(f"{name}: mean", found.mean, "")
+    row(f"{name}: spread", found.spread, "")
+    farthest = sorted(found.members, key=lambda m: -abs(m.distance))
+    for m in farthest[:MOST_MEMBERS]:
+        row(f"  {m.vehicle}", m.value, f"{m.distance:+.1f}" + " ODD" * m.odd)
+    if len(farthest) > MOST_MEMBERS:
+        table.add_row(f"  {len(farthest) - MOST_MEMBERS} that are closer", "", "", "")
+
+
+def shown_interval(interval: Interval | Estimate) -> str:
     """Return the ends of an interval as text.
 
     Parameters
     ----------
-    interval : Interval
-        Of a population or member.
+    interval : Interval or Estimate
+        Of a population, a member or a vehicle.
     """
     return f"{_short(interval.low)} – {_short(interval.high)}"
 

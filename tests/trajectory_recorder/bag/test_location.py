@@ -1,0 +1,44 @@
+"""Patterns stand for the bags that they match."""
+
+import pytest
+
+from trajectory_recorder.bag.location import find_bags
+from tricycle_core.errors import BagError
+
+
+@pytest.fixture
+def bags(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name in ("one/first", "one/second", "two/torn"):
+        (tmp_path / name).mkdir(parents=True)
+    for name in ("one/first", "one/second"):
+        (tmp_path / name / "metadata.yaml").touch()
+        (tmp_path / name / "part_0.mcap").touch()
+    (tmp_path / "two/torn/torn_0.mcap").touch()
+    (tmp_path / "two/alone.db3").touch()
+    (tmp_path / "two/notes.txt").touch()
+
+
+@pytest.mark.parametrize(
+    ("pattern", "found"),
+    [
+        ("**", ["one/first", "one/second", "two/alone.db3", "two/torn"]),
+        ("one/*", ["one/first", "one/second"]),
+        ("**/*.mcap", ["one/first", "one/second", "two/torn"]),
+        ("two/[a-m]*", ["two/alone.db3"]),
+        ("nowhere/bag", ["nowhere/bag"]),  # a path is what it is
+    ],
+)
+def test_a_pattern_stands_for_bags(bags, pattern, found):
+    assert [bag.as_posix() for bag in find_bags(pattern)] == found
+
+
+def test_a_path_with_the_characters_of_a_pattern_is_a_path(bags, tmp_path):
+    (tmp_path / "one[1]").mkdir()
+    assert [bag.name for bag in find_bags("one[1]")] == ["one[1]"]
+
+
+@pytest.mark.parametrize("pattern", ["two/*.txt", "one/x*", "https://example.org/bags/*"])
+def test_a_pattern_without_bags_is_an_error(bags, pattern):
+    with pytest.raises(BagError, match=r"matches no bag|patterns are those of files"):
+        find_bags(pattern)
