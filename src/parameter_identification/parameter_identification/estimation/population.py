@@ -6,7 +6,6 @@ spread badly; everything is therefore averaged over τ with the weight that the 
 uniform prior of τ: A. Gelman, Bayesian Analysis 1 (2006) 515-533), so that the intervals count it.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -133,7 +132,7 @@ def population(
     about = float(np.median(estimates))
     given = _Given(estimates - about, deviations, columns)
     distances, odd = _distances(given)
-    common = given.mixture(given.sums(~odd))
+    common = given.population(~odd)
     ends = 0.5, 0.5 - 0.5 * level, 0.5 + 0.5 * level
     share = np.cumsum(common.weights)
     members = []
@@ -166,14 +165,14 @@ def population(
 
 @dataclass(frozen=True, eq=False)
 class _Mixture:
-    """Mean and common errors (p,), normal given each of t spreads."""
+    """Mean and common errors (p,), normal given each of t spreads; perhaps of v sets."""
 
-    weights: FloatArray  # (t,), of the spreads
-    means: FloatArray  # (t, p)
-    covariances: FloatArray  # (t, p, p)
+    weights: FloatArray  # (t, [v]), of the spreads
+    means: FloatArray  # (t, [v], p)
+    covariances: FloatArray  # (t, [v], p, p)
 
     def variances(self, of: FloatArray) -> FloatArray:
-        """Variance (t,) of linear combinations (t, p) or (p,) of them."""
+        """Variance of linear combinations (..., p) of them."""
         found: FloatArray = np.einsum("...i,...ij,...j->...", of, self.covariances, of)
         return found
 
@@ -181,8 +180,8 @@ class _Mixture:
 class _Given:
     """Estimates (v,) about 0 with deviations (v,), and their columns (v, p): mean, common errors.
 
-    For every spread the population is a linear regression, whose sums over the vehicles are kept,
-    so that single ones can be left out.
+    For every spread the population is a linear regression, whose sums over the vehicles are those
+    of the precision, of its logarithm, and of what it weighs: columns, estimates, their squares.
     """
 
     def __init__(self, estimates: FloatArray, deviations: FloatArray, columns: FloatArray) -> None:
@@ -192,42 +191,30 @@ class _Given:
         roots = (np.arange(_SPREADS) + 0.5) / _SPREADS
         self.spreads = _FARTHEST * scale * roots**2
         self._density = np.log(roots)
-        self.precision = 1.0 / (self.spreads[:, None] ** 2 + deviations**2)  # (t, v)
+        precision = 1.0 / (self.spreads[:, None] ** 2 + deviations**2)  # (t, v)
+        whole = np.column_stack([columns, estimates])
+        self._each = np.einsum("tv,vi,vj->tvij", precision, whole, whole)
+        self._logarithms = np.log(precision)
         self._before = np.diag(np.append(0.0, np.ones(columns.shape[1] - 1)))
 
-    def sums(self, kept: NDArray[np.bool_]) -> "_Sums":
-        """What some of the vehicles tell."""
-        x, y, weighted = self.columns[kept], self.estimates[kept], self.precision[:, kept]
-        return _Sums(
-            np.einsum("tv,vi,vj->tij", weighted, x, x),
-            weighted @ (x * y[:, None]),
-            np.log(weighted).sum(axis=1),
-            weighted @ y**2,
-        )
+    def population(self, kept: NDArray[np.bool_]) -> _Mixture:
+        """Population of some of the vehicles."""
+        return self._mixture(self._each[:, kept].sum(axis=1), self._logarithms[:, kept].sum(axis=1))
 
-    def mixture(self, sums: "_Sums") -> _Mixture:
-        """Population of vehicles."""
-        information = sums.information + self._before
-        covariances = np.linalg.inv(information)
-        means = np.einsum("tij,tj->ti", covariances, sums.pulls)
-        evidence = self._density + 0.5 * (sums.logarithms - np.linalg.slogdet(information)[1])
-        evidence -= 0.5 * (sums.squares - np.sum(means * sums.pulls, axis=1))
-        weights: FloatArray = np.exp(evidence - logsumexp(evidence))
-        return _Mixture(weights, means, np.asarray(covariances, dtype=np.float64))
+    def without_each(self, kept: NDArray[np.bool_]) -> _Mixture:
+        """Population of some of the vehicles but for one of all, for each of them."""
+        own = self._each * kept[:, None, None], self._logarithms * kept
+        return self._mixture(*(part.sum(axis=1, keepdims=True) - part for part in own))
 
-
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Sums over vehicles for each of t spreads."""
-
-    information: FloatArray  # (t, p, p)
-    pulls: FloatArray  # (t, p)
-    logarithms: FloatArray  # (t,), of the precisions
-    squares: FloatArray  # (t,), of the estimates, weighted
-
-    def less(self, other: "_Sums") -> "_Sums":
-        """Sums over the vehicles that are not among the others."""
-        return _Sums(*(getattr(self, name) - part for name, part in vars(other).items()))
+    def _mixture(self, sums: FloatArray, logarithms: FloatArray) -> _Mixture:
+        information, pulls = sums[..., :-1, :-1] + self._before, sums[..., :-1, -1]
+        covariances = np.asarray(np.linalg.inv(information), dtype=np.float64)
+        means = np.einsum("...ij,...j->...i", covariances, pulls)
+        evidence = logarithms - np.linalg.slogdet(information)[1]
+        evidence -= sums[..., -1, -1] - np.sum(means * pulls, axis=-1)
+        evidence = 0.5 * evidence + self._density.reshape(-1, *[1] * (evidence.ndim - 1))
+        weights: FloatArray = np.exp(evidence - logsumexp(evidence, axis=0))
+        return _Mixture(weights, means, covariances)
 
 
 def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -250,16 +237,12 @@ def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
 
 def _from_others(given: _Given, away: NDArray[np.bool_]) -> FloatArray:
     """How far each vehicle (v,) is from what the others let expect of which none is away."""
-    distances, every = np.empty(len(away)), given.sums(~away)
-    for i, x in enumerate(given.columns):
-        others = every if away[i] else every.less(given.sums(np.arange(len(away)) == i))
-        found = given.mixture(others)
-        variance = given.spreads**2 + given.deviations[i] ** 2 + found.variances(x)
-        off = (given.estimates[i] - found.means @ x) / np.sqrt(variance)
-        below, above = (float(found.weights @ ndtr(side * off)) for side in (1.0, -1.0))
-        tail = max(min(below, above), 1e-300)
-        distances[i] = math.copysign(float(norm.isf(tail)), below - above)
-    return distances
+    found, x = given.without_each(~away), given.columns
+    variance = given.spreads[:, None] ** 2 + given.deviations**2 + found.variances(x)
+    off = (given.estimates - np.sum(found.means * x, axis=-1)) / np.sqrt(variance)
+    below, above = (np.sum(found.weights * ndtr(side * off), axis=0) for side in (1.0, -1.0))
+    tails = np.maximum(np.minimum(below, above), 1e-300)
+    return np.copysign(norm.isf(tails), below - above)
 
 
 def _quantile(weights: FloatArray, means: FloatArray, std: FloatArray, probability: float) -> float:

@@ -62,14 +62,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--shared",
         type=_names,
-        default=(),
+        default=[],
         metavar="NAME,NAME",
         help="parameters that are the same in all vehicles, estimated from all drives together",
     )
     add(
         "--own",
         type=_names,
-        default=(),
+        default=[],
         metavar="NAME,NAME",
         help="parameters of each vehicle that tell nothing of another one; the rest is drawn from "
         "a population",
@@ -77,7 +77,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--changing",
         type=_names,
-        default=(),
+        default=[],
         metavar="NAME,NAME",
         help="parameters of the population that change over the months, each vehicle's at its own "
         "rate (tyre wear)",
@@ -109,8 +109,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     identify.set_defaults(run=run)
 
 
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(text.replace("-", "_").split(","))
+def _names(text: str) -> list[str]:
+    return text.replace("-", "_").split(",")
 
 
 def run(args: argparse.Namespace) -> int:
