@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import binom
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
@@ -11,7 +12,7 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.many_drives import begin, descend
-from parameter_identification.together import Together
+from parameter_identification.together import Alone, Together
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
 K, SHARED = 6, [1, 3]  # camber stiffness and yaw inertia
@@ -99,3 +100,47 @@ def test_it_is_the_dense_problem_of_all_drives(searches):
     assert found.of_common[0, 0] < min(np.linalg.inv(h)[1, 1] for h in alone)
     for problem in dense.problems:
         problem.close()
+
+
+def drawn(rng, count, *, rate, rate_spread):
+    """Level and rate of vehicles, and what three drives of each at random times tell of them."""
+    true = rng.normal((0.5, rate), (0.04, rate_spread), (count, 2))
+    estimates, covariances = np.empty((count, 2)), np.empty((count, 2, 2))
+    for i in range(count):
+        rows = np.column_stack([np.ones(3), rng.uniform(-1.0, 1.0, 3)]) / rng.uniform(0.01, 0.04)
+        covariances[i] = np.linalg.inv(rows.T @ rows + np.diag([0.0, 0.004]))
+        estimates[i] = covariances[i] @ rows.T @ (rows @ true[i] + rng.standard_normal(3))
+    return true, Alone(estimates, covariances, np.zeros((count, 2, 0)), [True] * count)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rate", "rate_spread"), [(0.0, 0.0), (-0.1, 0.03)])
+def test_levels_and_rates_are_held_and_rarely_odd(rate, rate_spread):
+    rng, fleets, count = np.random.default_rng(1), 40, 20
+    names = [str(i) for i in range(count)]
+    held, odd = np.zeros(4), 0
+    for _ in range(fleets):
+        true, alone = drawn(rng, count, rate=rate, rate_spread=rate_spread)
+        rates = alone.population(names, 1, (0.0, 1.0), 0.95)
+        levels = alone.with_rates(rates, 1.0, 0.95).population(names, 0, (0.0, 1.0), 0.95)
+        for i, (found, mean) in enumerate(((levels, 0.5), (rates, rate))):
+            held[i] += found.mean.low <= mean <= found.mean.high
+            values = zip(found.members, true[:, i], strict=True)
+            held[2 + i] += np.mean([m.value.low <= t <= m.value.high for m, t in values])
+            odd += any(m.odd for m in found.members)
+    assert np.all(held > binom.ppf(0.001, fleets, 0.95)), held / fleets
+    assert odd <= binom.ppf(0.999, 2 * fleets, 0.01)
+
+
+def test_the_rates_of_the_others_tell_the_level_of_a_vehicle_that_drove_late():
+    rng = np.random.default_rng(2)
+    true, alone = drawn(rng, 12, rate=-0.2, rate_spread=0.001)
+    late = np.array([[1.0, 0.9]]) / 0.01  # one drive
+    alone.covariances[0] = np.linalg.inv(late.T @ late + np.diag([0.0, 0.004]))
+    alone.estimates[0] = alone.covariances[0] @ late.T @ (late @ true[0])
+    names = [str(i) for i in range(12)]
+    rates = alone.population(names, 1, (0.0, 1.0), 0.95)
+    found = alone.with_rates(rates, 1.0, 0.95)
+    before, after = alone.covariances[0, 0, 0], found.covariances[0, 0, 0]
+    assert after < 0.01 * before
+    assert found.estimates[0, 0] == pytest.approx(true[0, 0], abs=0.05)
