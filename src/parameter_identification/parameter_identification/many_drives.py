@@ -425,8 +425,20 @@ def read_bags(
 
     Parameters
     ----------
-    bags, vehicle, folder, executor, leave_out, topics, progress
-        As of `identify_many`.
+    bags : sequence of Path
+        One drive each.
+    vehicle : Vehicle
+        That drove.
+    folder : Path
+        Where the drives are kept.
+    executor : concurrent.futures.Executor, optional
+        Default: this process.
+    leave_out : bool
+        Whether bags that cannot be used are left out, instead of being an error.
+    topics : TopicNames, optional
+        Where names differ from the suite's.
+    progress : callable, optional
+        Called with the number of bags read and in all.
 
     Raises
     ------
