@@ -242,7 +242,8 @@ def _from_others(given: _Given, away: NDArray[np.bool_]) -> FloatArray:
     off = (given.estimates - np.sum(found.means * x, axis=-1)) / np.sqrt(variance)
     below, above = (np.sum(found.weights * ndtr(side * off), axis=0) for side in (1.0, -1.0))
     tails = np.maximum(np.minimum(below, above), 1e-300)
-    return np.copysign(norm.isf(tails), below - above)
+    distances: FloatArray = np.copysign(norm.isf(tails), below - above)
+    return distances
 
 
 def _quantile(weights: FloatArray, means: FloatArray, std: FloatArray, probability: float) -> float:
