@@ -133,7 +133,7 @@ def identify_fleet(
     seed : int
         Of the starts.
     progress : callable, optional
-        Called with the number of bags read and in all.
+        Called with the number of bags read and vehicles fitted alone, and that of both in all.
 
     Raises
     ------
@@ -146,14 +146,21 @@ def identify_fleet(
         raise IdentificationError(
             f"{len(bags)} vehicles ({', '.join(bags)}) are no fleet: {FEWEST} are needed"
         )
+    every = [bag for drives in bags.values() for bag in drives]
+    steps = len(every) + len(bags)
+
+    def tell(done: int) -> None:
+        if progress is not None:
+            progress(done, steps)
+
     known, left_out = read_bags(
-        [bag for drives in bags.values() for bag in drives],
+        every,
         vehicle,
         folder=folder,
         executor=executor,
         leave_out=leave_out,
         topics=topics,
-        progress=progress,
+        progress=lambda done, _: tell(done),
     )
     files = {
         name: here
@@ -179,6 +186,7 @@ def identify_fleet(
         executor,
         changing=changing,
         since=lambda time: (time - when) / unit,
+        progress=lambda done, count: tell(steps - count + done),
     )
     descend(searches, executor)
     names = list(vehicle.unknown)

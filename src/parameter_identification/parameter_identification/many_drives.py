@@ -475,6 +475,7 @@ def begin(
     *,
     changing: Sequence[str] = (),
     since: Callable[[float], float] = lambda _: 0.0,
+    progress: Progress | None = None,
 ) -> list[Search]:
     """Return where vehicles are searched from: the best fit of a few of their drives.
 
@@ -496,6 +497,8 @@ def begin(
         Parameters that change linearly in time.
     since : callable
         Time in units of the rates, of that in seconds since 1970.
+    progress : callable, optional
+        Called with the number of vehicles done and in all.
     """
     mean, information = prior_in_ranges(vehicle, prior)
     jobs = [(own, vehicle, tuple(effects), (mean, information), seed) for own in files]
@@ -517,6 +520,8 @@ def begin(
         )
         times = np.array([since(began(file)) for file in own]) if rates else np.zeros(len(own))
         found.append(Search(own, setting, variables, times, np.append(at, np.zeros(len(rates)))))
+        if progress is not None:
+            progress(len(found), len(files))
     return found
 
 

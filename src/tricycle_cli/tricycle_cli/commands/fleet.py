@@ -158,7 +158,7 @@ def run(args: argparse.Namespace) -> int:
             leave_out=args.leave_out,
             topics=topics_of(args),
             seed=args.seed,
-            progress=stack.enter_context(progress_bar("reading drives")),
+            progress=stack.enter_context(progress_bar("reading drives, fitting vehicles")),
         )
     console = Console(stderr=args.json, highlight=False)
     console.width = max(console.width, TABLE_WIDTH)

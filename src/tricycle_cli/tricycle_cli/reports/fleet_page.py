@@ -80,7 +80,7 @@ def _outliers(fleet: Fleet) -> TableBlock | str:
         "vehicle",
         "parameter",
         "from its drives",
-        "mean of the others",
+        "the others",
         "unit",
         "distance / σ",
     )

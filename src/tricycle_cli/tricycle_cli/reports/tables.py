@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
 """Of the table of identified parameters."""
 
-MOST_MEMBERS = 12  # of a population that are printed
+MOST_MEMBERS = 12  # vehicles of a fleet that are printed
 MONTH = 30.0  # days, for which changes are shown
 CONTRADICTING = 1.5
 """Scatter of drives, over what their noise explains, from which it is told."""
@@ -391,12 +391,17 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     parameters = next(iter(fleet.vehicles.values())).parameters
     known = {*fleet.populations, *fleet.shared, *fleet.own}
     lines += [f"{name}: too few vehicles show it" for name in parameters if name not in known]
-    for name, found in fleet.vehicles.items():
-        if not found.white:
-            lines.append(
-                f"{name}: residuals of {found.not_white} of {len(found.drives)} drives are NOT "
-                "white: the model lacks something"
-            )
+    coloured = [
+        f"{name} ({found.not_white} of {len(found.drives)} drives)"
+        for name, found in fleet.vehicles.items()
+        if not found.white
+    ]
+    if coloured:
+        more = ", …" if len(coloured) > MOST_MEMBERS else ""
+        lines.append(
+            f"residuals of {len(coloured)} vehicles are NOT white: the model lacks something, or a "
+            f"parameter changes from drive to drive: {', '.join(coloured[:MOST_MEMBERS])}{more}"
+        )
     return lines + [f"left out: {reason}" for reason in fleet.left_out]
 
 
