@@ -114,6 +114,7 @@ def test_a_parameter_changes_in_each_vehicle_at_its_own_rate(tmp_path):
     ("named", "message"),
     [
         ({"shared": ["mass"]}, "'mass' is not an unknown parameter"),
+        ({"changing": ["yaw_inertia", "yaw_inertia"]}, "yaw_inertia is named twice"),
         ({"shared": ["yaw_inertia"], "own": ["yaw_inertia"]}, "shared by all vehicles and their"),
         ({"own": ["yaw_inertia"], "changing": ["yaw_inertia"]}, "cannot be shared or own too"),
     ],

@@ -227,6 +227,9 @@ def _check_names(
                 f"{name!r} is not an unknown parameter of {vehicle.name}; there are: "
                 f"{', '.join(vehicle.unknown) or 'none'}"
             )
+    for names in (shared, own, changing):
+        if twice := [name for name in names if list(names).count(name) > 1]:
+            raise IdentificationError(f"{twice[0]} is named twice")
     for name in shared:
         if name in own:
             raise IdentificationError(f"{name} cannot be shared by all vehicles and their own")
