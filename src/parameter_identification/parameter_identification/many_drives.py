@@ -667,6 +667,7 @@ def _weigh(search: Search) -> _Average:
         here.information,
         here.information @ here.at - here.gradient,
         [[i] for i in effects],
+        [effect.chance for effect in search.setting.shared],
         {i: variables.low[i] for i in effects if variables.low[i] > -CERTAIN},
     )
     search.at = np.clip(mixture.means[0], variables.low, variables.high)
