@@ -21,7 +21,12 @@ KEYS = {
     if not line.startswith("#")
 }
 OWN = {path.name for path in (ROOT / "src").iterdir()}
-KEY_OF = {"serial": "python3-serial", "yaml": "python3-yaml", "rosbags": "python3-rosbags-pip"}
+KEY_OF = {
+    "PIL": "python3-pil",
+    "serial": "python3-serial",
+    "yaml": "python3-yaml",
+    "rosbags": "python3-rosbags-pip",
+}
 WITHOUT_KEY = {  # Python modules that rosdep does not know: `pip install` brings them
     *("cobs", "cobyqa", "lazy_loader", "llvmlite", "lz4", "markupsafe", "mcap", "msgspec"),
     *("cloudpickle", "loky", "plotly", "threadpoolctl", "zstandard"),
