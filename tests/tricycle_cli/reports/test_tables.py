@@ -7,7 +7,7 @@ import pytest
 from found_identification import FOUND
 from rich.console import Console
 
-from parameter_identification.estimation.results import EffectEstimate
+from parameter_identification.estimation.results import EffectEstimate, HeldOut
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.reports.tables import (
     allowed_rise,
@@ -123,3 +123,11 @@ def test_where_the_tyres_curve_is_among_the_effects_nothing_is_told_of_friction(
     rounding = EffectEstimate("tyre rounding", "1", 0.1, 0.05, 0.5)
     hard = dataclasses.replace(FOUND, friction_used=0.853, effects=(rounding,))
     assert not any(line.startswith("a tyre used") for line in remarks(hard))
+
+
+def test_a_drive_outside_its_band_is_told():
+    held = HeldOut("last", 0.5, 0.2, 0.03, expected=0.07, inside=0.2)
+    (line,) = (s for s in remarks(dataclasses.replace(FOUND, held_out=(held,))) if "last" in s)
+    assert line.endswith("it is OUTSIDE: this vehicle moves as the model CANNOT)")
+    within = dataclasses.replace(held, inside=0.93)
+    assert not any("OUTSIDE" in s for s in remarks(dataclasses.replace(FOUND, held_out=(within,))))
