@@ -23,8 +23,8 @@ from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
+from tricycle_sim.effects import Effect
 
-ACTS = 0.1  # probability of each deviation before the drives
 NEGLECTED = 1e-4  # probability of all the subsets that are left out
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
@@ -381,11 +381,11 @@ def _likely_sizes(
 
     That is their probability before the drives, and the normaliser of the deviations' priors. Which
     sizes are probable is found with the effects that are free; there are no other deviations than
-    of size `NO_DEVIATION` with a probability of 1 - `ACTS`.
+    of size `NO_DEVIATION` with a probability of 1 - `Effect.chance`.
     """
     names, kept = list(problem.sizes()), np.flatnonzero(free)
     found, evidence = [], []
-    before = [math.log(1.0 - ACTS), *[math.log(ACTS / len(SIZES))] * len(SIZES)]
+    before = [math.log(1.0 - Effect.chance), *[math.log(Effect.chance / len(SIZES))] * len(SIZES)]
     for chosen in product(range(1 + len(SIZES)), repeat=len(names)):
         sizes = {n: (NO_DEVIATION, *SIZES)[i] for n, i in zip(names, chosen, strict=True)}
         prior = sum(before[i] for i in chosen) + problem.log_normaliser(sizes)

@@ -32,7 +32,7 @@ IMPROBABLE = 0.05
 """Probability of an effect below which the remarks only count it."""
 
 MUCH_FRICTION = 0.5
-IN_THE_BAND = 0.8  # share of a drive that is in its band of 95 %: its samples err together
+OFTEN_OUTSIDE = 0.15  # of a drive more than expected: its samples err together
 """Share of a tyre's friction above which its stiffness depends on the law that it is given."""
 
 
@@ -293,7 +293,7 @@ def _remark_on_held_out(held: HeldOut, level: float) -> str:
             f"; expected {1e3 * held.expected:.1f} mm, inside its {level:.0%} band for "
             f"{held.inside:.0%} of the samples"
         )
-        if held.inside < IN_THE_BAND:
+        if held.inside < level - OFTEN_OUTSIDE:
             band += "; it is OUTSIDE: this vehicle moves as the model CANNOT"
     return (
         f"{held.name}, not used: predicted to {1e3 * held.rms_estimated:.1f} mm (rms; before "
