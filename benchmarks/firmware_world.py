@@ -35,6 +35,7 @@ def drives_of(seed, firmware, folder):
     with simulated_session(
         vehicle_file=None,
         true_seed=seed,
+        noise_seed=seed,
         real_time_factor=2.0,
         folder=folder,
         firmware=firmware,

@@ -65,7 +65,7 @@ def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
 ):
     reports = []
     with simulated_session(
-        vehicle_file=None, true_seed=TRUE_SEED, real_time_factor=10.0, folder=tmp_path
+        vehicle_file=None, noise_seed=1, true_seed=TRUE_SEED, real_time_factor=10.0, folder=tmp_path
     ) as drive:
         drive(plan, tmp_path / "bag", lambda *report: reports.append(report))
     truth = draw_truth(request_.vehicle, np.random.default_rng(TRUE_SEED))

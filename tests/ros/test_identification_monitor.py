@@ -51,7 +51,7 @@ def test_the_verdict_agrees_with_the_identification_of_the_bag(ros_environment, 
         )
         wait_for(lambda: ros_node.count_publishers("identification/estimates"))
         with simulated_session(
-            vehicle_file=None, true_seed=3, real_time_factor=1.0, folder=tmp_path
+            vehicle_file=None, noise_seed=1, true_seed=3, real_time_factor=1.0, folder=tmp_path
         ) as drive:
             drive(plan, tmp_path / "bag", lambda *_: executor.spin_once(timeout_sec=0.0))
             wait_for(lambda: heard and "informative" in heard[-1].message)

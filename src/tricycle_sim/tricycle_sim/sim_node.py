@@ -64,6 +64,7 @@ START_PARAMETERS = {
     "start_y": (100_000.0, "m, where the vehicle starts, also after ~/reset"),
     "start_heading": (math.tau, "rad, of the vehicle at its start, also after ~/reset"),
 }
+NOISE = 1  # number of its sequence of random numbers
 HOST_SILENCE = 2.0  # s of wall time after which a host is not waited for any more
 UNKNOWN_VARIANCE = 1e6  # of what odom does not measure; 0 would mean exact
 
@@ -79,7 +80,15 @@ class TricycleSim(Node):
             self, "true_seed", -1, "of the hidden true parameters; -1: nominal", (-1, largest)
         )
         truth_pairs = declare(self, "true_values", [""], "name=value of parameters that are known")
-        noise_seed = declare(self, "noise_seed", 0, "of the measurement noise", (0, largest))
+        noise_seed = declare(
+            self,
+            "noise_seed",
+            -1,
+            "of the measurement noise; -1: another at every start",
+            (-1, largest),
+        )
+        if noise_seed < 0:
+            noise_seed = int(np.random.default_rng().integers(largest))
         plc = declare(self, "plc", "emulated", "emulated, or firmware: on simulated UNOs")
         plant_name = declare(
             self, "plant", OWN, "what the boards drive: our own model, mujoco, or an installed one"
@@ -115,7 +124,8 @@ class TricycleSim(Node):
             self._rig = EmulatedRig(vehicle, plant=plant)
         if any(self._start_pose()):
             self._rig.reset(self._start_pose())
-        self._rng = np.random.default_rng(noise_seed)
+        # another sequence than that of the hidden truth, which may have the same seed
+        self._rng = np.random.default_rng([noise_seed, NOISE])
         self._ports = {board: PtyPort(path) for board, path in ports.items()}
         self._clock_publisher = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
         self._odom = self.create_publisher(Odometry, "odom", **overridable(SENSOR_QOS))

@@ -160,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
     if campaign.steps:
         console.print(f"{args.output}: going on after {len(campaign.steps)} planned drives")
     if not campaign.finished:
-        with _session(args) as drive:
+        with _session(args, len(campaign.steps)) as drive:
             while not campaign.finished:
                 _step(campaign, drive, console, stop_early=args.stop_early)
     truth = None if request.true_seed is None else hidden_truth(vehicle, request.true_seed)
@@ -202,14 +202,18 @@ def _share(text: str) -> float:
 
 
 @contextlib.contextmanager
-def _session(args: argparse.Namespace) -> Iterator[DrivePlan]:
-    """Nodes to drive on: those of a simulation, started for this, or those of the vehicle."""
+def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
+    """Nodes to drive on: those of a simulation, started for this, or those of the vehicle.
+
+    The noise of a simulation depends on the number of drives before, which it must not repeat.
+    """
     from tricycle_cli.operation.session import running_session, simulated_session
 
     if not args.vehicle_nodes:
         with simulated_session(
             vehicle_file=args.vehicle,
             true_seed=args.true_seed,
+            noise_seed=driven,
             real_time_factor=args.real_time_factor,
             folder=args.output / "session",
             back=_way_back(args),

@@ -185,6 +185,7 @@ def _drive(plans: Mapping[str, Plan], bags: Mapping[str, Path], args: argparse.N
     with simulated_session(
         vehicle_file=args.vehicle,
         true_seed=args.seed,
+        noise_seed=args.seed,
         real_time_factor=args.real_time_factor,
         folder=args.output,
         firmware=args.firmware,

@@ -65,6 +65,7 @@ def simulated_session(
     plant: str = OWN,
     back: Path | None = None,
     monitor: bool = False,
+    noise_seed: int = -1,
 ) -> Iterator[DrivePlan]:
     """Start simulation, bridge, driver and recorder; end them all with the block.
 
@@ -88,6 +89,9 @@ def simulated_session(
         last one, instead of being put there: the folder for the bag of this last way.
     monitor : bool
         Whether `identification_monitor` runs too, so that drives can end when they taught enough.
+    noise_seed : int
+        Of the sensors' noise; negative: another one in every session, so that the drives of two
+        tell two different things.
 
     Yields
     ------
@@ -120,6 +124,7 @@ def simulated_session(
                 **ports,
                 "vehicle_file": file,
                 "true_seed": true_seed,
+                "noise_seed": noise_seed,
                 "plant": plant,
                 "real_time_factor": IDLE_PACE,
                 **({"plc": "firmware", "firmware": str(firmware.absolute())} if firmware else {}),
