@@ -30,7 +30,7 @@ from parameter_identification.drives.measured import MeasuredDrive
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.model import DriveModel, Simulator, restrict
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
-from parameter_identification.estimation.optimum import Optimum, find_optimum
+from parameter_identification.estimation.optimum import Optimum, find_optimum, rough_minima
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import ProfileCurve, profile
@@ -143,8 +143,7 @@ def identify(
                 *prior_in_ranges(known, prior),
                 loss,
             ) as without:
-                first = find_optimum(without, starts=starts, seed=seed, level=level)
-            near = [first.fit.at[: without.k], *first.rivals]
+                near = rough_minima(without, starts=starts, seed=seed)
         optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near)
         average: Mixture | None = None
         acts: dict[str, float] = {}

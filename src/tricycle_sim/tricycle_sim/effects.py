@@ -86,8 +86,11 @@ class Effect:
 # finite differences of effects by which the gear turns round at another step of the simulation
 _COARSE = {"servo_backlash": 0.1}
 
-# no tyre has the curve of a law exactly, and each road has its own friction
-_LIKELIER = dict.fromkeys(("tyre saturation", TYRE_ROUNDING, ROAD_FRICTION), 0.3)
+_CHANCES = {
+    # no tyre has the curve of a law exactly, and each road has its own friction
+    **dict.fromkeys(("tyre saturation", TYRE_ROUNDING, ROAD_FRICTION), 0.3),
+    "slip by speed": 0.02,  # of simulators only
+}
 
 # by law of a part: the law that adds constants to it, and moves alike with these at their defaults
 _EXTENDED = {
@@ -118,6 +121,8 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("tyre saturation", "1", 1.0, ({"tyre_saturation": 1.0},)),
     (TYRE_ROUNDING, "1", 0.5, ({"tyre_rounding": 1.0},)),
     (ROAD_FRICTION, "1", 0.15, ({"friction_coefficient": None},)),
+    ("slip by speed", "1", 0.5, ({"slip_by_speed": 1.0},)),
+    ("slip softness", "1", 0.5, ({"slip_softness": 1.0},)),
     ("slope or wind along", "rad", 0.01, ({"road_grade": 1.0},)),
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
@@ -205,7 +210,7 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
                 Effect(
                     *(name, unit, std, change, parts, low, high, per_drive),
                     step=step,
-                    chance=_LIKELIER.get(name, Effect.chance),
+                    chance=_CHANCES.get(name, Effect.chance),
                 )
             )
     for e in _OTHERS:

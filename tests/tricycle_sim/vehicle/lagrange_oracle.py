@@ -341,8 +341,12 @@ def _tyre(t, radius, lean, vx, vy, vz, spin, kappa, alpha):
     fade = 1.0 / (1.0 + (vx / t.carcass_damping_speed) ** 2)
     slip_speed = vx - radius * spin
     stiffness = 1.0 + t.load_sensitivity * (load / t.mean_load - 1.0)
-    x = t.slip_stiffness * kappa - t.longitudinal_carcass_damping * fade * slip_speed
-    y = stiffness * (t.cornering_stiffness * alpha + t.camber_stiffness * lean)
+    stiffer, softness = 1.0, 0.0
+    if t.law is softened:
+        stiffer, softness = 1.0 + t.slip_by_speed * (abs(vx) - 1.0), t.slip_softness
+    x = t.slip_stiffness * (1.0 - softness) * stiffer * kappa
+    x -= t.longitudinal_carcass_damping * fade * slip_speed
+    y = stiffness * (t.cornering_stiffness * stiffer * alpha + t.camber_stiffness * lean)
     y -= t.lateral_carcass_damping * fade * vy
     x, y, aligning = t.law(t, load, x, y)
     surface = radius * spin

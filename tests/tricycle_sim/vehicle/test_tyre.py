@@ -111,6 +111,18 @@ def test_a_softened_tyre_is_a_mixture_of_a_linear_and_a_brush_tyre(slip, load):
     np.testing.assert_allclose(found[0.5], middle, rtol=1e-12, atol=1e-12)
 
 
+def test_a_softened_tyre_that_slips_by_speed_is_a_viscous_contact():
+    soft = dataclasses.replace(VEHICLE, parts={"tyre": "softened"})
+    viscous = constants_of(SOFTENED, soft.replace(slip_by_speed=1.0, slip_softness=0.25))
+    own = VEHICLE.values
+    for speed in (0.5, 1.0, 4.0):
+        sideways, forward = 0.002, 0.001  # m/s, of the contact over the road
+        state = (1e5, forward / speed, sideways / speed, 0.0, speed, 0.0, 0.0)
+        x, y, *_ = softened(viscous, 0, *state)
+        assert y == pytest.approx(own["cornering_stiffness"] * sideways, rel=1e-6)
+        assert x == pytest.approx(0.75 * own["slip_stiffness"] * forward, rel=1e-6)
+
+
 def test_between_no_rounding_and_a_full_one_is_a_tyre_of_the_magic_formula():
     shapes = {
         "shape_longitudinal": 1.5,

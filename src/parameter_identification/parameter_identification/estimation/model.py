@@ -21,10 +21,12 @@ from typing import Protocol
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from parameter_identification.estimation.deviations import deviated
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
+from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
     SERVO_DEAD_TIME,
@@ -114,9 +116,9 @@ class _Motions:
         return (self.yaw_rate if sensor is Sensor.YAW_RATE else self.wheel_speed,)
 
     def sensed(self, sensor: Sensor, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What a sensor sees at times (m,): values (c, n, m), slopes (c, m) of the first motion."""
+        """What a sensor sees at times (m,): values (c, m, n), slopes (c, m) of the first motion."""
         held = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
-        seen = [_interpolate(rows, time, held=held) for rows in self.channels(sensor)]
+        seen = [_interpolate(rows, time, held) for rows in self.channels(sensor)]
         values, slopes = zip(*seen, strict=True)
         return np.array(values), np.array(slopes)
 
@@ -228,11 +230,7 @@ class DriveModel:
         self._nominal = simulated.nominal_point()
         self._place = {name: i for i, name in enumerate(simulated.unknown)}
         self._parameters = [self._place[name] for name in vehicle.unknown]
-        last = float(self._batch.time[-1])
-        knots = np.linspace(0.0, last, max(2, round(last / KNOTS)) + 1)
-        self._hats = np.array(
-            [np.interp(self._batch.time, knots, row) for row in np.eye(len(knots))]
-        )
+        self._knots = max(2, round(float(self._batch.time[-1]) / KNOTS)) + 1  # of a deviation
         self.nuisances = self._effects(effects)
         self.shared = sum(not e.per_drive for e in effects)
         self.nuisances += self._start_and_sensors()
@@ -262,7 +260,7 @@ class DriveModel:
         for e in sorted(effects, key=lambda e: e.per_drive):
             names = [e.name]
             if e.process:
-                names = [f"{e.name} {number}" for number in range(len(self._hats))]
+                names = [f"{e.name} {number}" for number in range(self._knots)]
             found += [Nuisance(name, e.unit, 0.0, e.std, e.low, e.high, e) for name in names]
         return tuple(found)
 
@@ -355,8 +353,9 @@ class DriveModel:
         found = {}
         for sensor, signal in self.drive.signals.items():
             delay = b[self._at[CLOCKS[sensor]]]
-            columns, slopes = motion.sensed(sensor, signal.time - delay)  # (c, lanes, m), (c, m)
-            found[sensor] = columns[:, 0], slopes, (columns[:, 1:] - columns[:, :1]) / differences
+            columns, slopes = motion.sensed(sensor, signal.time - delay)  # (c, m, lanes), (c, m)
+            derivatives = (columns[..., 1:] - columns[..., :1]) / differences
+            found[sensor] = columns[..., 0], slopes, derivatives
         if not near:
             kept = {sensor: derivatives for sensor, (_, _, derivatives) in found.items()}
             self._derivatives = (z.copy(), here[1]), kept
@@ -371,7 +370,7 @@ class DriveModel:
         """Motions (n, t) at a point and, with `steps`, one step of each variable from it.
 
         The variables are parameters, start speed and effects; returned with the lengths of the
-        steps (n - 1, 1). Nuisances are given in standard deviations, and in their units as `b`.
+        steps (n - 1,). Nuisances are given in standard deviations, and in their units as `b`.
         """
         k = len(z)
         if not steps:
@@ -379,7 +378,7 @@ class DriveModel:
             point[:, self._parameters] = self.parameters(z)
             self._apply_effects(point, b[np.newaxis])
             motion = self._motion(self._batch, point, b[np.newaxis])
-            return self._distorted(motion, b[np.newaxis]), np.empty((0, 1))
+            return self._distorted(motion, b[np.newaxis]), np.empty(0)
         lengths = np.where(z < 0.5, STEP, -STEP)
         # lanes: here, a step of each parameter, of the start speed, of each effect
         ranges = np.repeat(z[np.newaxis], k + 2 + len(self._by_simulation), axis=0)
@@ -398,7 +397,7 @@ class DriveModel:
             later = values[len(points) : len(points) + 1]
             motion = motion.with_another(self._motion(self._batch, points[:1], later))
         motion = self._distorted(motion, values)
-        return motion, np.concatenate([lengths, [SPEED_STEP / START_SPEED], effect_steps])[:, None]
+        return motion, np.concatenate([lengths, [SPEED_STEP / START_SPEED], effect_steps])
 
     def _apply_effects(self, points: FloatArray, values: FloatArray) -> None:
         """Change the constants of vehicles (n, K) by the effects' values among those of (n, q)."""
@@ -411,39 +410,25 @@ class DriveModel:
 
         There may be more values than motions: the others are of the first motion.
         """
-        more = len(values) - len(motion.x)
-        x, y, heading, yaw_rate, wheel_speed = (
-            np.concatenate([row, np.repeat(row[:1], more, axis=0)]) if more else row
-            for row in (motion.x, motion.y, motion.heading, motion.yaw_rate, motion.wheel_speed)
+        motions = np.array(
+            [motion.x, motion.y, motion.heading, motion.yaw_rate, motion.wheel_speed]
         )
         if f"{SPEED_DEVIATION} 0" in self._at or f"{TURN_DEVIATION} 0" in self._at:
-            faster = 1.0 + self._process(SPEED_DEVIATION, values)
-            turn = self._process(TURN_DEVIATION, values)
-            cosine, sine = np.cos(heading), np.sin(heading)
-            dx, dy, turned = (np.diff(row, axis=1) for row in (x, y, heading))
-            ahead = dx * cosine[:, :-1] + dy * sine[:, :-1]
-            share, extra = faster[:, :-1], turn[:, :-1]
-            more_turned = (share - 1.0) * turned + share * extra * ahead
-            angle = np.cumsum(more_turned, axis=1)
-            middle = angle - 0.5 * more_turned
-            cosine, sine = share * np.cos(middle), share * np.sin(middle)
-            speed = np.append(ahead, ahead[:, -1:], axis=1) / TICK
-            x = x[:, :1] + _summed(cosine * dx - sine * dy)
-            y = y[:, :1] + _summed(sine * dx + cosine * dy)
-            heading = heading + np.pad(angle, ((0, 0), (1, 0)))
-            yaw_rate = faster * (yaw_rate + turn * speed)
-            wheel_speed = faster * wheel_speed
+            faster, turning = (self._knots_of(n, values) for n in (SPEED_DEVIATION, TURN_DEVIATION))
+            motions = deviated(motions, faster, turning)
+        elif more := len(values) - len(motion.x):
+            motions = np.concatenate([motions, np.repeat(motions[:, :1], more, axis=1)], axis=1)
+        x, y, heading, yaw_rate, wheel_speed = motions
         named = {name: values[:, i] for name, i in self._at.items()}
         x, y, heading, wheel_speed = as_sensed(x, y, heading, wheel_speed, named)
         return _Motions(x, y, heading, yaw_rate, wheel_speed)
 
-    def _process(self, name: str, values: FloatArray) -> FloatArray:
-        """Return a deviation (n, t) of values (n, q); zeros if there is none."""
+    def _knots_of(self, name: str, values: FloatArray) -> FloatArray:
+        """Return a deviation at its knots (n, k) of values (n, q); zeros if there is none."""
         first = self._at.get(f"{name} 0")
         if first is None:
-            return np.zeros((1, len(self._hats[0])))
-        deviation: FloatArray = values[:, first : first + len(self._hats)] @ self._hats
-        return deviation
+            return np.zeros((len(values), self._knots))
+        return np.ascontiguousarray(values[:, first : first + self._knots])
 
     def _assemble(
         self,
@@ -457,7 +442,7 @@ class DriveModel:
         """Apply start pose, delay and bias to a motion.
 
         Values and their slopes per second are (c, m), derivatives by the parameters, the start
-        speed and the effects (c, k + 1 + e, m), the nuisances `b` (q,) in their units.
+        speed and the effects (c, m, k + 1 + e), the nuisances `b` (q,) in their units.
         """
         k = len(self.low)
         at = self._at
@@ -466,7 +451,7 @@ class DriveModel:
         if sensor is Sensor.POSITION:
             turn = np.array([[math.cos(psi0), -math.sin(psi0)], [math.sin(psi0), math.cos(psi0)]])
             values, slopes = turn @ values, turn @ slopes
-            derivatives = np.einsum("ij,jkm->ikm", turn, derivatives)
+            derivatives = np.einsum("ij,jmk->imk", turn, derivatives)
             jacobian[:, 0, k + at["start heading"]] = -values[1]
             jacobian[:, 1, k + at["start heading"]] = values[0]
             values = values + np.array([[x0], [y0]])
@@ -479,7 +464,7 @@ class DriveModel:
             jacobian[:, 0, k + at["gyro bias"]] = 1.0
         jacobian[:, :, k + at[CLOCKS[sensor]]] = -slopes.T
         jacobian[:, :, k:] *= [nuisance.std for nuisance in self.nuisances]
-        by_motion = np.moveaxis(derivatives, 2, 0)  # (m, c, k + 1 + e)
+        by_motion = np.swapaxes(derivatives, 0, 1)  # (m, c, k + 1 + e)
         moved = [at["start speed"], *self._stepped]
         jacobian[:, :, :k] = by_motion[:, :, :k]
         jacobian[:, :, k + np.array(moved)] = by_motion[:, :, k:]
@@ -521,18 +506,13 @@ class DriveModel:
         gram = np.diag(np.append(np.ones(q), 0.0))  # of nuisances and residual
         for sensor, signal in signals.items():
             columns, slopes = motion.sensed(sensor, signal.time)
-            derivatives = np.zeros((len(columns), k + 1 + len(self._stepped), len(signal.time)))
-            p = self._assemble(sensor, signal, columns[:, 0], slopes, derivatives, b)
+            derivatives = np.zeros((len(columns), len(signal.time), k + 1 + len(self._stepped)))
+            p = self._assemble(sensor, signal, columns[..., 0], slopes, derivatives, b)
             part = np.concatenate([p.jacobian[:, :, k:], p.residual[:, :, np.newaxis]], axis=2)
             part = part.reshape(-1, q + 1) / white[sensor]
             gram += part.T @ part
         reduced = np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
         return float(gram[-1, -1] - gram[:-1, -1] @ reduced)
-
-
-def _summed(steps: FloatArray) -> FloatArray:
-    """Return the sums (n, t) of steps (n, t - 1), from 0 on."""
-    return np.pad(np.cumsum(steps, axis=1), ((0, 0), (1, 0)))
 
 
 def _thinned(signal: Signal) -> Signal:
@@ -541,20 +521,22 @@ def _thinned(signal: Signal) -> Signal:
     return Signal(signal.time[::step], signal.values[::step])
 
 
-def _interpolate(
-    rows: FloatArray, time: FloatArray, *, held: bool
-) -> tuple[FloatArray, FloatArray]:
-    """Values of rows (n, t) on the ticks at times (m,), linearly, and the first row's slope.
+@compiled
+def _interpolate(rows: FloatArray, time: FloatArray, held: bool) -> tuple[FloatArray, FloatArray]:
+    """Values (m, n) of rows (n, t) on the ticks at times (m,), linearly, and the first row's slope.
 
     Before the start positions go on with their first slope and rates, `held`, do not change.
     """
-    at = time / TICK
-    left = np.clip(np.floor(at).astype(np.int64), 0, rows.shape[1] - 2)
-    weight = at - left
-    if held:
-        weight = np.maximum(weight, 0.0)
-    rise = rows[:, left + 1] - rows[:, left]
-    return rows[:, left] + weight * rise, rise[0] / TICK * (weight > 0 if held else 1.0)
+    values, slopes = np.empty((len(time), len(rows))), np.zeros(len(time))
+    for j in range(len(time)):
+        at = time[j] / TICK
+        left = min(max(math.floor(at), 0), rows.shape[1] - 2)
+        weight = max(at - left, 0.0) if held else at - left
+        for i in range(len(rows)):
+            values[j, i] = rows[i, left] + weight * (rows[i, left + 1] - rows[i, left])
+        if weight > 0.0 or not held:
+            slopes[j] = (rows[0, left + 1] - rows[0, left]) / TICK
+    return values, slopes
 
 
 def restrict(vehicle: Vehicle, parameters: tuple[str, ...]) -> Vehicle:

@@ -75,6 +75,26 @@ def find_optimum(
     return Optimum(best, covariance, tuple(rivals), (len(fits), 1 + agreed))
 
 
+def rough_minima(problem: LeastSquares, *, starts: int, seed: int) -> list[FloatArray]:
+    """Return the parameters (k,) of different minima, by the first guess of the noise.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        The problem.
+    starts : int
+        Number of fits from different starts.
+    seed : int
+        Of the starts.
+    """
+    found: list[Fit] = []
+    for start in problem.candidates(starts, seed):
+        fit = problem.minimise(start, tolerance=ROUGH)
+        if not any(_near(fit, other, problem.k) for other in found):
+            found.append(fit)
+    return [fit.at[: problem.k] for fit in found]
+
+
 def settled(problem: LeastSquares, fit: Fit) -> Fit:
     """Return the fit with the noise that belongs to it; the noise stays set in the problem.
 

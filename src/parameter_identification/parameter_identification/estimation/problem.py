@@ -166,12 +166,17 @@ class LeastSquares(Closing):
 
     def gram(self, v: FloatArray) -> FloatArray:
         """Return [J r]ᵀ[J r] (n + 1, n + 1), whitened and with the priors, at variables (n,)."""
-        total = self._prior_gram(v)
-        for predictions, samples, at in zip(
-            self.predictions(v), self._samples, self._at, strict=True
-        ):
-            total += self._signals_gram(predictions, samples, at, self.noise)
-        return total
+        return self._prior_gram(v) + self._gram_of(self.predictions(v), self.noise)
+
+    def _gram_of(
+        self, predictions: Sequence[Sequence[Prediction]], noise: dict[Sensor, NoiseLevel]
+    ) -> FloatArray:
+        """Part of the signals of all drives; sensors without a noise level are left out."""
+        of_drives = self._pool.map(
+            lambda predicted, samples, at: self._signals_gram(predicted, samples, at, noise),
+            *(predictions, self._samples, self._at),
+        )
+        return sum(of_drives, np.zeros((self.n + 1, self.n + 1)))
 
     def _prior_gram(self, v: FloatArray) -> FloatArray:
         k, gram = self.k, np.zeros((self.n + 1, self.n + 1))
@@ -395,13 +400,7 @@ class LeastSquares(Closing):
         predictions = self.predictions(v)
         self.weigh(v)
         grams = {
-            sensor: sum(
-                (
-                    self._signals_gram(p, s, at, {sensor: level})
-                    for p, s, at in zip(predictions, self._samples, self._at, strict=True)
-                ),
-                np.zeros((self.n + 1, self.n + 1)),
-            )
+            sensor: self._gram_of(predictions, {sensor: level})
             for sensor, level in self.noise.items()
         }
         whole = sum(grams.values(), self._prior_gram(v))

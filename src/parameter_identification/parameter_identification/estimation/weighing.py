@@ -25,12 +25,13 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import Effect
 
-NEGLECTED = 1e-4  # probability of all the subsets that are left out
+NEGLECTED = 1e-3  # probability of all the subsets that are left out
+MOST_ACTING, SPARE = 7, 3  # effects that act together; so many more than the best subset has
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
 MOST_SIZES = 8  # combinations of them that are averaged
-ROUNDS = 3  # of weights, and fit with the most probable effects
+ROUNDS = 5  # of weights, and fit with the most probable effects
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,24 +135,28 @@ def mixture(
     A. E. Raftery, D. Madigan, J. A. Hoeting, J. Am. Stat. Assoc. 92 (1997) 179-191.
     """
     d, bounds = len(pull), dict(least or {})
-    odds = logit(chances)
-    members = np.array([i for at in groups for i in at], dtype=np.int64)
-    ends = np.cumsum([0, *(len(at) for at in groups)])
+    # what is decided last is swept most often: those whose moments the bounds need anyway
+    ranks = np.argsort([any(i in bounds for i in at) for at in groups], kind="stable").tolist()
+    groups = [groups[rank] for rank in ranks]
+    odds = logit(np.array(chances)[ranks])
+    members = [i for at in groups for i in at]
+    always = np.setdiff1d(np.arange(d), members)
+    sequence = np.concatenate([always, members]).astype(np.int64)
     matrix = np.zeros((d + 1, d + 1))
-    matrix[:d, :d], matrix[:d, d], matrix[d, :d] = information, pull, pull
-    evidence = _evidence(
-        matrix,
-        np.setdiff1d(np.arange(d), members),
-        members,
-        ends,
-        np.array(list(bounds), dtype=np.int64),
-        np.array(list(bounds.values()), dtype=np.float64),
-    )
-    evidence += _bits(np.arange(len(evidence)), len(groups)) @ odds
-    order = np.argsort(-evidence)
-    share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
-    probable = order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]
-    acting = _bits(probable, len(groups))
+    matrix[:d, :d] = information[np.ix_(sequence, sequence)]
+    matrix[:d, d] = matrix[d, :d] = pull[sequence]
+    ends = len(always) + np.cumsum([0, *(len(at) for at in groups)])
+    least_values = np.array([bounds.get(i, -math.inf) for i in sequence.tolist()])
+    most = MOST_ACTING
+    while True:
+        subsets, evidence = _evidence(matrix, ends, least_values, odds, min(most, len(groups)))
+        order = np.argsort(-evidence)
+        share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
+        probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]]
+        acting = _bits(probable, len(groups))
+        if most >= len(groups) or np.sum(acting[0]) <= most - SPARE:
+            break
+        most += SPARE
     kept = np.ones((len(acting), d), dtype=bool)
     for g, at in enumerate(groups):
         kept[:, list(at)] = acting[:, g : g + 1]
@@ -169,6 +174,7 @@ def mixture(
     total = float(logsumexp(weights))
     weights = np.exp(weights - total)
     order = np.argsort(-weights)
+    acting = acting[:, np.argsort(ranks)]
     return Mixture(weights[order], acting[order], means[order], covariances[order], total)
 
 
@@ -208,79 +214,99 @@ def _cut_off(
 
 @compiled
 def _evidence(
-    matrix: FloatArray,
-    always: NDArray[np.int64],
-    members: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    bounded: NDArray[np.int64],
-    least: FloatArray,
-) -> FloatArray:
-    """Logarithm of the evidence (2 ** g,) of every subset of g effects, by sweeping their gram.
+    matrix: FloatArray, ends: NDArray[np.int64], least: FloatArray, odds: FloatArray, most: int
+) -> tuple[NDArray[np.int64], FloatArray]:
+    """Logarithm of the evidence of subsets of g effects, by sweeping their gram.
 
     Parameters
     ----------
     matrix : ndarray of float, shape (d + 1, d + 1)
-        Information, and the pull in the last row and column.
-    always : ndarray of int
-        Variables in every subset.
-    members, ends : ndarray of int
-        Variables of all effects; effect g has those from `ends[g]` to `ends[g + 1]`.
-    bounded : ndarray of int
-        Variables with a least value.
-    least : ndarray of float
-        These values.
+        Information, and the pull in the last row and column. The variables of every subset come
+        first, then those of the effects, one after the other.
+    ends : ndarray of int, shape (g + 1,)
+        Effect g has the variables from `ends[g]` to `ends[g + 1]`.
+    least : ndarray of float, shape (d,)
+        Least values of the variables; -inf: none.
+    odds : ndarray of float, shape (g,)
+        Logarithm of those of each effect before the drives.
+    most : int
+        Number of effects that the largest subsets have.
+
+    Returns
+    -------
+    subsets : ndarray of int, shape (s,)
+        Their numbers: the last effect is the lowest bit.
+    evidence : ndarray of float, shape (s,)
+        Of each, with what precedes the drives.
 
     References
     ----------
     J. H. Goodnight, The American Statistician 33 (1979) 149-158: the sweep operator.
     """
     count, size = len(ends) - 1, len(matrix)
+    bounded = np.flatnonzero(np.isfinite(least))
+    kept = bounded[0] if len(bounded) else size - 1  # rows from here on are needed to the end
     levels = np.empty((count + 1, size, size))  # with the first so many effects decided
-    determinants = np.zeros(count + 1)
+    logarithms = np.zeros(count + 1)  # of what precedes the drives, and of the determinants
     swept = np.zeros((count + 1, size), dtype=np.bool_)
     levels[0] = matrix
-    for v in always:
-        determinants[0] += _sweep(levels[0], v)
-    found = np.empty(1 << count)
-    for subset in range(1 << count):
-        changed = 0
-        if subset > 0:  # counting up changes the last bits only
-            changed = count - 1
-            while (subset >> (count - 1 - changed)) & 1 == 0:
-                changed -= 1
+    for v in range(ends[0]):
+        logarithms[0] -= 0.5 * _sweep(levels[0], v, 0)
+    room = 0
+    ways = 1  # of choosing so many effects
+    for chosen in range(most + 1):
+        room += ways
+        ways = ways * (count - chosen) // (chosen + 1)
+    subsets, found, number = np.empty(room, dtype=np.int64), np.empty(room), 0
+    subset = 0
+    while subset < 1 << count:
+        chosen, lowest = 0, 0
+        for bit in range(count):
+            if (subset >> bit) & 1:
+                if chosen == 0:
+                    lowest = bit
+                chosen += 1
+        if chosen > most:  # and so have all up to where the lowest bit is carried
+            subset += 1 << lowest
+            continue
+        # since the last subset that was looked at no bit above the lowest one has changed
+        changed = 0 if subset == 0 else count - 1 - lowest
         for g in range(changed, count):
-            levels[g + 1] = levels[g]
-            determinants[g + 1] = determinants[g]
+            first = min(ends[g], kept)
+            levels[g + 1, first:, first:] = levels[g, first:, first:]
+            logarithms[g + 1] = logarithms[g]
             swept[g + 1] = swept[g]
             if (subset >> (count - 1 - g)) & 1:
-                for v in members[ends[g] : ends[g + 1]]:
-                    determinants[g + 1] += _sweep(levels[g + 1], v)
+                logarithms[g + 1] += odds[g]
+                for v in range(ends[g], ends[g + 1]):
+                    logarithms[g + 1] -= 0.5 * _sweep(levels[g + 1], v, min(v, kept))
                     swept[g + 1, v] = True
         last = levels[count]
-        value = -0.5 * (last[-1, -1] + determinants[count])
-        for b in range(len(bounded)):
-            v = bounded[b]
-            if swept[count, v]:
-                above = (last[v, -1] - least[b]) / math.sqrt(2.0 * last[v, v])
+        value = logarithms[count] - 0.5 * last[-1, -1]
+        for bound in bounded:
+            if swept[count, bound]:
+                above = (last[bound, -1] - least[bound]) / math.sqrt(2.0 * last[bound, bound])
                 value += math.log(max(math.erfc(-above), 1e-300))
-                value -= math.log(math.erfc(least[b] / math.sqrt(2.0)))
-        found[subset] = value
-    return found
+                value -= math.log(math.erfc(least[bound] / math.sqrt(2.0)))
+        subsets[number], found[number] = subset, value
+        number += 1
+        subset += 1
+    return subsets, found
 
 
 @compiled
-def _sweep(matrix: FloatArray, pivot: int) -> float:
-    """Invert a matrix by one variable, in place; return the logarithm of the pivot."""
+def _sweep(matrix: FloatArray, pivot: int, first: int) -> float:
+    """Invert rows and columns from `first` on by one variable, in place; return its logarithm."""
     p = matrix[pivot, pivot]
     size = len(matrix)
-    for i in range(size):
+    for i in range(first, size):
         if i != pivot:
             share = matrix[i, pivot] / p
-            for j in range(size):
+            for j in range(first, size):
                 if j != pivot:
                     matrix[i, j] -= share * matrix[pivot, j]
             matrix[i, pivot] = -share
-    for j in range(size):
+    for j in range(first, size):
         if j != pivot:
             matrix[pivot, j] /= p
     matrix[pivot, pivot] = 1.0 / p
@@ -333,7 +359,7 @@ def weigh_effects(
     rest = np.setdiff1d(np.arange(problem.n), variables)
     least = {where[i]: problem.low[i] for i in of_effects if problem.low[i] > -CERTAIN}
     fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
-    for _ in range(ROUNDS):
+    for later in reversed(range(ROUNDS)):
         gram = problem.gram(fit.at)
         pull = gram[:-1, :-1] @ fit.at - gram[:-1, -1]
         mixtures, evidence, likely = [], [], _likely_sizes(problem, gram, pull, free)
@@ -355,8 +381,8 @@ def weigh_effects(
         for at, acting in zip(places, found.acting[0], strict=True):
             acts[at] = acting
         best = likely[int(np.argmax(evidence))][0]
-        if np.array_equal(acts, free) and best == sizes:
-            break
+        if later == 0 or (np.array_equal(acts, free) and best == sizes):
+            break  # so that the weights are those of the fit
         free, sizes = acts, best
         problem.set_sizes(sizes)
         fit = problem.minimise(np.where(free, fit.at, 0.0), free)

@@ -30,6 +30,8 @@ from tricycle_sim.vehicle.layout import (
     SLOPE,
     START,
     STATE,
+    STEERING,
+    STEERING_ROWS,
     SUM,
     WHEEL_EVALUATED,
     WHEEL_STATES,
@@ -311,16 +313,20 @@ def _evaluate_each(
         drive[COMMAND.demand],
         drive[COMMAND.brake],
     )
+    # beside the states: loads from another array, which might be the one written, do not vectorise
+    first = STEERING * LANES
+    for j in range(STEERING_ROWS * LANES):
+        g[first + j] = table[row, j]
     for i in range(lanes):
         steering = (
-            table[row, i],
-            table[row, LANES + i],
-            table[row, 2 * LANES + i],
-            table[row, 3 * LANES + i],
-            table[row, 4 * LANES + i],
-            table[row, 5 * LANES + i],
-            table[row, 6 * LANES + i],
-            table[row, 7 * LANES + i],
+            g[first + i],
+            g[first + LANES + i],
+            g[first + 2 * LANES + i],
+            g[first + 3 * LANES + i],
+            g[first + 4 * LANES + i],
+            g[first + 5 * LANES + i],
+            g[first + 6 * LANES + i],
+            g[first + 7 * LANES + i],
         )
         _slopes(laws, g, i, steering, speed_mode, demand, brake)
 

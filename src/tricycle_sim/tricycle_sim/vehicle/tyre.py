@@ -274,6 +274,8 @@ SOFTENED: Formulas = {
     "brush": lambda v: np.minimum(v.tyre_saturation, 1.0),
     "brush_friction": lambda v: v.friction_coefficient / np.maximum(v.tyre_saturation, 1.0),
     "rounding": lambda v: v.tyre_rounding,
+    "by_speed": lambda v: v.slip_by_speed,
+    "stiffness_left": lambda v: 1.0 - v.slip_softness,
 }
 _S = numbered(SOFTENED, step=LANES)
 
@@ -294,7 +296,8 @@ def softened(
 
     Above 1 the tyre is a brush tyre whose friction is divided by the saturation. With a rounding of
     1 the force of `linear` bends earlier: its limiter is of second order instead of fourth. A tyre
-    of the magic formula lies between.
+    of the magic formula lies between. Slip by speed makes the force grow with the speed at the same
+    slip, up to that of a viscous contact, as wheels of MuJoCo and of ODE (Gazebo) have.
 
     Parameters
     ----------
@@ -310,7 +313,9 @@ def softened(
     force_x, force_y, aligning, share : float
         As of `linear`.
     """
-    x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
+    stiffer = 1.0 + g[c + _S.by_speed] * (abs(vx) - 1.0)
+    kappa *= stiffer * g[c + _S.stiffness_left]
+    x0, y0 = unlimited(g, c, load, kappa, stiffer * alpha, lean, vx, slip_speed, vy)
     limit = g[c + _S.friction] * load
     limit2 = limit * limit
     force2 = x0 * x0 + y0 * y0
@@ -402,6 +407,10 @@ LAWS = {
             between("tyre_saturation", "1", 0.0, 4.0, default=0.0, per_wheel=True),
             # order of the limiter, 0: fourth, 1: second
             between("tyre_rounding", "1", 0.0, 1.0, default=0.0, per_wheel=True),
+            # 0: forces by slip, 1: by the speed of the slip, with the same stiffness at 1 m/s
+            between("slip_by_speed", "1", 0.0, 1.0, default=0.0, per_wheel=True),
+            # share by which `slip_stiffness` is less
+            between("slip_softness", "1", 0.0, 0.8, default=0.0, per_wheel=True),
         ),
     ),
     "magic_formula": Law(

@@ -1,0 +1,65 @@
+"""Motions that deviate smoothly in time: faster than the model, and turning more."""
+
+import math
+
+import numpy as np
+
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.compilation import compiled
+
+
+@compiled
+def deviated(motions: FloatArray, faster: FloatArray, turning: FloatArray) -> FloatArray:
+    """Return motions with deviations that are linear between evenly spaced knots.
+
+    Parameters
+    ----------
+    motions : ndarray of float, shape (5, s, t)
+        Position x, y [m], heading [rad], yaw rate [rad/s] and wheel speed [rad/s] of s vehicles on
+        the ticks.
+    faster : ndarray of float, shape (n, k)
+        By which share each of n >= s vehicles is faster, at the knots. Those beyond the s motions
+        deviate from the first one.
+    turning : ndarray of float, shape (n, k)
+        How much more it turns [1/m], at the knots.
+
+    Returns
+    -------
+    ndarray of float, shape (5, n, t)
+        As `motions`.
+    """
+    s, t = motions.shape[1:]
+    n, k = faster.shape
+    per_tick = (k - 1) / (t - 1)
+    ahead = np.empty((s, t))  # way in a tick [m]
+    for i in range(s):
+        x, y, heading = motions[0, i], motions[1, i], motions[2, i]
+        for j in range(t - 1):
+            dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
+            ahead[i, j] = dx * math.cos(heading[j]) + dy * math.sin(heading[j])
+        ahead[i, t - 1] = ahead[i, t - 2]
+    found = np.empty((5, n, t))
+    for i in range(n):
+        own = i if i < s else 0
+        x, y, heading = motions[0, own], motions[1, own], motions[2, own]
+        found[0, i, 0], found[1, i, 0] = x[0], y[0]
+        angle = 0.0
+        for j in range(t):
+            knot = min(int(j * per_tick), k - 2)
+            weight = j * per_tick - knot
+            share = 1.0 + (1.0 - weight) * faster[i, knot] + weight * faster[i, knot + 1]
+            extra = (1.0 - weight) * turning[i, knot] + weight * turning[i, knot + 1]
+            found[2, i, j] = heading[j] + angle
+            found[3, i, j] = share * (motions[3, own, j] + extra * ahead[own, j] / TICK)
+            found[4, i, j] = share * motions[4, own, j]
+            if j < t - 1:
+                turned = heading[j + 1] - heading[j]
+                more = (share - 1.0) * turned + share * extra * ahead[own, j]
+                middle = angle + 0.5 * more
+                cosine, sine = share * math.cos(middle), share * math.sin(middle)
+                dx, dy = x[j + 1] - x[j], y[j + 1] - y[j]
+                found[0, i, j + 1] = found[0, i, j] + cosine * dx - sine * dy
+                found[1, i, j + 1] = found[1, i, j] + sine * dx + cosine * dy
+                angle += more
+    return found
