@@ -730,7 +730,7 @@ def result_of(
     effects += [
         EffectEstimate(e.name, e.unit, 0.0, e.std * setting.sizes[e.name], e.std)
         for e in setting.effects
-        if e.process
+        if e.process and e.name in setting.sizes
     ]
     truth = here.shares[0].truth
     alike = all(share.truth == truth for share in here.shares)

@@ -5,9 +5,10 @@ prior of mean 0 (as in the file) that says how large it may be. Most change cons
 vehicle; the others change its motion, or what is seen of it, in closed form. Slope and wind act on
 one drive, the others on all.
 
-The *deviations* are processes in time: by which share the vehicle is faster than the model, and how
-much more it turns. They stand for what no constant can, e.g. a servo or a speed loop of another
-kind. Their size is estimated, so that they vanish where nothing is missing.
+The *deviations* are processes in time: by which share the vehicle is faster than the model, how
+much more it turns, and by how much it is faster in the first seconds from rest. They stand for
+what no constant can, e.g. a servo or a speed loop of another kind, or boards that do not see a
+wheel turn slowly. Their size is estimated, so that they vanish where nothing is missing.
 """
 
 import dataclasses
@@ -24,6 +25,7 @@ from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.registry import PARTS, law_name
 
 SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
+START_DEVIATION = "start deviation"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
 WHEEL_RADIUS = "wheel radius"
 TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
@@ -134,6 +136,7 @@ _OTHERS = (
     Effect(SENSOR_YAW, "rad", 0.02),
     Effect(SPEED_DEVIATION, "1", 0.01, per_drive=True, process=True),
     Effect(TURN_DEVIATION, "1/m", 0.001, per_drive=True, process=True),
+    Effect(START_DEVIATION, "m/s", 0.03, per_drive=True, process=True),
 )
 EFFECTS: tuple[str, ...] = tuple(
     name.replace(" ", "-")

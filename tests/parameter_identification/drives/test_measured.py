@@ -9,10 +9,12 @@ import pytest
 from driven_bags import TRUTH, VEHICLE, SimulatedBag
 
 from parameter_identification.drives.measured import (
+    STAMP_JITTER,
     MeasuredDrive,
     Sensor,
     Signal,
     read_measured_drive,
+    resolved,
 )
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
@@ -133,3 +135,21 @@ def test_a_parameter_that_does_not_exist_is_told(
 ) -> None:
     assert main(["identify", str(bag), "--parameters", "mass"]) == 2
     assert "'mass' is not an unknown parameter" in capsys.readouterr().err
+
+
+def test_wheel_speeds_that_a_sensor_of_pulses_cannot_tell_are_left_out() -> None:
+    time = 0.01 * np.arange(600)
+    true = np.minimum(2.0 * time, 6.0)
+    pulses = np.where(true < 0.6, 0.0, np.round(true / 0.003) * 0.003)
+    seen = resolved(Signal(time, pulses[:, None], STAMP_JITTER[Sensor.WHEEL_SPEED]))
+    assert seen.values.min() == pytest.approx(1.8, abs=0.01)
+    assert seen.time[-1] == time[-1]
+    assert seen.jitter > STAMP_JITTER[Sensor.WHEEL_SPEED]
+
+
+def test_wheel_speeds_of_a_sensor_without_a_dead_zone_are_all_used() -> None:
+    time = 0.01 * np.arange(600)
+    fine = Signal(time, np.round(np.minimum(2.0 * time, 6.0) / 0.003)[:, None] * 0.003)
+    assert resolved(fine) is fine
+    moving = Signal(time, 3.0 + 0.001 * np.arange(600)[:, None])
+    assert resolved(moving) is moving

@@ -49,6 +49,9 @@ class Sensor(Enum):
 
 # of stamps; the PLCs measure anywhere between two ticks of 10 ms, and stamp with one of them
 STAMP_JITTER = {Sensor.YAW_RATE: 0.0, Sensor.WHEEL_SPEED: 0.005}
+PULSE_JITTER = 0.015  # s, of wheel speeds that are counted from pulses
+DEAD_ZONE = 20.0  # median steps between low speeds, from which a gap is none of the wheel's
+RESOLVED = 3.0  # of the slowest speed above the dead zone, from which pulses tell a speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,9 +242,8 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         signals[Sensor.YAW_RATE] = _signal(drive.bag, Sensor.YAW_RATE, rates.time, rates.yaw_rate)
     if drive.joint_states is not None:
         wheel = drive.joint_states
-        signals[Sensor.WHEEL_SPEED] = _signal(
-            drive.bag, Sensor.WHEEL_SPEED, wheel.time, wheel.wheel_rate
-        )
+        speeds = _signal(drive.bag, Sensor.WHEEL_SPEED, wheel.time, wheel.wheel_rate)
+        signals[Sensor.WHEEL_SPEED] = resolved(speeds)
     end = commands.duration
     return MeasuredDrive(
         name=drive.bag.stem,
@@ -272,6 +274,29 @@ def _signal(bag: Path, sensor: Sensor, stamps: FloatArray, samples: FloatArray) 
     if wrong.any():
         raise JudgeError(f"{bag}: {sensor.value} at {time[wrong][0]:.3f} s is not a number")
     return Signal(time, values[:, None], STAMP_JITTER[sensor])
+
+
+def resolved(speeds: Signal) -> Signal:
+    """Return wheel speeds without those that are too low for a sensor of pulses.
+
+    Such a sensor tells nothing before the first pulses have come, and the mean between two pulses
+    where they are rare. It is known by the gap between standstill and the slowest speed.
+
+    Parameters
+    ----------
+    speeds : Signal
+        Of a wheel.
+    """
+    levels = np.unique(np.abs(speeds.values))
+    low = levels[levels < 0.5 * levels[-1]]
+    if levels[0] > 0.0 or len(low) < 10:
+        return speeds
+    gaps = np.diff(low)
+    widest = int(np.argmax(gaps))
+    if gaps[widest] < DEAD_ZONE * float(np.median(gaps)):
+        return speeds
+    seen = np.abs(speeds.values[:, 0]) >= RESOLVED * low[widest + 1]
+    return Signal(speeds.time[seen], speeds.values[seen], PULSE_JITTER)
 
 
 def commands_of(message: Any, vehicle: Vehicle, where: str) -> Commands:

@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
-from parameter_identification.estimation.deviations import deviated
+from parameter_identification.estimation.deviations import START_KNOTS, deviated
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -31,6 +31,7 @@ from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
     SERVO_DEAD_TIME,
     SPEED_DEVIATION,
+    START_DEVIATION,
     TURN_DEVIATION,
     Effect,
     as_sensed,
@@ -43,6 +44,7 @@ STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
 NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
+RESTING = 0.05  # m/s, below which a drive starts from rest
 
 # Standard deviations of the nuisances' priors
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
@@ -230,7 +232,6 @@ class DriveModel:
         self._nominal = simulated.nominal_point()
         self._place = {name: i for i, name in enumerate(simulated.unknown)}
         self._parameters = [self._place[name] for name in vehicle.unknown]
-        self._knots = max(2, round(float(self._batch.time[-1]) / KNOTS)) + 1  # of a deviation
         self.nuisances = self._effects(effects)
         self.shared = sum(not e.per_drive for e in effects)
         self.nuisances += self._start_and_sensors()
@@ -260,7 +261,7 @@ class DriveModel:
         for e in sorted(effects, key=lambda e: e.per_drive):
             names = [e.name]
             if e.process:
-                names = [f"{e.name} {number}" for number in range(self._knots)]
+                names = [f"{e.name} {number}" for number in range(self._knots_of(e.name))]
             found += [Nuisance(name, e.unit, 0.0, e.std, e.low, e.high, e) for name in names]
         return tuple(found)
 
@@ -413,9 +414,10 @@ class DriveModel:
         motions = np.array(
             [motion.x, motion.y, motion.heading, motion.yaw_rate, motion.wheel_speed]
         )
-        if f"{SPEED_DEVIATION} 0" in self._at or f"{TURN_DEVIATION} 0" in self._at:
-            faster, turning = (self._knots_of(n, values) for n in (SPEED_DEVIATION, TURN_DEVIATION))
-            motions = deviated(motions, faster, turning)
+        deviations = (SPEED_DEVIATION, TURN_DEVIATION, START_DEVIATION)
+        if any(f"{name} 0" in self._at for name in deviations):
+            knots = (self._at_knots(name, values) for name in deviations)
+            motions = deviated(motions, *knots, self.vehicle.driven_radius)
         elif more := len(values) - len(motion.x):
             motions = np.concatenate([motions, np.repeat(motions[:, :1], more, axis=1)], axis=1)
         x, y, heading, yaw_rate, wheel_speed = motions
@@ -423,12 +425,19 @@ class DriveModel:
         x, y, heading, wheel_speed = as_sensed(x, y, heading, wheel_speed, named)
         return _Motions(x, y, heading, yaw_rate, wheel_speed)
 
-    def _knots_of(self, name: str, values: FloatArray) -> FloatArray:
+    def _knots_of(self, name: str) -> int:
+        """Number of knots of a deviation; a vehicle that rolls already has no start to deviate."""
+        if name == START_DEVIATION:
+            return START_KNOTS if abs(self.drive.start.speed) < RESTING else 0
+        return max(2, round(float(self._batch.time[-1]) / KNOTS)) + 1
+
+    def _at_knots(self, name: str, values: FloatArray) -> FloatArray:
         """Return a deviation at its knots (n, k) of values (n, q); zeros if there is none."""
+        knots = START_KNOTS if name == START_DEVIATION else self._knots_of(name)
         first = self._at.get(f"{name} 0")
         if first is None:
-            return np.zeros((len(values), self._knots))
-        return np.ascontiguousarray(values[:, first : first + self._knots])
+            return np.zeros((len(values), knots))
+        return np.ascontiguousarray(values[:, first : first + knots])
 
     def _assemble(
         self,

@@ -87,7 +87,7 @@ def effects_of_drives(
             found.append(EffectEstimate(e.name, e.unit, value, deviation, e.std, name, known))
     sizes, chances = problem.sizes(), problem.chances_of_deviations(optimum.fit.at)
     for e in problem.models[0].effects:
-        if e.process:
+        if e.process and e.name in sizes:  # no drive starts from rest: none deviates at its start
             size, known = e.std * sizes[e.name], acts.get(e.name)
             found.append(
                 EffectEstimate(e.name, e.unit, 0.0, size, e.std, acts=known, chance=chances[e.name])
