@@ -26,6 +26,7 @@ from tricycle_sim.vehicle.registry import PARTS, law_name
 
 SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
 START_DEVIATION = "start deviation"
+SLIP_BY_SPEED = "slip by speed"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
 WHEEL_RADIUS = "wheel radius"
 TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
@@ -91,7 +92,7 @@ _COARSE = {"servo_backlash": 0.1}
 _CHANCES = {
     # no tyre has the curve of a law exactly, and each road has its own friction
     **dict.fromkeys(("tyre saturation", TYRE_ROUNDING, ROAD_FRICTION), 0.3),
-    "slip by speed": 0.02,  # of simulators only
+    SLIP_BY_SPEED: 0.02,  # of simulators only
 }
 
 # by law of a part: the law that adds constants to it, and moves alike with these at their defaults
@@ -123,8 +124,7 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("tyre saturation", "1", 1.0, ({"tyre_saturation": 1.0},)),
     (TYRE_ROUNDING, "1", 0.5, ({"tyre_rounding": 1.0},)),
     (ROAD_FRICTION, "1", 0.15, ({"friction_coefficient": None},)),
-    ("slip by speed", "1", 0.5, ({"slip_by_speed": 1.0},)),
-    ("slip softness", "1", 0.5, ({"slip_softness": 1.0},)),
+    (SLIP_BY_SPEED, "1", 0.5, ({"slip_by_speed": 1.0},)),
     ("slope or wind along", "rad", 0.01, ({"road_grade": 1.0},)),
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
@@ -205,6 +205,8 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
         owned = next((c for c in choices if set(c) <= set(extended.values)), None)
         if owned is not None and not set(owned) & set(vehicle.unknown):
             change = {c: extended.values[c] if per is None else per for c, per in owned.items()}
+            if name == SLIP_BY_SPEED and (softness := _softness_of_viscous(extended)):
+                change["slip_softness"] = softness
             low, high = _limits(extended, change, std)
             per_drive = name.startswith("slope")
             parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
@@ -299,6 +301,16 @@ def _extensions(vehicle: Vehicle, constants: Collection[str] | None = None) -> d
         ):
             found[part] = other
     return found
+
+
+def _softness_of_viscous(vehicle: Vehicle) -> float:
+    """Share by which the longitudinal stiffness is less where it is as large as the lateral one."""
+
+    def mean(name: str) -> float:
+        own = [v for entry, v in vehicle.values.items() if entry.split(".")[-1] == name]
+        return sum(own) / len(own)
+
+    return max(0.0, 1.0 - mean("cornering_stiffness") / mean("slip_stiffness"))
 
 
 def _limits(vehicle: Vehicle, change: Mapping[str, float], std: float) -> tuple[float, float]:
