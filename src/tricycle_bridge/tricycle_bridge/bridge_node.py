@@ -50,12 +50,11 @@ from tricycle_bridge.measurements.joint_pairing import JointReadings
 from tricycle_bridge.port_bridge import receive_all, send_all
 from tricycle_bridge.protocol.messages import (
     BAUD,
-    CURRENT_UNIT,
-    VOLTAGE_UNIT,
     Board,
     DriveState,
 )
 from tricycle_bridge.protocol.readable import firmware_build
+from tricycle_bridge.protocol.units import CURRENT_UNIT, VOLTAGE_UNIT
 from tricycle_bridge.serial_port import SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level

@@ -16,10 +16,6 @@ from tricycle_bridge.commissioning.stand import PortStand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE, STEERING_END_STOP, WATCHDOG
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
-    SPEED_UNIT,
-    TRAVEL_UNIT,
-    VOLTAGE_UNIT,
     Board,
     DriveState,
     Fault,
@@ -28,6 +24,7 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT, TRAVEL_UNIT, VOLTAGE_UNIT
 from tricycle_core.errors import LinkError
 
 TURNS = 10

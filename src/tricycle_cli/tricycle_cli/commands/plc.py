@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
     BAUD,
-    SPEED_UNIT,
     Board,
     DriveState,
     SteerState,
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 
