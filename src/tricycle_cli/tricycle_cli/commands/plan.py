@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import SIMULATED
 from excitation_planner.maneuver import family_names, operation_point, shown_ranges
@@ -164,6 +163,8 @@ def _earlier_plans(folder: Path) -> list[Path]:
 
 
 def _request(args: argparse.Namespace) -> PlanRequest:
+    from excitation_planner.area.area import load_area
+
     families = families_of(args.maneuver, args)
     count = len(families) if args.maneuvers is None else args.maneuvers
     if not len(families) <= count <= MOST_MANEUVERS:
