@@ -26,7 +26,7 @@ from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import Sensor, Signal
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import identify
-from tricycle_bridge.protocol.messages import SPEED_UNIT
+from tricycle_bridge.protocol.units import SPEED_UNIT
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all

@@ -33,6 +33,12 @@ def test_plans_requests_and_families_need_neither_scipy_nor_numba():
     assert dict(zip(LIGHT, heavy, strict=True)) == dict.fromkeys(LIGHT, "[]")
 
 
+def test_the_help_of_plan_waits_for_no_simulator_and_no_message_table():
+    code = "import sys, tricycle_cli.main as main; main.parser(['plan']).format_help()\n"
+    waits = (*HEAVY, "rich", "shapely", "tricycle_bridge.protocol.messages")
+    assert run(f"{code}print(*[m for m in {waits} if m in sys.modules])") == [""]
+
+
 @pytest.mark.slow
 def test_sensitivity_needs_neither_numba_nor_scikit_learn():
     code = "from excitation_planner import Study, design_excitation, sensitivity\nimport sys\n"

@@ -244,11 +244,28 @@ def test_two_drives_one_after_the_other_tell_what_both_tell_together(pair):
 
 
 @pytest.mark.slow
-def test_known_parameters_are_left_alone(pair):
-    found = identify(pair, VEHICLE, parameters=["camber_stiffness", "cornering_stiffness"])
-    assert found.names == ("cornering_stiffness", "camber_stiffness")
-    assert found.fixed["yaw_inertia"] == VEHICLE.yaw_inertia
-    assert found.covariance.shape == (2, 2)
+def test_what_is_not_asked_for_is_in_the_intervals_unless_it_is_held(pair):
+    asked = ["camber_stiffness", "cornering_stiffness"]
+    held = identify(pair, VEHICLE, parameters=asked, hold_others=True, profiles=True)
+    counted = identify(pair, VEHICLE, parameters=asked, profiles=True)
+    everything = identify(pair, VEHICLE, profiles=True)
+    for found in (held, counted):
+        assert found.names == ("cornering_stiffness", "camber_stiffness")
+        assert found.covariance.shape == (2, 2)
+    for name in counted.names:  # the yaw inertia of the drives is not that of the file
+        truth, e = TRUTH[NAMES.index(name)], counted.parameters[name]
+        assert e.low < truth < e.high
+        assert not held.parameters[name].low < truth < held.parameters[name].high
+        assert (e.low, e.high) == (
+            everything.parameters[name].low,
+            everything.parameters[name].high,
+        )
+    assert held.fixed["yaw_inertia"] == VEHICLE.yaw_inertia
+    assert not held.others
+    assert counted.others["yaw_inertia"].estimate == everything.parameters["yaw_inertia"].estimate
+    written = document_of(counted).to_json()
+    assert list(written["parameters"]) == list(counted.names)
+    assert "yaw_inertia" in written["others"]
 
 
 @pytest.mark.slow

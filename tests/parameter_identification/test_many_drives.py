@@ -53,6 +53,10 @@ def test_it_is_the_identification_of_all_drives_at_once(bags, tmp_path):
         assert estimate.linear == pytest.approx(expected.linear, abs=0.05 * std), name
         assert estimate.identifiable == expected.identifiable
     assert found.white == at_once.white
+    (asked,) = (one := found.only(["yaw_inertia"])).parameters.values()
+    assert asked == found.parameters["yaw_inertia"]
+    assert one.covariance == pytest.approx(asked.standard_deviation**2)
+    assert {"yaw_inertia", *one.others} == set(found.parameters)
 
 
 OF_ALL = ("steering-zero", "wheel-radius")

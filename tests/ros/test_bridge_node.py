@@ -19,6 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import BatteryState, JointState
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.protocol.messages import Board, Fault, PlcState
@@ -47,6 +48,8 @@ class Operator:
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self.states: list[dict[str, str]] = []  # of vehicle/state
         self.levels: list[bytes] = []
+        self.armed: list[Bool] = []
+        node.create_subscription(Bool, "vehicle/armed", self.armed.append, LATCHED)
         node.create_subscription(DiagnosticStatus, "vehicle/state", self._on_state, LATCHED)
         self.services = ServiceCaller(node, self.wait)
         self.target: tuple[float, float] | None = None  # rad, m/s; None: silent
@@ -218,8 +221,10 @@ def test_the_state_of_the_vehicle_is_said_at_once_and_twice_per_second(bridge, o
     operator.wait(lambda: len(operator.states) >= 3, "vehicle/state")
     operator.arm_at_standstill()
     operator.wait(lambda: operator.states[-1]["armed"] == "true", "armed")
+    operator.wait(lambda: operator.armed[-1].data, "armed, as a value")
     operator.arm(False)
     operator.wait(lambda: operator.states[-1]["armed"] == "false", "not armed")
+    operator.wait(lambda: not operator.armed[-1].data, "not armed, as a value")
     assert "disarmed by the operator" in operator.states[-1]["reason"]
     before, start = len(operator.states), time.monotonic()
     operator.wait(lambda: len(operator.states) >= before + 4, "vehicle/state")

@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -190,6 +191,7 @@ class Chain:
     def __init__(self, observer):
         self.observer, self.node = observer, observer.node
         self.state = observer.newest(DiagnosticStatus, "maneuver/state", LATCHED)
+        self.running = observer.newest(Bool, "maneuver/running", LATCHED)
         self.joints = observer.newest(JointState, "joint_commands")
         publisher = self.node.create_publisher
         self._commands = publisher(JointTrajectory, "maneuver/commands", LATCHED)
@@ -287,11 +289,13 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     assert (origin[0].header.frame_id, origin[0].pose.position.x) == ("odom", 7.0)
     moved = lambda: chain.joints and chain.joints[0].velocity[1] == 1.0  # noqa: E731
     chain.observer.wait(moved, "the first row")
+    chain.observer.wait(lambda: chain.running and chain.running[0].data, "running, as a value")
     assert chain.joints[0].header.frame_id == "/maneuver_driver"
     chain.plan("next")
     chain.tell(armed=False, reason="steer PLC is FAULT (SENSOR)")
     aborted = "the vehicle is not armed: steer PLC is FAULT (SENSOR)"
     chain.wait_for(state="aborted", plan_id="whole", reason=aborted)
+    chain.observer.wait(lambda: not chain.running[0].data, "not running, as a value")
     chain.observer.wait(lambda: chain.joints[0].velocity[1] == 0.0, "standstill")
     assert chain.joints[0].position[0] == pytest.approx(0.1)
     chain.wait_for(state="waiting", plan_id="next")

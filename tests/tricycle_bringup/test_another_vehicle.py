@@ -3,7 +3,8 @@
 import pytest
 
 from tricycle_bridge.commands.command_messages import twist_command
-from tricycle_bridge.protocol.messages import SPEED_UNIT, Board
+from tricycle_bridge.protocol.messages import Board
+from tricycle_bridge.protocol.units import SPEED_UNIT
 from tricycle_bringup.configuration import beyond_the_boards, bridge_settings, turning_geometry
 from tricycle_core.errors import VehicleError
 from tricycle_sim.rig.emulated import EmulatedRig

@@ -189,6 +189,7 @@ class ManeuverDriver(Node):
         self._preflight = self.create_publisher(
             DiagnosticArray, "maneuver/preflight", **overridable(LATCHED)
         )
+        self._running = self.create_publisher(Bool, "maneuver/running", **overridable(LATCHED))
         self._countdown = self.create_publisher(UInt8, "maneuver/countdown", **overridable(LATCHED))
         self._start = self.create_publisher(PoseStamped, "maneuver/start", **overridable(LATCHED))
         self._static = TFMessage and self.create_publisher(
@@ -453,6 +454,7 @@ class ManeuverDriver(Node):
             if left:
                 self.get_logger().info(f"the drive begins in {left} s")
         self._published = content
+        self._running.publish(Bool(data=playback.state is PlaybackState.RUNNING))
         start = playback.start_time
         values = ManeuverState(
             playback.state,

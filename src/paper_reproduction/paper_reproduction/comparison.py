@@ -19,7 +19,7 @@ class Agreement(StrEnum):
     REPRODUCED = "reproduced"
     BETTER = "better than published"
     NOT_REPRODUCED = "not reproduced"
-    IMPOSSIBLE = "the published value cannot be right"
+    IMPOSSIBLE = "published value cannot be right"
     PICTURE = "published as a picture only"
 
 

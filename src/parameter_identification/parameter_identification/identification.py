@@ -70,6 +70,7 @@ def identify(
     vehicle: Vehicle,
     *,
     parameters: Sequence[str] | None = None,
+    hold_others: bool = False,
     prior: GaussianPrior | None = None,
     held_out: Sequence[MeasuredDrive] = (),
     effects: Sequence[str] = (),
@@ -91,7 +92,10 @@ def identify(
     vehicle : Vehicle
         Known constants, nominal values and ranges.
     parameters : sequence of str, optional
-        Names of those to identify; the others keep their nominal values. Default: all unknown.
+        Names of those asked for. Default: all unknown.
+    hold_others : bool
+        Whether the others keep their nominal values. By default they are estimated too, with their
+        ranges as prior: the intervals count that they are unknown.
     prior : GaussianPrior, optional
         Knowledge before the drives. Parameters that it does not name keep their ranges.
     held_out : sequence of MeasuredDrive, optional
@@ -125,7 +129,8 @@ def identify(
     begun = time.perf_counter()
     if not drives:
         raise IdentificationError("no drive: nothing to identify from")
-    known = restrict(vehicle, tuple(vehicle.unknown if parameters is None else parameters))
+    asked = restrict(vehicle, tuple(vehicle.unknown if parameters is None else parameters))
+    known = asked if hold_others else vehicle
     beside = effects_of(known, effects)
     check_drives([*drives, *held_out], vehicle)
     with (
@@ -152,10 +157,11 @@ def identify(
             if progress is not None:
                 progress(1, 1)
         curves: dict[int, ProfileCurve] = {}
-        for i in range(problem.k if profiles and average is None else 0):
+        shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
+        for done, i in enumerate(shown if profiles and average is None else (), start=1):
             curves[i] = profile(problem, optimum.fit, optimum.covariance, i, level)
             if progress is not None:
-                progress(i + 1, problem.k)
+                progress(done, len(shown))
         predictions = problem.predictions(optimum.fit.at)
         model = problem.models[0]
         return Identification(
@@ -179,7 +185,7 @@ def identify(
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
             friction_used=max(m.friction_used(optimum.fit.at[: problem.k]) for m in problem.models),
-        )
+        ).only(asked.unknown)
 
 
 def _common_truth(drives: Sequence[MeasuredDrive]) -> dict[str, float]:

@@ -156,7 +156,7 @@ class IdentificationDocument:
     covariance, correlation : ndarray of float, shape (k, k)
         Of the estimates.
     fixed : mapping of str to float
-        Parameters that were not to be identified.
+        Parameters that were held at their nominal values.
     hidden : tuple of Combination
         Directions that the drives do not show.
     noise : mapping of str to NoiseEntry
@@ -183,6 +183,8 @@ class IdentificationDocument:
         What was estimated beside the parameters.
     friction_used : float or None
         Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
+    others : mapping of str to ParameterEntry
+        Parameters that were not asked for, but estimated.
     """
 
     vehicle: str = ""
@@ -206,6 +208,7 @@ class IdentificationDocument:
     seconds: float = 0.0
     effects: tuple[EffectEstimate, ...] = ()
     friction_used: float | None = None
+    others: Mapping[str, ParameterEntry] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
@@ -225,7 +228,7 @@ class IdentificationDocument:
     def to_json(self) -> dict[str, Any]:
         """Return the content of the file as plain JSON values."""
         values: dict[str, Any] = encode(self)
-        for entry in values["parameters"].values():
+        for entry in (*values["parameters"].values(), *values["others"].values()):
             if entry.get("truth") is None:
                 entry.pop("truth", None)
         return values
@@ -244,7 +247,8 @@ def document_of(found: Identification) -> IdentificationDocument:
         vehicle_hash=found.vehicle_hash,
         drives=tuple(drive.name for drive in found.drives),
         level=found.level,
-        parameters={name: _entry(e, found.truth.get(name)) for name, e in found.parameters.items()},
+        parameters=_entries(found.parameters, found.truth),
+        others=_entries(found.others, found.truth),
         covariance=found.covariance,
         correlation=found.correlation,
         fixed=found.fixed,
@@ -291,26 +295,32 @@ def document_of_many(found: ManyDrives) -> IdentificationDocument:
         vehicle_hash=found.vehicle_hash,
         drives=tuple(drive.name for drive in found.drives),
         level=found.level,
-        parameters={name: _entry(e, found.truth.get(name)) for name, e in found.parameters.items()},
+        parameters=_entries(found.parameters, found.truth),
+        others=_entries(found.others, found.truth),
         covariance=found.covariance,
         white=found.white,
         effects=found.effects,
     )
 
 
-def _entry(e: Estimate, truth: float | None) -> ParameterEntry:
-    return ParameterEntry(
-        estimate=e.estimate,
-        low=e.low,
-        high=e.high,
-        unit=e.unit,
-        standard_deviation=e.standard_deviation,
-        linear=e.linear,
-        range=e.range,
-        identifiable=e.identifiable,
-        profile=e.profile,
-        truth=truth,
-    )
+def _entries(
+    estimates: Mapping[str, Estimate], truth: Mapping[str, float]
+) -> dict[str, ParameterEntry]:
+    return {
+        name: ParameterEntry(
+            estimate=e.estimate,
+            low=e.low,
+            high=e.high,
+            unit=e.unit,
+            standard_deviation=e.standard_deviation,
+            linear=e.linear,
+            range=e.range,
+            identifiable=e.identifiable,
+            profile=e.profile,
+            truth=truth.get(name),
+        )
+        for name, e in estimates.items()
+    }
 
 
 def _known(value: float) -> float | None:

@@ -15,11 +15,11 @@ larger than the noise explains, and the drives whose residuals are not white are
 import hashlib
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Self, TypeVar
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -78,6 +78,8 @@ class ManyDrives:
         Probability of the intervals.
     effects : tuple of EffectEstimate
         What all drives have in common beside the parameters; of deviations their sizes.
+    others : mapping of str to Estimate
+        Parameters that were not asked for, but estimated.
     """
 
     parameters: Mapping[str, Estimate]
@@ -90,6 +92,23 @@ class ManyDrives:
     vehicle_hash: str
     level: float
     effects: tuple[EffectEstimate, ...] = ()
+    others: Mapping[str, Estimate] = field(default_factory=dict)
+
+    def only(self, names: Collection[str]) -> Self:
+        """Return the result for some of the parameters, the rest of which are its `others`.
+
+        Parameters
+        ----------
+        names : collection of str
+            Of the parameters that are asked for.
+        """
+        at = [i for i, name in enumerate(self.parameters) if name in names]
+        return replace(
+            self,
+            parameters={name: e for name, e in self.parameters.items() if name in names},
+            others={name: e for name, e in self.parameters.items() if name not in names},
+            covariance=self.covariance[np.ix_(at, at)],
+        )
 
     @property
     def not_white(self) -> int:

@@ -34,7 +34,7 @@ DIAGNOSTICS_PERIOD = 1.0  # s
 DRAIN = 1000  # messages taken in one callback, so that services are answered in a flood
 CLOCK_DEPTH = 10_000  # ticks that wait for the next message
 TOPICS = [
-    *("maneuver/*", "identification/*", "vehicle/state", "odom", "imu"),
+    *("maneuver/*", "identification/*", "vehicle/*", "odom", "imu"),
     *("joint_states", "joint_commands", "battery_state", "/diagnostics", "cmd_vel"),
     *("/tf", "/tf_static", "robot_description"),
 ]

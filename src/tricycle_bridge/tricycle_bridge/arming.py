@@ -13,8 +13,6 @@ from tricycle_bridge.plc_link.link import DEGRADED_AGE, PlcLink
 from tricycle_bridge.plc_link.operations import OperationOutcome
 from tricycle_bridge.protocol.limits import ARMING_COMMANDS, ARMING_SPEED
 from tricycle_bridge.protocol.messages import (
-    SPEED_UNIT,
-    VOLTAGE_UNIT,
     Board,
     DriveState,
     Fault,
@@ -24,6 +22,7 @@ from tricycle_bridge.protocol.messages import (
     StateFlag,
 )
 from tricycle_bridge.protocol.readable import state_and_faults
+from tricycle_bridge.protocol.units import SPEED_UNIT, VOLTAGE_UNIT
 from tricycle_bridge.settings import UNCHECKED_SUPPLY
 
 ARMING_PATIENCE = 2.0

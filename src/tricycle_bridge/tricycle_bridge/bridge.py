@@ -41,7 +41,6 @@ from tricycle_bridge.plc_link.operations import OperationOutcome
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.limits import ARMING_SPEED
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
     Board,
     CommandFlag,
     Gear,
@@ -51,6 +50,7 @@ from tricycle_bridge.protocol.messages import (
     StateFlag,
     SteerState,
 )
+from tricycle_bridge.protocol.units import ANGLE_UNIT
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.readiness import Readiness

@@ -36,6 +36,7 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState, Imu, JointState
+from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
 from tricycle_bridge.bridge import Bridge
@@ -50,18 +51,17 @@ from tricycle_bridge.measurements.joint_pairing import JointReadings
 from tricycle_bridge.port_bridge import receive_all, send_all
 from tricycle_bridge.protocol.messages import (
     BAUD,
-    CURRENT_UNIT,
-    VOLTAGE_UNIT,
     Board,
     DriveState,
 )
 from tricycle_bridge.protocol.readable import firmware_build
+from tricycle_bridge.protocol.units import CURRENT_UNIT, VOLTAGE_UNIT
 from tricycle_bridge.serial_port import SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node, time_message
-from tricycle_core.readiness import PERIOD, TOPIC, Readiness
+from tricycle_core.readiness import ARMED_TOPIC, PERIOD, TOPIC, Readiness
 from tricycle_core.stamps import seconds_of
 
 POLL_PERIOD = 0.05  # s, wall time, between actions while neither a PLC nor a commander sends
@@ -106,6 +106,7 @@ class BridgeNode(LifecycleNode):
         self._battery_state = publisher(BatteryState, "battery_state")
         self._diagnostics = publisher(DiagnosticArray, "/diagnostics")
         self._vehicle_state = publisher(DiagnosticStatus, TOPIC, LATCHED)
+        self._armed = publisher(Bool, ARMED_TOPIC, LATCHED)
         simulated = self.get_parameter("use_sim_time").value
         # of the computer's clock, which may be set while the vehicle moves, only stamps depend
         self._host_clock = None if simulated else HostClock(self._ros_now(), time.monotonic())
@@ -375,7 +376,7 @@ class BridgeNode(LifecycleNode):
             self._report(bridge, now)
 
     def _state(self, readiness: Readiness, level: Level, now: float, problem: str = "") -> None:
-        """Publish vehicle/state when it has changed, and before `PERIOD` is over."""
+        """Publish the vehicle's state when it has changed, and before `PERIOD` is over."""
         content = (readiness, level, problem)
         if content == self._stated and 0.0 <= now - self._stated_at < PERIOD - POLL_PERIOD:
             return
@@ -386,6 +387,7 @@ class BridgeNode(LifecycleNode):
         )
         status.values = [KeyValue(key=k, value=v) for k, v in readiness.values().items()]
         self._vehicle_state.publish(status)
+        self._armed.publish(Bool(data=readiness.armed))
 
     def _report(self, bridge: Bridge, now: float) -> None:
         stamp = self._stamp(now)

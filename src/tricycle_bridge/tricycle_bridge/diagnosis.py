@@ -9,12 +9,13 @@ from tricycle_bridge.arming import supply_problem
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.commands.command_stream import Source
 from tricycle_bridge.plc_link.link import DEGRADED_AGE, LinkState, PlcLink
-from tricycle_bridge.protocol.messages import VOLTAGE_UNIT, Fault, PlcState
+from tricycle_bridge.protocol.messages import Fault, PlcState
 from tricycle_bridge.protocol.readable import (
     firmware_version,
     readable_fields,
     state_and_faults,
 )
+from tricycle_bridge.protocol.units import VOLTAGE_UNIT
 from tricycle_core.diagnostics import Level
 
 # Names of the PLC's counters where that of the field does not say enough.

@@ -22,12 +22,7 @@ from tricycle_bridge.protocol.limits import (
     MAX_STEERING_RATE,
     MAX_TORQUE,
 )
-from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
-    SPEED_UNIT,
-    STEER_RATE_UNIT,
-    TORQUE_UNIT,
-)
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT, STEER_RATE_UNIT, TORQUE_UNIT
 from tricycle_core.errors import LinkError
 from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
 

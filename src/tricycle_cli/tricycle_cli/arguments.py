@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from excitation_planner.maneuver import ManeuverFamily
     from parameter_identification.drives.poses import Datum
     from parameter_identification.drives.recorded import TopicNames
+    from tricycle_sim.vehicle import Vehicle
 
 BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, ...)"
 """What an argument that names a bag may be."""
@@ -39,6 +41,24 @@ def bag_argument(text: str) -> Path:
         return bag_path(text)
     except BagError as error:
         raise ArgumentTypeError(str(error)) from error
+
+
+def warn_about(vehicle: Vehicle, args: Namespace) -> None:
+    """Print what is doubtful about the vehicle of a file that the user gives, on stderr.
+
+    Of the packaged vehicle `tricycle vehicle check` prints it: those are the paper's numbers.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        The one that was loaded.
+    args : Namespace
+        Parsed arguments, with `vehicle`.
+    """
+    from tricycle_sim.vehicle import warnings_about
+
+    for warning in () if args.vehicle is None else warnings_about(vehicle):
+        print(f"warning: {warning}", file=sys.stderr)
 
 
 def add_range_options(parser: ArgumentParser) -> None:

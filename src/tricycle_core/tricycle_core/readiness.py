@@ -11,6 +11,9 @@ from dataclasses import dataclass
 TOPIC = "vehicle/state"
 """diagnostic_msgs/DiagnosticStatus, latched: on every change and every `PERIOD`."""
 
+ARMED_TOPIC = "vehicle/armed"
+"""std_msgs/Bool, latched: the first of its values, with every message of `TOPIC`."""
+
 PERIOD = 0.5
 """Longest time between two messages [s]."""
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from excitation_planner.maneuver.family import ACCELERATION, SETTLING_TIME
 from excitation_planner.maneuver.steering import SineSweep, StepSteer
 from excitation_planner.planning.replay import nominal_run
-from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_sim.vehicle import load_vehicle
 

@@ -5,7 +5,7 @@ import pytest
 
 from excitation_planner.maneuver.paths import Circle, DoubleLaneChange
 from excitation_planner.maneuver.tracking import COMMAND_TICKS, track
-from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.batch import simulate

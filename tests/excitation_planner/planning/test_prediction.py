@@ -104,7 +104,9 @@ def test_effects_move_the_vehicle_as_they_do_in_the_identification():
     assert not any(
         np.array_equal(Y[0], other) for name, other in moved.items() if name != "sensor yaw"
     )
-    np.testing.assert_allclose(moved["sensor forward"][0, :2], Y[0][0, :2] + [0.03, 0.0])
+    np.testing.assert_allclose(
+        moved["sensor forward"][0, :2], Y[0][0, :2] + [0.03, 0.0], atol=1e-12
+    )
     off = VEHICLE.replace(steering_offset=0.02)  # one standard deviation
     motion = simulate_vehicle(off, nominal_run(VEHICLE, family, x).commands)
     rest, every = round(STANDSTILL / PERIOD), round(PERIOD / TICK)

@@ -108,3 +108,10 @@ def test_a_wrong_hall_count_does_not_pass(pair, turns, message):
     (result,) = run(pair, engineer, only("hall count"))
     assert not result.passed
     assert message in result.problem
+
+
+def test_a_wheel_in_the_air_does_not_pass_and_is_told_what_it_lacks(pair, monkeypatch):
+    monkeypatch.setattr("tricycle_sim.plc.pair._MASS", 2.0)
+    (result,) = run(pair, Engineer(pair), only("motor direction"))
+    assert not result.passed
+    assert "the drive PLC is FAULT (PULSES), which a wheel that turns more easily" in result.problem

@@ -1,6 +1,7 @@
 """`tricycle plan`: a plan with its figure, and what of it is printed."""
 
 import json
+from importlib import resources
 
 import pytest
 
@@ -60,6 +61,16 @@ def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
     assert f"{tmp_path / 'plan-1.json'} exists: --overwrite replaces" in capsys.readouterr().err
     assert main([*command, str(tmp_path), "--overwrite"]) == 0
     assert {p.name for p in tmp_path.glob("*.json")} == {"plan.json", "notes.json"}
+
+
+@pytest.mark.slow
+def test_an_impossible_inertia_is_warned_of_in_a_file_of_the_user_only(capsys, tmp_path):
+    command = ["plan", "--at", "radius=3", "speed=0.8", "--samples", "20", "--output"]
+    assert main([*command, str(tmp_path / "packaged")]) == 0
+    assert "warning" not in capsys.readouterr().err
+    with resources.as_file(resources.files("tricycle_sim") / "tricycle.yaml") as file:
+        assert main([*command, str(tmp_path / "own"), "--vehicle", str(file)]) == 0
+    assert "warning: yaw_inertia: 50 kg m^2 is larger than the sum" in capsys.readouterr().err
 
 
 def test_a_file_in_the_place_of_the_output_is_told_before_anything_is_planned(capsys, tmp_path):

@@ -25,6 +25,7 @@ def test_the_page_has_numbers_verdict_and_findings():
     for text in ("S of p1", "0.49", "1 − 1.0e-06", "It was found so.", "How the paper was read"):
         assert text in page
     assert page.count("<img") == 1
+    assert 'data-heading=""' not in page  # the label of a cell on a narrow screen
 
 
 def test_the_table_has_a_row_per_quantity():

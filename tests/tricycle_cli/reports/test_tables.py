@@ -103,6 +103,13 @@ def test_parameters_that_were_not_identified_are_said_to_be_taken_as_known():
     assert not any("taken as known" in line for line in remarks(whole))
 
 
+def test_parameters_that_were_not_asked_for_are_said_to_count_as_unknown():
+    asked, *others = FOUND.names
+    (line,) = (r for r in remarks(FOUND.only([asked])) if r.startswith("not asked for"))
+    assert all(name in line for name in others)
+    assert not any(r.startswith("not asked for") for r in remarks(FOUND))
+
+
 def test_tyres_that_used_much_of_their_friction_are_told():
     hard = dataclasses.replace(FOUND, friction_used=0.853)
     assert any(line.startswith("a tyre used up to 85% of its friction") for line in remarks(hard))

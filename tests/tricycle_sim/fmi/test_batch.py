@@ -33,7 +33,7 @@ def test_an_fmu_is_calibrated_as_our_model_is(mapping_file):
 
     drives, names = driven_pair()[1:], ["cornering_stiffness", "yaw_inertia"]
     found = [
-        identify(drives, VEHICLE, parameters=names, starts=1, **more).parameters
+        identify(drives, VEHICLE, parameters=names, hold_others=True, starts=1, **more).parameters
         for more in ({}, {"simulator": FmuSimulator(mapping_file())})
     ]
     for name in names:

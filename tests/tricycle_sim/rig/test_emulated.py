@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
-from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_sim.commands import Commands
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host

@@ -21,7 +21,7 @@ import numpy as np
 
 from excitation_planner.box import Box
 from tricycle_bridge.protocol.limits import MAX_SPEED
-from tricycle_bridge.protocol.messages import ANGLE_UNIT
+from tricycle_bridge.protocol.units import ANGLE_UNIT
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands

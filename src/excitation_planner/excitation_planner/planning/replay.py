@@ -12,7 +12,7 @@ from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
 from excitation_planner.planning.shaping import check_motor
 from excitation_planner.trajectory_error import NominalTrajectory
-from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands

@@ -1,9 +1,11 @@
 """The request of a plan: data without computation, which command line and node read quickly."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
-from excitation_planner.area.area import Area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.design.prior import BoxPrior
@@ -13,6 +15,9 @@ from excitation_planner.planning.shaping import check_motor
 from tricycle_core.errors import PlanError
 from tricycle_sim.effects import check_effects
 from tricycle_sim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from excitation_planner.area.area import Area
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,9 @@
 """Results of an identification: what `identify` returns."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -222,7 +222,7 @@ class Identification:
     covariance : ndarray of float, shape (k, k)
         Of the estimates, in their units.
     fixed : mapping of str to float
-        Parameters that were not to be identified, at their nominal values.
+        Parameters that were held at their nominal values: no interval counts an error in them.
     hidden : tuple of Combination
         Directions that the drives do not show; along them the ranges still hold.
     noise : mapping of Sensor to NoiseLevel
@@ -251,6 +251,8 @@ class Identification:
         What was estimated beside the parameters.
     friction_used : float
         Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
+    others : mapping of str to Estimate
+        Parameters that were not asked for, but estimated: the intervals count their uncertainty.
     """
 
     vehicle: str
@@ -272,6 +274,25 @@ class Identification:
     seconds: float
     effects: tuple[EffectEstimate, ...] = ()
     friction_used: float = math.nan
+    others: Mapping[str, Estimate] = field(default_factory=dict)
+
+    def only(self, names: Collection[str]) -> Self:
+        """Return the result for some of the parameters, the rest of which are its `others`.
+
+        Parameters
+        ----------
+        names : collection of str
+            Of the parameters that are asked for.
+        """
+        at = [i for i, name in enumerate(self.names) if name in names]
+        return replace(
+            self,
+            parameters={self.names[i]: self.parameters[self.names[i]] for i in at},
+            others={name: e for name, e in self.parameters.items() if name not in names},
+            covariance=self.covariance[np.ix_(at, at)],
+            hidden=tuple(h for h in self.hidden if any(name in names for name in h.weights)),
+            rivals=tuple(rival[at] for rival in self.rivals),
+        )
 
     def __repr__(self) -> str:
         width = max(map(len, self.parameters))

@@ -6,6 +6,15 @@ from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.plc_link.link import BoardCommand, BoardSetup, Telemetry
 from tricycle_bridge.protocol.limits import MAX_SPEED, MAX_STEERING_ANGLE
 from tricycle_bridge.protocol.messages import (
+    Board,
+    DriveCommand,
+    DriveSetup,
+    Gear,
+    SteerCommand,
+    SteerSetup,
+    SteerState,
+)
+from tricycle_bridge.protocol.units import (
     ANGLE_UNIT,
     LENGTH_UNIT,
     MASS_UNIT,
@@ -14,13 +23,6 @@ from tricycle_bridge.protocol.messages import (
     TORQUE_UNIT,
     TRAVEL_UNIT,
     VOLTAGE_UNIT,
-    Board,
-    DriveCommand,
-    DriveSetup,
-    Gear,
-    SteerCommand,
-    SteerSetup,
-    SteerState,
 )
 from tricycle_bridge.settings import UNCHECKED_SUPPLY, BridgeSettings
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.commands.kinematics import TurningGeometry
-from tricycle_bridge.protocol.messages import ANGLE_UNIT, SPEED_UNIT
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, STEERING_JOINT

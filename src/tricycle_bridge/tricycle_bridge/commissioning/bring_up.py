@@ -1,7 +1,8 @@
-"""Bring-up of two boards on a vehicle with its wheels off the ground, step by step.
+"""Bring-up of two boards on a vehicle that stands in its place, step by step.
 
-Each step asks the engineer for something or moves an actuator, and passes only by what the boards
-measure.
+The steered wheels are off the ground; the driven wheel stands on rollers as heavy to turn as the
+vehicle, whose mass the drive board knows. Each step asks the engineer for something or moves an
+actuator, and passes only by what the boards measure.
 """
 
 from __future__ import annotations
@@ -16,10 +17,6 @@ from tricycle_bridge.commissioning.stand import PortStand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE, STEERING_END_STOP, WATCHDOG
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
-    SPEED_UNIT,
-    TRAVEL_UNIT,
-    VOLTAGE_UNIT,
     Board,
     DriveState,
     Fault,
@@ -28,6 +25,7 @@ from tricycle_bridge.protocol.messages import (
     SteerState,
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT, TRAVEL_UNIT, VOLTAGE_UNIT
 from tricycle_core.errors import LinkError
 
 TURNS = 10
@@ -36,8 +34,15 @@ TURNS = 10
 BY_HAND = 60.0
 """Time for what the engineer is asked to do [s]."""
 
-_SPEED = 0.5  # m/s at which the lifted wheel turns
+STANDING = (
+    "the steered wheels are off the ground, the driven wheel is on rollers as heavy to turn as the "
+    "vehicle"
+)
+"""How the vehicle stands during the bring-up."""
+
+_SPEED = 0.5  # m/s at which the driven wheel turns on its rollers
 _TRACKING = 0.05  # rad that the servo may be off
+_LIGHT = ", which a wheel that turns more easily than the vehicle gives too: is it on its rollers?"
 _REACTION = 0.06  # s in which a board must react, telemetry included
 
 
@@ -325,7 +330,8 @@ def _require_no_fault(stand: PortStand) -> None:
     for name, state in (("steer", stand.steer), ("drive", stand.drive)):
         if state.state in (PlcState.FAULT, PlcState.ESTOP):
             condition = f"{state_name(state.state)} ({fault_names(state.faults & ~Fault.LIMIT)})"
-            raise CheckFailedError(f"the {name} PLC is {condition}")
+            hint = _LIGHT if state.faults & (Fault.PULSES | Fault.OVERSPEED) else ""
+            raise CheckFailedError(f"the {name} PLC is {condition}{hint}")
 
 
 def _arm(stand: PortStand) -> None:
@@ -336,7 +342,7 @@ def _arm(stand: PortStand) -> None:
 
 
 def _turn(stand: PortStand) -> None:
-    """Arm and turn the lifted wheel."""
+    """Arm and turn the driven wheel."""
     _arm(stand)
     stand.command(0.0, _SPEED)
     reached = stand.wait(4.0, lambda: _speed(stand) > 0.8 * _SPEED)

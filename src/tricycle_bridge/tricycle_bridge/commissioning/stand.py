@@ -30,7 +30,7 @@ _POLL = 0.01  # s
 
 
 class PortStand(Closing):
-    """Both boards and the engineer, as a step sees them; the vehicle's wheels are lifted.
+    """Both boards and the engineer, as a step sees them.
 
     Parameters
     ----------

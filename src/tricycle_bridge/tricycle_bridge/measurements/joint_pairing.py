@@ -12,15 +12,12 @@ from dataclasses import dataclass
 
 from tricycle_bridge.plc_link.link import Telemetry
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
-    SPEED_UNIT,
-    STEER_RATE_UNIT,
-    TRAVEL_UNIT,
     Board,
     DriveLimits,
     SteerLimits,
     SteerState,
 )
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT, STEER_RATE_UNIT, TRAVEL_UNIT
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.timing import TICK
 

@@ -11,7 +11,8 @@ from __future__ import annotations
 
 import math
 
-from tricycle_bridge.protocol.messages import BRAKE_UNIT, DriveState
+from tricycle_bridge.protocol.messages import DriveState
+from tricycle_bridge.protocol.units import BRAKE_UNIT
 
 PULSES = 3
 """Pulses that a travel must have shown ..."""

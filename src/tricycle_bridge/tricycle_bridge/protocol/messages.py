@@ -17,24 +17,24 @@ from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self, get_type_hints
 
 from tricycle_bridge.protocol.limits import ECHO_TICK
+from tricycle_bridge.protocol.units import (
+    ANGLE_UNIT,
+    BRAKE_UNIT,
+    CURRENT_UNIT,
+    LENGTH_UNIT,
+    MASS_UNIT,
+    SPEED_UNIT,
+    STEER_RATE_UNIT,
+    TORQUE_UNIT,
+    TRAVEL_UNIT,
+    VOLTAGE_UNIT,
+)
 from tricycle_core.errors import LinkError
 
 MAJOR = 2  # version of the protocol
 MINOR = 0
 BAUD = 115_200  # 8N1
 MAX_PAYLOAD = 40  # bytes
-
-# One count on the wire in SI.
-ANGLE_UNIT = 1e-4  # rad
-STEER_RATE_UNIT = 1e-3  # rad/s
-SPEED_UNIT = 1e-3  # m/s; accelerations likewise 1e-3 m/s^2
-BRAKE_UNIT = 0.005  # full brake = 200
-TRAVEL_UNIT = 1e-6  # m, per hall pulse
-VOLTAGE_UNIT = 1e-3  # V
-CURRENT_UNIT = 1e-3  # A
-LENGTH_UNIT = 1e-4  # m, of the tyre radius
-TORQUE_UNIT = 0.01  # N m
-MASS_UNIT = 0.1  # kg
 
 
 class Board(enum.IntEnum):

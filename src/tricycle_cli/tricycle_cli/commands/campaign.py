@@ -24,6 +24,7 @@ from tricycle_cli.arguments import (
     real_time_factor,
     search_boxes,
     seed,
+    warn_about,
 )
 from tricycle_cli.campaign.request import WAY_BACK, CampaignRequest
 from tricycle_cli.progress import progress_bar
@@ -156,6 +157,7 @@ def run(args: argparse.Namespace) -> int:
         plan_effects=named_effects(args.plan_effects),
     )
     campaign = Campaign(args.output, request)
+    warn_about(vehicle, args)
     console = Console(stderr=True)
     if campaign.steps:
         console.print(f"{args.output}: going on after {len(campaign.steps)} planned drives")

@@ -65,7 +65,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--parameters",
         type=lambda text: tuple(text.replace("-", "_").split(",")),
         metavar="NAME,NAME",
-        help="identify only these; the others keep their nominal values (default: all unknown)",
+        help="show only these; the others are estimated too, so that the intervals count them "
+        "(default: all unknown)",
+    )
+    add(
+        "--hold-others",
+        action="store_true",
+        help="take what --parameters leaves out as known, at its nominal value",
     )
     add(
         "--held-out",
@@ -157,6 +163,7 @@ def run(args: argparse.Namespace) -> int:
             list(chain.from_iterable(drives[: len(args.drives)])),
             vehicle,
             parameters=args.parameters,
+            hold_others=args.hold_others,
             held_out=list(chain.from_iterable(drives[len(args.drives) :])),
             **effects,
             simulator=simulator,
@@ -203,14 +210,14 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         raise IdentificationError(f"--workers {args.workers}: 1 or more are needed")
     effects = effects_asked(args, "none")
     vehicle = load_vehicle(args.vehicle)
-    known = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
+    asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
     with (
         ProcessPoolExecutor(args.workers, mp_context=get_context("spawn")) as executor,
         progress_bar("reading drives") as progress,
     ):
         found = identify_many(
             args.drives,
-            known,
+            asked if args.hold_others else vehicle,
             folder=args.drive_by_drive,
             executor=executor,
             **effects,
@@ -218,7 +225,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
             topics=topics_of(args),
             seed=args.seed,
             progress=progress,
-        )
+        ).only(asked.unknown)
     console = Console(stderr=args.json, highlight=False)
     console.print(parameter_table(found))
     for remark in remarks_on_many(found):

@@ -9,7 +9,6 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import SIMULATED
 from excitation_planner.maneuver import family_names, operation_point, shown_ranges
@@ -24,12 +23,13 @@ from tricycle_cli.arguments import (
     parse_assignments,
     search_boxes,
     seed,
+    warn_about,
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
 from tricycle_core.errors import PlanError
 from tricycle_sim.effects import named_effects
-from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle, warnings_about
+from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
@@ -163,6 +163,8 @@ def _earlier_plans(folder: Path) -> list[Path]:
 
 
 def _request(args: argparse.Namespace) -> PlanRequest:
+    from excitation_planner.area.area import load_area
+
     families = families_of(args.maneuver, args)
     count = len(families) if args.maneuvers is None else args.maneuvers
     if not len(families) <= count <= MOST_MANEUVERS:
@@ -195,8 +197,7 @@ def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]
             raise PlanError("--at plans one maneuver: give one --maneuver, and no --maneuvers")
         x = operation_point(request.family, parse_assignments(args.at))
     check_folder(args.output)
-    for warning in warnings_about(request.vehicle):
-        print(f"warning: {warning}", file=sys.stderr)
+    warn_about(request.vehicle, args)
     if x is not None:
         return {args.output / "plan.json": plan_at(request, x)}
     names = ", ".join(family.name for family in request.families)

@@ -12,14 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
     BAUD,
-    SPEED_UNIT,
     Board,
     DriveState,
     SteerState,
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 
@@ -35,8 +34,10 @@ examples:
   tricycle plc stats /dev/ttyACM0 --json
   tricycle plc check /dev/tricycle_steer /dev/tricycle_drive --engineer "A. Test"
 
-The handshake disarms the board; close the bridge first. check moves steering and wheel: lift the
-vehicle's wheels off the ground before.
+The handshake disarms the board; close the bridge first. check moves steering and wheel: before
+it, lift the steered wheels off the ground and put the driven wheel on rollers as heavy to turn as
+the vehicle. A wheel in the air is lighter than the drive board expects: a fault, PULSES or
+OVERSPEED.
 """
 
 
@@ -130,7 +131,7 @@ def _check(args: argparse.Namespace) -> int:
     if not (args.engineer or "").strip():
         raise LinkError("plc check needs --engineer NAME: somebody signs the record off")
 
-    from tricycle_bridge.commissioning.bring_up import STEPS, bring_up
+    from tricycle_bridge.commissioning.bring_up import STANDING, STEPS, bring_up
     from tricycle_bridge.commissioning.record import BringUpRecord, write_record
     from tricycle_bridge.commissioning.stand import PortStand
     from tricycle_bringup.configuration import bridge_settings
@@ -142,7 +143,7 @@ def _check(args: argparse.Namespace) -> int:
         print(f"    >> {text}", file=log, flush=True)
 
     paths = dict(zip((Board.STEER, Board.DRIVE), args.ports, strict=True))
-    print("Are the wheels off the ground? Ctrl-C stops and disarms.", file=log)
+    print(f"Make sure that {STANDING}. Ctrl-C stops and disarms.", file=log)
     results: list[StepResult] = []
     settings = bridge_settings(load_vehicle(Path(args.vehicle) if args.vehicle else None))
     with PortStand(paths, settings, say, baud=args.baud, boot_wait=args.boot_wait) as stand:

@@ -30,7 +30,7 @@ def comparison_table(item: Item[Any]) -> Table:
     item : Item
         Table or figure, computed again.
     """
-    table = Table("", "published", "ours", "", title=item.title)
+    table = Table("quantity", "published", "ours", "verdict", title=item.title)
     for row in _rows(item):
         table.add_row(*row)
     return table
@@ -46,10 +46,10 @@ def comparison_page(items: Sequence[Item[Any]], figures: Sequence[Figure]) -> st
     figures : sequence of Figure
         Drawing of each.
     """
-    overview = TableBlock(("", "verdict"), tuple((item.title, item.verdict) for item in items))
+    overview = TableBlock(("item", "verdict"), tuple((item.title, item.verdict) for item in items))
     sections = [Section("Overview", (overview,)), Section("How the paper was read", READING)]
     for item, figure in zip(items, figures, strict=True):
-        table = TableBlock(("", "published", "ours", "verdict"), _rows(item))
+        table = TableBlock(("quantity", "published", "ours", "verdict"), _rows(item))
         picture = FigureBlock.of(figure, alt=f"{item.title}: {item.verdict}", caption=item.title)
         sections.append(Section(item.title, (table, picture, *_statistics(item), *item.findings)))
     return html_page(
@@ -83,5 +83,5 @@ def _statistics(item: Item[Any]) -> tuple[TableBlock, ...]:
          f"{s.output_mean:.4g}", f"{s.output_std:.4g}")
         for label, s in item.data.statistics.items()
     )  # fmt: skip
-    unit = "no unit" if item.data.unit == "1" else item.data.unit
-    return (TableBlock(headings, rows, f"Errors at the validation points; outputs in {unit}"),)
+    unit = "without unit" if item.data.unit == "1" else f"in {item.data.unit}"
+    return (TableBlock(headings, rows, f"Errors at the validation points; outputs {unit}"),)

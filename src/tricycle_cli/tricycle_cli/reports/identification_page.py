@@ -129,7 +129,7 @@ def identification_page(found: Identification) -> str:
     """
     names = found.names
     correlation = TableBlock(
-        ("", *names),
+        ("parameter", *names),
         tuple(
             (name, *(f"{value:.2f}" for value in row))
             for name, row in zip(names, found.correlation, strict=True)
@@ -144,10 +144,14 @@ def identification_page(found: Identification) -> str:
         ),
         caption="noise, estimated from the residuals",
     )
+    units = {channel: sensor.unit for sensor in Sensor for channel in sensor.channels}
     tests = TableBlock(
-        ("drive", "channel", "rms", "correlation", "p"),
+        ("drive", "channel", "rms", "unit", "correlation", "p"),
         tuple(
-            (t.drive, t.channel, f"{t.rms:.3g}", _number(t.correlation, ".2f"), _number(t.p, ".2g"))
+            (
+                *(t.drive, t.channel, f"{t.rms:.3g}", units[t.channel]),
+                *(_number(t.correlation, ".2f"), _number(t.p, ".2g")),
+            )
             for t in found.whiteness
         ),
         caption="Ljung-Box test of the residuals; p is missing where a sensor's steps are coarser",

@@ -56,7 +56,7 @@ def trajectories(plan: Plan | None, judgement: Judgement | None) -> go.Figure:
             figure.add_scatter(
                 x=np.column_stack([x0[marks], far_x[marks], gap]).ravel(),
                 y=np.column_stack([y0[marks], far_y[marks], gap]).ravel(),
-                name=f"same time, every {MARKS:g} s", mode="lines", line=_line(GREY),
+                name=f"same time, every {MARKS:g} s", mode="lines", line=_line(GREY, dash="dot"),
                 hoverinfo="skip",
             )  # fmt: skip
             figure.add_scatter(
@@ -363,8 +363,9 @@ def _layout(height: int) -> dict[str, object]:
 def _figure(*, rows: int = 1, height: int = HEIGHT) -> go.Figure:
     figure = make_subplots(rows=rows, cols=1, shared_xaxes=True, vertical_spacing=0.06)
     figure.update_layout(_layout(height))
-    figure.update_xaxes(showgrid=True, automargin=True)
-    figure.update_yaxes(showgrid=True, automargin=True)
+    clear = {"ticks": "outside", "ticklen": 5, "tickcolor": "rgba(0,0,0,0)"}  # of the other axis
+    figure.update_xaxes(showgrid=True, automargin=True, **clear)
+    figure.update_yaxes(showgrid=True, automargin=True, **clear)
     return figure
 
 

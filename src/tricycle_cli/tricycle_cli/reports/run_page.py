@@ -14,7 +14,7 @@ from tricycle_sim.vehicle import Vehicle
 Block = str | TableBlock | PlotBlock
 
 LEGEND = (
-    "x: what the maneuver is made of, in m, m/s, rad, s. TE: trajectory error, the mean squared "
+    "x: what the maneuver is made of, in m, m/s, rad or Hz. TE: trajectory error, the mean squared "
     "distance from the nominal model's trajectory; less noise: without what the noise of the pose "
     "adds; rms is its root. Of the variance of TE when the unknown parameters vary, the target "
     "alone explains the share S, and with its interactions ST. H: the paper's cost of a maneuver, "
@@ -187,7 +187,8 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
                 PlotBlock(
                     "search",
                     (figures.search_path(plan, plan.search),),
-                    "Cost of the maneuvers that the search tried, and the best so far.",
+                    "Cost of the maneuvers that the search tried, and the best so far. Axes are in "
+                    "m, m/s, rad or Hz.",
                 )
             )
     return blocks

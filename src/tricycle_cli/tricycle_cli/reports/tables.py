@@ -238,11 +238,12 @@ def remarks(found: Identification) -> list[str]:
     if found.fixed:
         fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
         lines.append(f"taken as known: {fixed}. An error in them is in no interval")
+    lines += _not_asked_for(found)
     if not any(found.identifiable.values()):
         lines.append("these drives show none of the parameters: drive longer, or other maneuvers")
     ends = [
         name
-        for name, e in found.parameters.items()
+        for name, e in (*found.parameters.items(), *found.others.items())
         if min(abs(e.estimate - end) for end in e.range) <= 1e-9 * (e.range[1] - e.range[0])
     ]
     if ends:
@@ -286,6 +287,13 @@ def remarks(found: Identification) -> list[str]:
     return lines + [_remark_on_held_out(held, found.level) for held in found.held_out]
 
 
+def _not_asked_for(found: Identification | ManyDrives) -> list[str]:
+    if not found.others:
+        return []
+    names = ", ".join(found.others)
+    return [f"not asked for, but counted as unknown: {names} (--hold-others takes them as known)"]
+
+
 def _remark_on_held_out(held: HeldOut, level: float) -> str:
     band = ""
     if held.expected is not None and held.inside is not None:
@@ -311,6 +319,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
     """
     hidden = [name for name, e in found.parameters.items() if not e.identifiable]
     lines = [f"not shown by these drives: {', '.join(hidden)}"] if hidden else []
+    lines += _not_asked_for(found)
     if not found.white:
         lines.append(
             f"residuals of {found.not_white} of {len(found.drives)} drives are NOT white: the "

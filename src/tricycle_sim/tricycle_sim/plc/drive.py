@@ -38,13 +38,6 @@ from tricycle_bridge.protocol.limits import (
     WATCHDOG,
 )
 from tricycle_bridge.protocol.messages import (
-    BRAKE_UNIT,
-    LENGTH_UNIT,
-    MASS_UNIT,
-    SPEED_UNIT,
-    TORQUE_UNIT,
-    TRAVEL_UNIT,
-    VOLTAGE_UNIT,
     Board,
     DriveCommand,
     DriveLimits,
@@ -53,6 +46,15 @@ from tricycle_bridge.protocol.messages import (
     Fault,
     Gear,
     PlcState,
+)
+from tricycle_bridge.protocol.units import (
+    BRAKE_UNIT,
+    LENGTH_UNIT,
+    MASS_UNIT,
+    SPEED_UNIT,
+    TORQUE_UNIT,
+    TRAVEL_UNIT,
+    VOLTAGE_UNIT,
 )
 from tricycle_core.timing import TICK
 from tricycle_sim.plc.plc import Plc, clamp, in_order, to_i16, to_u16

@@ -16,15 +16,12 @@ from tricycle_bridge.protocol.boards import (
     LINE_RESTING,
 )
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
-    BRAKE_UNIT,
-    SPEED_UNIT,
-    STEER_RATE_UNIT,
     Board,
     Fault,
     PlcState,
     ResetCause,
 )
+from tricycle_bridge.protocol.units import ANGLE_UNIT, BRAKE_UNIT, SPEED_UNIT, STEER_RATE_UNIT
 from tricycle_core.errors import LinkError
 from tricycle_sim.plc.drive import DriveMeasurement, DriveOutput
 from tricycle_sim.plc.steer import SteerMeasurement, SteerOutput

@@ -21,7 +21,6 @@ from tricycle_bridge.protocol.limits import ANSWER_BUDGET, ARMING_COMMANDS, STAL
 from tricycle_bridge.protocol.messages import (
     MAJOR,
     MINOR,
-    VOLTAGE_UNIT,
     Ack,
     Board,
     Capability,
@@ -49,6 +48,7 @@ from tricycle_bridge.protocol.messages import (
     SteerSetup,
     echo_of,
 )
+from tricycle_bridge.protocol.units import VOLTAGE_UNIT
 from tricycle_core.timing import TICK
 from tricycle_sim.setpoints import slew
 

@@ -24,8 +24,6 @@ from tricycle_bridge.protocol.limits import (
     WATCHDOG,
 )
 from tricycle_bridge.protocol.messages import (
-    ANGLE_UNIT,
-    STEER_RATE_UNIT,
     Board,
     CommandFlag,
     Fault,
@@ -35,6 +33,7 @@ from tricycle_bridge.protocol.messages import (
     SteerSetup,
     SteerState,
 )
+from tricycle_bridge.protocol.units import ANGLE_UNIT, STEER_RATE_UNIT
 from tricycle_sim.plc.plc import Plc, clamp, in_order, to_i16, to_u16
 from tricycle_sim.setpoints import slew
 

@@ -4,6 +4,8 @@ Everything that the model of `docs/model.md` needs is one number of a `Vehicle`,
 Letters of array shapes: `n` samples, `k` unknown parameters, `t` time points.
 """
 
+from __future__ import annotations
+
 import dataclasses
 import difflib
 import functools
@@ -257,7 +259,7 @@ class Vehicle:
             (stiffness * (arms.T @ np.linalg.solve(arms * stiffness @ arms.T, balance))).tolist()
         )
 
-    def replace(self, **values: float) -> "Vehicle":
+    def replace(self, **values: float) -> Vehicle:
         """Return the vehicle with other values.
 
         Parameters
