@@ -196,7 +196,7 @@ class HandWritten:
     def run_python(self) -> None:
         """Run the Python kernel."""
         lag = np.zeros(len(self.drive))
-        self._python(self.pack(), self.table, lag, self.drive, 1, 0, self.rows, self.out)
+        self._python(self.pack(), self.table, lag, self.drive, 1, 0, self.rows, 1, self.out)
 
     def run_cpp(self) -> None:
         """Run the C++ one."""

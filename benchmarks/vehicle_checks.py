@@ -76,7 +76,15 @@ def run(
     rows = np.array([*range(STATES), *range(*loads.indices(ROWS))])
     out = np.empty((len(rows), LANES, ticks + 1))
     functions.advance(
-        groups, table, np.zeros(ticks + 1), np.vstack([drive, drive[-1:]]), substeps, 0, rows, out
+        groups,
+        table,
+        np.zeros(ticks + 1),
+        np.vstack([drive, drive[-1:]]),
+        substeps,
+        0,
+        rows,
+        1,
+        out,
     )
     return out[:STATES, 0], out[STATES:, 0]
 

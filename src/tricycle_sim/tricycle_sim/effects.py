@@ -250,6 +250,8 @@ def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
     effects : sequence of Effect
         Of this vehicle.
     """
+    if not effects:  # checking a vehicle takes milliseconds, and plans ask for every maneuver
+        return vehicle
     for e in effects:
         vehicle = extend(vehicle, e.parts)
     unknown = dict(vehicle.unknown)

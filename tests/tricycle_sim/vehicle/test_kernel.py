@@ -107,7 +107,7 @@ def kernel_slopes(vehicle, s):
     rows[STATE.torque], rows[STATE.integrator] = s.torque, s.integrator
     speed_mode = s.speed is not None
     drive = np.array([[speed_mode, s.speed if speed_mode else s.demand, s.brake]])
-    FUNCTIONS.advance(groups, table, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
+    FUNCTIONS.advance(groups, table, np.zeros(1), drive, 1, 0, NO_ROWS, 1, NO_OUTPUT)
     slopes = rows[SLOPE : SLOPE + STATES, 0]
     return slopes, rows[of_wheels(EVALUATED.load, WHEEL_EVALUATED, 3), 0]
 

@@ -117,7 +117,7 @@ def kernel_slopes(vehicle, s, axles_now):
     rows[STATE.torque], rows[STATE.integrator] = s.torque, s.integrator
     speed_mode = s.speed is not None
     drive = np.array([[speed_mode, s.speed if speed_mode else s.demand, s.brake]])
-    functions.advance(groups, table, np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
+    functions.advance(groups, table, np.zeros(1), drive, 1, 0, NO_ROWS, 1, NO_OUTPUT)
     slopes = rows[SLOPE:, 0]
     return SimpleNamespace(
         position=slopes[STATE.x : STATE.z + 1],

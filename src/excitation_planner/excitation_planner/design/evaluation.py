@@ -66,7 +66,7 @@ def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArra
 
 
 def judge_outcome(
-    problem: DesignProblem, x: FloatArray, outcome: Outcome, *, verification: bool
+    problem: DesignProblem, x: FloatArray, U: FloatArray, outcome: Outcome, *, verification: bool
 ) -> Verified:
     """Return indices and cost from what f gave at one maneuver.
 
@@ -76,6 +76,8 @@ def judge_outcome(
         What is evaluated.
     x : ndarray of float, shape (l,)
         Operation parameters.
+    U : ndarray of float, shape (n, k + e)
+        From `parameter_points`: where f was simulated.
     outcome : tuple or str
         What f gave there.
     verification : bool
@@ -84,8 +86,8 @@ def judge_outcome(
     if isinstance(outcome, str):
         return _rejected(problem, x, outcome, simulations=0, failed=0)
     if problem.criterion is Criterion.H:
-        return _assess(problem, x, outcome[0], verification=verification)
-    return _assess_trajectories(problem, x, outcome, verification=verification)
+        return _assess(problem, x, U, outcome[0], verification=verification)
+    return _assess_trajectories(problem, x, U, outcome, verification=verification)
 
 
 def simulated_values(problem: DesignProblem, U: FloatArray) -> FloatArray:
@@ -172,10 +174,10 @@ def joined(chunks: Sequence[Outcome]) -> Outcome:
 
 
 def _assess(
-    problem: DesignProblem, x: FloatArray, m: FloatArray, *, verification: bool
+    problem: DesignProblem, x: FloatArray, U: FloatArray, m: FloatArray, *, verification: bool
 ) -> Verified:
     """Indices and cost H from outputs m (n,), NaN where failed."""
-    U, failed = parameter_points(problem, verification=verification), int(np.sum(~np.isfinite(m)))
+    failed = int(np.sum(~np.isfinite(m)))
     try:
         model = fit_metamodel(U, m)
     except DesignError as error:
@@ -210,12 +212,12 @@ def _assess(
 def _assess_trajectories(
     problem: DesignProblem,
     x: FloatArray,
+    U: FloatArray,
     outputs: tuple[FloatArray, ...],
     *,
     verification: bool,
 ) -> Verified:
     """Cost C, D or A from trajectories (n, t, c) of each maneuver of a set."""
-    U = parameter_points(problem, verification=verification)
     k, n = len(problem.unknown), len(U)
     failed = int(np.sum(~np.all([np.isfinite(Y).all(axis=(1, 2)) for Y in outputs], axis=0)))
     if failed == n:

@@ -79,7 +79,7 @@ class _Job:
     samples : range
         Those to simulate.
     U : ndarray of float, shape (q, k + e)
-        Their parameters in the unit box.
+        Their parameters in the unit box; those of all samples where it is judged.
     outcome : tuple or str, optional
         What f gave at all samples; None: to be simulated.
     judged : bool
@@ -107,7 +107,7 @@ def _work(f: Simulator, problem: DesignProblem, job: _Job) -> _Result:
         if outcome is None:
             outcome = simulate(f, problem, job.x, job.U)
         if job.judged:
-            verified = judge_outcome(problem, job.x, outcome, verification=job.verification)
+            verified = judge_outcome(problem, job.x, job.U, outcome, verification=job.verification)
         # otherwise trajectories stay where they were simulated: they are large
         return (outcome if job.sent_back else None), verified
 
@@ -161,7 +161,7 @@ class Evaluations:
         def judge(number: int) -> None:
             outcome = joined([outcomes[number][chunk.start] for chunk in chunks])
             self._jobs.add(
-                _Job(number, points[number], verification, range(0), U[:0], outcome, True, False)
+                _Job(number, points[number], verification, range(0), U, outcome, True, False)
             )
 
         for number, x in enumerate(points):

@@ -312,6 +312,7 @@ class Study:
 
     def _judge_known(self, points: list[FloatArray], verification: bool) -> list[Verified]:
         missing = []
+        U = parameter_points(self._store.problem, verification=verification)
         for x in points:
             key = (float(verification), *x.tolist())
             if key in self._judged:
@@ -321,7 +322,7 @@ class Study:
                 missing.append(x)
             else:
                 self._judged[key] = judge_outcome(
-                    self._store.problem, x, outcome, verification=verification
+                    self._store.problem, x, U, outcome, verification=verification
                 )
         if missing:
             raise PendingError(missing, verification)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import qmc
 
 from excitation_planner.box import Box
 from tricycle_core.quantities import FloatArray
@@ -24,6 +23,8 @@ def sobol_sequence(n: int, k: int, *, seed: int | None = 0) -> FloatArray:
     seed : int, optional
         Scrambles the sequence (0 is a seed); ``None`` gives the unscrambled one of the paper.
     """
+    from scipy.stats import qmc  # takes half a second, and workers do without
+
     # a power of two is drawn because scipy warns of anything else; its first n points are the same
     exponent = max(0, math.ceil(math.log2(n)))
     sequence = qmc.Sobol(k, scramble=seed is not None, seed=seed)

@@ -21,7 +21,7 @@ from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Plan
-from excitation_planner.planning.replay import nominal_run
+from excitation_planner.planning.replay import nominal_commands
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -83,7 +83,7 @@ class ReplayedTrajectories:
 
     def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
         """Trajectories (n, t, c) of the samples, with the standstill before them."""
-        commands = nominal_run(self.vehicle, self.family, x, self.room).commands
+        commands = nominal_commands(self.vehicle, self.family, x, self.room)
         return _replayed(self.vehicle, commands, self.columns, parameters, self.effects)
 
 
@@ -154,10 +154,11 @@ def _replayed(
             run = batch.run(
                 points[rows],
                 tuple(motion),
+                every=every,
                 steering_delay=None if steering is None else steering[rows],
                 drive_delay=float(later),
             )
-            seen = {name: column[:, ::every] for name, column in run.columns.items()}
+            seen = run.columns
             if effects:
                 of_rows = {name: value[rows] for name, value in values.items()}
                 x, y, yaw, wheel = (seen[name] for name in SENSED)

@@ -7,7 +7,12 @@ import numpy as np
 
 from excitation_planner.area.room import Room
 from excitation_planner.maneuver import ManeuverFamily
-from excitation_planner.maneuver.family import kept_margin, path_point, steering_lock
+from excitation_planner.maneuver.family import (
+    DrivenPath,
+    kept_margin,
+    path_point,
+    steering_lock,
+)
 from excitation_planner.maneuver.tracking import track
 from excitation_planner.plan import Reference
 from excitation_planner.planning.shaping import check_motor
@@ -17,7 +22,7 @@ from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import PlanarBlock, simulate, simulate_planar
+from tricycle_sim.vehicle.batch import CommandedBatch, PlanarBlock, simulate, simulate_planar
 
 KEPT_RUNS = 4
 """Nominal runs that are kept: the search asks for the same x once per batch of samples."""
@@ -94,6 +99,47 @@ def nominal_run(
     PlanError
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
+    drive, commands = _driven(vehicle, family, x, room)
+    motion = simulate(vehicle, commands, threads=1)
+    reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
+    return NominalRun(
+        commands=commands,
+        path=_driven_path(vehicle, reference)
+        if isinstance(drive, Commands)
+        else np.column_stack([drive.x, drive.y]),
+        reference=reference,
+        nominal=_nominal_trajectory(vehicle, commands),
+    )
+
+
+def nominal_commands(
+    vehicle: Vehicle, family: ManeuverFamily, x: FloatArray, room: Room | None = None
+) -> Commands:
+    """Return the commands of a maneuver: those of `nominal_run`, which takes twice as long.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Nominal vehicle.
+    family : ManeuverFamily
+        Of the maneuver.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+    room : Room, optional
+        What the maneuver has to fit.
+
+    Raises
+    ------
+    InfeasibleManeuver, PlanError
+        As of `nominal_run`.
+    """
+    return _driven(vehicle, family, x, room)[1]
+
+
+def _driven(
+    vehicle: Vehicle, family: ManeuverFamily, x: FloatArray, room: Room | None
+) -> tuple[DrivenPath | Commands, Commands]:
+    """Path or commands of a family, and the commands that are sent, which the vehicle can drive."""
     check_motor(vehicle)
     try:
         drive = family.drive(x, vehicle)
@@ -107,20 +153,12 @@ def nominal_run(
         if tracking.infeasible:
             raise InfeasibleManeuver(tracking.infeasible)
         commands = tracking.commands
-    motion = simulate(vehicle, commands, threads=1)
-    if not motion.feasibility.feasible[0]:
-        raise InfeasibleManeuver("; ".join(motion.feasibility.reasons(0)))
+    nominal = CommandedBatch(vehicle, commands).run(vehicle.nominal_point()[np.newaxis], ("x",))
+    if not nominal.feasibility.feasible[0]:
+        raise InfeasibleManeuver("; ".join(nominal.feasibility.reasons(0)))
     if room is not None:
         room.check(vehicle, commands)
-    reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
-    return NominalRun(
-        commands=commands,
-        path=_driven_path(vehicle, reference)
-        if isinstance(drive, Commands)
-        else np.column_stack([drive.x, drive.y]),
-        reference=reference,
-        nominal=_nominal_trajectory(vehicle, commands),
-    )
+    return drive, commands
 
 
 def _check_angles(vehicle: Vehicle, commands: Commands) -> None:

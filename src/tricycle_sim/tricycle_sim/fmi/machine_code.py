@@ -57,6 +57,7 @@ def functions(vehicle: Vehicle) -> dict[str, Any]:
             1,
             0,
             rows,
+            1,
             out,
         )
 
@@ -84,7 +85,7 @@ def functions(vehicle: Vehicle) -> dict[str, Any]:
             axles,
             angles,
         )
-        advance(carray(group, (1, size)), axles, lag, carray(drive, (2, 3)), 1, 0, rows, out)
+        advance(carray(group, (1, size)), axles, lag, carray(drive, (2, 3)), 1, 0, rows, 1, out)
 
     def settle(
         group: Any,
@@ -133,7 +134,7 @@ def functions(vehicle: Vehicle) -> dict[str, Any]:
                 g[0, x_q0 + LANES + i] = sr * cp
                 g[0, x_q0 + 2 * LANES + i] = cr * sp
                 g[0, x_q0 + 3 * LANES + i] = -sr * sp
-            advance(g, axles[:1], lag[:1], carray(drive, (1, 3)), 1, 0, rows, out)
+            advance(g, axles[:1], lag[:1], carray(drive, (1, 3)), 1, 0, rows, 1, out)
             for j in range(3):
                 jacobian[0, j] = (g[0, x_w + 1 + j] - g[0, x_w + 4 + j]) / (2.0 * width)
                 jacobian[1, j] = (g[0, x_p + 1 + j] - g[0, x_p + 4 + j]) / (2.0 * width)

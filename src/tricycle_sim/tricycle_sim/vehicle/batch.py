@@ -362,6 +362,7 @@ class CommandedBatch:
         speed: FloatArray | None = None,
         steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
+        every: int = 1,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
 
@@ -379,6 +380,8 @@ class CommandedBatch:
             is smoother in it than in `servo_delay`, by which set-points change between ticks.
         drive_delay : float
             By which the motor hears of its set-point later [s].
+        every : int
+            Ticks from one recorded point to the next; t is then that of `time[::every]`.
         """
         drive = self._drive
         if drive_delay:
@@ -387,7 +390,7 @@ class CommandedBatch:
         needs = {name: self.available[name][0] for name in columns}
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
-        out = np.empty((len(rows), len(groups) * LANES, len(self.time)))
+        out = np.empty((len(rows), len(groups) * LANES, len(self.time[::every])))
         own = bool(self._start.steered_by) or steering_delay is not None
         table, axles, angles = (
             self._own_steering(parameters, steering_delay)
@@ -395,13 +398,14 @@ class CommandedBatch:
             else (self._table, self._table[::2].T, self.steering_motor_angle)
         )
         advance = functions_for(self._vehicle, own_steering=own).advance
-        advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), out)
+        advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), every, out)
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
+        axles, angles = axles[..., ::every], angles[..., ::every]
         found = {
             name: self.available[name][1](axles, *(recorded[row] for row in need))
             for name, need in needs.items()
         }
-        angles = np.broadcast_to(angles, (len(parameters), len(self.time)))
+        angles = np.broadcast_to(angles, (len(parameters), angles.shape[-1]))
         return Run(found, angles, groups, self._vehicle.wheels)
 
     def _own_steering(

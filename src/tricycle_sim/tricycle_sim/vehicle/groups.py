@@ -216,7 +216,7 @@ def _standing(
 
     def evaluate(groups: FloatArray) -> None:
         flat = groups.reshape(len(groups), ROWS * LANES)
-        advance(flat, table, np.zeros(1), np.zeros((1, 3)), 1, 0, NO_ROWS, NO_OUTPUT)
+        advance(flat, table, np.zeros(1), np.zeros((1, 3)), 1, 0, NO_ROWS, 1, NO_OUTPUT)
 
     return evaluate
 

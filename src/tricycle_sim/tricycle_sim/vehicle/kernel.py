@@ -421,6 +421,7 @@ def _advance(
     substeps: int,
     first_tick: int,
     rows: NDArray[np.int64],
+    every: int,
     out: FloatArray,
 ) -> None:
     # Known only at run time: a constant number of lanes is unrolled instead of vectorised.
@@ -443,9 +444,10 @@ def _advance(
                             )
                             if halted:
                                 _halt(laws, g, lanes)
-                            for m in range(rows.shape[0]):
-                                for i in range(LANES):  # unrolled: scattered stores are slow
-                                    out[m, b * LANES + i, k] = g[rows[m] * LANES + i]
+                            if k % every == 0:
+                                for m in range(rows.shape[0]):
+                                    for i in range(LANES):  # unrolled: scattered stores are slow
+                                        out[m, b * LANES + i, k // every] = g[rows[m] * LANES + i]
                         if k == ticks:
                             break
                         for j in range(laws.states * LANES):
@@ -509,7 +511,8 @@ class Functions(NamedTuple):
         steering); steering lag (t + 1,), set-point behind the command beyond what one tick of slew
         makes up for [rad], else 0; drive (t + 1, 3), columns of `COMMAND`, the last row for the
         slopes at the end; substeps, Runge-Kutta steps per tick; first tick, its number in the
-        events; rows (m,) of a group to record at every tick; out (m, b * LANES, t + 1) for them.
+        events; rows (m,) of a group to record; every, ticks from one record to the next; out
+        (m, b * LANES, t // every + 1) for them.
     advance_tick : callable
         Advances groups and their servo by one tick. Arguments: groups; servo, from
         `servo_at_rest`, motor angle [rad] and rate [rad/s] first; constants of the steering for
@@ -633,9 +636,10 @@ def _advance_with(
     substeps: int,
     first_tick: int,
     rows: NDArray[np.int64],
+    every: int,
     out: FloatArray,
 ) -> None:
-    _advance(laws, groups, table, steering_lag, drive, substeps, first_tick, rows, out)
+    _advance(laws, groups, table, steering_lag, drive, substeps, first_tick, rows, every, out)
 
 
 def _steer_with(
@@ -661,8 +665,8 @@ def _advance_tick_with(
     steer(servo, np.full(1, steering_setpoint), constants, 2 * substeps, table, np.empty((2, 2)))
     commands = np.empty((2, 3))
     commands[:] = np.array(drive)
-    no_rows = np.empty(0, dtype=np.int64)
-    advance(groups, table, np.zeros(2), commands, substeps, 0, no_rows, np.empty((0, LANES, 2)))
+    rows, out = np.empty(0, dtype=np.int64), np.empty((0, LANES, 2))
+    advance(groups, table, np.zeros(2), commands, substeps, 0, rows, 1, out)
 
 
 def _wheel_angles_with(

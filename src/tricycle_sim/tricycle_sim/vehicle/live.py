@@ -200,6 +200,7 @@ class LiveVehicle:
             self._substeps,
             self._ticks,
             NO_ROWS,
+            1,
             NO_OUTPUT,
         )
 

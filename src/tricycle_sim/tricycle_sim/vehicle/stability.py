@@ -89,7 +89,7 @@ def _fastest_at(vehicle: Vehicle, speed: float) -> tuple[float, int]:
             rows[sample // LANES, state, sample % LANES] += sign * variation
     drive = np.array([[1.0, speed, 0.0]])
     advance = functions_for(vehicle).advance
-    advance(groups, motor_in_the_middle(vehicle), np.zeros(1), drive, 1, 0, NO_ROWS, NO_OUTPUT)
+    advance(groups, motor_in_the_middle(vehicle), np.zeros(1), drive, 1, 0, NO_ROWS, 1, NO_OUTPUT)
     slopes = rows[:, SLOPE : SLOPE + states].transpose(1, 0, 2).reshape(states, -1)[:, : 2 * states]
     jacobian = (slopes[:, ::2] - slopes[:, 1::2]) / (2.0 * variation)
     # not `scipy.linalg.eig`, which has both vectors: importing SciPy takes longer than all the rest
