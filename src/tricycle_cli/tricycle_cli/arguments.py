@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from parameter_identification.drives.recorded import TopicNames
     from tricycle_sim.vehicle import Vehicle
 
-BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, ...)"
+BAG_HELP = "rosbag2 directory, .mcap or .db3 file, or URL (https://, s3://, sftp://, ...)"
 """What an argument that names a bag may be."""
 
 

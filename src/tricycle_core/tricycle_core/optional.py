@@ -20,6 +20,7 @@ EXTRAS = {
     "upath": "remote",
     "s3fs": "remote",
     "aiohttp": "remote",
+    "paramiko": "remote",
 }
 """Extra of this distribution that brings a library."""
 

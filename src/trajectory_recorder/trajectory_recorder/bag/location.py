@@ -2,6 +2,7 @@
 
 import glob
 import re
+from importlib import import_module
 from pathlib import Path
 from typing import Any, cast
 
@@ -18,7 +19,7 @@ def bag_path(text: str) -> Path:
     Parameters
     ----------
     text : str
-        Path, or URL of a file system that `fsspec` knows: ``s3://``, ``https://``, ...
+        Path, or URL of a file system that `fsspec` knows: ``s3://``, ``sftp://``, ``https://``, ...
 
     Returns
     -------
@@ -134,4 +135,7 @@ def _options(scheme: str) -> dict[str, Any]:
         return {"client_kwargs": {"timeout": waits}}
     if scheme in ("s3", "s3a"):
         return {"config_kwargs": {"connect_timeout": TIMEOUT, "read_timeout": TIMEOUT}}
+    if scheme in ("sftp", "ssh"):
+        import_module("trajectory_recorder.bag.sftp")  # registers how they are read
+        return {"silence": TIMEOUT}
     return {}

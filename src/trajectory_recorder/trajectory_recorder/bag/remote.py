@@ -52,10 +52,10 @@ class RemoteFile:
         self.fetched = 0
         self._ahead, self._most = AHEAD
         self._held = (0, b"")
-        self._file = patiently(path, lambda: path.fs.open(path.path, "rb", cache_type="none"))
-        size = getattr(self._file, "size", None)
+        self._file: Any = None
+        size = patiently(path, lambda: getattr(self._opened(), "size", None))
         if not isinstance(size, int):
-            self._file.close()
+            self.close()
             raise BagError(f"{path}: the server sends no parts of files: copy the bag here")
         self.size = size
         start = max(size - TAIL, 0)
@@ -96,16 +96,25 @@ class RemoteFile:
 
     def close(self) -> None:
         """Give back connection and memory."""
-        self._file.close()
+        if self._file is not None:
+            self._file.close()
         self._held = self._tail = (0, b"")
+
+    def _opened(self) -> Any:
+        """The open file; opened again after a failure, which may have cut the connection."""
+        if self._file is None:
+            self._file = self._path.fs.open(self._path.path, "rb", cache_type="none")
+        return self._file
 
     def _fetch(self, start: int, end: int) -> bytes:
         def ask() -> bytes:
-            self._file.seek(start)
-            data = bytes(self._file.read(end - start))
+            file, self._file = self._opened(), None
+            file.seek(start)
+            data = bytes(file.read(end - start))
             self.fetched += len(data)
             if len(data) != end - start:
                 raise OSError(f"the server sent {len(data)} bytes in place of {end - start}")
+            self._file = file
             return data
 
         return patiently(self._path, ask)
