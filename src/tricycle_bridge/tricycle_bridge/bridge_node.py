@@ -103,6 +103,7 @@ class BridgeNode(LifecycleNode):
             return self.create_publisher(kind, topic, **overridable(qos), event_callbacks=silent)
 
         self._joint_states = publisher(JointState, "joint_states")
+        self._message = JointState()  # filled anew each time: making one takes as long as sending
         self._battery_state = publisher(BatteryState, "battery_state")
         self._diagnostics = publisher(DiagnosticArray, "/diagnostics")
         self._vehicle_state = publisher(DiagnosticStatus, TOPIC, LATCHED)
@@ -346,20 +347,23 @@ class BridgeNode(LifecycleNode):
             if bridge is None or ports is None:
                 return
             now = self._now()
-            if now < self._last_now:
-                bridge.restart_links(now, "the clock jumped back")
-                self._reported_at = -math.inf
-            self._last_now = now
-            receive_all(bridge, ports, now)
-            if self._arm_when_ready and bridge.refusal(now) is None:
-                self._arm_when_ready = False
-                bridge.arm(now, lambda outcome: self.get_logger().info(outcome.text))
+            self._receive(bridge, ports, now)
             self._flush(bridge, ports, now)
+
+    def _receive(self, bridge: Bridge, ports: SerialPorts, now: float) -> None:
+        if now < self._last_now:
+            bridge.restart_links(now, "the clock jumped back")
+            self._reported_at = -math.inf
+        self._last_now = now
+        receive_all(bridge, ports, now)
+        if self._arm_when_ready and bridge.refusal(now) is None:
+            self._arm_when_ready = False
+            bridge.arm(now, lambda outcome: self.get_logger().info(outcome.text))
 
     def _flush(self, bridge: Bridge, ports: SerialPorts, now: float) -> None:
         send_all(bridge, ports)
         for readings in bridge.take_readings():
-            self._joint_states.publish(_joint_state(readings, self._stamp(readings.stamp)))
+            self._joint_states.publish(self._joint_state(readings))
         log = bridge.take_log()
         for level, text in log:
             # rclpy allows one severity per line of code
@@ -374,6 +378,14 @@ class BridgeNode(LifecycleNode):
         if log or now - self._reported_at >= REPORT_PERIOD:
             self._reported_at = now
             self._report(bridge, now)
+
+    def _joint_state(self, readings: JointReadings) -> JointState:
+        message = self._message
+        message.header.stamp = self._stamp(readings.stamp)
+        message.name = [joint.name for joint in readings.joints]
+        message.position = [joint.position for joint in readings.joints]
+        message.velocity = [joint.velocity for joint in readings.joints]
+        return message
 
     def _state(self, readiness: Readiness, level: Level, now: float, problem: str = "") -> None:
         """Publish the vehicle's state when it has changed, and before `PERIOD` is over."""
@@ -454,8 +466,8 @@ class BridgeNode(LifecycleNode):
             bridge, ports = self._bridge, self._ports
             if bridge is None or ports is None or not bridge.active:
                 return
-            self._step()  # the echo must be of the newest telemetry
             now = self._now()
+            self._receive(bridge, ports, now)  # the echo must be of the newest telemetry
             wanted = now if stamp is None else self._time_of(stamp, now)
             if self._host_clock is None and now < wanted <= now + INPUT_LEAD:
                 now = wanted  # the tick of /clock at which the message was made has not come yet
@@ -531,16 +543,6 @@ class BridgeNode(LifecycleNode):
                 response.success = all(link.up for link in self._bridge.links.values())
                 self._step()
         return response
-
-
-def _joint_state(readings: JointReadings, stamp: Time) -> JointState:
-    message = JointState(
-        name=[joint.name for joint in readings.joints],
-        position=[joint.position for joint in readings.joints],
-        velocity=[joint.velocity for joint in readings.joints],
-    )
-    message.header.stamp = stamp
-    return message
 
 
 def main() -> None:

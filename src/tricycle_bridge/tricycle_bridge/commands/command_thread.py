@@ -7,7 +7,9 @@ bridge. This thread waits for its few subscriptions only.
 
 from __future__ import annotations
 
+import math
 import threading
+import time
 from contextlib import ExitStack
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -17,6 +19,7 @@ from rclpy.subscription import Subscription
 from tricycle_core.nodes import NotTheExecutors
 
 _WAIT = 100_000_000  # ns after which the thread checks whether it is to end
+_EVENTS = 0.5  # s between looks at the subscriptions' events, of which there are four for each
 
 
 class CommandThread:
@@ -64,18 +67,22 @@ class CommandThread:
                 in_use.enter_context(entity)
             n = len(subscriptions)
             waiting = rclpy_implementation.WaitSet(n, 0, 0, 0, 0, len(events), context)
+            looked = -math.inf
             while not self._stopping:
+                look = time.monotonic() - looked >= _EVENTS
                 waiting.clear_entities()
                 for subscription in subscriptions:
                     waiting.add_subscription(subscription.handle)
-                for event in events:
-                    event.add_to_wait_set(waiting)
+                if look:
+                    looked = time.monotonic()
+                    for event in events:
+                        event.add_to_wait_set(waiting)
                 waiting.wait(_WAIT)
                 ready = waiting.get_ready_entities("subscription")
                 for subscription in subscriptions:
                     if subscription.handle.pointer in ready:
                         self._take(subscription)
-                for event in events:
+                for event in events if look else ():
                     if event.is_ready(waiting) and (data := event.take_data()):
                         event.callback(data)
 
