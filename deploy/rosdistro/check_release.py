@@ -32,7 +32,10 @@ WITHOUT_KEY = {  # Python modules that rosdep does not know: `pip install` bring
     *("cloudpickle", "loky", "plotly", "threadpoolctl", "zstandard"),
 }
 # imported where they are installed
-OPTIONAL = {"aiohttp", "fmpy", "mujoco", "pyarrow", "pytest", "upath", "vehiclemodels"}
+OPTIONAL = {
+    *("aiohttp", "fmpy", "fsspec", "mujoco", "paramiko", "pyarrow", "pytest", "upath"),
+    "vehiclemodels",
+}
 NOT_IMPORTED = {"robot_state_publisher", "python3-pytest"}  # started, or used by colcon
 PLACEHOLDERS = ("example.org",)
 

@@ -7,7 +7,12 @@ import pytest
 
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning import PlanRequest
-from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run, replayed_errors
+from excitation_planner.planning.replay import (
+    ReplayedTrajectoryError,
+    nominal_commands,
+    nominal_run,
+    replayed_errors,
+)
 from excitation_planner.trajectory_error import POINTS, trajectory_error
 from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_sim.vehicle import load_vehicle
@@ -48,6 +53,13 @@ def test_the_reference_starts_at_the_origin(run):
     reference = run.reference
     start = [reference.time[0], reference.x[0], reference.y[0], reference.yaw[0]]
     assert start == pytest.approx([0.0] * 4, abs=1e-15)
+
+
+def test_the_commands_alone_are_those_of_the_run(run):
+    commands = nominal_commands(VEHICLE, Circle(), X)
+    assert np.array_equal(commands.time, run.commands.time)
+    assert np.array_equal(commands.speed, run.commands.speed)
+    assert np.array_equal(commands.steering_motor_angle, run.commands.steering_motor_angle)
 
 
 def test_the_simulator_is_picklable_and_repeatable():

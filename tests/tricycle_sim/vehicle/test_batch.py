@@ -249,6 +249,22 @@ def test_roll_over_is_detected_and_the_vehicle_left_where_it_is():
     assert np.all(np.isfinite(trajectory.x))
 
 
+@pytest.mark.parametrize("delay", [None, 0.03])
+@pytest.mark.parametrize("every", [2, 5, 7, 1000])
+def test_recording_some_ticks_only_gives_those_of_all(every, delay):
+    batch = CommandedBatch(VEHICLE, Commands([0.0, 1.0, 3.0], [0.2, 0.4, 0.4], [1.0, 1.5, 1.5]))
+    points = np.tile(VEHICLE.nominal_point(), (9, 1)) * np.linspace(0.9, 1.1, 9)[:, np.newaxis]
+    columns = ("x", "yaw", "yaw_rate", "drive_speed", "load_left")
+    delays = None if delay is None else np.full(9, delay)
+    whole, some = (batch.run(points, columns, steering_delay=delays, every=e) for e in (1, every))
+    for name in columns:
+        assert np.array_equal(some.columns[name], whole.columns[name][:, ::every])
+    assert some.columns["x"].shape[1] == len(batch.time[::every])
+    angles = some.steering_motor_angle, whole.steering_motor_angle[:, ::every]
+    assert np.array_equal(*angles)
+    assert np.array_equal(some.groups, whole.groups)
+
+
 def test_a_servo_that_hears_later_by_whole_ticks_is_one_with_that_dead_time():
     geared = dataclasses.replace(VEHICLE, parts={"servo": "geared"})
     commands = Commands([0.0, 1.0, 3.0], [0.2, 0.3, 0.3], [1.0, 1.5, 1.5])
