@@ -71,8 +71,8 @@ def main():
                 f"{way:8s} {name:26s} shown {len(shown)} of {len(intervals)}, "
                 f"held {held} of {len(shown)}, width {100 * width:5.1f} %"
             )
-        tested = [t.p * len(f.whiteness) for _, f in results for t in f.whiteness if t.p == t.p]
-        white = np.mean(np.array(tested) > 0.01)
+        tested = [t for _, f in results for t in f.whiteness if np.isfinite(t.p)]
+        white = 1.0 - sum(len(f.coloured) for _, f in results) / len(tested)
         missing = [", ".join(e.name for e in f.deviations) or "nothing" for _, f in results]
         print(
             f"{way:8s} white {white:.0%} of {len(tested)} channels; told to be missing: {missing}"

@@ -11,7 +11,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import GaussianPrior
-from parameter_identification.estimation.whiteness import SIGNIFICANCE, Whiteness, all_white
+from parameter_identification.estimation.whiteness import SIGNIFICANCE, Whiteness, coloured
 from tricycle_core.optional import optional, own_axes
 from tricycle_core.palette import BLUE, GREY, VERMILLION
 from tricycle_core.quantities import FloatArray
@@ -409,9 +409,14 @@ class Identification:
         )
 
     @property
+    def coloured(self) -> tuple[Whiteness, ...]:
+        """Channels whose residuals do not look white."""
+        return coloured(self.whiteness)
+
+    @property
     def white(self) -> bool:
         """Whether residuals look white; else the model lacks an effect, or a sensor drifts."""
-        return all_white(self.whiteness)
+        return not self.coloured
 
     def posterior(self) -> GaussianPrior:
         """Return the estimates as the prior of the next identification."""

@@ -21,7 +21,7 @@ from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import find_optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.validation import whiteness_of_residuals
-from parameter_identification.estimation.whiteness import all_white
+from parameter_identification.estimation.whiteness import coloured
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
@@ -157,7 +157,7 @@ def share_of(
         free: NDArray[np.bool_] = np.arange(problem.n) >= c
         at = problem.minimise(at, free).at
         gram = problem.gram(at)
-        white = all_white(whiteness_of_residuals(problem, problem.predictions(at)))
+        white = not coloured(whiteness_of_residuals(problem, problem.predictions(at)))
         samples = problem.samples_in_all
     effects, places = common[k:], np.arange(k, c)
     gram[places, places] -= 1.0  # priors of what is common count once, not for every drive

@@ -113,13 +113,13 @@ def resolution(values: FloatArray) -> float:
     return float(np.min(np.diff(levels)))
 
 
-def all_white(tests: tuple[Whiteness, ...]) -> bool:
-    """Whether no channel contradicts, at `SIGNIFICANCE` for all of them together (Bonferroni).
+def coloured(tests: tuple[Whiteness, ...]) -> tuple[Whiteness, ...]:
+    """Return the channels that contradict, at `SIGNIFICANCE` for all of them together (Bonferroni).
 
     Parameters
     ----------
     tests : tuple of Whiteness
-        Of all channels.
+        Of all channels; those whose residuals cannot be tested do not count.
     """
-    p = [test.p for test in tests if np.isfinite(test.p)]
-    return not p or min(p) * len(p) >= SIGNIFICANCE
+    tested = [test for test in tests if np.isfinite(test.p)]
+    return tuple(test for test in tested if test.p * len(tested) < SIGNIFICANCE)

@@ -252,8 +252,7 @@ def remarks(found: Identification) -> list[str]:
             "model lacks something"
         )
     if not found.white:
-        worst = [t for t in found.whiteness if t.p * len(found.whiteness) < 0.01]
-        names = ", ".join(f"{t.drive} {t.channel}" for t in worst)
+        names = ", ".join(f"{t.drive} {t.channel}" for t in found.coloured)
         lines.append(
             f"residuals are NOT white ({names}): the model lacks an effect or a sensor drifts. "
             "The intervals count it as drifting noise; they do not cover a wrong model"
