@@ -98,7 +98,7 @@ static inline void evaluate(V* g, const V* c, const double* t, double mode, doub
     V u = g[U], v = g[V_], w = g[W], p = g[P], q = g[Q], r = g[R];
     V ex = 2.0 * (q1 * q3 - q0 * q2), ey = 2.0 * (q2 * q3 + q0 * q1),
       ez = 1.0 - 2.0 * (q1 * q1 + q2 * q2);
-    V spin = g[SPIN + 2], torque = g[TORQUE];
+    V spin = g[SPIN + 2] - q, torque = g[TORQUE];  // relative to the body
     double direction = mode * demand < 0.0 ? -1.0 : 1.0;
     V error = demand / c[RADIUS] - spin;
     V wanted = mode * (c[KP] * error + c[KI] * g[INTEGRATOR]) + (1.0 - mode) * demand;

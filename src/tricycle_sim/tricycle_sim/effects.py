@@ -129,7 +129,7 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("slope or wind across", "rad", 0.01, ({"road_bank": 1.0},)),
 )
 _OTHERS = (
-    Effect(SERVO_DEAD_TIME, "s", 0.05, low=0.0, high=REACH * 0.05),
+    Effect(SERVO_DEAD_TIME, "s", 0.02, low=0.0, high=REACH * 0.02, chance=0.5),
     Effect(DRIVE_DEAD_TIME, "s", 0.05, low=0.0, high=REACH * 0.05),
     Effect(SENSOR_FORWARD, "m", 0.03),
     Effect(SENSOR_LEFT, "m", 0.03),

@@ -510,8 +510,8 @@ def derivative(vehicle, state, steering, drive):
     u = rotation[:, 0] @ state.dq[:3]
     force[:3] -= rotation[:, 0] * v.air_drag * u * abs(u)
     # The motor turns a shaft between body and wheels whose speed is a mean of the relative spins
-    # (that is what differentials do): its torque has the power of that speed. The speed loop
-    # sees the same mean of the absolute spins.
+    # (that is what differentials do): its torque has the power of that speed, which the speed
+    # loop sees too.
     shares = np.array([wheel.torque_share for wheel in v.wheels])
     spins = body_spins + state.dq[6:]
     force[6:] += shares * state.torque
@@ -521,7 +521,7 @@ def derivative(vehicle, state, steering, drive):
             wanted = force[6 + i] + stiffness * spins[i]
             limit = brake * wheel.brake_torque
             force[6 + i] -= np.clip(wanted, -limit, limit)
-    result.torque, result.integrator = v.motor(state, shares @ spins, set_speed, demand)
+    result.torque, result.integrator = v.motor(state, shares @ state.dq[6:], set_speed, demand)
 
     result.ddq = np.linalg.solve(matrix, force - bias)
     result.external = force @ state.dq

@@ -1,7 +1,8 @@
 """The paper's tricycle moves as it did before vehicles came from their files.
 
-`reference_drive.json` holds numbers of that model (commit da880fb), which no change may
-move by more than rounding does.
+`reference_drive.json` holds numbers of that model (commit da880fb), which no change may move by
+more than rounding does. They were written anew once: since the motor's speed is relative to the
+body.
 """
 
 import json

@@ -190,10 +190,24 @@ def _wheel(
 
 
 @inlined
-def _driven_spin(g: FloatArray, i: int, wheel: int) -> float:
-    """Return what a driven wheel adds to the motor's spin [rad/s]."""
+def _driven_spin(
+    g: FloatArray,
+    i: int,
+    wheel: int,
+    side: int,
+    steering: tuple[float, float, float, float, float, float, float, float],
+) -> float:
+    """Return what a driven wheel adds to the motor's spin relative to the body [rad/s]."""
+    n1x, n1y, n1z, _, n2x, n2y, n2z, _ = steering
+    p, q, r = g[STATE.p * LANES + i], g[STATE.q * LANES + i], g[STATE.r * LANES + i]
+    if side == 0:
+        carried = p * n1x + q * n1y + r * n1z
+    elif side == 1:
+        carried = p * n2x + q * n2y + r * n2z
+    else:
+        carried = q
     share = g[(WHEEL.share + wheel * WHEEL_ROWS) * LANES + i]
-    spin: float = share * g[(STATE.spin + wheel * WHEEL_STATES) * LANES + i]
+    spin: float = share * (g[(STATE.spin + wheel * WHEEL_STATES) * LANES + i] - carried)
     return spin
 
 
@@ -225,13 +239,13 @@ def _slopes(
     # Drive: the motor turns with the mean of the driven wheels
     spin = 0.0
     if laws.driven[0]:
-        spin += _driven_spin(g, i, 0)
+        spin += _driven_spin(g, i, 0, laws.sides[0], steering)
     if laws.driven[1]:
-        spin += _driven_spin(g, i, 1)
+        spin += _driven_spin(g, i, 1, laws.sides[1], steering)
     if laws.driven[2]:
-        spin += _driven_spin(g, i, 2)
+        spin += _driven_spin(g, i, 2, laws.sides[2], steering)
     if laws.driven[3]:
-        spin += _driven_spin(g, i, 3)
+        spin += _driven_spin(g, i, 3, laws.sides[3], steering)
     torque = g[STATE.torque * LANES + i]
     integrator = g[STATE.integrator * LANES + i]
     torque_slope, integrator_slope, excess = laws.motor(
