@@ -3,6 +3,7 @@
     python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects weighed]
     python benchmarks/plants.py --bound [--plant ...] [--effects ...]
     python benchmarks/plants.py --pace
+    python benchmarks/plants.py --draw PRINTED FIGURE
 
 Each plant is driven by the emulated boards. A set is a step steer and a sine sweep of 12 s each;
 position (1 cm), gyro (5 mrad/s) and wheel speed (3 mrad/s) come at 20 Hz. Our model, with
@@ -23,17 +24,21 @@ The tricycle's ranges are wider than its file's: of a vehicle that is not our mo
 --effects  none, or weighed, as `tricycle identify` does by default
 --bound    only the guess, and our model fitted to the drives to predict themselves
 --pace     only how fast each plant runs
+--draw     a figure of the medians and quartiles that a run printed
 """
 
 import argparse
 import dataclasses
 import functools
 import multiprocessing
+import re
 import time
 from concurrent.futures import ProcessPoolExecutor
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from excitation_planner import Criterion
 from excitation_planner.box import Box
@@ -333,6 +338,30 @@ def pace(name):
     print(f"{name}: times real time {5.0 / (time.perf_counter() - begin):.1f}", flush=True)
 
 
+def draw(printed, figure):
+    """Draw medians and quartiles of the trial from what it printed."""
+    trials, what = {}, ""
+    for line in printed.read_text().splitlines():
+        if start := re.match(r"(\w+), (\d+) sets, effects (\w+)", line):
+            rows = trials[start.group()] = {}
+        elif line.startswith("  RMS distance"):
+            what = line
+        elif "constants and delays" in what and (
+            row := re.match(r"  (\w+) +(\d+) \((\d+) to (\d+)\)", line)
+        ):
+            rows[row[1]] = [float(number) for number in row.groups()[1:]]
+    canvas = Figure(figsize=(9.0, 3.2), layout="constrained")
+    for axes, (title, rows) in zip(
+        np.atleast_1d(canvas.subplots(1, len(trials))), trials.items(), strict=True
+    ):
+        middle, low, high = np.array(list(rows.values())).T
+        axes.errorbar(middle, list(rows), xerr=[middle - low, high - middle], fmt="o", capsize=4)
+        axes.set(title=title, xlabel="RMS distance of prediction and truth / mm", xlim=(0, None))
+        axes.invert_yaxis()
+        axes.grid(axis="x", alpha=0.3)
+    canvas.savefig(figure)
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -343,7 +372,11 @@ def main():
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--bound", action="store_true")
     parser.add_argument("--pace", action="store_true")
+    parser.add_argument("--draw", type=Path, nargs=2)
     arguments = parser.parse_args()
+    if arguments.draw:
+        draw(*arguments.draw)
+        return
     for name in arguments.plant:
         weighed = arguments.effects == "weighed"
         if arguments.pace:
