@@ -114,7 +114,9 @@ def mixture(
     chances: Sequence[float],
     least: Mapping[int, float] | None = None,
 ) -> Mixture:
-    """Return the average over all subsets of effects, but for the least probable ones.
+    """Return the average over subsets of effects, but for the least probable ones.
+
+    Subsets have at most `MOST_ACTING` effects, or `SPARE` more than the most probable one.
 
     Parameters
     ----------
