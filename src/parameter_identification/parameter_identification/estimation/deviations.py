@@ -15,6 +15,8 @@ START = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0
 It vanishes at the first and at the last.
 """
 START_KNOTS = len(START) - 2
+SLOWEST = 0.02
+"""Speed below which what a start adds does not turn the vehicle: its path is no curve yet [m/s]."""
 
 
 @inlined
@@ -86,7 +88,7 @@ def deviated(
             first = 0.0  # way that the start adds
             if j * TICK < START[-1]:
                 first = TICK * _at_start(starting[i], interval, j * TICK)
-            bend = turned / way if way > 1e-6 else 0.0
+            bend = turned / way if way > SLOWEST * TICK else 0.0
             found[2, i, j] = heading[j] + angle
             rate = motions[3, own, j] + (bend * first + extra * (way + first)) / TICK
             found[3, i, j] = share * rate
