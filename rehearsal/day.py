@@ -160,9 +160,21 @@ class Hand:
         self.wait(armed, "armed boards")
 
     def wait_for_preflight(self) -> None:
-        """Look at the pre-flight until only the start pose is wrong: the vehicle drives there."""
+        """Look at the pre-flight until only the start pose is wrong: the vehicle drives there.
+
+        Boards whose host was late after the drive disarm themselves, once it had found them armed:
+        they are armed again.
+        """
         seen = self._looked  # a message may have been waiting for long: the one after it is new
-        self.wait(lambda: self._looked >= seen + 2 and not self._failing, "clean pre-flight")
+
+        def clean() -> bool:
+            if self._looked < seen + 2:
+                return False
+            if "vehicle" in self._failing:
+                self.arm()
+            return not self._failing
+
+        self.wait(clean, "clean pre-flight")
 
     def set(self, **parameters: Any) -> None:
         """Set parameters of the simulation."""

@@ -1,10 +1,17 @@
 """A bicycle in C as an FMU 3.0, compiled by the tests; it fails as it is told to."""
 
+import platform
+import shutil
 import subprocess
 import zipfile
 from pathlib import Path
 
+import pytest
 import yaml
+
+needs_compiler = pytest.mark.skipif(
+    shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
+)
 
 VARIABLES = [
     ("steering", "input", "deg"), ("speed", "input", "m/s"), ("x", "output", "m"),

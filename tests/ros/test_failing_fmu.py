@@ -1,7 +1,5 @@
 """FMUs that cannot be or that fail, under the launch file's nodes and `tricycle drive`."""
 
-import platform
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bicycle_fmu import IS_NAN, REFUSES, write_bicycle_fmu
+from bicycle_fmu import IS_NAN, REFUSES, needs_compiler, write_bicycle_fmu
 from launch_recorder import launched_nodes
 
 from excitation_planner.maneuver import Circle
@@ -26,9 +24,7 @@ pytest.importorskip("fmpy")
 pytestmark = [
     pytest.mark.ros,
     pytest.mark.slow,
-    pytest.mark.skipif(
-        shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
-    ),
+    needs_compiler,
 ]
 PATIENCE = 60.0  # s
 TRICYCLE = Path(sys.executable).with_name("tricycle")

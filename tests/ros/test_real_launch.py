@@ -1,14 +1,12 @@
 """The packaged launch file under `launch` itself, which is no wheel: run where a ROS is sourced."""
 
 import os
-import platform
-import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from bicycle_fmu import write_bicycle_fmu
+from bicycle_fmu import needs_compiler, write_bicycle_fmu
 from launch_recorder import LAUNCH_FOLDER, NODES
 
 pytest.importorskip("fmpy")
@@ -16,9 +14,7 @@ pytest.importorskip("launch_ros", reason="no ROS is sourced")
 pytestmark = [
     pytest.mark.ros,
     pytest.mark.slow,
-    pytest.mark.skipif(
-        shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
-    ),
+    needs_compiler,
 ]
 PATIENCE = 60.0  # s
 LAUNCH = """

@@ -32,7 +32,7 @@ from parameter_identification.drives.measured import MeasuredDrive, Sensor, read
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_vehicle
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
-from parameter_identification.estimation.results import EffectEstimate, Estimate
+from parameter_identification.estimation.results import EffectEstimate, Estimate, asked_for
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
 from parameter_identification.estimation.weighing import CERTAIN, Mixture
 from parameter_identification.estimation.weighing import mixture as mixture_of
@@ -102,13 +102,7 @@ class ManyDrives:
         names : collection of str
             Of the parameters that are asked for.
         """
-        at = [i for i, name in enumerate(self.parameters) if name in names]
-        return replace(
-            self,
-            parameters={name: e for name, e in self.parameters.items() if name in names},
-            others={name: e for name, e in self.parameters.items() if name not in names},
-            covariance=self.covariance[np.ix_(at, at)],
-        )
+        return replace(self, **asked_for(self.parameters, self.covariance, names))
 
     @property
     def not_white(self) -> int:

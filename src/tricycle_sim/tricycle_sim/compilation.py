@@ -74,7 +74,9 @@ def _with(function: Any, names: dict[str, Any], qualname: str) -> FunctionType:
     return copy
 
 
-def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> Any:
+def compiled(
+    function: Callable[..., Any], variant: str = "", *, exact: bool = False, **names: Any
+) -> Any:
     """Compile a function, cached on disk, that releases the interpreter while it runs.
 
     Parameters
@@ -83,6 +85,8 @@ def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> A
         At the top level of a module: numba keeps no closures over compiled functions on disk.
     variant : str
         Tells the code on disk apart where the function is compiled with several `names`.
+    exact : bool
+        Whether sums keep their order, and every operation its rounding.
     **names : object
         What stands for these global names of the function, instead of its module's.
     """
@@ -95,7 +99,7 @@ def compiled(function: Callable[..., Any], variant: str = "", **names: Any) -> A
         function = _with(function, names, qualname)
     if numba.config.DISABLE_JIT:  # coverage looks into the functions
         return function
-    options = {"nogil": True, **_OPTIONS}
+    options = {"nogil": True, **_OPTIONS, **({"fastmath": False} if exact else {})}
     try:
         dispatcher = numba.njit(function, cache=True, **options)
     except RuntimeError:  # numba found no folder that it may write to

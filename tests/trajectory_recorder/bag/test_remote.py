@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+from camera_bag import WANTED, write_camera_bag
 from driven_bags import VEHICLE, SimulatedBag
 from web_server import WebServer
 
@@ -13,31 +14,17 @@ from parameter_identification.drives.measured import read_measured_drive
 from trajectory_recorder.bag import location, remote
 from trajectory_recorder.bag.location import bag_path
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import Topic
-from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_cli.main import main
 from tricycle_core.errors import BagError
 
 pytestmark = pytest.mark.slow
-
-WANTED = "/wanted"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A folder with a bag of 40 s: a camera, and a small topic that is wanted."""
     folder = tmp_path_factory.mktemp("store")
-    noise = np.random.default_rng(0)
-    with BagWriter(folder / "bag", compression=Compression.NONE) as bag:
-        other, wanted = (
-            bag.add_topic(Topic(name, "std_msgs/msg/String", definition="string data"))
-            for name in ("/camera", WANTED)
-        )
-        for second in range(40):
-            for _ in range(10):
-                bag.write(other, second * 10**9, noise.bytes(20_000))
-                bag.write(wanted, second * 10**9, noise.bytes(100))
-            bag.flush()
+    write_camera_bag(folder / "bag", 40)
     return folder
 
 

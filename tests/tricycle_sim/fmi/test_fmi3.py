@@ -1,12 +1,10 @@
 """An FMU 3.0, and FMUs that fail: a bicycle in C, compiled by the test."""
 
 import functools
-import platform
-import shutil
 
 import numpy as np
 import pytest
-from bicycle_fmu import ENDS, IS_NAN, REFUSES, write_bicycle_fmu
+from bicycle_fmu import ENDS, IS_NAN, REFUSES, needs_compiler, write_bicycle_fmu
 
 from tricycle_core.errors import PlantError
 from tricycle_sim.vehicle import load_vehicle
@@ -14,9 +12,7 @@ from tricycle_sim.vehicle import load_vehicle
 pytest.importorskip("fmpy")
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(
-        shutil.which("gcc") is None or platform.machine() != "x86_64", reason="needs gcc on x86-64"
-    ),
+    needs_compiler,
 ]
 VEHICLE = load_vehicle()
 

@@ -23,6 +23,7 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch, PlanarBlock, simulate, simulate_planar
+from tricycle_sim.vehicle.feasibility import Feasibility
 
 KEPT_RUNS = 4
 """Nominal runs that are kept: the search asks for the same x once per batch of samples."""
@@ -99,8 +100,9 @@ def nominal_run(
     PlanError
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
-    drive, commands = _driven(vehicle, family, x, room)
+    drive, commands = _driven(vehicle, family, x)
     motion = simulate(vehicle, commands, threads=1)
+    _check(vehicle, commands, motion.feasibility, room)
     reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
     return NominalRun(
         commands=commands,
@@ -133,13 +135,16 @@ def nominal_commands(
     InfeasibleManeuver, PlanError
         As of `nominal_run`.
     """
-    return _driven(vehicle, family, x, room)[1]
+    _, commands = _driven(vehicle, family, x)
+    nominal = CommandedBatch(vehicle, commands).run(vehicle.nominal_point()[np.newaxis], ("x",))
+    _check(vehicle, commands, nominal.feasibility, room)
+    return commands
 
 
 def _driven(
-    vehicle: Vehicle, family: ManeuverFamily, x: FloatArray, room: Room | None
+    vehicle: Vehicle, family: ManeuverFamily, x: FloatArray
 ) -> tuple[DrivenPath | Commands, Commands]:
-    """Path or commands of a family, and the commands that are sent, which the vehicle can drive."""
+    """Path or commands of a family, and the commands that are sent."""
     check_motor(vehicle)
     try:
         drive = family.drive(x, vehicle)
@@ -153,12 +158,17 @@ def _driven(
         if tracking.infeasible:
             raise InfeasibleManeuver(tracking.infeasible)
         commands = tracking.commands
-    nominal = CommandedBatch(vehicle, commands).run(vehicle.nominal_point()[np.newaxis], ("x",))
-    if not nominal.feasibility.feasible[0]:
-        raise InfeasibleManeuver("; ".join(nominal.feasibility.reasons(0)))
+    return drive, commands
+
+
+def _check(
+    vehicle: Vehicle, commands: Commands, feasibility: Feasibility, room: Room | None
+) -> None:
+    """Raise unless the nominal vehicle can drive the commands, and they fit the room."""
+    if not feasibility.feasible[0]:
+        raise InfeasibleManeuver("; ".join(feasibility.reasons(0)))
     if room is not None:
         room.check(vehicle, commands)
-    return drive, commands
 
 
 def _check_angles(vehicle: Vehicle, commands: Commands) -> None:

@@ -207,6 +207,28 @@ class HeldOut:
     inside: float | None = None
 
 
+def asked_for(
+    parameters: Mapping[str, Estimate], covariance: FloatArray, names: Collection[str]
+) -> dict[str, Any]:
+    """Return a result's `parameters`, `others` and `covariance` where only some were asked for.
+
+    Parameters
+    ----------
+    parameters : mapping of str to Estimate
+        All that were estimated.
+    covariance : ndarray of float, shape (k, k)
+        Of these, in their order.
+    names : collection of str
+        Of the parameters that are asked for.
+    """
+    at = [i for i, name in enumerate(parameters) if name in names]
+    return {
+        "parameters": {name: e for name, e in parameters.items() if name in names},
+        "others": {name: e for name, e in parameters.items() if name not in names},
+        "covariance": covariance[np.ix_(at, at)],
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Identification:
     """Estimates of the k parameters with their uncertainty, and how well they fit the drives.
@@ -287,9 +309,7 @@ class Identification:
         at = [i for i, name in enumerate(self.names) if name in names]
         return replace(
             self,
-            parameters={self.names[i]: self.parameters[self.names[i]] for i in at},
-            others={name: e for name, e in self.parameters.items() if name not in names},
-            covariance=self.covariance[np.ix_(at, at)],
+            **asked_for(self.parameters, self.covariance, names),
             hidden=tuple(h for h in self.hidden if any(name in names for name in h.weights)),
             rivals=tuple(rival[at] for rival in self.rivals),
         )
