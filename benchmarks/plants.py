@@ -2,6 +2,7 @@
 
     python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects weighed]
     python benchmarks/plants.py --bound [--plant ...] [--effects ...]
+    python benchmarks/plants.py --stiffness [--sets ...] [--effects ...]
     python benchmarks/plants.py --pace
     python benchmarks/plants.py --draw PRINTED FIGURE
 
@@ -23,6 +24,7 @@ The tricycle's ranges are wider than its file's: of a vehicle that is not our mo
 `own` is a control: our model with true values drawn from the file's ranges.
 --effects  none, or weighed, as `tricycle identify` does by default
 --bound    only the guess, and our model fitted to the drives to predict themselves
+--stiffness  only the car's cornering stiffness, identified, over its tyres' slope at no slip
 --pace     only how fast each plant runs
 --draw     a figure of the medians and quartiles that a run printed
 """
@@ -326,6 +328,39 @@ def bound(name, weighed):
     )
 
 
+def stiffness(sets, weighed):
+    """Print the car's stiffnesses that sets of drives show over those of the authors' tyres."""
+    from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
+
+    trial, slope = TRIALS["commonroad"], -parameters_vehicle2().tire.p_ky1  # per load, 1/rad
+    values = trial.vehicle.values
+    length = values["com_to_front_axle"] + values["com_to_rear_axle"]
+    weight = values["mass"] * values["gravity"]
+    print(f"commonroad, {sets} sets, effects {'weighed' if weighed else 'none'}")
+    for way in ("ISO", "random"):
+        ratios = []
+        for seed in range(sets):
+            x = tuple(tuple(one.tolist()) for one in points(trial, way, seed))
+            known = identified(trial.vehicle, *reversed(learnt("commonroad", x)), seed, weighed)
+            found = known.vehicle.values
+            ratios.append(
+                [
+                    found[f"{axle}.cornering_stiffness"]
+                    / (slope * 0.5 * weight * values[f"com_to_{other}_axle"] / length)
+                    for axle, other in (("front", "rear"), ("rear", "front"))
+                ]
+            )
+        low, middle, high = np.percentile(ratios, [25, 50, 75], axis=0)
+        print(
+            f"  {way:6s} "
+            + ", ".join(
+                f"{axle} {m:.2f} ({lo:.2f} to {hi:.2f})"
+                for axle, lo, m, hi in zip(("front", "rear"), low, middle, high, strict=True)
+            ),
+            flush=True,
+        )
+
+
 def pace(name):
     """Print how fast a plant runs with both emulated boards and the bridge, on one core."""
     vehicle = TRIALS[name].vehicle
@@ -371,14 +406,18 @@ def main():
     parser.add_argument("--effects", choices=("none", "weighed"), default="weighed")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--bound", action="store_true")
+    parser.add_argument("--stiffness", action="store_true")
     parser.add_argument("--pace", action="store_true")
     parser.add_argument("--draw", type=Path, nargs=2)
     arguments = parser.parse_args()
     if arguments.draw:
         draw(*arguments.draw)
         return
+    weighed = arguments.effects == "weighed"
+    if arguments.stiffness:
+        stiffness(arguments.sets, weighed)
+        return
     for name in arguments.plant:
-        weighed = arguments.effects == "weighed"
         if arguments.pace:
             pace(name)
         elif arguments.bound:
