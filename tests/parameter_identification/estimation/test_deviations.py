@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from parameter_identification.estimation.deviations import START, START_KNOTS, deviated
+from parameter_identification.estimation.deviations import deviated
 from tricycle_core.timing import TICK
 
 RADIUS = 0.33
@@ -21,31 +21,14 @@ def arc(speed, curvature):
 def test_no_deviation_changes_nothing():
     motions = arc(1.5, 0.3)
     none = np.zeros((1, 5))
-    found = deviated(motions, none, none, np.zeros((1, START_KNOTS)), RADIUS)
+    found = deviated(motions, none, none)
     np.testing.assert_allclose(found, motions, atol=1e-9)
-
-
-def test_a_vehicle_that_is_faster_at_first_goes_so_much_farther_on_the_same_curve():
-    speed, curvature = 1.5, 0.3
-    knots = np.random.default_rng(1).uniform(-0.05, 0.1, (1, START_KNOTS))
-    none = np.zeros((1, 5))
-    x, y, heading, yaw_rate, wheel = deviated(arc(speed, curvature), none, none, knots, RADIUS)[
-        :, 0
-    ]
-    faster = np.interp(TIME, START, np.concatenate([[0.0], knots[0], [0.0]]))
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (faster[1:] + faster[:-1]) * TICK)]) + speed * TIME
-    # sums of left values instead of trapezia: half a tick of the largest change
-    assert heading == pytest.approx(curvature * way, abs=1e-3)
-    assert x == pytest.approx(np.sin(curvature * way) / curvature, abs=3e-3)
-    assert y == pytest.approx((1.0 - np.cos(curvature * way)) / curvature, abs=3e-3)
-    assert yaw_rate == pytest.approx(curvature * (speed + faster), abs=1e-4)
-    assert wheel == pytest.approx((speed + faster) / RADIUS, abs=1e-9)
 
 
 def test_a_faster_vehicle_goes_farther_and_one_that_turns_more_bends_by_so_much():
     share, extra = np.full((2, 3), 0.02), np.full((2, 3), 0.01)
     straight = arc(2.0, 1e-9)
-    both = deviated(straight, share, extra, np.zeros((2, START_KNOTS)), RADIUS)
+    both = deviated(straight, share, extra)
     way = 1.02 * 2.0 * TIME
     for vehicle in both.swapaxes(0, 1):  # the second one deviates from the first motion too
         x, y, heading, *_ = vehicle

@@ -279,3 +279,21 @@ def test_a_servo_that_hears_later_by_whole_ticks_is_one_with_that_dead_time():
     yaw = batch.run(np.repeat(point, 21, axis=0), columns, steering_delay=delays)
     slopes = np.diff(yaw.columns["yaw"][:, -1]) / np.diff(delays)
     assert slopes == pytest.approx(slopes.mean(), rel=0.05)
+
+
+def test_a_speed_added_to_the_set_point_is_a_command_for_so_much_more():
+    time = np.arange(0.0, 4.0, 0.01)
+    asked, more = 0.4 * np.minimum(time, 2.0), 0.3 * np.sin(0.5 * np.pi * time)
+    commands, faster = (Commands(time, 0.0 * time + 0.1, v) for v in (asked, asked + more))
+    batch, columns = CommandedBatch(VEHICLE, commands), ("x", "y", "drive_speed")
+    added = np.zeros((2, len(batch.time)))
+    added[1] = np.interp(batch.time, time, more)
+    both = batch.run(
+        np.repeat(VEHICLE.nominal_point()[np.newaxis], 2, axis=0), columns, faster=added
+    )
+    for lane, own in enumerate((commands, faster)):
+        alone = CommandedBatch(VEHICLE, own).run(VEHICLE.nominal_point()[np.newaxis], columns)
+        for name in columns:
+            # commands are held for a tick, what is added is linear between ticks
+            near = pytest.approx(alone.columns[name][0], abs=1e-2 if lane else 1e-12)
+            assert both.columns[name][lane] == near

@@ -50,8 +50,9 @@ class Sensor(Enum):
 # of stamps; the PLCs measure anywhere between two ticks of 10 ms, and stamp with one of them
 STAMP_JITTER = {Sensor.YAW_RATE: 0.0, Sensor.WHEEL_SPEED: 0.005}
 PULSE_JITTER = 0.015  # s, of wheel speeds that are counted from pulses
-DEAD_ZONE = 20.0  # median steps between low speeds, from which a gap is none of the wheel's
-RESOLVED = 3.0  # of the slowest speed above the dead zone, from which pulses tell a speed
+DEAD_ZONE = 5.0  # median steps between low speeds, from which the first ones are not the wheel's
+FIRST_STEPS = 3  # from standstill that are looked at
+RESOLVED = 4.5  # of the slowest speed above the dead zone, from which pulses tell a speed
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,7 +281,8 @@ def resolved(speeds: Signal) -> Signal:
     """Return wheel speeds without those that are too low for a sensor of pulses.
 
     Such a sensor tells nothing before the first pulses have come, and the mean between two pulses
-    where they are rare. It is known by the gap between standstill and the slowest speed.
+    where they are rare. It is known by the first steps from standstill: a wheel that begins to turn
+    passes all low speeds, none faster than those that follow.
 
     Parameters
     ----------
@@ -291,9 +293,9 @@ def resolved(speeds: Signal) -> Signal:
     low = levels[levels < 0.5 * levels[-1]]
     if levels[0] > 0.0 or len(low) < 10:
         return speeds
-    gaps = np.diff(low)
-    widest = int(np.argmax(gaps))
-    if gaps[widest] < DEAD_ZONE * float(np.median(gaps)):
+    steps = np.diff(low)
+    widest = int(np.argmax(steps[:FIRST_STEPS]))
+    if steps[widest] < DEAD_ZONE * float(np.median(steps)):
         return speeds
     seen = np.abs(speeds.values[:, 0]) >= RESOLVED * low[widest + 1]
     return Signal(speeds.time[seen], speeds.values[seen], PULSE_JITTER)

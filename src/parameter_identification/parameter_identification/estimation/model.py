@@ -21,7 +21,7 @@ from typing import Protocol
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
-from parameter_identification.estimation.deviations import START_KNOTS, deviated
+from parameter_identification.estimation.deviations import deviated
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -45,6 +45,11 @@ SPEED_STEP = 1e-3  # m/s
 NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
 RESTING = 0.05  # m/s, below which a drive starts from rest
+START = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0])
+"""Knots of the deviation of a start from rest [s]: boards and motor are known least at low speed.
+
+It vanishes at the first and at the last.
+"""
 
 # Standard deviations of the nuisances' priors
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
@@ -72,6 +77,7 @@ class Batch(Protocol):
         speed: FloatArray | None = None,
         steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
+        faster: FloatArray | None = None,
     ) -> Run:
         """Return the columns of samples.
 
@@ -87,6 +93,8 @@ class Batch(Protocol):
             By which each servo hears of its set-point later [s].
         drive_delay : float
             By which the motor hears of its set-point later [s].
+        faster : ndarray of float, shape (n, t), optional
+            Speed that is added to each motor's set-point [m/s].
         """
         ...
 
@@ -242,7 +250,9 @@ class DriveModel:
         effect_at = [(i, e) for i, e in effect_of if e is not None]
         self._servo_delay = self._at.get(SERVO_DEAD_TIME)
         self._drive_delay = self._at.get(DRIVE_DEAD_TIME)
-        self._by_simulation = {i: e for i, e in effect_at if e.constants or i == self._servo_delay}
+        self._starting = [i for i, e in effect_at if e.name == START_DEVIATION]
+        simulated_too = (self._servo_delay, *self._starting)
+        self._by_simulation = {i: e for i, e in effect_at if e.constants or i in simulated_too}
         # all that the motion and when it is seen depend on, beside the parameters
         still = {"start x", "start y", "start heading", "gyro bias"}
         self._moving = [i for i, n in enumerate(self.nuisances) if n.name not in still]
@@ -320,14 +330,23 @@ class DriveModel:
         dead time of the first vehicle in all.
         """
         speeds, steering, drive = np.full(len(constants), self.drive.start.speed), None, 0.0
+        faster = None
         if nuisances is not None:
             speeds = nuisances[:, self._at["start speed"]]
             if self._servo_delay is not None:
                 steering = nuisances[:, self._servo_delay]
             if self._drive_delay is not None:
                 drive = float(nuisances[0, self._drive_delay])
+            if self._starting:
+                faster = _at_start(nuisances[:, self._starting], batch.time)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
-        run = batch.run(constants, names, speed=speeds, steering_delay=steering, drive_delay=drive)
+        run = batch.run(
+            *(constants, names),
+            speed=speeds,
+            steering_delay=steering,
+            drive_delay=drive,
+            faster=faster,
+        )
         return _Motions(*run.columns.values())
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
@@ -414,10 +433,9 @@ class DriveModel:
         motions = np.array(
             [motion.x, motion.y, motion.heading, motion.yaw_rate, motion.wheel_speed]
         )
-        deviations = (SPEED_DEVIATION, TURN_DEVIATION, START_DEVIATION)
+        deviations = (SPEED_DEVIATION, TURN_DEVIATION)
         if any(f"{name} 0" in self._at for name in deviations):
-            knots = (self._at_knots(name, values) for name in deviations)
-            motions = deviated(motions, *knots, self.vehicle.driven_radius)
+            motions = deviated(motions, *(self._at_knots(name, values) for name in deviations))
         elif more := len(values) - len(motion.x):
             motions = np.concatenate([motions, np.repeat(motions[:, :1], more, axis=1)], axis=1)
         x, y, heading, yaw_rate, wheel_speed = motions
@@ -426,14 +444,19 @@ class DriveModel:
         return _Motions(x, y, heading, yaw_rate, wheel_speed)
 
     def _knots_of(self, name: str) -> int:
-        """Number of knots of a deviation; a vehicle that rolls already has no start to deviate."""
+        """Number of knots of a deviation.
+
+        A vehicle that rolls already has no start to deviate, and one without a speed loop no
+        set-point of the speed.
+        """
         if name == START_DEVIATION:
-            return START_KNOTS if abs(self.drive.start.speed) < RESTING else 0
+            starts = self.vehicle.has_speed_loop and abs(self.drive.start.speed) < RESTING
+            return len(START) - 2 if starts else 0
         return max(2, round(float(self._batch.time[-1]) / KNOTS)) + 1
 
     def _at_knots(self, name: str, values: FloatArray) -> FloatArray:
         """Return a deviation at its knots (n, k) of values (n, q); zeros if there is none."""
-        knots = START_KNOTS if name == START_DEVIATION else self._knots_of(name)
+        knots = self._knots_of(name)
         first = self._at.get(f"{name} 0")
         if first is None:
             return np.zeros((len(values), knots))
@@ -522,6 +545,15 @@ class DriveModel:
             gram += part.T @ part
         reduced = np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
         return float(gram[-1, -1] - gram[:-1, -1] @ reduced)
+
+
+def _at_start(knots: FloatArray, time: FloatArray) -> FloatArray:
+    """Deviation of a start [m/s] at times (t,), (n, t), by its inner knots (n, k)."""
+    faster = np.zeros((len(knots), len(time)))
+    early = time < START[-1]
+    for row, inner in zip(faster, knots, strict=True):
+        row[early] = np.interp(time[early], START, [0.0, *inner, 0.0])
+    return faster
 
 
 def _thinned(signal: Signal) -> Signal:

@@ -114,6 +114,7 @@ class FmuBatch:
         speed: FloatArray | None = None,
         steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
+        faster: FloatArray | None = None,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
 
@@ -130,6 +131,8 @@ class FmuBatch:
             By which each servo hears of its set-point later [s]; default: not at all.
         drive_delay : float
             By which the motor hears of its set-point later [s].
+        faster : ndarray of float, shape (n, t), optional
+            Speed that is added to each motor's set-point [m/s]; default: none.
 
         Raises
         ------
@@ -142,9 +145,10 @@ class FmuBatch:
         demands = delayed(self._speeds, drive_delay, self._setpoint)
         later = np.zeros(len(parameters)) if steering_delay is None else steering_delay
         steering = np.array([delayed(self._steering, float(delay), 0.0) for delay in later])
+        more = np.zeros((len(parameters), len(self.time))) if faster is None else faster
         driven = [
-            self._drive(p, float(v), angles, demands)
-            for p, v, angles in zip(parameters, speeds, steering, strict=True)
+            self._drive(p, float(v), angles, demands + added[:-1])
+            for p, v, angles, added in zip(parameters, speeds, steering, more, strict=True)
         ]
         found = {name: np.array([each[name] for each in driven]) for name in columns}
         nothing = np.empty((0, 0))

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
+from tricycle_bridge.measurements.joint_pairing import JointReadings
 from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.errors import LinkError
@@ -36,6 +37,8 @@ class Host:
         Whether the bridge hears the vehicle's true speed as odometry, at 20 Hz.
     imu : bool
         Whether it hears the true specific force, at 100 Hz.
+    readings : list of JointReadings
+        The joints measured in the newest tick.
     log : list of str
         What the bridge has said.
     """
@@ -47,6 +50,7 @@ class Host:
         self.bridge.active = True
         self.target: VehicleCommand | None = VehicleCommand(0.0, 0.0)
         self.odometry = self.imu = True
+        self.readings: list[JointReadings] = []
         self.log: list[str] = []
         self._killed = False
         self._stamped = rig.host_time  # when the commander made its newest command
@@ -66,7 +70,7 @@ class Host:
         self.send()
         for board, data in self.rig.step().items():
             self._hear(board, data)
-        self.bridge.take_readings()
+        self.readings = self.bridge.take_readings()
         self.log += [entry.text for entry in self.bridge.take_log()]
 
     def send(self) -> None:

@@ -24,6 +24,7 @@ from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack, sample_values
 from tricycle_sim.vehicle.kernel import COMMAND, functions_for
 from tricycle_sim.vehicle.layout import (
+    COMMANDED_ROWS,
     EVALUATED,
     LANES,
     SLOPE,
@@ -362,6 +363,7 @@ class CommandedBatch:
         speed: FloatArray | None = None,
         steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
+        faster: FloatArray | None = None,
         every: int = 1,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
@@ -380,6 +382,8 @@ class CommandedBatch:
             is smoother in it than in `servo_delay`, by which set-points change between ticks.
         drive_delay : float
             By which the motor hears of its set-point later [s].
+        faster : ndarray of float, shape (n, t), optional
+            Speed that is added to each motor's set-point [m/s]; default: none.
         every : int
             Ticks from one recorded point to the next; t is then that of `time[::every]`.
         """
@@ -391,13 +395,13 @@ class CommandedBatch:
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
         out = np.empty((len(rows), len(groups) * LANES, len(self.time[::every])))
-        own = bool(self._start.steered_by) or steering_delay is not None
+        own = bool(self._start.steered_by) or steering_delay is not None or faster is not None
         table, axles, angles = (
-            self._own_steering(parameters, steering_delay)
+            self._own_commands(parameters, steering_delay, faster)
             if own
             else (self._table, self._table[::2].T, self.steering_motor_angle)
         )
-        advance = functions_for(self._vehicle, own_steering=own).advance
+        advance = functions_for(self._vehicle, own_commands=own).advance
         advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), every, out)
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
         axles, angles = axles[..., ::every], angles[..., ::every]
@@ -408,14 +412,14 @@ class CommandedBatch:
         angles = np.broadcast_to(angles, (len(parameters), angles.shape[-1]))
         return Run(found, angles, groups, self._vehicle.wheels)
 
-    def _own_steering(
-        self, parameters: FloatArray, delays: FloatArray | None
+    def _own_commands(
+        self, parameters: FloatArray, delays: FloatArray | None, faster: FloatArray | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the table for `advance`, the axles at the ticks, the angles of the motor."""
         samples = len(parameters)
         delays = np.zeros(samples) if delays is None else delays
         count = -(-samples // LANES)
-        table = np.empty((count, len(self._table), 8, LANES))
+        table = np.empty((count, len(self._table), COMMANDED_ROWS, LANES))
         axles = np.empty((8, samples, len(self.time)))
         angles = np.empty((samples, len(self.time)))
         own, both = np.empty_like(self._table), np.empty((2, len(self.time)))
@@ -431,8 +435,15 @@ class CommandedBatch:
             alike = which.ravel() == steering
             axles[:, alike], angles[alike] = own[::2].T[:, np.newaxis], both[0]
             for lane in np.flatnonzero(by_lane == steering):
-                table[lane // LANES, :, :, lane % LANES] = own
-        return table.reshape(-1, 8 * LANES), axles, angles
+                table[lane // LANES, :, :8, lane % LANES] = own
+        if faster is None:
+            table[:, :, 8] = 0.0
+        else:
+            every_lane = np.concatenate([faster, np.repeat(faster[-1:], len(by_lane) - samples, 0)])
+            of_groups = every_lane.reshape(count, LANES, -1).transpose(0, 2, 1)
+            table[:, ::2, 8] = of_groups
+            table[:, 1::2, 8] = 0.5 * (of_groups[:, :-1] + of_groups[:, 1:])
+        return table.reshape(-1, COMMANDED_ROWS * LANES), axles, angles
 
 
 def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArray:

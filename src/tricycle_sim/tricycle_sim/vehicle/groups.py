@@ -208,11 +208,12 @@ def _standing(
         tables = np.concatenate(
             [motor_in_the_middle(vehicle, point) for point in parameters[first]]
         )[which.ravel()]
-        lanes = [_by_lane(column) for column in tables.T]
+        unchanged = np.zeros(len(parameters))  # the motor's demand
+        lanes = [_by_lane(column) for column in (*tables.T, unchanged)]
         table = np.stack(lanes, axis=1).reshape(-1, len(lanes) * LANES)
     else:
         table = motor_in_the_middle(vehicle)
-    advance = functions_for(vehicle, own_steering=own).advance
+    advance = functions_for(vehicle, own_commands=own).advance
 
     def evaluate(groups: FloatArray) -> None:
         flat = groups.reshape(len(groups), ROWS * LANES)

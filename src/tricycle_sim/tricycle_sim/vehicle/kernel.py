@@ -23,6 +23,8 @@ from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.laws import inlined
 from tricycle_sim.vehicle.layout import (
     ALIVE,
+    COMMANDED,
+    COMMANDED_ROWS,
     EVALUATED,
     EVENT,
     EVENT_ROWS,
@@ -30,8 +32,6 @@ from tricycle_sim.vehicle.layout import (
     SLOPE,
     START,
     STATE,
-    STEERING,
-    STEERING_ROWS,
     SUM,
     WHEEL_EVALUATED,
     WHEEL_STATES,
@@ -71,8 +71,9 @@ class Laws(NamedTuple):
         Three or four.
     states : int
         Rows of states that they need.
-    own_steering : bool
-        Whether each vehicle of a group has its own table of the steering.
+    own_commands : bool
+        Whether each vehicle of a group has its own table of the steering, and a speed of its own
+        that is added to the motor's demand.
     sides, driven, braked : tuple
         As in `Structure`.
     tyre_0, tyre_1, tyre_2, tyre_3 : compiled function
@@ -83,7 +84,7 @@ class Laws(NamedTuple):
 
     wheels: int
     states: int
-    own_steering: bool
+    own_commands: bool
     sides: Any
     driven: Any
     braked: Any
@@ -328,8 +329,8 @@ def _evaluate_each(
         drive[COMMAND.brake],
     )
     # beside the states: loads from another array, which might be the one written, do not vectorise
-    first = STEERING * LANES
-    for j in range(STEERING_ROWS * LANES):
+    first = COMMANDED * LANES
+    for j in range(COMMANDED_ROWS * LANES):
         g[first + j] = table[row, j]
     for i in range(lanes):
         steering = (
@@ -342,7 +343,8 @@ def _evaluate_each(
             g[first + 6 * LANES + i],
             g[first + 7 * LANES + i],
         )
-        _slopes(laws, g, i, steering, speed_mode, demand, brake)
+        faster = g[first + 8 * LANES + i]
+        _slopes(laws, g, i, steering, speed_mode, demand + faster, brake)
 
 
 @inlined
@@ -350,7 +352,7 @@ def _evaluate(
     laws: Laws, g: FloatArray, lanes: int, table: FloatArray, row: int, drive: FloatArray
 ) -> None:
     """Write the slopes of a whole group, with row `row` of the steering table."""
-    if laws.own_steering:
+    if laws.own_commands:
         _evaluate_each(laws, g, lanes, table, row, drive)
         return
     steering = (
@@ -442,7 +444,7 @@ def _advance(
     lanes = groups.shape[1] // ROWS
     ticks = drive.shape[0] - 1
     h = TICK / substeps
-    rows_of_group = table.shape[0] // groups.shape[0] if laws.own_steering else 0
+    rows_of_group = table.shape[0] // groups.shape[0] if laws.own_commands else 0
     for b in range(groups.shape[0]):
         g = groups[b]
         halted = False
@@ -551,17 +553,18 @@ class Functions(NamedTuple):
     motor_angle_for: Any
 
 
-def functions_for(vehicle: Vehicle, *, own_steering: bool = False) -> Functions:
+def functions_for(vehicle: Vehicle, *, own_commands: bool = False) -> Functions:
     """Return the functions compiled for the structure of a vehicle.
 
     Parameters
     ----------
     vehicle : Vehicle
         With wheels and laws.
-    own_steering : bool
-        Whether each vehicle of a group has its own table of the steering.
+    own_commands : bool
+        Whether each vehicle of a group has its own table of the steering and of what is added to
+        the motor's demand.
     """
-    return _compile(structure_of(vehicle), own_steering)
+    return _compile(structure_of(vehicle), own_commands)
 
 
 def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
@@ -578,7 +581,7 @@ def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
 
 
 def laws_of(
-    structure: Structure, own_steering: bool = False, take: Callable[[Any], Any] = compilable
+    structure: Structure, own_commands: bool = False, take: Callable[[Any], Any] = compilable
 ) -> Laws:
     """Return what is compiled into the equations of vehicles of a structure.
 
@@ -586,7 +589,7 @@ def laws_of(
     ----------
     structure : Structure
         From `structure_of`.
-    own_steering : bool
+    own_commands : bool
         As for `functions_for`.
     take : callable
         Makes of a law's Python function what the compiler takes.
@@ -598,7 +601,7 @@ def laws_of(
     return Laws(
         wheels=structure.wheels,
         states=states_of(structure.wheels),
-        own_steering=own_steering,
+        own_commands=own_commands,
         sides=structure.sides,
         driven=structure.driven,
         braked=structure.braked,
@@ -621,9 +624,9 @@ def _compile_caller(structure: Structure, function: Callable[..., Any]) -> Any:
 
 
 @functools.cache
-def _compile(structure: Structure, own_steering: bool = False) -> Functions:
-    chosen = laws_of(structure, own_steering)
-    variant = _variant(structure) + ("-own" if own_steering else "")
+def _compile(structure: Structure, own_commands: bool = False) -> Functions:
+    chosen = laws_of(structure, own_commands)
+    variant = _variant(structure) + ("-own" if own_commands else "")
     advancing = compiled(_advance_with, variant, laws=chosen)
     steering_ahead = compiled(_steer_with, variant, laws=chosen)
     return Functions(

@@ -91,10 +91,13 @@ EVENT = numbered("friction motor rollover steering  least_load", first=ALIVE + 1
 Largest friction share, first saturation of the motor, roll-over, first saturation of the steering,
 least load of the first wheel, which those of the other wheels follow.
 """
-STEERING = EVENT.least_load + MOST_WHEELS * EVENT_ROWS
-"""First of the rows of a steering table's columns, where each vehicle has its own table."""
-STEERING_ROWS = 8
-CONSTANTS = STEERING + STEERING_ROWS
+COMMANDED = EVENT.least_load + MOST_WHEELS * EVENT_ROWS
+"""First of the rows of a table's columns, where each vehicle has its own commands.
+
+Eight columns of the steering, and the speed that is added to the motor's demand.
+"""
+COMMANDED_ROWS = 9
+CONSTANTS = COMMANDED + COMMANDED_ROWS
 """First row of the constants; each compiled part brings its own block of them."""
 
 
