@@ -7,10 +7,11 @@ The firmware runs on simulated ATmega328P behind the live nodes: its servo loop,
 clocks are no part of the model. With `--native` its logic is compiled for this computer and driven
 without nodes, which takes a second instead of half a minute a vehicle. Random vehicles drive a
 circle and a double lane change; the two drives are identified without effects and with all of them
-weighed. Printed for every parameter and way: in how many vehicles it is shown, in how many of these
-the 95 % interval holds the truth, and the median width in % of the range; then how often residuals
-were white (of the channels whose residuals exceed the sensor's steps), what was told to be missing,
-and how probable each effect was in the mean.
+weighed. Printed for every vehicle: by how many standard deviations what is shown is off; for every
+parameter and way: in how many vehicles it is shown, in how many of these the 95 % interval holds
+the truth, and the median width in % of the range; then how often residuals were white (of the
+channels whose residuals exceed the sensor's steps), what was told to be missing, and how probable
+each effect was in the mean.
 """
 
 import argparse
@@ -34,6 +35,7 @@ from parameter_identification.drives.measured import (
 )
 from parameter_identification.identification import EFFECTS, identify
 from tricycle_cli.operation.session import simulated_session
+from tricycle_core.errors import ExcitationError
 from tricycle_core.joints import REAR_WHEEL_JOINT
 from tricycle_sim.rig.host import Host
 from tricycle_sim.rig.native import NativeRig
@@ -61,6 +63,23 @@ def drives_of(seed, firmware, folder):
             drive(plan_at(request, np.array(x)), bag, lambda *_: None)
             drives.append(read_measured_drive(bag, VEHICLE))
     return drives
+
+
+def drives_on_nodes(seed, firmware):
+    """The two drives of a random vehicle; begun anew where a busy machine ended one."""
+    while True:
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                return drives_of(seed, firmware, Path(folder))
+            except ExcitationError as error:
+                print(f"vehicle {seed} once more: {error}", flush=True)
+
+
+def deviations(truth, identified):
+    """By how many standard deviations each shown estimate is off, as a line."""
+    shown = {n: e for n, e in identified.parameters.items() if e.identifiable}
+    off = {n: (e.estimate - truth[n]) / (e.high - e.low) * 2 * 1.96 for n, e in shown.items()}
+    return ", ".join(f"{name} {sigma:+.1f}" for name, sigma in off.items())
 
 
 def native_drives_of(seed, firmware):
@@ -122,10 +141,11 @@ def main():
         if arguments.native:
             drives = native_drives_of(seed, arguments.firmware)
         else:
-            with tempfile.TemporaryDirectory() as folder:
-                drives = drives_of(seed, arguments.firmware, Path(folder))
+            drives = drives_on_nodes(seed, arguments.firmware)
         for way, options in WAYS.items():
-            found[way].append((drives[0].truth, identify(drives, VEHICLE, **options)))
+            identified = identify(drives, VEHICLE, **options)
+            found[way].append((drives[0].truth, identified))
+            print(f"vehicle {seed} {way:8s} {deviations(drives[0].truth, identified)}", flush=True)
     for way, results in found.items():
         for name, (low, high) in VEHICLE.unknown.items():
             intervals = [(truth[name], f.parameters[name]) for truth, f in results]

@@ -1,6 +1,6 @@
 """Identification in worlds that the vehicle file lacks: coverage, width, and what was wrong.
 
-    python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all]
+    python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all|random]
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz. Each is identified without effects,
@@ -10,9 +10,9 @@ hold the truth where it is, how many do not (wrong, though shown), and the media
 intervals over all vehicles, in % of the range; last, how often the identification said that the
 model lacks something: residuals that are not white, or a deviation that the drives show.
 
-The maneuvers are fixed, or planned as a pair by criterion d, counting no effects or all of them;
-then the widths that the plan expects are printed, too. benchmarks/firmware_world.py has the world
-of the own firmware.
+The maneuvers are fixed, or planned as a pair by criterion d, counting no effects or all of them
+(then the widths that the plan expects are printed, too), or drawn from their boxes, another pair
+for each vehicle. benchmarks/firmware_world.py has the world of the own firmware.
 """
 
 import argparse
@@ -24,7 +24,8 @@ from identification import MANEUVERS, VEHICLE, commands_of_pair, draw, rounded, 
 
 from excitation_planner import Criterion
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.planning import PlanRequest, plan_set
+from excitation_planner.planning import PlanRequest, plan_set, random_feasible_point
+from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import Sensor, Signal
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import EFFECTS, identify
@@ -133,6 +134,16 @@ def planned_pair(effects):
     return [plan.commands for plan in plans]
 
 
+def random_pair(seed):
+    """Commands of a circle and a double lane change anywhere in their boxes."""
+    rng = np.random.default_rng([seed, 6])
+    found = []
+    for family, _ in MANEUVERS:
+        x = random_feasible_point(PlanRequest(VEHICLE, family, PARAMETERS[0]), rng)
+        found.append(nominal_run(VEHICLE, family, x).commands)
+    return found
+
+
 RADIUS = {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}
 WORLDS = {  # motion, and the effects that act
     "nothing": (of(), ()),
@@ -209,11 +220,15 @@ def main():
     parser.add_argument("--vehicles", type=int, default=200)
     parser.add_argument("--world", choices=WORLDS, action="append", default=[])
     parser.add_argument("--way", choices=WAYS, action="append", default=[])
-    parser.add_argument("--plan", choices=("none", "all"))
+    parser.add_argument("--plan", choices=("none", "all", "random"))
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
-    planned = {"none": (), "all": EFFECTS}.get(arguments.plan)
-    pair = commands_of_pair() if planned is None else planned_pair(planned)
+    if arguments.plan == "random":
+        pairs = [random_pair(seed) for seed in range(arguments.vehicles)]
+    else:
+        planned = {"none": (), "all": EFFECTS}.get(arguments.plan)
+        pair = commands_of_pair() if planned is None else planned_pair(planned)
+        pairs = [pair] * arguments.vehicles
     ways = tuple(arguments.way or WAYS)
     print(f"{arguments.vehicles} vehicles; a cell: shown, covered where shown, wrong; width %")
     print(
@@ -221,7 +236,7 @@ def main():
     )
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in arguments.world or WORLDS:
-            jobs = [(world, seed, pair, ways) for seed in range(arguments.vehicles)]
+            jobs = [(world, seed, pair, ways) for seed, pair in enumerate(pairs)]
             table = np.array(list(pool.map(one_vehicle, jobs)), dtype=float)
             for number, way in enumerate(ways):
                 line = f"{world:37s}{way:>8s}"

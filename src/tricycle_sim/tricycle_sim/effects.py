@@ -6,9 +6,10 @@ vehicle; the others change its motion, or what is seen of it, in closed form. Sl
 one drive, the others on all.
 
 The *deviations* are processes in time: by which share the vehicle is faster than the model, how
-much more it turns, and by how much it is faster in the first seconds from rest. They stand for
-what no constant can, e.g. a servo or a speed loop of another kind, or boards that do not see a
-wheel turn slowly. Their size is estimated, so that they vanish where nothing is missing.
+much more it turns, and by how much the set-point of its speed is higher in the first seconds from
+rest. They stand for what no constant can, e.g. a servo or a speed loop of another kind, or boards
+that do not see a wheel turn slowly. Their size is estimated, so that they vanish where nothing is
+missing.
 """
 
 import dataclasses
