@@ -150,7 +150,8 @@ def test_wheel_speeds_that_a_sensor_of_pulses_cannot_tell_are_left_out() -> None
 def test_the_firmware_counts_pulses() -> None:
     first = [0.0] * 8 + [0.149] * 12  # as it was read, at 100 Hz, until the third pulse
     later = 0.439 + 0.02 * np.arange(150)
-    values = np.concatenate([first, later])
+    braked = np.arange(3.0, 0.0, -0.02)  # no faster than a pulse that has not come
+    values = np.concatenate([first, later, braked])
     seen = resolved(Signal(0.01 * np.arange(len(values)), values[:, None]))
     assert seen.values.min() >= 0.439
 

@@ -289,15 +289,16 @@ def resolved(speeds: Signal) -> Signal:
     speeds : Signal
         Of a wheel.
     """
-    levels = np.unique(np.abs(speeds.values))
-    low = levels[levels < 0.5 * levels[-1]]
-    if levels[0] > 0.0 or len(low) < 10:
+    sizes = np.abs(speeds.values[:, 0])
+    # until half of the highest speed: while the wheel slows down, the reading may pass all speeds
+    low = np.unique(sizes[: int(np.argmax(sizes >= 0.5 * sizes.max()))])
+    if len(low) < 10 or low[0] > 0.0:
         return speeds
     steps = np.diff(low)
     widest = int(np.argmax(steps[:FIRST_STEPS]))
     if steps[widest] < DEAD_ZONE * float(np.median(steps)):
         return speeds
-    seen = np.abs(speeds.values[:, 0]) >= RESOLVED * low[widest + 1]
+    seen = sizes >= RESOLVED * low[widest + 1]
     return Signal(speeds.time[seen], speeds.values[seen], PULSE_JITTER)
 
 
