@@ -49,7 +49,7 @@ class Sensor(Enum):
 
 # of stamps; the PLCs measure anywhere between two ticks of 10 ms, and stamp with one of them
 STAMP_JITTER = {Sensor.YAW_RATE: 0.0, Sensor.WHEEL_SPEED: 0.005}
-PULSE_JITTER = 0.015  # s, of wheel speeds that are counted from pulses
+PULSE_JITTER = 0.03  # s, of wheel speeds from pulses: carried on by an acceleration of a while ago
 DEAD_ZONE = 5.0  # median steps between low speeds, from which the first ones are not the wheel's
 FIRST_STEPS = 3  # from standstill that are looked at
 RESOLVED = 4.5  # of the slowest speed above the dead zone, from which pulses tell a speed
