@@ -17,6 +17,7 @@ each effect was in the mean.
 import argparse
 import dataclasses
 import tempfile
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -158,10 +159,9 @@ def main():
             )
         tested = [t for _, f in results for t in f.whiteness if np.isfinite(t.p)]
         white = 1.0 - sum(len(f.coloured) for _, f in results) / len(tested)
-        missing = [", ".join(e.name for e in f.deviations) or "nothing" for _, f in results]
-        print(
-            f"{way:8s} white {white:.0%} of {len(tested)} channels; told to be missing: {missing}"
-        )
+        missing = Counter(e.name for _, f in results for e in f.deviations)
+        told = ", ".join(f"{name} {count}" for name, count in missing.items()) or "nothing"
+        print(f"{way:8s} white {white:.0%} of {len(tested)} channels; told to be missing: {told}")
         acts = {}
         for _, f in results:
             for e in f.effects:
