@@ -27,6 +27,7 @@ from parameter_identification.drives.windows import (
     steering_error,
     windows_of,
 )
+from parameter_identification.identification import identify
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
@@ -223,3 +224,14 @@ def test_the_lines_of_the_page_identify_a_table(
     exec(code, {})
     found = float(capsys.readouterr().out)
     assert found == pytest.approx(TRUTH["cornering_stiffness"], rel=0.1)
+
+
+@pytest.mark.slow
+def test_windows_with_set_points_of_the_speed_hold_what_is_true(tmp_path: Path) -> None:
+    steering = f"speed_command: speed\nsteering_map: {{gain: {GAIN}, offset: {OFFSET}}}\n"
+    columns = load_columns(mapping(tmp_path / "mapping.yaml", steering))
+    drives = read_windows(table(tmp_path / "drive.csv"), VEHICLE, columns, Windows(length=4.0))
+    found = identify(drives, VEHICLE)
+    rolling = "rolling_coefficient_1"  # a loop that has not settled lacks the torque against it
+    for name, true in {**TRUTH, rolling: VEHICLE.values[rolling]}.items():
+        assert found.parameters[name].low <= true <= found.parameters[name].high

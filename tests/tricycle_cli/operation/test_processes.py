@@ -1,6 +1,7 @@
 """Child processes and signals."""
 
 import signal
+import socket
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from tricycle_cli.operation.processes import (
     NodeProcesses,
     executable,
+    free_domain,
     interrupts_held,
     own_domain,
     ros_environment,
@@ -54,6 +56,12 @@ def test_nodes_get_a_domain_of_their_own(tmp_path):
     env = ros_environment(domain=7, log_dir=tmp_path)
     assert env["ROS_DOMAIN_ID"] == "7"
     assert Path(env["FASTRTPS_DEFAULT_PROFILES_FILE"]).exists()
+
+
+def test_a_domain_in_which_others_communicate_is_not_taken() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(("", 7410 + 250 * own_domain()))
+        assert free_domain() != own_domain()
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from tricycle_core.errors import VehicleError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
@@ -60,3 +61,9 @@ def test_parameters_that_move_the_equilibrium_have_a_start_per_sample(softly_kno
     for sample, values in enumerate(points):
         single = VEHICLE.replace(**dict(zip(names, values[-3:], strict=True)))
         assert trajectory.z[sample, 0] == pytest.approx(equilibrium(single).pose[0], abs=1e-12)
+
+
+def test_a_vehicle_too_heavy_for_its_tyres_is_told():
+    heavy = VEHICLE.replace(mass=60_000.0)
+    with pytest.raises(VehicleError, match="finds no rest on its tyres"):
+        equilibrium(heavy)

@@ -42,6 +42,7 @@ from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 from tricycle_sim.vehicle.wheels import AXLES
 
 RUN_IN = 1.0  # s before a window: some time constants of servo and tyres
+SETTLED = 4.0  # integral times of a speed loop before it, where the set-points are recorded
 MAX_GAP = 0.2  # s between poses
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
@@ -346,22 +347,37 @@ def windows_of(
     motion = motion_of(recording)
     angle = steering.angle(recording.steering.at(motion.time, held=True))
     found = []
-    for first in _beginnings(recording, motion, windows):
-        rows = slice(first - round(RUN_IN / TICK), first + round(windows.length / TICK) + 1)
+    lead = round(_run_in(recording, vehicle) / TICK)
+    for first in _beginnings(recording, motion, windows, lead):
+        rows = slice(first - lead, first + round(windows.length / TICK) + 1)
         if np.abs(angle[rows]).max() <= STEERING_END_STOP:
-            found.append(_drive(recording, vehicle, motion, angle, rows))
+            found.append(_drive(recording, vehicle, motion, angle, rows, lead))
     if not found:
         raise IdentificationError(
-            f"{recording.name}: no window of {windows.length:g} s begins {RUN_IN:g} s after the "
-            f"first pose or later, at more than {windows.above:g} m/s, without a gap or jump of "
-            "the poses: choose a shorter length or a lower speed"
+            f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
+            f"the first pose or later, at more than {windows.above:g} m/s, without a gap or jump "
+            "of the poses: choose a shorter length or a lower speed; or are the units wrong? In "
+            f"the mean, the poses come every {np.mean(np.diff(recording.time)):.3g} s and move at "
+            f"{np.mean(np.abs(motion.speed)):.3g} m/s"
         )
     return found
 
 
-def _beginnings(recording: Recording, motion: Motion, windows: Windows) -> Iterator[int]:
-    """Ticks at which windows begin."""
-    lead, length = round(RUN_IN / TICK), round(windows.length / TICK)
+def _run_in(recording: Recording, vehicle: Vehicle) -> float:
+    """Time [s] in which the model forgets how it began before a window.
+
+    Commands that follow a measured speed begin with it; a speed loop with recorded set-points
+    begins without the torque that it had.
+    """
+    if "speed_command" not in recording.more or not vehicle.has_speed_loop:
+        return RUN_IN
+    integral = vehicle.speed_gain_integral
+    return RUN_IN + (SETTLED * vehicle.speed_gain_proportional / integral if integral else 0.0)
+
+
+def _beginnings(recording: Recording, motion: Motion, windows: Windows, lead: int) -> Iterator[int]:
+    """Ticks at which windows begin, `lead` ticks after the drive that leads into them."""
+    length = round(windows.length / TICK)
     gaps = np.diff(recording.time) > MAX_GAP
     lost = np.zeros(len(motion.time), dtype=bool)
     for begin, end in zip(recording.time[:-1][gaps], recording.time[1:][gaps], strict=True):
@@ -379,10 +395,15 @@ def _beginnings(recording: Recording, motion: Motion, windows: Windows) -> Itera
 
 
 def _drive(
-    recording: Recording, vehicle: Vehicle, motion: Motion, angle: FloatArray, rows: slice
+    recording: Recording,
+    vehicle: Vehicle,
+    motion: Motion,
+    angle: FloatArray,
+    rows: slice,
+    lead: int,
 ) -> MeasuredDrive:
     time = motion.time[rows]
-    start, begin = time[0], time[round(RUN_IN / TICK)]
+    start, begin = time[0], time[lead]
     speed = motion.speed[rows]
     commands = _commands(recording, vehicle, motion, angle, rows)
     inside = (recording.time >= begin) & (recording.time <= time[-1])

@@ -113,7 +113,7 @@ def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
         raise IdentificationError(
             f"{drive.name}: planned for another vehicle: whatever its unknown parameters, "
             f"{vehicle.name} comes no closer than {distance:.2g} m (rms) to the plan's reference; "
-            "give the vehicle file of the drive"
+            "give the file that it was planned with, and drive plans with that file too"
         )
 
 

@@ -5,6 +5,7 @@ import math
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -17,6 +18,7 @@ from pathlib import Path
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
 
+DOMAINS = 100  # that are used
 STOP_TIMEOUT = 5.0  # s a node gets to close its bag or port before it is killed
 STOP_PERIOD = 0.1  # s between signals to a node in the foreground that is to end
 
@@ -33,7 +35,24 @@ def own_domain(number: int = 0, pid: int | None = None) -> int:
     pid : int, optional
         The process; this one by default.
     """
-    return 1 + ((os.getpid() if pid is None else pid) * 13 + number) % 100
+    return 1 + ((os.getpid() if pid is None else pid) * 13 + number) % DOMAINS
+
+
+def free_domain() -> int:
+    """Return a ROS domain in which nobody on this machine communicates: the first of `own_domain`.
+
+    Two processes may have the same one, and each would take the other's nodes for its own. If all
+    hundred are in use it is the first.
+    """
+    for number in range(DOMAINS):
+        domain = own_domain(number)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+            try:  # where the first participant of a domain listens (DDSI-RTPS, section 9.6.1)
+                port.bind(("", 7410 + 250 * domain))
+            except OSError:
+                continue
+            return domain
+    return own_domain()
 
 
 def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:

@@ -22,7 +22,7 @@ from tricycle_bringup.configuration import (
 )
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
 from tricycle_cli.operation.enough import Enough
-from tricycle_cli.operation.processes import NodeProcesses, own_domain, ros_environment
+from tricycle_cli.operation.processes import NodeProcesses, free_domain, ros_environment
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
@@ -106,7 +106,7 @@ def simulated_session(
     # imported here: without ROS the rest of the command line works
     from tricycle_cli.operation.operator_node import Operator
 
-    domain = int(os.environ.get("ROS_DOMAIN_ID", own_domain()))
+    domain = int(os.environ.get("ROS_DOMAIN_ID") or free_domain())
     env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
     os.environ.update(env)
     ports = {

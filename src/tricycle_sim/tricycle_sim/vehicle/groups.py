@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import attitude_quaternion
 from tricycle_sim.vehicle.constants import Vehicle
@@ -250,5 +251,11 @@ def _settle(vehicle: Vehicle, parameters: FloatArray, steered_by: list[int]) -> 
         varied = (poses[:, np.newaxis] + steps).reshape(-1, 3)
         residuals = _accelerations(evaluate, groups, varied).reshape(n, m, 3)
         jacobian = np.swapaxes(residuals[:, 1:4] - residuals[:, 4:], 1, 2) / (2.0 * SETTLE_WIDTH)
-        poses = poses - np.linalg.solve(jacobian, residuals[:, 0, :, np.newaxis])[..., 0]
+        try:
+            poses = poses - np.linalg.solve(jacobian, residuals[:, 0, :, np.newaxis])[..., 0]
+        except np.linalg.LinAlgError:
+            raise VehicleError(
+                f"{vehicle.name} finds no rest on its tyres: mass, com_height or "
+                "vertical_stiffness are wrong"
+            ) from None
     return poses
