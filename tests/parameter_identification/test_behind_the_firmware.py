@@ -1,6 +1,6 @@
 """A vehicle behind the firmware's own logic, which is no part of the model."""
 
-from importlib.util import module_from_spec, spec_from_file_location
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -13,10 +13,7 @@ BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 @pytest.fixture
 def benchmark(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
-    spec = spec_from_file_location("firmware_world", BENCHMARKS / "firmware_world.py")
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return import_module("firmware_world")
 
 
 @pytest.mark.slow

@@ -439,8 +439,8 @@ class CommandedBatch:
         if faster is None:
             table[:, :, 8] = 0.0
         else:
-            every_lane = np.concatenate([faster, np.repeat(faster[-1:], len(by_lane) - samples, 0)])
-            of_groups = every_lane.reshape(count, LANES, -1).transpose(0, 2, 1)
+            lanes = np.minimum(np.arange(count * LANES), samples - 1)  # the last one fills up
+            of_groups = faster[lanes].reshape(count, LANES, -1).transpose(0, 2, 1)
             table[:, ::2, 8] = of_groups
             table[:, 1::2, 8] = 0.5 * (of_groups[:, :-1] + of_groups[:, 1:])
         return table.reshape(-1, COMMANDED_ROWS * LANES), axles, angles
