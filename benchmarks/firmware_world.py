@@ -68,14 +68,14 @@ def drives_of(seed, firmware, folder):
 
 def drives_on_nodes(seed, firmware):
     """The two drives of a random vehicle; begun anew where a busy machine ended one."""
-    for again in (True, True, False):
+    for _ in range(2):
         with tempfile.TemporaryDirectory() as folder:
             try:
                 return drives_of(seed, firmware, Path(folder))
             except ExcitationError as error:
-                if not again:
-                    raise
                 print(f"vehicle {seed} once more: {error}", flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        return drives_of(seed, firmware, Path(folder))
 
 
 def deviations(truth, identified):
