@@ -28,12 +28,12 @@ from excitation_planner.planning import PlanRequest, plan_at
 from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
-    MeasuredDrive,
     Sensor,
     Signal,
     read_measured_drive,
     resolved,
 )
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import EFFECTS, identify
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import ExcitationError
@@ -44,6 +44,12 @@ from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.constants import draw_truth
 
 VEHICLE = load_vehicle()
+NOISE = {  # what the nodes add
+    Sensor.POSITION: SensorNoise(SIMULATED.noise_std, rate=100.0),
+    Sensor.HEADING: SensorNoise(SIMULATED.heading_std, rate=100.0),
+    Sensor.YAW_RATE: SensorNoise(SIMULATED.yaw_rate_std, rate=100.0),
+    Sensor.LATERAL_ACCELERATION: SensorNoise(0.05, rate=100.0),
+}
 WAYS = {"none": {}, "weighed": {"effects": EFFECTS, "weighed": True}}
 
 
@@ -99,19 +105,21 @@ def native_drives_of(seed, firmware):
 
 
 def native_drive(rig, commands, rng, truth):
-    """Drive commands on a rig and measure its motion."""
+    """Drive commands on a rig and measure its motion; the wheel's speed is what the board reads."""
     host = Host(rig)
     host.arm()
     host.run(1.0)  # it stands
     start, rows, readings = host.now, [], []
     for _ in host.play(commands):
         s = rig.state
-        rows.append((host.now - start, s.x, s.y, s.yaw, s.yaw_rate))
+        row = (s.x, s.y, s.yaw, s.yaw_rate, s.drive_speed, s.specific_force[1])
+        rows.append((host.now - start, *row))
         readings += host.readings
-    time, x, y, yaw, yaw_rate = np.array(rows).T
-    position = np.column_stack([x, y]) + SIMULATED.noise_std * rng.standard_normal((len(time), 2))
-    heading = np.unwrap(yaw) + SIMULATED.heading_std * rng.standard_normal(len(time))
-    gyro = yaw_rate + SIMULATED.yaw_rate_std * rng.standard_normal(len(time))
+    time, x, y, yaw, yaw_rate, speed, sideways = np.array(rows).T
+    motion = SensedMotion(
+        time, x, y, np.unwrap(yaw), yaw_rate, speed, lateral_acceleration=sideways
+    )
+    drive = measure(motion, commands, NOISE, rng=rng, name=f"drive {len(rows)}", truth=truth)
     speeds = np.array(
         [
             (r.stamp - start, j.velocity)
@@ -122,13 +130,8 @@ def native_drive(rig, commands, rng, truth):
     )
     speeds = speeds[np.append(True, np.diff(speeds[:, 0]) > 0)]
     wheel = Signal(speeds[:, 0], speeds[:, 1:], STAMP_JITTER[Sensor.WHEEL_SPEED])
-    signals = {
-        Sensor.POSITION: Signal(time, position),
-        Sensor.HEADING: Signal(time, heading[:, np.newaxis]),
-        Sensor.YAW_RATE: Signal(time, gyro[:, np.newaxis]),
-        Sensor.WHEEL_SPEED: resolved(wheel),
-    }
-    return MeasuredDrive(f"drive {len(rows)}", commands, signals, truth=truth)
+    signals = drive.signals | {Sensor.WHEEL_SPEED: resolved(wheel)}
+    return dataclasses.replace(drive, signals=signals)
 
 
 def main():

@@ -27,8 +27,8 @@ from scipy.stats import binom, norm
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
-from parameter_identification.drives.kept import began, content_key, keep, kept
-from parameter_identification.drives.measured import MeasuredDrive, Sensor, read_measured_drive
+from parameter_identification.drives.kept import began, content_key, keep, kept, sensors_of
+from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_vehicle
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
@@ -547,11 +547,9 @@ def _begin(
     drives: dict[Path, MeasuredDrive] = {file: kept(file) for file in files if file in chosen}
     known = {sensor for drive in drives.values() for sensor in drive.signals}
     for file in files:
-        if known >= set(Sensor):
-            break
-        if file not in drives and not known >= set((drive := kept(file)).signals):
-            drives[file] = drive
-            known |= set(drive.signals)
+        if not known >= (more := sensors_of(file)):
+            drives[file] = kept(file)
+            known |= more
     return first_fit(list(drives.values()), vehicle, effects, prior, seed)
 
 

@@ -111,6 +111,26 @@ def test_windows_have_their_own_start_and_do_not_share_samples(
         assert np.hypot(*np.diff(at, axis=1)[:, 0]) == pytest.approx(way, abs=0.06)
 
 
+def test_windows_have_the_sensors_that_the_table_has(tmp_path: Path) -> None:
+    def measured(rows: list[str]) -> None:
+        rows[:] = [f"{row},{0.01 * k},{k},{60 + k},0.1" for k, row in enumerate(rows)]
+
+    path = table(tmp_path / "drive.csv", measured)
+    path.write_text(path.read_text().replace(",speed\n", ",speed,ay,left,right,torque\n", 1))
+    more = "acceleration_y: {column: ay, unit: g}\nmotor_torque: torque\n"
+    wheels = "wheel_speeds: {right: {column: right, unit: rpm}, left: left}\n"
+    columns = load_columns(mapping(tmp_path / "mapping.yaml", more + wheels))
+    signals = read_windows(path, VEHICLE, columns)[0].signals
+    row = 100.0 * signals[Sensor.LATERAL_ACCELERATION].values[0, 0] / 9.80665
+    assert signals[Sensor.MOTOR_TORQUE].values[0] == 0.1
+    speeds = signals[Sensor.WHEEL_SPEEDS]
+    assert speeds.wheels == ("right", "left")
+    assert speeds.values[0] == pytest.approx([(60 + row) * np.pi / 30.0, row])
+    other = load_columns(mapping(tmp_path / "other.yaml", "wheel_speeds: {lefd: left}\n"))
+    with pytest.raises(IdentificationError, match="'lefd' is no entry; is left meant"):
+        read_windows(path, VEHICLE, other)
+
+
 @pytest.mark.slow
 def test_windows_leave_out_gaps_and_jumps(tmp_path: Path, columns: Columns) -> None:
     def spoil(rows: list[str]) -> None:

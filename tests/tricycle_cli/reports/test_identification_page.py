@@ -37,7 +37,11 @@ TIME = np.linspace(0.0, 2.0, 50)
 def predicted(offset):
     values = np.column_stack([TIME, offset * np.sin(TIME)])
     residual = np.full((len(TIME), 2), 0.003)
-    return {Sensor.POSITION: Prediction(Sensor.POSITION, TIME, values, residual, np.empty(0))}
+    return {
+        Sensor.POSITION: Prediction(
+            Sensor.POSITION, TIME, values, residual, np.empty(0), ("x", "y")
+        )
+    }
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """The live vehicle is the batch's vehicle, driven tick by tick."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -51,6 +52,16 @@ def test_live_path_equals_the_batch_bit_for_bit():
     assert spins == pytest.approx(np.array(batch_spins), abs=1e-12)
     assert live.feasibility.friction.value[0] == batch.feasibility.friction.value[0]
     assert live.feasibility.friction.time[0] == batch.feasibility.friction.time[0]
+
+
+def test_an_accelerometer_and_the_motor_tell_in_a_batch_what_they_do_live():
+    across = dataclasses.replace(VEHICLE.replace(road_bank=0.05, road_grade=-0.03), unknown={})
+    states, _ = drive(across, COMMANDS, substeps=1)
+    batch = simulate(across, COMMANDS)
+    sideways = [state.specific_force[1] for state in states]
+    assert np.ptp(sideways) > 1.0
+    assert batch.lateral_acceleration[0] == pytest.approx(np.array(sideways), abs=1e-9)
+    assert [state.motor_torque for state in states] == batch.motor_torque[0].tolist()
 
 
 def test_two_substeps_change_the_path_by_less_than_a_micrometre():

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
-from parameter_identification.drives.table import Recording, Samples, SteeringMap
-from parameter_identification.drives.windows import commands_of, motion_of
+from parameter_identification.drives.table import WHEELS, Recording, Samples, SteeringMap
+from parameter_identification.drives.windows import MEASURED, commands_of, motion_of
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
-from tricycle_core.joints import JOINTS
+from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.stamps import SECOND, split_seconds
@@ -52,10 +52,13 @@ def recording_of(drive: MeasuredDrive) -> Recording:
     heading = drive.signals.get(Sensor.HEADING)
     time = np.append(0.0, commands.time - first)
     more = {"speed_command": Samples(time, np.append(0.0, commands.speed))}
-    for sensor, name in ((Sensor.YAW_RATE, "yaw_rate"), (Sensor.WHEEL_SPEED, "wheel_speed")):
+    for name, sensor in MEASURED.items():
         if sensor in drive.signals:
             signal = drive.signals[sensor]
             more[name] = Samples(signal.time - first, signal.values[:, 0])
+    if (wheels := drive.signals.get(Sensor.WHEEL_SPEEDS)) is not None:
+        for wheel, values in zip(wheels.wheels, wheels.values.T, strict=True):
+            more[f"{WHEELS}.{wheel}"] = Samples(wheels.time - first, values)
     return Recording(
         drive.name,
         0.0,
@@ -134,29 +137,29 @@ def _sensed(recording: Recording) -> Iterator[Row]:
     more = recording.more
     if "yaw_rate" in more:
         rates = more["yaw_rate"]
-        ahead, left = (
-            more[name].at(rates.time) if name in more else np.zeros(len(rates.time))
+        accelerations = [
+            more[name].at(rates.time) if name in more else np.full(len(rates.time), math.nan)
             for name in ("acceleration_x", "acceleration_y")
-        )
-        for time, rate, ax, ay in zip(rates.time, rates.values, ahead, left, strict=True):
+        ]
+        for time, *values in zip(rates.time, rates.values, *accelerations, strict=True):
             stamp = _stamp(recording, time)
-            yield stamp, "/imu", _imu(stamp, rate, ax, ay)
+            yield stamp, "/imu", _imu(stamp, *values)
     if "wheel_speed" in more:
         speeds = more["wheel_speed"]
-        for time, speed in zip(speeds.time, speeds.values, strict=True):
+        torque = np.full(len(speeds.time), math.nan)
+        if "motor_torque" in more:
+            torque = more["motor_torque"].at(speeds.time)
+        for time, speed, effort in zip(speeds.time, speeds.values, torque, strict=True):
             stamp = _stamp(recording, time)
-            yield (
-                stamp,
-                "/joint_states",
-                _message(
-                    "sensor_msgs/msg/JointState",
-                    header=_header(stamp),
-                    name=list(JOINTS),
-                    position=np.full(2, math.nan),
-                    velocity=np.array([math.nan, speed]),
-                    effort=np.zeros(0),
-                ),
-            )
+            joints = {STEERING_JOINT: (math.nan, math.nan), REAR_WHEEL_JOINT: (speed, effort)}
+            yield stamp, "/joint_states", _joint_state(stamp, joints)
+    wheels = {n.removeprefix(f"{WHEELS}."): s for n, s in more.items() if n.startswith(WHEELS)}
+    times = next(iter(wheels.values())).time if wheels else np.empty(0)
+    rolling = {f"{wheel}{SPIN_JOINT}": s.at(times) for wheel, s in wheels.items()}
+    for row, time in enumerate(times):
+        stamp = _stamp(recording, time)
+        joints = {name: (float(speeds[row]), math.nan) for name, speeds in rolling.items()}
+        yield stamp, "/joint_states", _joint_state(stamp, joints)
 
 
 def _driven(
@@ -234,8 +237,23 @@ def _odometry(stamp: int, x: float, y: float, heading: float | None) -> Any:
     )
 
 
+def _joint_state(stamp: int, joints: dict[str, tuple[float, float]]) -> Any:
+    """Velocity and effort by joint."""
+    velocity, effort = (np.array(values) for values in zip(*joints.values(), strict=True))
+    return _message(
+        KINDS["/joint_states"],
+        header=_header(stamp),
+        name=list(joints),
+        position=np.full(len(joints), math.nan),
+        velocity=velocity,
+        effort=effort,
+    )
+
+
 def _imu(stamp: int, rate: float, ahead: float, left: float) -> Any:
     unknown = np.array([-1.0, *[0.0] * 8])  # the message's way to say that there is none
+    there = math.isfinite(ahead) or math.isfinite(left)
+    force = (value if math.isfinite(value) else 0.0 for value in (ahead, left))
     return _message(
         KINDS["/imu"],
         header=_header(stamp, "base_link"),
@@ -243,8 +261,8 @@ def _imu(stamp: int, rate: float, ahead: float, left: float) -> Any:
         orientation_covariance=unknown,
         angular_velocity=_vector(z=rate),
         angular_velocity_covariance=np.zeros(9),
-        linear_acceleration=_vector(ahead, left),
-        linear_acceleration_covariance=np.zeros(9),
+        linear_acceleration=_vector(*force),
+        linear_acceleration_covariance=np.zeros(9) if there else unknown,
     )
 
 

@@ -64,6 +64,8 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
     for sensor, signal in drive.signals.items():
         rows = np.column_stack([signal.time, signal.values])
         arrays |= {sensor.name: rows, f"{sensor.name}_jitter": np.array(signal.jitter)}
+        if signal.wheels:
+            arrays[f"{sensor.name}_of"] = np.array(signal.wheels)
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **arrays)
     write_whole(file, content.getvalue())
@@ -83,6 +85,7 @@ def kept(file: Path) -> MeasuredDrive:
                 arrays[sensor.name][:, 0],
                 arrays[sensor.name][:, 1:],
                 float(arrays[f"{sensor.name}_jitter"]),
+                tuple(arrays[name].tolist()) if (name := f"{sensor.name}_of") in arrays else (),
             )
             for sensor in Sensor
             if sensor.name in arrays
@@ -95,6 +98,18 @@ def kept(file: Path) -> MeasuredDrive:
             complete=bool(arrays["complete"]),
             began=float(arrays["began"]),
         )
+
+
+def sensors_of(file: Path) -> frozenset[Sensor]:
+    """Return which sensors a kept drive has.
+
+    Parameters
+    ----------
+    file : Path
+        Written by `keep`.
+    """
+    with np.load(file) as arrays:
+        return frozenset(sensor for sensor in Sensor if sensor.name in arrays)
 
 
 def began(file: Path) -> float:

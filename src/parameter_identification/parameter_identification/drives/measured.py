@@ -9,7 +9,7 @@ Letters of shapes: `m` samples of a signal, `c` channels.
 import contextlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -34,21 +34,35 @@ class Sensor(Enum):
     POSITION = "position"  # x and y of base_link in odom, m
     HEADING = "heading"  # rad, left positive
     YAW_RATE = "yaw rate"  # rad/s, base_link
-    WHEEL_SPEED = "wheel speed"  # rad/s, rear wheel relative to the body
+    WHEEL_SPEED = "wheel speed"  # rad/s, driven wheels relative to the body
+    WHEEL_SPEEDS = "wheel speeds"  # rad/s, single wheels relative to the body, a column each
+    LATERAL_ACCELERATION = (
+        "lateral acceleration"  # m/s^2, as an accelerometer reads it, to the left
+    )
+    MOTOR_TORQUE = "motor torque"  # N m, at the driven wheels
 
     @property
     def unit(self) -> str:
         """Unit of its values."""
-        return {"position": "m", "heading": "rad"}.get(self.value, "rad/s")
+        return _UNITS.get(self, "rad/s")
 
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Name of each column of its values."""
-        return ("x", "y") if self is Sensor.POSITION else (self.value,)
+
+_UNITS = {
+    Sensor.POSITION: "m",
+    Sensor.HEADING: "rad",
+    Sensor.LATERAL_ACCELERATION: "m/s^2",
+    Sensor.MOTOR_TORQUE: "N m",
+}
 
 
 # of stamps; the PLCs measure anywhere between two ticks of 10 ms, and stamp with one of them
-STAMP_JITTER = {Sensor.YAW_RATE: 0.0, Sensor.WHEEL_SPEED: 0.005}
+STAMP_JITTER = {
+    Sensor.YAW_RATE: 0.0,
+    Sensor.LATERAL_ACCELERATION: 0.0,
+    Sensor.WHEEL_SPEED: 0.005,
+    Sensor.WHEEL_SPEEDS: 0.005,
+    Sensor.MOTOR_TORQUE: 0.005,
+}
 PULSE_JITTER = 0.03  # s, of wheel speeds from pulses: carried on by an acceleration of a while ago
 DEAD_ZONE = 5.0  # median steps between low speeds, from which the first ones are not the wheel's
 FIRST_STEPS = 3  # from standstill that are looked at
@@ -67,6 +81,8 @@ class Signal:
         One column per channel; headings are continuous.
     jitter : float
         Standard deviation of the stamps [s]; it is noise where the values change quickly.
+    wheels : tuple of str
+        Names of the wheels of which the columns are, in the vehicle file; of other sensors none.
 
     Raises
     ------
@@ -77,6 +93,7 @@ class Signal:
     time: FloatArray
     values: FloatArray
     jitter: float = 0.0
+    wheels: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.values.shape[:1] != self.time.shape or self.values.ndim != 2:
@@ -97,7 +114,21 @@ class Signal:
             Since the start event [s].
         """
         inside = (self.time >= start) & (self.time <= end)
-        return Signal(self.time[inside], self.values[inside], self.jitter)
+        return replace(self, time=self.time[inside], values=self.values[inside])
+
+    def channels(self, sensor: Sensor) -> tuple[str, ...]:
+        """Return the name of each column.
+
+        Parameters
+        ----------
+        sensor : Sensor
+            That measured it.
+        """
+        if sensor is Sensor.POSITION:
+            return ("x", "y")
+        if sensor is Sensor.WHEEL_SPEEDS:
+            return tuple(f"wheel speed {wheel}" for wheel in self.wheels)
+        return (sensor.value,)
 
 
 @dataclass(frozen=True)
@@ -175,10 +206,9 @@ class MeasuredDrive:
         if Sensor.POSITION not in self.signals:
             raise IdentificationError(f"{self.name}: no positions: nothing to identify from")
         for sensor, signal in self.signals.items():
-            if signal.values.shape[1] != len(sensor.channels):
-                raise IdentificationError(
-                    f"{self.name}: {sensor.value}: needs {len(sensor.channels)} columns"
-                )
+            columns = len(signal.channels(sensor))
+            if signal.values.shape[1] != columns:
+                raise IdentificationError(f"{self.name}: {sensor.value}: needs {columns} columns")
 
 
 def read_measured_drive(
@@ -238,13 +268,24 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
     signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
     if np.isfinite(poses.heading).all():
         signals[Sensor.HEADING] = Signal(poses.time, poses.heading[:, None])
-    if drive.yaw_rates is not None:
-        rates = drive.yaw_rates
-        signals[Sensor.YAW_RATE] = _signal(drive.bag, Sensor.YAW_RATE, rates.time, rates.yaw_rate)
-    if drive.joint_states is not None:
-        wheel = drive.joint_states
-        speeds = _signal(drive.bag, Sensor.WHEEL_SPEED, wheel.time, wheel.wheel_rate)
+    if (imu := drive.imu) is not None:
+        signals[Sensor.YAW_RATE] = _signal(drive.bag, Sensor.YAW_RATE, imu.time, imu.yaw_rate)
+        sideways = imu.lateral_acceleration
+        if np.isfinite(sideways).all():
+            sensor = Sensor.LATERAL_ACCELERATION
+            signals[sensor] = _signal(drive.bag, sensor, imu.time, sideways)
+    if (joints := drive.joint_states) is not None:
+        speeds = _signal(drive.bag, Sensor.WHEEL_SPEED, joints.time, joints.wheel_rate)
         signals[Sensor.WHEEL_SPEED] = resolved(speeds)
+        if np.isfinite(joints.motor_torque).all():
+            sensor = Sensor.MOTOR_TORQUE
+            signals[sensor] = _signal(drive.bag, sensor, joints.time, joints.motor_torque)
+    if (wheels := drive.wheel_rates) is not None:
+        known = [wheel.name for wheel in vehicle.wheels if wheel.name in wheels.rates]
+        if known:
+            columns = np.column_stack([wheels.rates[name] for name in known])
+            signal = _signal(drive.bag, Sensor.WHEEL_SPEEDS, wheels.time, columns)
+            signals[Sensor.WHEEL_SPEEDS] = replace(signal, wheels=tuple(known))
     end = commands.duration
     return MeasuredDrive(
         name=drive.bag.stem,
@@ -268,13 +309,13 @@ def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
 
 
 def _signal(bag: Path, sensor: Sensor, stamps: FloatArray, samples: FloatArray) -> Signal:
-    """Signal of samples (m,) at stamps (m,) s, in the order of time; a stamp counts once."""
+    """Signal of samples (m,) or (m, c) at stamps (m,) s, in their order; a stamp counts once."""
     time, first = np.unique(stamps, return_index=True)
-    values = samples[first]
-    wrong = ~np.isfinite(values)
+    values = samples.reshape(len(samples), -1)[first]
+    wrong = ~np.isfinite(values).all(axis=1)
     if wrong.any():
         raise JudgeError(f"{bag}: {sensor.value} at {time[wrong][0]:.3f} s is not a number")
-    return Signal(time, values[:, None], STAMP_JITTER[sensor])
+    return Signal(time, values, STAMP_JITTER[sensor])
 
 
 def resolved(speeds: Signal) -> Signal:

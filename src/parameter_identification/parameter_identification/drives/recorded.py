@@ -7,6 +7,7 @@ which row 0 of the commands was played.
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from parameter_identification.drives.poses import (
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import decode
 from tricycle_core.errors import JudgeError
-from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, STEERING_JOINT
+from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS
@@ -86,16 +87,35 @@ class JointStates:
         Left positive [rad]; NaN where a message has none.
     wheel_rate : ndarray of float, shape (t,)
         Of the rear wheel [rad/s].
+    motor_torque : ndarray of float, shape (t,)
+        At the driven wheels [N m]: their effort; NaN where a message has none.
     """
 
     time: FloatArray
     steering_motor_angle: FloatArray
     wheel_rate: FloatArray
+    motor_torque: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class YawRates:
-    """Yaw rates as the IMU measured them, in the order of recording.
+class WheelRates:
+    """Rates of single wheels, in the order of recording.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (t,)
+        Stamps since the start event [s].
+    rates : mapping of str to ndarray of float, shape (t,)
+        Of the wheel of that name [rad/s]: of the joint `<name>_wheel_spin_joint`.
+    """
+
+    time: FloatArray
+    rates: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class ImuSamples:
+    """What the IMU measured, in the order of recording.
 
     Attributes
     ----------
@@ -103,10 +123,13 @@ class YawRates:
         Stamps since the start event [s].
     yaw_rate : ndarray of float, shape (t,)
         Left positive [rad/s].
+    lateral_acceleration : ndarray of float, shape (t,)
+        To the left [m/s^2]; NaN where the message says that there is none.
     """
 
     time: FloatArray
     yaw_rate: FloatArray
+    lateral_acceleration: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +194,7 @@ class RecordedDrive:
         False where the bag was cut off.
     metadata : mapping of str to str
         What the recorder noted.
-    joint_states, yaw_rates : JointStates, YawRates, optional
+    joint_states, imu, wheel_rates : JointStates, ImuSamples, WheelRates, optional
         None where the bag has none, or they were not read.
     topics : TopicNames
         Names by which it was read.
@@ -192,7 +215,8 @@ class RecordedDrive:
     complete: bool
     metadata: Mapping[str, str] = field(default_factory=dict)
     joint_states: JointStates | None = None
-    yaw_rates: YawRates | None = None
+    imu: ImuSamples | None = None
+    wheel_rates: WheelRates | None = None
     topics: TopicNames = field(default_factory=TopicNames)
     ended_early: float | None = None
     lead_in: LeadIn | None = None
@@ -337,7 +361,8 @@ class _Collector:
             complete=self.reader.complete,
             metadata=self.reader.metadata,
             joint_states=_joint_states(every[self.joint_states], start),
-            yaw_rates=_yaw_rates(every[self.imu], start),
+            imu=_imu_samples(every[self.imu], start),
+            wheel_rates=_wheel_rates(every[self.joint_states], start),
             topics=topics,
             ended_early=event.early,
             lead_in=lead_in,
@@ -547,22 +572,46 @@ def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
     rows = []
     for message in messages:
         names = list(message.name)
-        angles, rates = (
+        angles, rates, efforts = (
             dict(zip(names, values, strict=False))
-            for values in (message.position, message.velocity)
+            for values in (message.position, message.velocity, message.effort)
         )
         if REAR_WHEEL_JOINT in rates:
-            since = stamp_of(message) - start
-            rows.append((since, angles.get(STEERING_JOINT, np.nan), rates[REAR_WHEEL_JOINT]))
+            angle, torque = angles.get(STEERING_JOINT, nan), efforts.get(REAR_WHEEL_JOINT, nan)
+            rows.append((stamp_of(message) - start, angle, rates[REAR_WHEEL_JOINT], torque))
     if not rows:
         return None
-    time, angle, rate = np.array(rows, dtype=np.float64).T
-    return JointStates(time * 1e-9, angle, rate)
+    time, *columns = np.array(rows, dtype=np.float64).T
+    return JointStates(time * 1e-9, *columns)
 
 
-def _yaw_rates(messages: Iterable[Any], start: int) -> YawRates | None:
-    rows = [(stamp_of(message) - start, message.angular_velocity.z) for message in messages]
+def _wheel_rates(messages: Iterable[Any], start: int) -> WheelRates | None:
+    """Of the messages that hold the speeds of the same wheels as the first that holds any."""
+    names: list[str] = []
+    rows = []
+    for message in messages:
+        rates = dict(zip(message.name, message.velocity, strict=False))
+        wheels = [name for name in rates if name.endswith(SPIN_JOINT)]
+        names = names or wheels
+        if wheels and wheels == names:
+            rows.append((stamp_of(message) - start, *(rates[name] for name in names)))
     if not rows:
         return None
-    time, rate = np.array(rows, dtype=np.float64).T
-    return YawRates(time * 1e-9, rate)
+    time, *columns = np.array(rows, dtype=np.float64).T
+    named = (name.removesuffix(SPIN_JOINT) for name in names)
+    return WheelRates(time * 1e-9, dict(zip(named, columns, strict=True)))
+
+
+def _imu_samples(messages: Iterable[Any], start: int) -> ImuSamples | None:
+    rows = []
+    for message in messages:
+        # -1: there is none (REP-145)
+        there = message.linear_acceleration_covariance[0] != -1.0
+        sideways = message.linear_acceleration.y if there else nan
+        rows.append((stamp_of(message) - start, message.angular_velocity.z, sideways))
+    if not rows:
+        return None
+    time, rate, acceleration = np.array(rows, dtype=np.float64).T
+    if not acceleration.any():  # as messages are made: nothing was measured
+        acceleration = np.full_like(acceleration, nan)
+    return ImuSamples(time * 1e-9, rate, acceleration)

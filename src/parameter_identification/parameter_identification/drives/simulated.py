@@ -5,7 +5,7 @@ Letters of shapes: `m` samples of a signal, `t` times of a motion.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -83,7 +83,11 @@ class SensedMotion:
     heading, yaw_rate : ndarray of float, shape (t,)
         Left positive [rad] and [rad/s].
     wheel_speed : ndarray of float, shape (t,)
-        Of the rear wheel relative to the body [rad/s].
+        Of the driven wheels relative to the body [rad/s].
+    wheel_speeds : mapping of str to ndarray of float, shape (t,)
+        Of single wheels [rad/s].
+    lateral_acceleration, motor_torque : ndarray of float, shape (t,), optional
+        What an accelerometer reads, to the left [m/s^2], and at the driven wheels [N m].
     """
 
     time: FloatArray
@@ -92,6 +96,9 @@ class SensedMotion:
     heading: FloatArray
     yaw_rate: FloatArray
     wheel_speed: FloatArray
+    wheel_speeds: Mapping[str, FloatArray] = field(default_factory=dict)
+    lateral_acceleration: FloatArray | None = None
+    motor_torque: FloatArray | None = None
 
     @classmethod
     def of(cls, trajectory: Trajectory, sample: int = 0) -> "SensedMotion":
@@ -107,7 +114,14 @@ class SensedMotion:
         t = trajectory
         return cls(
             t.time,
-            *(v[sample] for v in (t.x, t.y, t.yaw, t.yaw_rate, t.drive_speed)),
+            x=t.x[sample],
+            y=t.y[sample],
+            heading=t.yaw[sample],
+            yaw_rate=t.yaw_rate[sample],
+            wheel_speed=t.drive_speed[sample],
+            wheel_speeds={wheel: speeds[sample] for wheel, speeds in t.wheel_speed.items()},
+            lateral_acceleration=t.lateral_acceleration[sample],
+            motor_torque=t.motor_torque[sample],
         )
 
 
@@ -145,6 +159,11 @@ def measure(
         Start pose as far as the identification shall know it.
     truth : mapping of str to float, optional
         Parameters of the vehicle, for `MeasuredDrive.truth`.
+
+    Raises
+    ------
+    IdentificationError
+        If the motion lacks what a sensor measures.
     """
     x0, y0, psi0 = pose
     c, s = math.cos(psi0), math.sin(psi0)
@@ -153,13 +172,20 @@ def measure(
         Sensor.HEADING: (psi0 + motion.heading,),
         Sensor.YAW_RATE: (motion.yaw_rate,),
         Sensor.WHEEL_SPEED: (motion.wheel_speed,),
+        Sensor.WHEEL_SPEEDS: tuple(motion.wheel_speeds.values()),
+        Sensor.LATERAL_ACCELERATION: (motion.lateral_acceleration,),
+        Sensor.MOTOR_TORQUE: (motion.motor_torque,),
     }
     signals = {}
     for sensor, model in noise.items():
         before = math.floor(standstill * model.rate)
         count = math.floor(motion.time[-1] * model.rate + 1e-9)
         time = np.arange(-before, count + 1) / model.rate
-        exact = [np.interp(time, motion.time, column) for column in columns[sensor]]
+        seen = [column for column in columns[sensor] if column is not None]
+        if not seen:
+            raise IdentificationError(f"{name}: the motion has no {sensor.value}")
+        exact = [np.interp(time, motion.time, column) for column in seen]
         values = [v + model.draw(len(time), rng) for v in exact]
-        signals[sensor] = Signal(time, np.column_stack(values))
+        wheels = tuple(motion.wheel_speeds) if sensor is Sensor.WHEEL_SPEEDS else ()
+        signals[sensor] = Signal(time, np.column_stack(values), wheels=wheels)
     return MeasuredDrive(name, commands, signals, start or StartPose(), truth=dict(truth or {}))

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from tricycle_core.documents import check_texts, decode, parse_yaml, read_bounded
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle import Vehicle
 
 MAX_BYTES = 256_000_000  # of a table, unpacked: an hour at 100 Hz has a fifth
 MAX_MAPPING = 100_000
@@ -44,8 +45,10 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "yaw_rate": _RATE,
     "acceleration_x": _ACCELERATION,
     "acceleration_y": _ACCELERATION,
+    "motor_torque": {"N m": 1.0},
 }
 """Units that an entry may have; the first one is meant where none is given."""
+WHEELS = "wheel_speeds"
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,11 @@ class Columns:
         Headings; the others of this kind are optional.
     yaw, yaw_rate, wheel_speed, speed_command, acceleration_x, acceleration_y : str or Column
         Wheel speed of the driven wheels. Without a speed command the speed is that of the pose.
+        Accelerations as an accelerometer at the COM reads them.
+    motor_torque : str or Column
+        At the driven wheels.
+    wheel_speeds : mapping of str to str or Column
+        Of single wheels, by their names in the vehicle file.
     steering_map : SteeringMap or str
         From the column to the steering motor's angle; the angle itself by default. "estimate": gain
         and offset, from the recording.
@@ -160,22 +168,35 @@ class Columns:
     speed_command: str | Column | None = None
     acceleration_x: str | Column | None = None
     acceleration_y: str | Column | None = None
+    motor_torque: str | Column | None = None
+    wheel_speeds: Mapping[str, str | Column] = field(default_factory=dict)
     steering_map: SteeringMap | str = field(default_factory=SteeringMap)
     sensor: SensorPlace = field(default_factory=SensorPlace)
 
-    def column(self, name: str) -> Column | None:
-        """Return where a quantity is, with its unit; None where the table has none.
+    def entries(self) -> dict[str, Column]:
+        """Return where each quantity is, with its unit; of a wheel as `wheel_speeds.left`."""
+        named = {name: getattr(self, name) for name in UNITS}
+        named |= {f"{WHEELS}.{wheel}": entry for wheel, entry in self.wheel_speeds.items()}
+        columns = {
+            name: entry if isinstance(entry, Column) else Column(entry)
+            for name, entry in named.items()
+            if entry is not None
+        }
+        return {
+            name: Column(c.column, c.unit or next(iter(units_of(name))), c.clock)
+            for name, c in columns.items()
+        }
 
-        Parameters
-        ----------
-        name : str
-            One of `UNITS`.
-        """
-        entry = getattr(self, name)
-        if entry is None:
-            return None
-        column = entry if isinstance(entry, Column) else Column(entry)
-        return Column(column.column, column.unit or next(iter(UNITS[name])), column.clock)
+
+def units_of(name: str) -> Mapping[str, float]:
+    """Return the units that an entry may have.
+
+    Parameters
+    ----------
+    name : str
+        One of `UNITS`, or of a wheel.
+    """
+    return _RATE if name.startswith(f"{WHEELS}.") else UNITS[name]
 
 
 def load_columns(path: Path) -> Columns:
@@ -195,7 +216,6 @@ def load_columns(path: Path) -> Columns:
     """
     content = read_bounded(path, MAX_MAPPING, "a mapping of columns", IdentificationError)
     values = parse_yaml(content, str(path), IdentificationError)
-    names = [entry.name for entry in fields(Columns)]
     if not isinstance(values, dict):
         raise IdentificationError(f"{path}: needs entries such as `time: HEADING`")
     check_texts({str(k): v for k, v in values.items()}, str(path), IdentificationError)
@@ -203,17 +223,18 @@ def load_columns(path: Path) -> Columns:
         part = values if name is None else values.get(name)
         known = [entry.name for entry in fields(kind)]
         _refuse_unknown(part, known, f"{path}" if name is None else f"{path}: {name}")
-    for name in UNITS:
-        _refuse_unknown(values.get(name), ["column", "unit", "clock"], f"{path}: {name}")
+    wheels = values.get(WHEELS)
+    of_wheels = wheels if isinstance(wheels, dict) else {}
+    named = {name: values.get(name) for name in UNITS}
+    for name, entry in (named | {f"{WHEELS}.{w}": e for w, e in of_wheels.items()}).items():
+        _refuse_unknown(entry, ["column", "unit", "clock"], f"{path}: {name}")
     if isinstance(values.get("steering_map", {}), str) and values["steering_map"] != "estimate":
         raise IdentificationError(f"{path}: steering_map: needs `estimate`, or gain and limit")
     columns = decode(Columns, values, str(path), IdentificationError)
-    for name in names:
-        column = columns.column(name) if name in UNITS else None
-        if column is not None and column.unit not in UNITS[name]:
+    for name, column in columns.entries().items():
+        if column.unit not in (units := units_of(name)):
             raise IdentificationError(
-                f"{path}: {name}: unit {column.unit!r} is not known; use one of "
-                f"{', '.join(UNITS[name])}"
+                f"{path}: {name}: unit {column.unit!r} is not known; use one of {', '.join(units)}"
             )
     return columns
 
@@ -291,6 +312,25 @@ class Recording:
         """Columns x, y and, where there is one, yaw, shape (m, 2 or 3)."""
         return np.column_stack([self.x, self.y, *([] if self.yaw is None else [self.yaw])])
 
+    def wheel_speeds(self, vehicle: Vehicle) -> dict[str, Samples]:
+        """Return the speeds of single wheels by their names.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            That drove.
+
+        Raises
+        ------
+        IdentificationError
+            If it has no such wheel.
+        """
+        prefix = f"{WHEELS}."
+        found = {n.removeprefix(prefix): s for n, s in self.more.items() if n.startswith(prefix)}
+        known = [wheel.name for wheel in vehicle.wheels]
+        _refuse_unknown(found, known, f"{self.name}: {WHEELS}")
+        return found
+
 
 def read_recording(path: Path, columns: Columns) -> Recording:
     """Read a table of numbers.
@@ -312,11 +352,10 @@ def read_recording(path: Path, columns: Columns) -> Recording:
     OSError
         If the file cannot be read.
     """
-    wanted = {name: columns.column(name) for name in UNITS}
-    found = {name: column for name, column in wanted.items() if column is not None}
+    found = columns.entries()
     headings = {c.column for c in found.values()} | {c.clock for c in found.values() if c.clock}
     table = _read_table(path, headings)
-    si = {name: table[c.column] * UNITS[name][c.unit] for name, c in found.items()}
+    si = {name: table[c.column] * units_of(name)[c.unit] for name, c in found.items()}
     clock = si.pop("time")
     rows = _new_times(clock, f"{path}: {found['time'].column}")
     start = float(clock[rows[0]])

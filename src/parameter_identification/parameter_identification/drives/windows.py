@@ -49,6 +49,13 @@ FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
 FOLLOWING = 6  # iterations after which the model has the measured speed
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
+MEASURED = {
+    "yaw_rate": Sensor.YAW_RATE,
+    "wheel_speed": Sensor.WHEEL_SPEED,
+    "acceleration_y": Sensor.LATERAL_ACCELERATION,
+    "motor_torque": Sensor.MOTOR_TORQUE,
+}
+"""Sensor by the entry of a mapping that tells where a table has it."""
 
 
 @dataclass(frozen=True)
@@ -412,9 +419,12 @@ def _drive(
     signals = {Sensor.POSITION: Signal(at, poses[:, :2])}
     if recording.yaw is not None:
         signals[Sensor.HEADING] = Signal(at, poses[:, 2:])
-    for name, sensor in (("yaw_rate", Sensor.YAW_RATE), ("wheel_speed", Sensor.WHEEL_SPEED)):
+    for name, sensor in MEASURED.items():
         if name in recording.more:
-            signals[sensor] = _signal(recording.more[name], sensor, begin, time[-1], start)
+            signals[sensor] = _signal([recording.more[name]], sensor, begin, time[-1], start)
+    if wheels := recording.wheel_speeds(vehicle):
+        signal = _signal(list(wheels.values()), Sensor.WHEEL_SPEEDS, begin, time[-1], start)
+        signals[Sensor.WHEEL_SPEEDS] = dataclasses.replace(signal, wheels=tuple(wheels))
     name = recording.name.removesuffix(".gz").removesuffix(".csv")
     return MeasuredDrive(
         f"{name} {begin:.1f} s", commands, signals, StartPose(speed=float(speed[0]))
@@ -464,11 +474,14 @@ def _commands(
     return Commands(np.arange(len(time)) * TICK, angle[rows], speed)
 
 
-def _signal(samples: Samples, sensor: Sensor, begin: float, end: float, start: float) -> Signal:
-    inside = (samples.time >= begin) & (samples.time <= end)
-    return Signal(
-        samples.time[inside] - start, samples.values[inside][:, np.newaxis], STAMP_JITTER[sensor]
-    )
+def _signal(
+    columns: list[Samples], sensor: Sensor, begin: float, end: float, start: float
+) -> Signal:
+    """Signal of columns at the times of the first."""
+    time = columns[0].time
+    time = time[(time >= begin) & (time <= end)]
+    values = np.column_stack([samples.at(time) for samples in columns])
+    return Signal(time - start, values, STAMP_JITTER[sensor])
 
 
 def follow(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Commands:

@@ -5,7 +5,7 @@ one per parameter, one per effect on the vehicle, one for the start speed; eight
 does. The drive's dead time, common to a batch, takes another one. The other effects change this
 motion afterwards (`_distorted`), and are differentiated by doing so once more. The other nuisances
 act in closed form: start pose (a rigid motion), time offsets of the clocks (a derivative by time),
-gyro bias (a constant).
+errors of the sensors (linear in what they see).
 
 All variables are scaled to be of the order 1: parameters in their ranges (0 to 1), a nuisance in
 the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuisances of
@@ -14,14 +14,15 @@ the drive, `m` samples, `t` ticks.
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
 from parameter_identification.estimation.deviations import deviated
+from parameter_identification.estimation.instruments import CLOCKS, errors_of
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -54,20 +55,17 @@ It vanishes at the first and at the last.
 # Standard deviations of the nuisances' priors
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 TIME_OFFSET = 0.05  # s, of each clock against the commands'
-GYRO_BIAS = 0.02  # rad/s
-
-CLOCKS = {  # position and heading come from one localisation
-    Sensor.POSITION: "pose delay",
-    Sensor.HEADING: "pose delay",
-    Sensor.YAW_RATE: "gyro delay",
-    Sensor.WHEEL_SPEED: "wheel delay",
-}
 
 
 class Batch(Protocol):
     """Simulates samples of a vehicle under the same commands, as `CommandedBatch` does."""
 
     time: FloatArray
+
+    @property
+    def available(self) -> Collection[str]:
+        """Names of the columns that it has."""
+        ...
 
     def run(
         self,
@@ -109,39 +107,54 @@ class Simulator(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _Motions:
-    """Motions of n vehicles from the origin, each (n, t) on the ticks."""
+    """Motions of n vehicles from the origin, each (n, t) on the ticks.
+
+    Of the other sensors only what is measured, (c, n, t).
+    """
 
     x: FloatArray
     y: FloatArray
     heading: FloatArray
     yaw_rate: FloatArray
     wheel_speed: FloatArray
+    others: dict[Sensor, FloatArray] = field(default_factory=dict, kw_only=True)
 
-    def channels(self, sensor: Sensor) -> tuple[FloatArray, ...]:
-        """What a sensor sees, one array per channel."""
-        if sensor is Sensor.POSITION:
-            return self.x, self.y
-        if sensor is Sensor.HEADING:
-            return (self.heading,)
-        return (self.yaw_rate if sensor is Sensor.YAW_RATE else self.wheel_speed,)
+    @property
+    def rows(self) -> tuple[FloatArray, ...]:
+        """All but `others`."""
+        return self.x, self.y, self.heading, self.yaw_rate, self.wheel_speed
+
+    def seen(self, sensor: Sensor) -> Sequence[FloatArray]:
+        """What a sensor sees, as `errors_of` says."""
+        if sensor is Sensor.LATERAL_ACCELERATION:
+            return [*self.others[sensor], np.gradient(self.yaw_rate, TICK, axis=1)]
+        if sensor in self.others:
+            return list(self.others[sensor])
+        x, y, heading, yaw_rate, wheel_speed = self.rows
+        return {
+            Sensor.POSITION: (x, y),
+            Sensor.HEADING: (heading,),
+            Sensor.YAW_RATE: (yaw_rate,),
+            Sensor.WHEEL_SPEED: (wheel_speed,),
+        }[sensor]
 
     def sensed(self, sensor: Sensor, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What a sensor sees at times (m,): values (c, m, n), slopes (c, m) of the first motion."""
-        held = sensor in (Sensor.YAW_RATE, Sensor.WHEEL_SPEED)
-        seen = [_interpolate(rows, time, held) for rows in self.channels(sensor)]
+        held = sensor not in (Sensor.POSITION, Sensor.HEADING)
+        seen = [_interpolate(rows, time, held) for rows in self.seen(sensor)]
         values, slopes = zip(*seen, strict=True)
         return np.array(values), np.array(slopes)
 
     def with_another(self, more: "_Motions") -> "_Motions":
         """These motions and others after them."""
-        names = [field.name for field in dataclasses.fields(self)]
-        rows = {name: np.concatenate([getattr(self, name), getattr(more, name)]) for name in names}
-        return _Motions(**rows)
+        both = (np.concatenate(pair) for pair in zip(self.rows, more.rows, strict=True))
+        others = {s: np.concatenate([own, more.others[s]], 1) for s, own in self.others.items()}
+        return _Motions(*both, others=others)
 
     def one(self, i: int) -> "_Motions":
         """One of the motions, as n = 1."""
-        rows = (self.x, self.y, self.heading, self.yaw_rate, self.wheel_speed)
-        return _Motions(*(row[i : i + 1] for row in rows))
+        others = {sensor: rows[:, i : i + 1] for sensor, rows in self.others.items()}
+        return _Motions(*(row[i : i + 1] for row in self.rows), others=others)
 
 
 @dataclass(frozen=True)
@@ -187,6 +200,8 @@ class Prediction:
         Measured less predicted.
     jacobian : ndarray of float, shape (m, c, k + q)
         Of the residual by all variables.
+    channels : tuple of str
+        Names of the columns.
     """
 
     sensor: Sensor
@@ -194,6 +209,7 @@ class Prediction:
     values: FloatArray
     residual: FloatArray
     jacobian: FloatArray
+    channels: tuple[str, ...]
 
 
 class DriveModel:
@@ -226,11 +242,18 @@ class DriveModel:
         simulator: Simulator = CommandedBatch,
     ) -> None:
         self.simulator = simulator
-        self.vehicle, self.drive, self.effects = vehicle, drive, tuple(effects)
+        self.vehicle, self.effects = vehicle, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
         simulated = with_effects(vehicle, effects)
         self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
+        self._columns = _columns_of(drive)
+        simulates = self._batch.available
+        missing = [s for s, names in self._columns.items() if not set(names) <= set(simulates)]
+        self._columns = {s: names for s, names in self._columns.items() if s not in missing}
+        signals = {s: signal for s, signal in drive.signals.items() if s not in missing}
+        self.drive = dataclasses.replace(drive, signals=signals)
+        self._errors = {sensor: errors_of(sensor, signal) for sensor, signal in signals.items()}
         # the starts are chosen without effects
         self._unaffected = (
             simulator(vehicle, drive.commands, setpoint=drive.start.speed)
@@ -254,7 +277,8 @@ class DriveModel:
         simulated_too = (self._servo_delay, *self._starting)
         self._by_simulation = {i: e for i, e in effect_at if e.constants or i in simulated_too}
         # all that the motion and when it is seen depend on, beside the parameters
-        still = {"start x", "start y", "start heading", "gyro bias"}
+        still = {"start x", "start y", "start heading"}
+        still |= {error.name for errors in self._errors.values() for error in errors}
         self._moving = [i for i, n in enumerate(self.nuisances) if n.name not in still]
         # the last ones by sensor, and the point (z, moving nuisances) that they are of
         self._derivatives: tuple[tuple[FloatArray, ...], dict[Sensor, FloatArray]] = (), {}
@@ -286,8 +310,8 @@ class DriveModel:
         ]
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
         found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
-        if Sensor.YAW_RATE in self.drive.signals:
-            found.append(Nuisance("gyro bias", "rad/s", 0.0, GYRO_BIAS))
+        for errors in self._errors.values():
+            found += [Nuisance(error.name, error.unit, 0.0, error.std) for error in errors]
         return tuple(found)
 
     def _start_guess(self) -> tuple[float, float, float]:
@@ -340,14 +364,16 @@ class DriveModel:
             if self._starting:
                 faster = _at_start(nuisances[:, self._starting], batch.time)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
+        others = [name for columns in self._columns.values() for name in columns]
         run = batch.run(
-            *(constants, names),
+            *(constants, (*names, *others)),
             speed=speeds,
             steering_delay=steering,
             drive_delay=drive,
             faster=faster,
         )
-        return _Motions(*run.columns.values())
+        seen = {s: np.array([run.columns[n] for n in own]) for s, own in self._columns.items()}
+        return _Motions(*(run.columns[name] for name in names), others=seen)
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
@@ -430,18 +456,40 @@ class DriveModel:
 
         There may be more values than motions: the others are of the first motion.
         """
-        motions = np.array(
-            [motion.x, motion.y, motion.heading, motion.yaw_rate, motion.wheel_speed]
-        )
+        motions, others = np.array(motion.rows), motion.others
         deviations = (SPEED_DEVIATION, TURN_DEVIATION)
         if any(f"{name} 0" in self._at for name in deviations):
             motions = deviated(motions, *(self._at_knots(name, values) for name in deviations))
         elif more := len(values) - len(motion.x):
             motions = np.concatenate([motions, np.repeat(motions[:, :1], more, axis=1)], axis=1)
+        if others:
+            others = self._others_of(motion, motions)
         x, y, heading, yaw_rate, wheel_speed = motions
         named = {name: values[:, i] for name, i in self._at.items()}
         x, y, heading, wheel_speed = as_sensed(x, y, heading, wheel_speed, named)
-        return _Motions(x, y, heading, yaw_rate, wheel_speed)
+        return _Motions(x, y, heading, yaw_rate, wheel_speed, others=others)
+
+    def _others_of(self, motion: "_Motions", motions: FloatArray) -> dict[Sensor, FloatArray]:
+        """What the other sensors see of motions (5, n, t) that deviate from those given.
+
+        There may be more of them: those deviate from the first one given. Wheels roll as the body
+        moves, the acceleration changes with speed times yaw rate, and the torque stays.
+        """
+        own = np.arange(motions.shape[1])
+        own[len(motion.x) :] = 0
+        others = {sensor: rows[:, own] for sensor, rows in motion.others.items()}
+        radius = self.vehicle.driven_radius
+        before = radius * motion.wheel_speed[own], motion.yaw_rate[own]
+        after = radius * motions[4], motions[3]
+        if (rows := others.get(Sensor.LATERAL_ACCELERATION)) is not None:
+            rows += after[0] * after[1] - before[0] * before[1]
+        if (rows := others.get(Sensor.WHEEL_SPEEDS)) is not None:
+            faster, turning = (late - early for late, early in zip(after, before, strict=True))
+            wheels = {wheel.name: wheel for wheel in self.vehicle.wheels}
+            for row, name in zip(rows, self.drive.signals[Sensor.WHEEL_SPEEDS].wheels, strict=True):
+                place = self.vehicle.of(wheels[name])
+                row += (faster - place.y * turning) / place.tyre_radius
+        return others
 
     def _knots_of(self, name: str) -> int:
         """Number of knots of a deviation.
@@ -471,7 +519,7 @@ class DriveModel:
         derivatives: FloatArray,
         b: FloatArray,
     ) -> Prediction:
-        """Apply start pose, delay and bias to a motion.
+        """Apply start pose, delay and the sensor's errors to a motion.
 
         Values and their slopes per second are (c, m), derivatives by the parameters, the start
         speed and the effects (c, m, k + 1 + e), the nuisances `b` (q,) in their units.
@@ -479,7 +527,8 @@ class DriveModel:
         k = len(self.low)
         at = self._at
         x0, y0, psi0 = (b[at[name]] for name in ("start x", "start y", "start heading"))
-        jacobian = np.zeros((len(signal.time), len(values), k + len(b)))
+        channels = signal.channels(sensor)
+        jacobian = np.zeros((len(signal.time), len(channels), k + len(b)))
         if sensor is Sensor.POSITION:
             turn = np.array([[math.cos(psi0), -math.sin(psi0)], [math.sin(psi0), math.cos(psi0)]])
             values, slopes = turn @ values, turn @ slopes
@@ -491,16 +540,27 @@ class DriveModel:
         elif sensor is Sensor.HEADING:
             values = values + psi0
             jacobian[:, 0, k + at["start heading"]] = 1.0
-        elif sensor is Sensor.YAW_RATE:
-            values = values + b[at["gyro bias"]]
-            jacobian[:, 0, k + at["gyro bias"]] = 1.0
+        elif self._errors[sensor]:
+            seen = values, slopes, derivatives
+            values, slopes, derivatives = (rows[: len(channels)].copy() for rows in seen)
+            for error in self._errors[sensor]:
+                size, c = b[at[error.name]], error.channel
+                if error.factor is None:
+                    values[c] += size
+                else:
+                    values[c] += size * seen[0][error.factor]
+                    slopes[c] += size * seen[1][error.factor]
+                    derivatives[c] += size * seen[2][error.factor]
+                by_error = 1.0 if error.factor is None else seen[0][error.factor]
+                jacobian[:, c, k + at[error.name]] = by_error
         jacobian[:, :, k + at[CLOCKS[sensor]]] = -slopes.T
         jacobian[:, :, k:] *= [nuisance.std for nuisance in self.nuisances]
         by_motion = np.swapaxes(derivatives, 0, 1)  # (m, c, k + 1 + e)
         moved = [at["start speed"], *self._stepped]
         jacobian[:, :, :k] = by_motion[:, :, :k]
         jacobian[:, :, k + np.array(moved)] = by_motion[:, :, k:]
-        return Prediction(sensor, signal.time, values.T, signal.values - values.T, -jacobian)
+        residual = signal.values - values.T
+        return Prediction(sensor, signal.time, values.T, residual, -jacobian, channels)
 
     def friction_used(self, z: FloatArray) -> float:
         """Return the largest share of its friction limit that a wheel uses; NaN: not known.
@@ -547,6 +607,17 @@ class DriveModel:
         return float(gram[-1, -1] - gram[:-1, -1] @ reduced)
 
 
+def _columns_of(drive: MeasuredDrive) -> dict[Sensor, list[str]]:
+    """Columns of the simulation that sensors see which not every drive has, by sensor."""
+    found = {
+        Sensor.LATERAL_ACCELERATION: ["lateral_acceleration"],
+        Sensor.MOTOR_TORQUE: ["motor_torque"],
+    }
+    if (speeds := drive.signals.get(Sensor.WHEEL_SPEEDS)) is not None:
+        found[Sensor.WHEEL_SPEEDS] = [f"wheel_speed_{wheel}" for wheel in speeds.wheels]
+    return {sensor: names for sensor, names in found.items() if sensor in drive.signals}
+
+
 def _at_start(knots: FloatArray, time: FloatArray) -> FloatArray:
     """Deviation of a start [m/s] at times (t,), (n, t), by its inner knots (n, k)."""
     faster = np.zeros((len(knots), len(time)))
@@ -559,7 +630,7 @@ def _at_start(knots: FloatArray, time: FloatArray) -> FloatArray:
 def _thinned(signal: Signal) -> Signal:
     """Some 200 samples of a signal."""
     step = max(1, len(signal.time) // 200)
-    return Signal(signal.time[::step], signal.values[::step])
+    return dataclasses.replace(signal, time=signal.time[::step], values=signal.values[::step])
 
 
 @compiled

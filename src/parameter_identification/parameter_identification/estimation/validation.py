@@ -117,7 +117,7 @@ def whiteness_of_residuals(
         )
         for drive, (model, found) in enumerate(zip(problem.models, predictions, strict=True))
         for p in found
-        for c, (channel, residual) in enumerate(zip(p.sensor.channels, p.residual.T, strict=True))
+        for c, (channel, residual) in enumerate(zip(p.channels, p.residual.T, strict=True))
     )
 
 

@@ -55,8 +55,9 @@ def residuals_figure(found: Identification) -> Figure:
     found : Identification
         What `identify` found.
     """
-    sensors = [s for s in Sensor if any(s in drive.after for drive in found.drives)]
-    channels = [(s, c) for s in sensors for c in range(len(s.channels))]
+    predictions = [drive.after for drive in found.drives]
+    every = ((s, c) for s in Sensor for p in predictions if s in p for c in p[s].channels)
+    channels = list(dict.fromkeys(every))
     figure = Figure(
         figsize=(5.6 * len(found.drives), 1.7 * len(channels) + 0.8), layout="constrained"
     )
@@ -65,14 +66,14 @@ def residuals_figure(found: Identification) -> Figure:
         tests = {t.channel: t for t in found.whiteness if t.drive == drive.name}
         column[0].set_title(drive.name)
         column[-1].set_xlabel("time since the start / s")
-        for axes, (sensor, c) in zip(column, channels, strict=True):
-            if sensor not in drive.after:
+        for axes, (sensor, channel) in zip(column, channels, strict=True):
+            if sensor not in drive.after or channel not in drive.after[sensor].channels:
                 axes.axis("off")
                 continue
-            p, test = drive.after[sensor], tests[sensor.channels[c]]
-            axes.plot(p.time, p.residual[:, c], color=BLUE, linewidth=0.6)
+            p, test = drive.after[sensor], tests[channel]
+            axes.plot(p.time, p.residual[:, p.channels.index(channel)], color=BLUE, linewidth=0.6)
             verdict = "at the sensor's steps" if math.isnan(test.p) else f"p = {test.p:.2g}"
-            axes.set_ylabel(f"{sensor.channels[c]} / {sensor.unit}", fontsize="small")
+            axes.set_ylabel(f"{channel} / {sensor.unit}", fontsize="small")
             axes.text(0.99, 0.95, verdict, transform=axes.transAxes, ha="right", va="top")
             axes.grid(alpha=0.3)
     return figure
@@ -144,7 +145,12 @@ def identification_page(found: Identification) -> str:
         ),
         caption="noise, estimated from the residuals",
     )
-    units = {channel: sensor.unit for sensor in Sensor for channel in sensor.channels}
+    units = {
+        channel: sensor.unit
+        for drive in found.drives
+        for sensor, p in drive.after.items()
+        for channel in p.channels
+    }
     tests = TableBlock(
         ("drive", "channel", "rms", "unit", "correlation", "p"),
         tuple(

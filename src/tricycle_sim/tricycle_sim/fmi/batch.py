@@ -75,12 +75,16 @@ class FmuBatch:
     ----------
     time : ndarray of float, shape (t,)
         Of all columns [s].
+    available : tuple of str
+        Every column that can be recorded.
 
     Raises
     ------
     PlantError
         As of `FmuSimulator`.
     """
+
+    available = COLUMNS
 
     def __init__(
         self, file: Path, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0

@@ -19,6 +19,7 @@ from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, delayed, slew_all
+from tricycle_sim.vehicle.body import BODY
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack, sample_values
@@ -31,8 +32,10 @@ from tricycle_sim.vehicle.layout import (
     STATE,
     WHEEL_EVALUATED,
     WHEEL_STATES,
+    numbered,
 )
 from tricycle_sim.vehicle.parts import (
+    BLOCK,
     ROWS,
     WHEEL,
     WHEEL_ROWS,
@@ -42,6 +45,8 @@ from tricycle_sim.vehicle.parts import (
 )
 from tricycle_sim.vehicle.stability import check_step
 from tricycle_sim.vehicle.wheels import Wheel
+
+NOT_IN_FILES = "drive_speed", "lateral_acceleration", "motor_torque", "feasibility"
 
 
 @dataclass(frozen=True)
@@ -68,6 +73,8 @@ class Trajectory:
     yaw_rate: FloatArray
     wheel_speed: Mapping[str, FloatArray]  # rad/s, by wheel
     drive_speed: FloatArray  # rad/s, of the motor: mean of the driven wheels
+    lateral_acceleration: FloatArray  # m/s^2, body frame at the COM: what an accelerometer reads
+    motor_torque: FloatArray  # N m, at the driven wheels
     steering_motor_angle: FloatArray  # rad
     load: Mapping[str, FloatArray]  # N, by wheel
     feasibility: Feasibility
@@ -79,7 +86,7 @@ class Trajectory:
             value = getattr(self, entry.name)
             if isinstance(value, Mapping):
                 columns |= {f"{entry.name}_{wheel}": column for wheel, column in value.items()}
-            elif entry.name not in ("drive_speed", "feasibility"):
+            elif entry.name not in NOT_IN_FILES:
                 columns[entry.name] = value
         return columns
 
@@ -213,6 +220,7 @@ def simulate_planar(
 
 _ATTITUDE = (STATE.q0, STATE.q1, STATE.q2, STATE.q3)
 _RATES = (STATE.p, STATE.q, STATE.r)
+_BODY = numbered(BODY, first=BLOCK.body)
 _ROWS = {
     "x": STATE.x,
     "y": STATE.y,
@@ -225,7 +233,24 @@ _ROWS = {
     "roll_rate": STATE.p,
     "pitch_rate": STATE.q,
     "yaw_rate": STATE.r,
+    "motor_torque": STATE.torque,
 }
+
+
+def _lateral_acceleration(
+    _: FloatArray,
+    q0: FloatArray,
+    q1: FloatArray,
+    q2: FloatArray,
+    q3: FloatArray,
+    *others: FloatArray,
+) -> FloatArray:
+    """Specific force to the left: acceleration, and the part of gravity that the body sees."""
+    u, w, p, r, slope, up_x, up_y, up_z = others
+    force: FloatArray = slope + r * u - p * w
+    force += up_x * 2.0 * (q1 * q2 - q0 * q3) + up_y * (1.0 - 2.0 * (q1 * q1 + q3 * q3))
+    force += up_z * 2.0 * (q2 * q3 + q0 * q1)
+    return force
 
 
 def _itself(_: FloatArray, signal: FloatArray) -> FloatArray:
@@ -237,6 +262,13 @@ _DERIVED: dict[str, tuple[tuple[int, ...], Callable[..., FloatArray]]] = {
     "roll": (_ATTITUDE, lambda _, *attitude: roll_angle(attitude)),
     "pitch": (_ATTITUDE, lambda _, *attitude: pitch_angle(attitude)),
     "yaw": (_ATTITUDE, lambda _, *attitude: np.unwrap(yaw_angle(attitude))),
+    "lateral_acceleration": (
+        (
+            *(*_ATTITUDE, STATE.u, STATE.w, STATE.p, STATE.r, SLOPE + STATE.v),
+            *(_BODY.gravity_x, _BODY.gravity_y, _BODY.gravity_z),
+        ),
+        _lateral_acceleration,
+    ),
 }
 
 
