@@ -25,9 +25,9 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+from held_intervals import Tally
 from identification import HIGH, LOW, VEHICLE, rounded
 from many_drives import SENSORS, used_in_all
-from scipy.stats import binom
 
 from excitation_planner.maneuver import Circle
 from excitation_planner.planning.replay import nominal_run
@@ -86,31 +86,6 @@ class Truth:
         return LOW + (HIGH - LOW) * share
 
 
-class Tally:
-    """How many intervals hold the truth, by row of the table."""
-
-    def __init__(self):
-        self.held, self.made = {}, {}
-
-    def count(self, row, interval, truth):
-        """Count an interval."""
-        self.held[row] = self.held.get(row, 0) + (interval.low <= truth <= interval.high)
-        self.made[row] = self.made.get(row, 0) + 1
-
-    def print(self):
-        """Print the table, with the verdicts of the test."""
-        chances = {row: binom.cdf(self.held[row], n, 0.9) for row, n in self.made.items()}
-        failed, left = set(), len(chances)
-        for row in sorted(chances, key=chances.get):
-            if chances[row] >= 0.01 / left:
-                break
-            failed.add(row)
-            left -= 1
-        for row, n in self.made.items():
-            held, verdict = self.held[row], "fails" if row in failed else "passes"
-            print(f"{row:42s} {held:6d} of {n:6d} held ({held / n:6.1%}), {verdict}")
-
-
 def one_fleet(number, arguments, folder, tally):
     truth = Truth(arguments.vehicles, number)
     rng = np.random.default_rng([number, 8])
@@ -154,21 +129,31 @@ def count(fleet, truth, names, tally):
         if name in CHANGING:
             rate = RATE[CHANGING.index(name)] * days / DAYS
         spread = np.hypot(SPREAD, RATE_SPREAD[0] * days / DAYS if rate else 0.0)
-        tally.count("means of parameters", found.mean, LOW[i] + width[name] * (MIDDLE[i] + rate))
-        tally.count("spreads of parameters", found.spread, width[name] * spread)
+        tally.count(
+            "means of parameters",
+            found.mean.low <= LOW[i] + width[name] * (MIDDLE[i] + rate) <= found.mean.high,
+        )
+        tally.count(
+            "spreads of parameters", found.spread.low <= width[name] * spread <= found.spread.high
+        )
         for m in found.members:
             value = truth.at(names.index(m.vehicle), days)[i]
-            tally.count(f"vehicles: {name}", m.value, value)
+            tally.count(f"vehicles: {name}", m.value.low <= value <= m.value.high)
     for i, (name, found) in enumerate(fleet.changes.items()):
         scale = width[name] / DAYS
-        tally.count("means of changes", found.mean, scale * RATE[i])
+        tally.count("means of changes", found.mean.low <= scale * RATE[i] <= found.mean.high)
         if RATE_SPREAD[i]:
-            tally.count("spreads of changes", found.spread, scale * RATE_SPREAD[i])
+            tally.count(
+                "spreads of changes",
+                found.spread.low <= scale * RATE_SPREAD[i] <= found.spread.high,
+            )
         for m in found.members:
             rate = scale * truth.rates[names.index(m.vehicle), i]
-            tally.count(f"vehicles: change of {name}", m.value, rate)
+            tally.count(f"vehicles: change of {name}", m.value.low <= rate <= m.value.high)
     for name, e in fleet.shared.items():
-        tally.count("shared parameters", e, LOW[NAMES.index(name)] + 0.5 * width[name])
+        tally.count(
+            "shared parameters", e.low <= LOW[NAMES.index(name)] + 0.5 * width[name] <= e.high
+        )
 
 
 # ---- estimates drawn with errors of known size ----
@@ -219,11 +204,11 @@ def statistics(arguments):
                     ("change", rates, rate, rate_spread, true[:, 1]),
                 ):
                     row = f"{case}: {kind}"
-                    tally.count(f"{row}, mean", found.mean, middle)
+                    tally.count(f"{row}, mean", found.mean.low <= middle <= found.mean.high)
                     if size:
-                        tally.count(f"{row}, spread", found.spread, size)
+                        tally.count(f"{row}, spread", found.spread.low <= size <= found.spread.high)
                     for m, value in zip(found.members, values, strict=True):
-                        tally.count(f"{row}, vehicles", m.value, value)
+                        tally.count(f"{row}, vehicles", m.value.low <= value <= m.value.high)
                     alarms.setdefault(row, []).append(any(m.odd for m in found.members))
         tally.print()
         for row, rung in alarms.items():

@@ -8,7 +8,10 @@ with all, with all weighed, and with those that act in that world (the oracle). 
 first two parameters and the yaw inertia: in how many vehicles it is shown, how many 95 % intervals
 hold the truth where it is, how many do not (wrong, though shown), and the median width of the
 intervals over all vehicles, in % of the range; last, how often the identification said that the
-model lacks something: residuals that are not white, or a deviation that the drives show.
+model lacks something: residuals that are not white, or a deviation that the drives show. At the
+end, of each way: the cells whose coverage is rejected (benchmarks/held_intervals.py), and those in which
+weighing is much more cautious than the oracle: shown in less than 80 % of the vehicles in which the
+oracle shows the parameter, or more than twice as wide.
 
 The maneuvers are fixed, or planned as a pair by criterion d, counting no effects or all of them
 (then the widths that the plan expects are printed, too), or drawn from their boxes, another pair
@@ -20,6 +23,7 @@ import dataclasses
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
+from held_intervals import Tally
 from identification import MANEUVERS, VEHICLE, commands_of_pair, draw, rounded, with_wind
 
 from excitation_planner import Criterion
@@ -213,6 +217,19 @@ def one_vehicle(job):
     return rows
 
 
+def too_cautious(world, ways, table):
+    """Lines on cells in which weighing shows less than the oracle, or is wider."""
+    if not {"weighed", "oracle"} <= set(ways):
+        return
+    weighed, oracle = (table[:, ways.index(way)] for way in ("weighed", "oracle"))
+    for i, name in enumerate(PARAMETERS):
+        by_oracle = oracle[:, i, 0] == 1
+        shown = weighed[by_oracle, i, 0].mean() if by_oracle.any() else 1.0
+        wider = np.median(weighed[:, i, 2]) / np.median(oracle[:, i, 2])
+        if shown < 0.8 or wider > 2.0:
+            yield f"{world}, {name}: shown {shown:.0%} of the oracle's, {wider:.1f} times as wide"
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -234,6 +251,7 @@ def main():
     print(
         f"{'world':37s}{'effects':>8s}" + "".join(f"{name:>26s}" for name in PARAMETERS) + "   told"
     )
+    tallies, cautious = {way: Tally() for way in ways}, []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in arguments.world or WORLDS:
             jobs = [(world, seed, pair, ways) for seed, pair in enumerate(pairs)]
@@ -243,9 +261,17 @@ def main():
                 for i in range(len(PARAMETERS)):
                     shown, covered, width, told = table[:, number, i].T
                     wrong = int(np.sum((shown == 1) & (covered == 0)))
+                    for held in covered[shown == 1]:
+                        tallies[way].count(f"{world}, {PARAMETERS[i]}", held)
                     share = f"{covered[shown == 1].mean():.0%}" if shown.any() else "-"
                     line += f"{shown.mean():8.0%}{share:>6s}{wrong:4d}{100 * np.median(width):8.1f}"
                 print(line + f"{told.mean():7.0%}", flush=True)
+            cautious += too_cautious(world, ways, table)
+    for way, tally in tallies.items():
+        held, made = sum(tally.held.values()), sum(tally.made.values())
+        failed = "; ".join(sorted(tally.failed)) or "none"
+        print(f"{way}: {held} of {made} hold, {len(tally.made)} cells, rejected: {failed}")
+    print(f"more cautious than the oracle: {'; '.join(cautious) or 'nowhere'}")
 
 
 if __name__ == "__main__":

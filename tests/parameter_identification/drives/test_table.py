@@ -116,7 +116,8 @@ def test_a_missing_column_and_a_file_that_is_not_packed_are_told(tmp_path: Path)
 NEEDED = "time: t\nx: px\ny: py\n"
 BAD_MAPPINGS = {
     "- a": r"needs entries such as",
-    "time: t\nx: px\ny: py": r"lacks `steering`",
+    "time: t\nx: px\ny: py": r"needs `steering`, the set-points, or `steering_angle`",
+    NEEDED + "steering: c\nsteering_angle: a": r"needs `steering`, the set-points, or",
     NEEDED + "steering: c\nyawrate: w": r"'yawrate' is no entry; is yaw_rate meant",
     NEEDED + "steering: {column: c, unit: grad}": r"steering: unit 'grad' is not known; use one of",
     NEEDED + "steering: {column: c, units: rad}": r"steering: 'units' is no entry",

@@ -131,6 +131,35 @@ def test_windows_have_the_sensors_that_the_table_has(tmp_path: Path) -> None:
         read_windows(path, VEHICLE, other)
 
 
+def test_the_servo_of_the_model_has_the_steering_angle_that_was_measured(tmp_path: Path) -> None:
+    time = np.arange(0.0, 12.0, 0.02)
+    commands = Commands(time, 0.3 * np.sign(np.sin(0.9 * time)), np.minimum(1.5, time))
+    slower = VEHICLE.replace(servo_natural_frequency=6.0)
+    motion = simulate(slower, commands, slower.nominal_point()[None])
+    columns = (motion.time, motion.x[0], motion.y[0], motion.yaw[0], motion.steering_motor_angle[0])
+    rows = [",".join(f"{v:.5f}" for v in row) for row in zip(*columns, strict=True)]
+    path = tmp_path / "drive.csv"
+    path.write_text("\n".join(["t,x,y,yaw,angle", *rows]) + "\n")
+    mapping = Columns(time="t", x="x", y="y", yaw="yaw", steering_angle="angle")
+    entries = {"steering_angle": mapping, "steering": taken_as_set_points(mapping)}
+    errors = {}
+    for name, entry in entries.items():
+        drive = read_windows(path, VEHICLE, entry, Windows(length=8.0))[0]
+        run = simulate(
+            VEHICLE, drive.commands, VEHICLE.nominal_point()[None], speed=drive.start.speed
+        )
+        begin = float(drive.name.split()[1]) - RUN_IN
+        measured = np.interp(begin + run.time, motion.time, motion.steering_motor_angle[0])
+        errors[name] = np.abs(run.steering_motor_angle[0] - measured)[run.time > 0.5 * RUN_IN]
+    assert errors["steering"].max() > 0.08
+    assert errors["steering_angle"].max() < 0.02
+    assert np.sqrt(np.mean(errors["steering_angle"] ** 2)) < 0.004
+
+
+def taken_as_set_points(columns: Columns) -> Columns:
+    return dataclasses.replace(columns, steering=columns.steering_angle, steering_angle=None)
+
+
 @pytest.mark.slow
 def test_windows_leave_out_gaps_and_jumps(tmp_path: Path, columns: Columns) -> None:
     def spoil(rows: list[str]) -> None:

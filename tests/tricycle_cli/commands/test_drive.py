@@ -42,7 +42,7 @@ def test_a_plan_of_another_vehicle_is_refused_by_what_shapes_it(line, capsys):
     errors = capsys.readouterr().err
     assert "com_to_front_axle" in errors
     assert "instead of 1.25" in errors
-    assert "mass" not in errors
+    assert "mass 48.3 instead of 150" in errors  # identification would refuse the drive
     assert "--other-vehicle" in errors
 
 

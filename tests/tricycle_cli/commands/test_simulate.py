@@ -125,6 +125,16 @@ def test_the_commands_are_not_overwritten(tricycle, commands):
     assert commands.read_bytes() == before
 
 
+def test_a_trajectory_is_replaced_only_when_asked(tricycle, commands, tmp_path):
+    output = tmp_path / "o.csv"
+    output.write_text("mine")
+    with pytest.raises(CommandsError, match="exists already; --overwrite replaces it"):
+        tricycle("simulate", "--commands", commands, "--output", output)
+    assert output.read_text() == "mine"
+    assert tricycle("simulate", "--commands", commands, "--output", output, "--overwrite") == 0
+    assert len(read(output)) == 401
+
+
 @pytest.mark.parametrize(
     "option",
     [

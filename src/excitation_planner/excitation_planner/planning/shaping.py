@@ -1,7 +1,7 @@
 """Which vehicle a plan is for: the constants that shape its commands.
 
 A plan holds commands that were found with one vehicle. Where another one differs in geometry,
-steering or limits, they drive another path and may not be feasible. What drives identify, and
+mass, steering or limits, they drive another path and may not be feasible. What drives identify, and
 effects such as tyres and losses, may differ: the drive is there to find them.
 """
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 SHAPING = (
     *("com_to_front_axle", "com_to_rear_axle", "left_wheel_y", "right_wheel_y", "rear_wheel_y"),
-    *("com_height", "tyre_radius", "caster_angle", "steering_limit", "steering_margin"),
+    *("mass", "com_height", "tyre_radius", "caster_angle", "steering_limit", "steering_margin"),
     *("steering_ratio_straight", "steering_ratio_full", "steering_ratio_smoothing"),
     *("steering_slew", "acceleration", "x", "y", "steering_gain", "steering_offset"),
     "steering_scale",

@@ -40,6 +40,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "y": _LENGTH,
     "yaw": _ANGLE,
     "steering": {**_ANGLE, "1": 1.0},
+    "steering_angle": {**_ANGLE, "1": 1.0},
     "speed_command": _SPEED,
     "wheel_speed": _RATE,
     "yaw_rate": _RATE,
@@ -142,8 +143,10 @@ class Columns:
 
     Attributes
     ----------
-    time, x, y, steering : str or Column
+    time, x, y : str or Column
         Headings; the others of this kind are optional.
+    steering, steering_angle : str or Column
+        Set-point of the steering motor, or its measured angle: one of both.
     yaw, yaw_rate, wheel_speed, speed_command, acceleration_x, acceleration_y : str or Column
         Wheel speed of the driven wheels. Without a speed command the speed is that of the pose.
         Accelerations as an accelerometer at the COM reads them.
@@ -156,12 +159,18 @@ class Columns:
         and offset, from the recording.
     sensor : SensorPlace
         Where the pose is measured.
+
+    Raises
+    ------
+    IdentificationError
+        If there is no steering, or both.
     """
 
     time: str | Column
     x: str | Column
     y: str | Column
-    steering: str | Column
+    steering: str | Column | None = None
+    steering_angle: str | Column | None = None
     yaw: str | Column | None = None
     yaw_rate: str | Column | None = None
     wheel_speed: str | Column | None = None
@@ -172,6 +181,12 @@ class Columns:
     wheel_speeds: Mapping[str, str | Column] = field(default_factory=dict)
     steering_map: SteeringMap | str = field(default_factory=SteeringMap)
     sensor: SensorPlace = field(default_factory=SensorPlace)
+
+    def __post_init__(self) -> None:
+        if (self.steering is None) == (self.steering_angle is None):
+            raise IdentificationError(
+                "needs `steering`, the set-points, or `steering_angle`, the measured angle"
+            )
 
     def entries(self) -> dict[str, Column]:
         """Return where each quantity is, with its unit; of a wheel as `wheel_speeds.left`."""
@@ -294,6 +309,8 @@ class Recording:
         Continuous, left positive [rad].
     steering : Samples
         Command or angle, by the mapping's unit.
+    steering_measured : bool
+        Whether it is an angle that was measured, not a set-point.
     more : mapping of str to Samples
         The other quantities by the name of their entry.
     """
@@ -306,6 +323,7 @@ class Recording:
     yaw: FloatArray | None
     steering: Samples
     more: Mapping[str, Samples]
+    steering_measured: bool = False
 
     @property
     def poses(self) -> FloatArray:
@@ -384,8 +402,9 @@ def read_recording(path: Path, columns: Columns) -> Recording:
         x=pose[:, 0],
         y=pose[:, 1],
         yaw=pose[:, 2] if pose.shape[1] > 2 else None,
-        steering=samples.pop("steering"),
+        steering=samples.pop("steering" if columns.steering_angle is None else "steering_angle"),
         more=samples,
+        steering_measured=columns.steering_angle is not None,
     )
 
 

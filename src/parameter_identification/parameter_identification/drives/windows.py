@@ -46,7 +46,8 @@ SETTLED = 4.0  # integral times of a speed loop before it, where the set-points 
 MAX_GAP = 0.2  # s between poses
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
-FOLLOWING = 6  # iterations after which the model has the measured speed
+FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
+SPEED_LAG = 0.2  # s, of a speed loop
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
 MEASURED = {
@@ -159,7 +160,7 @@ def estimate_map(recording: Recording, vehicle: Vehicle) -> SteeringMap:
     """
     motion = motion_of(recording)
     slow = _quiet(recording, motion)
-    command = _lagged(recording.steering.at(motion.time, held=True), vehicle)[slow]
+    command = _followed(recording, _steering(recording, motion), vehicle)[slow]
     if np.ptp(command) < 1e-9:
         raise IdentificationError(
             f"{recording.name}: the steering command is always the same: give the map's gain"
@@ -230,10 +231,8 @@ def steering_error(recording: Recording, vehicle: Vehicle, steering: SteeringMap
         From the recording's steering to the angle of the steering motor.
     """
     motion = motion_of(recording)
-    angle = steering.angle(recording.steering.at(motion.time, held=True))
-    error: FloatArray = turned_angle(motion, vehicle) - _behind_play(
-        _lagged(angle, vehicle), vehicle
-    )
+    angle = _followed(recording, steering.angle(_steering(recording, motion)), vehicle)
+    error: FloatArray = turned_angle(motion, vehicle) - _behind_play(angle, vehicle)
     return error
 
 
@@ -273,6 +272,32 @@ def _quiet(recording: Recording, motion: Motion) -> NDArray[np.bool_]:
             f"{SLOWEST:g} m/s with a lateral acceleration below {QUIET:g} m/s^2; give it"
         )
     return quiet
+
+
+def _steering(recording: Recording, motion: Motion) -> FloatArray:
+    """Steering of the table (t,) at the ticks: set-points hold, angles change evenly."""
+    return recording.steering.at(motion.time, held=not recording.steering_measured)
+
+
+def _followed(recording: Recording, steering: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Angles (t,) of the steering motor, of angles or commands as the table has them."""
+    return steering if recording.steering_measured else _lagged(steering, vehicle)
+
+
+def _setpoints(
+    recording: Recording, motion: Motion, vehicle: Vehicle, steering: SteeringMap
+) -> FloatArray:
+    """Set-points (t,) of the steering: those recorded, or those by which the angle was reached."""
+    angle = steering.angle(_steering(recording, motion))
+    if not recording.steering_measured:
+        return angle
+    ramp = TICK * np.arange(RUN_IN / TICK, dtype=np.float64)
+    lag = float(ramp[-1] - _lagged(ramp, vehicle)[-1])
+    wanted = angle.copy()
+    for _ in range(FOLLOWING):
+        error = angle - _lagged(wanted, vehicle)
+        wanted += error + _ahead(error, lag)
+    return wanted
 
 
 def _lagged(values: FloatArray, vehicle: Vehicle) -> FloatArray:
@@ -352,7 +377,7 @@ def windows_of(
     """
     windows = windows or Windows()
     motion = motion_of(recording)
-    angle = steering.angle(recording.steering.at(motion.time, held=True))
+    angle = _setpoints(recording, motion, vehicle, steering)
     found = []
     lead = round(_run_in(recording, vehicle) / TICK)
     for first in _beginnings(recording, motion, windows, lead):
@@ -453,7 +478,7 @@ def commands_of(
         If they are beyond what the model takes.
     """
     motion = motion_of(recording)
-    angle = steering.angle(recording.steering.at(motion.time, held=True))
+    angle = _setpoints(recording, motion, vehicle, steering)
     rows = slice(int(np.searchsorted(motion.time, start)), len(motion.time))
     return _commands(recording, vehicle, motion, angle, rows)
 
@@ -501,11 +526,11 @@ def follow(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Commands:
         commands = Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
         motion = simulate(nominal, commands, speed=speed[0], setpoint=speed[0], threads=1)
         error = speed - np.append(motion.vx[0], motion.vx[0, -1])[: len(speed)]
-        wanted = wanted + error + _ahead(error)
+        wanted = wanted + error + _ahead(error, SPEED_LAG)
     return Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
 
 
-def _ahead(error: FloatArray) -> FloatArray:
-    """What a loop that lags by some 0.2 s has to be told besides the error."""
-    rise: FloatArray = 0.2 * np.gradient(savgol_filter(error, *FILTER), TICK)
+def _ahead(error: FloatArray, lag: float) -> FloatArray:
+    """What a loop that lags by so many seconds has to be told besides the error."""
+    rise: FloatArray = lag * np.gradient(savgol_filter(error, *FILTER), TICK)
     return rise

@@ -177,6 +177,9 @@ def run(args: argparse.Namespace) -> int:
     console.print(parameter_table(found))
     for remark in remarks(found):
         console.print(remark, soft_wrap=True)
+    for drive in chain.from_iterable(drives):
+        if not drive.complete:
+            console.print(f"{drive.name}: its bag was cut off; used as far as it goes")
     if args.output is not None:
         save_identification(found, args.vehicle, args.output)
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)

@@ -82,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PICTURE",
         help="save a picture too",
     )
+    add("--overwrite", action="store_true", help="replace FILE and PICTURE if they are there")
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -100,6 +101,9 @@ def run(args: argparse.Namespace) -> int:
     vehicle = nominal.replace(**parse_assignments(args.set))
     commands = _commands(args, nominal)
     picture = args.output.with_suffix(".png") if args.plot == Path() else args.plot
+    for file in filter(None, (args.output, picture)):
+        if file.exists() and not args.overwrite:
+            raise CommandsError(f"{file}: exists already; --overwrite replaces it")
     _check_size(args.samples or 1, commands)
     parameters = None if args.samples is None else _draw(vehicle, args.samples, args.seed)
     steps = (args.samples or 1) * commands.duration / TICK
