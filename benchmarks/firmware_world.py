@@ -9,7 +9,8 @@ without nodes, which takes a second instead of half a minute a vehicle. Random v
 circle and a double lane change; the two drives are identified without effects and with all of them
 weighed. Printed for every vehicle: by how many standard deviations what is shown is off; for every
 parameter and way: in how many vehicles it is shown, in how many of these the 95 % interval holds
-the truth, and the median width in % of the range; then how often residuals were white (of the
+the truth, and the median width in % of the range, and whether a coverage of 90 % is rejected
+(held_intervals.py); then how often residuals were white (of the
 channels whose residuals exceed the sensor's steps), what was told to be missing, and how probable
 each effect was in the mean.
 """
@@ -21,6 +22,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from held_intervals import Tally
 from identification import MANEUVERS
 
 from excitation_planner.design.noise import SIMULATED
@@ -153,15 +155,19 @@ def main():
             found[way].append((drives[0].truth, identified))
             print(f"vehicle {seed} {way:8s} {deviations(drives[0].truth, identified)}", flush=True)
     for way, results in found.items():
+        tally = Tally()
         for name, (low, high) in VEHICLE.unknown.items():
             intervals = [(truth[name], f.parameters[name]) for truth, f in results]
             shown = [(truth, e) for truth, e in intervals if e.identifiable]
-            held = sum(e.low <= truth <= e.high for truth, e in shown)
+            for truth, e in shown:
+                tally.count(name, e.low <= truth <= e.high)
+            held = tally.held.get(name, 0)
             width = np.median([(e.high - e.low) / (high - low) for _, e in intervals])
             print(
                 f"{way:8s} {name:26s} shown {len(shown)} of {len(intervals)}, "
                 f"held {held} of {len(shown)}, width {100 * width:5.1f} %"
             )
+        print(f"{way:8s} {tally.summary()}")
         tested = [t for _, f in results for t in f.whiteness if np.isfinite(t.p)]
         white = 1.0 - sum(len(f.coloured) for _, f in results) / len(tested)
         missing = Counter(e.name for _, f in results for e in f.deviations)

@@ -32,6 +32,12 @@ class Tally:
             left -= 1
         return failed
 
+    def summary(self):
+        """All rows in a line."""
+        held, made = sum(self.held.values()), sum(self.made.values())
+        failed = "; ".join(sorted(self.failed)) or "none"
+        return f"{held} of {made} hold; of {len(self.made)} cells rejected: {failed}"
+
     def print(self):
         """Print the table, with the verdicts of the test."""
         failed = self.failed

@@ -9,9 +9,9 @@ first two parameters and the yaw inertia: in how many vehicles it is shown, how 
 hold the truth where it is, how many do not (wrong, though shown), and the median width of the
 intervals over all vehicles, in % of the range; last, how often the identification said that the
 model lacks something: residuals that are not white, or a deviation that the drives show. At the
-end, of each way: the cells whose coverage is rejected (benchmarks/held_intervals.py), and those in which
-weighing is much more cautious than the oracle: shown in less than 80 % of the vehicles in which the
-oracle shows the parameter, or more than twice as wide.
+end, of each way: the cells whose coverage is rejected (held_intervals.py), and those in which
+weighing is much more cautious than the oracle: shown in less than 80 % of the vehicles in which
+the oracle shows the parameter, or more than twice as wide.
 
 The maneuvers are fixed, or planned as a pair by criterion d, counting no effects or all of them
 (then the widths that the plan expects are printed, too), or drawn from their boxes, another pair
@@ -268,9 +268,7 @@ def main():
                 print(line + f"{told.mean():7.0%}", flush=True)
             cautious += too_cautious(world, ways, table)
     for way, tally in tallies.items():
-        held, made = sum(tally.held.values()), sum(tally.made.values())
-        failed = "; ".join(sorted(tally.failed)) or "none"
-        print(f"{way}: {held} of {made} hold, {len(tally.made)} cells, rejected: {failed}")
+        print(f"{way}: {tally.summary()}")
     print(f"more cautious than the oracle: {'; '.join(cautious) or 'nowhere'}")
 
 

