@@ -69,6 +69,16 @@ def test_every_command_has_help_with_an_example(command, capsys):
     assert f"tricycle {command}" in capsys.readouterr().out.partition("example")[2]
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_fits_a_terminal_of_80_columns(command, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    options = capsys.readouterr().out.split("\n\n", 1)[1]  # after the usage
+    long = [line for line in options.splitlines() if len(line) > 80]
+    assert [line for line in long if not line.startswith("  tricycle ")] == []
+
+
 @pytest.mark.parametrize(
     ("line", "message"),
     [

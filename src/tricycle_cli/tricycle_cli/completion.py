@@ -1,6 +1,7 @@
 """Completion of commands and options by the shell: `tricycle --completion bash`."""
 
 import argparse
+import textwrap
 from collections.abc import Mapping, Sequence
 
 SHELLS = ("bash", "zsh")
@@ -56,7 +57,12 @@ def words_of(parser: argparse.ArgumentParser) -> list[str]:
 
 
 class HelpFormatter(argparse.RawDescriptionHelpFormatter):
-    """Help that tells the default of every option that has one."""
+    """Help that tells the default of every option that has one, and keeps the lines of examples."""
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        if "\n" in text:
+            return super()._fill_text(text, width, indent)
+        return textwrap.fill(text, width, initial_indent=indent, subsequent_indent=indent)
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         text = action.help or ""

@@ -34,10 +34,10 @@ examples:
   tricycle plc stats /dev/ttyACM0 --json
   tricycle plc check /dev/tricycle_steer /dev/tricycle_drive --engineer "A. Test"
 
-The handshake disarms the board; close the bridge first. check moves steering and wheel: before
-it, lift the steered wheels off the ground and put the driven wheel on rollers as heavy to turn as
-the vehicle. A wheel in the air is lighter than the drive board expects: a fault, PULSES or
-OVERSPEED.
+The handshake disarms the board; close the bridge first. check moves steering
+and wheel: before it, lift the steered wheels off the ground and put the driven
+wheel on rollers as heavy to turn as the vehicle. A wheel in the air is lighter
+than the drive board expects: a fault, PULSES or OVERSPEED.
 """
 
 

@@ -21,7 +21,7 @@ examples:
   tricycle reproduce all --output out/paper
   tricycle reproduce fig13 --faithful --json
 
-writes report.html, and of each item a .png and an .svg, into the output directory
+writes report.html, and of each item a .png and an .svg, into the output folder
 """
 
 

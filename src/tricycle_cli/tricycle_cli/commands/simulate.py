@@ -33,8 +33,9 @@ examples:
   tricycle simulate --commands drive.csv --set cornering_stiffness=700 --output soft.mcap
   tricycle simulate --commands drive.csv --samples 50 --seed 1 --output spread.parquet
 
-commands.csv has the columns time, steering_motor_angle, speed in s, rad, m/s; each row is held
-until the next, the last one ends the drive. The vehicle starts at rest at the origin, heading +x.
+commands.csv has the columns time, steering_motor_angle, speed in s, rad, m/s;
+each row is held until the next, the last one ends the drive. The vehicle starts
+at rest at the origin, heading +x.
 """
 
 _LONG = 10_000_000  # vehicle steps that take longer than a moment
