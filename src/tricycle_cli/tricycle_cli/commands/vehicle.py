@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from tricycle_cli.completion import HelpFormatter
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
 from tricycle_core.timing import TICK
