@@ -288,6 +288,23 @@ def test_three_seconds_leave_the_ranges_as_they_were(commands):
         assert e.high - e.low > 0.8 * (e.range[1] - e.range[0])
 
 
+def test_what_the_model_lacks_is_shown_where_the_vehicle_was():
+    time = np.arange(0.0, 16.0, 0.1)
+    straight = driven(Commands(time, 0.0 * time, np.minimum(1.0, 0.5 * time)), pose=(1.0, 2.0, 2.0))
+    position = straight.signals[Sensor.POSITION]
+    pushed = np.where(position.time[:, None] > 8.0, 0.3, 0.0)  # to the left of the way
+    moved = Signal(position.time, position.values + pushed * [-np.sin(2.0), np.cos(2.0)])
+    drive = dataclasses.replace(straight, signals={Sensor.POSITION: moved})
+    (fit,) = identify([drive], VEHICLE).drives
+    lack = fit.lack
+    assert lack.time.tolist() == [k + 0.5 for k in range(16)]
+    left, ahead = (lack.values[f"{side} of the model / m"] for side in ("left", "ahead"))
+    assert left[9] - left[6] > 0.2
+    assert np.abs(ahead).max() < 0.02
+    assert lack.speed[-3:] == pytest.approx(1.0, abs=0.02)
+    assert lack.standard_deviations["left of the model / m"][3] > 0.0
+
+
 def test_names_of_parameters_are_checked(pair):
     with pytest.raises(IdentificationError, match="not an unknown parameter"):
         identify(pair, VEHICLE, parameters=["mass"])

@@ -16,13 +16,16 @@ from parameter_identification.estimation.results import (
     Estimate,
     HeldOut,
     Identification,
+    Lack,
     NuisanceEstimate,
     Profile,
 )
 from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.identification_file import load_identification_file
 from tricycle_cli.reports.identification_page import (
+    CONDITIONS,
     identification_page,
+    lack_figure,
     profiles_figure,
     residuals_figure,
     save_identification,
@@ -31,6 +34,7 @@ from tricycle_cli.reports.identification_page import (
 from tricycle_cli.reports.tables import parameter_table, remarks
 from tricycle_sim.vehicle import load_vehicle
 
+LEFT = "left of the model / m"
 TIME = np.linspace(0.0, 2.0, 50)
 
 
@@ -49,6 +53,8 @@ def found():
     """Return an identification of one short drive that shows one of two parameters."""
     profile = Profile(np.array([590.0, 600.0, 611.0]), np.array([3.9, 0.0, 3.9]))
     nuisances = {"gyro bias": NuisanceEstimate(0.1, 0.01, "rad/s")}
+    row = np.array([0.5, 1.5])
+    lack = Lack(row, row + 1.0, 0.1 * row, -row, {LEFT: row}, {LEFT: 0.1 * row})
     return Identification(
         vehicle="tricycle",
         vehicle_hash=load_vehicle().fingerprint,
@@ -68,7 +74,7 @@ def found():
             Whiteness("first", "x", 0.003, 0.1, 90.0, 100, 0.5),
             Whiteness("first", "y", 0.003, np.nan, np.nan, 100, np.nan),
         ),
-        drives=(DriveFit("first", nuisances, predicted(0.5), predicted(1.0), {}),),
+        drives=(DriveFit("first", nuisances, predicted(0.5), predicted(1.0), {}, lack),),
         held_out=(HeldOut("second", 0.2, 0.02, 0.014),),
         outliers=3,
         rivals=(np.array([700.0, 55.0]),),
@@ -86,7 +92,7 @@ def test_the_page_begins_with_the_parameters_and_what_the_drives_do_not_show(fou
     for text in ("600 ± 5", "590 – 611", "601 ✓", "not shown", "gyro bias", "0.1 ± 0.01"):
         assert text in page
     assert page.index("Parameters") < page.index("Trajectories") < page.index("Residuals")
-    assert page.count("<img") == 3
+    assert page.count("<img") == 4
 
 
 @pytest.mark.slow
@@ -94,7 +100,7 @@ def test_without_profiles_there_is_no_figure_of_them(found):
     plain = {name: dataclasses.replace(e, profile=None) for name, e in found.parameters.items()}
     page = identification_page(dataclasses.replace(found, parameters=plain))
     assert "Profiles" not in page
-    assert page.count("<img") == 2
+    assert page.count("<img") == 3
 
 
 def test_remarks_say_what_a_reader_must_know(found):
@@ -114,6 +120,9 @@ def test_the_terminal_shows_a_truth_that_is_given(found):
 def test_figures_have_a_panel_per_drive_channel_and_profile(found):
     assert len(trajectories_figure(found).axes) == 1
     assert len(residuals_figure(found).axes) == 2
+    panels = lack_figure(found).axes
+    assert [axes.get_xlabel() for axes in panels] == list(CONDITIONS)
+    assert panels[1].lines[0].get_xdata().tolist() == [1.5, 2.5]  # over the speed
     (profile,) = (axes for axes in profiles_figure(found).axes if axes.lines)
     assert list(profile.lines[0].get_ydata()) == [3.9, 0.0, 3.9]
 
@@ -123,7 +132,7 @@ def test_everything_is_saved_and_can_be_read_again(found, tmp_path):
     save_identification(found, None, tmp_path / "new" / "folder")
     assert {path.name for path in (tmp_path / "new" / "folder").iterdir()} == {
         *("identification.json", "vehicle.yaml", "report.html"),
-        *("trajectories.png", "residuals.png", "profiles.png"),
+        *("trajectories.png", "residuals.png", "profiles.png", "lack.png"),
     }
     document = load_identification_file(tmp_path / "new" / "folder" / "identification.json")
     assert document.parameters["cornering_stiffness"].estimate == 600.0

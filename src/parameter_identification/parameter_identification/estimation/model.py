@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
 from parameter_identification.estimation.deviations import deviated
@@ -409,6 +410,40 @@ class DriveModel:
             self._assemble(sensor, self.drive.signals[sensor], values, slopes, kept[sensor], b)
             for sensor, (values, slopes, _) in found.items()
         ]
+
+    def conditions(self, z: FloatArray, nuisances: FloatArray, time: FloatArray) -> FloatArray:
+        """Return speed, steering set-point, lateral acceleration and heading (4, s) of the model.
+
+        Parameters
+        ----------
+        z : ndarray of float, shape (k,)
+            Parameters in their ranges.
+        nuisances : ndarray of float, shape (q,)
+            Deviations from the means of their priors, in standard deviations.
+        time : ndarray of float, shape (s,)
+            Since the start event [s]; the heading is in the frame of the positions.
+        """
+        b = np.array([n.mean + n.std * v for n, v in zip(self.nuisances, nuisances, strict=True)])
+        motion, _ = self._stepped_motions(z, nuisances, b, steps=False)
+        rows = (motion.wheel_speed[0], motion.yaw_rate[0], motion.heading[0])
+        rate, yaw_rate, heading = (np.interp(time, self._batch.time, row) for row in rows)
+        speed = self.vehicle.driven_radius * rate
+        commands = self.drive.commands
+        held = np.searchsorted(commands.time, time + 1e-9, side="right") - 1
+        steering = commands.steering_motor_angle[np.maximum(held, 0)]
+        start = b[self._at["start heading"]]
+        return np.array([speed, steering, speed * yaw_rate, heading + start])
+
+    def knots_of(self, name: str) -> NDArray[np.int64]:
+        """Return which nuisances are the knots of a deviation, evenly spaced from start to end.
+
+        Parameters
+        ----------
+        name : str
+            `SPEED_DEVIATION` or `TURN_DEVIATION`.
+        """
+        first = self._at.get(f"{name} 0")
+        return np.arange(0) if first is None else np.arange(first, first + self._knots_of(name))
 
     def _stepped_motions(
         self, z: FloatArray, nuisances: FloatArray, b: FloatArray, *, steps: bool

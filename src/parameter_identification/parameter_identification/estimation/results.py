@@ -151,6 +151,28 @@ _SHOWN_UNITS = {"rad": (180.0 / math.pi, "°"), "1": (100.0, " %"), "m": (100.0,
 
 
 @dataclass(frozen=True, eq=False)
+class Lack:
+    """What the model lacks along a drive, once a second, and where the vehicle was then.
+
+    Attributes
+    ----------
+    time, speed, steering_motor_angle, lateral_acceleration : ndarray of float, shape (s,)
+        Since the start event [s]; forward [m/s]; set-point, left positive [rad]; speed times yaw
+        rate [m/s^2].
+    values, standard_deviations : mapping of str to ndarray of float, shape (s,)
+        By name with unit: the mean residual of the position along and across the vehicle, and
+        the deviations of speed and turning where they act.
+    """
+
+    time: FloatArray
+    speed: FloatArray
+    steering_motor_angle: FloatArray
+    lateral_acceleration: FloatArray
+    values: Mapping[str, FloatArray]
+    standard_deviations: Mapping[str, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
 class DriveFit:
     """Predictions of one drive before and after the identification.
 
@@ -166,6 +188,8 @@ class DriveFit:
         By the estimates.
     weights : mapping of Sensor to ndarray of float, shape (m,)
         Of the m samples; below 1 where errors of their stamps or the robust loss reduce it.
+    lack : Lack, optional
+        What the model lacks along the drive.
     """
 
     name: str
@@ -173,6 +197,7 @@ class DriveFit:
     before: Mapping[Sensor, Prediction]
     after: Mapping[Sensor, Prediction]
     weights: Mapping[Sensor, FloatArray]
+    lack: Lack | None = None
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,16 @@ from parameter_identification.estimation.results import (
     DriveFit,
     EffectEstimate,
     HeldOut,
+    Lack,
     NuisanceEstimate,
 )
 from parameter_identification.estimation.whiteness import Whiteness, whiteness
 from tricycle_core.quantities import FloatArray
+from tricycle_sim.effects import SPEED_DEVIATION, TURN_DEVIATION
+
+DEVIATIONS = ((SPEED_DEVIATION, "%", 100.0), (TURN_DEVIATION, "(1/m)", 1.0))
+"""Those that go on all along a drive: name, unit as shown, and its size in the deviation's."""
+NO_SIZE = 0.01  # of a deviation, in standard deviations of its prior: it does not act
 
 
 def fits_of_drives(
@@ -55,9 +61,43 @@ def fits_of_drives(
                 before={p.sensor: p for p in before},
                 after={p.sensor: p for p in after},
                 weights=problem.weights(drive),
+                lack=_lack(problem, optimum, drive, after),
             )
         )
     return tuple(fits)
+
+
+def _lack(
+    problem: LeastSquares, optimum: Optimum, drive: int, predictions: Sequence[Prediction]
+) -> Lack:
+    """What the model lacks along a drive: what is left of the positions, and its deviations."""
+    model, at = problem.models[drive], problem.nuisances_at(drive)
+    z, own = optimum.fit.at[: problem.k], optimum.fit.at[at]
+    position = next(p for p in predictions if p.sensor is Sensor.POSITION)
+    seconds, second, count = np.unique(
+        np.floor(position.time), return_inverse=True, return_counts=True
+    )
+    time = seconds + 0.5
+    *_, heading = model.conditions(z, own, position.time)
+    x, y = position.residual.T
+    along = np.cos(heading) * x + np.sin(heading) * y
+    across = np.cos(heading) * y - np.sin(heading) * x
+    noise = problem.noise[Sensor.POSITION].white / np.sqrt(count)
+    values = {
+        "ahead of the model / m": np.bincount(second, along) / count,
+        "left of the model / m": np.bincount(second, across) / count,
+    }
+    deviations = dict.fromkeys(values, noise)
+    std = np.sqrt(np.diag(optimum.covariance))[at]
+    for name, unit, factor in DEVIATIONS:
+        knots = model.knots_of(name)
+        if len(knots) and problem.sizes()[name] > NO_SIZE:
+            scale = factor * model.nuisances[knots[0]].std
+            of_knots = np.linspace(0.0, model.drive.commands.duration, len(knots))
+            values[f"{name} / {unit}"] = np.interp(time, of_knots, scale * own[knots])
+            deviations[f"{name} / {unit}"] = np.interp(time, of_knots, scale * std[knots])
+    speed, steering, lateral, _ = model.conditions(z, own, time)
+    return Lack(time, speed, steering, lateral, values, deviations)
 
 
 def effects_of_drives(

@@ -16,6 +16,19 @@ from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, 
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.palette import BLUE, GREEN, VERMILLION
 
+CONDITIONS = {
+    "time / s": "time",
+    "speed / (m/s)": "speed",
+    "steering set-point / rad": "steering_motor_angle",
+    "lateral acceleration / (m/s²)": "lateral_acceleration",
+}
+"""Where on a drive the vehicle is: label of an axis, and what a `Lack` calls it."""
+LACK = (
+    "what the model lacks, once a second, with the noise's 95 % interval: how far the vehicle is "
+    "ahead of the model and to its left; where deviations act, how much faster it is and how much "
+    "more it turns"
+)
+
 
 def trajectories_figure(found: Identification) -> Figure:
     """Return each drive as measured, with the nominal vehicle and with the estimates.
@@ -76,6 +89,34 @@ def residuals_figure(found: Identification) -> Figure:
             axes.set_ylabel(f"{channel} / {sensor.unit}", fontsize="small")
             axes.text(0.99, 0.95, verdict, transform=axes.transAxes, ha="right", va="top")
             axes.grid(alpha=0.3)
+    return figure
+
+
+def lack_figure(found: Identification) -> Figure:
+    """Return what the model lacks over time, speed, steering and lateral acceleration.
+
+    Parameters
+    ----------
+    found : Identification
+        With `lack` of every drive.
+    """
+    lacks = {drive.name: drive.lack for drive in found.drives if drive.lack is not None}
+    names = list(dict.fromkeys(name for lack in lacks.values() for name in lack.values))
+    figure = Figure(figsize=(11.2, 2.6 * len(names) + 0.4), layout="constrained")
+    grid = figure.subplots(len(names), 4, squeeze=False, sharey="row", sharex="col")
+    for row, name in zip(grid, names, strict=True):
+        for axes, of in zip(row, CONDITIONS.values(), strict=True):
+            for drive, lack in lacks.items():
+                if name in lack.values:
+                    bars = 1.96 * lack.standard_deviations[name]
+                    options = {"fmt": ".", "elinewidth": 0.6, "markersize": 4, "label": drive}
+                    axes.errorbar(getattr(lack, of), lack.values[name], bars, **options)
+            axes.axhline(0.0, color="0.4", linewidth=0.6)
+            axes.grid(alpha=0.3)
+        row[0].set_ylabel(name)
+    for axes, label in zip(grid[-1], CONDITIONS, strict=True):
+        axes.set_xlabel(label)
+    grid[0, 0].legend(fontsize="small")
     return figure
 
 
@@ -178,6 +219,9 @@ def identification_page(found: Identification) -> str:
         Section("Residuals", (_block(residuals_figure(found), "measured less predicted"), tests)),
         Section("Noise and start", (noise, *(_start(drive) for drive in found.drives))),
     ]
+    if any(drive.lack is not None for drive in found.drives):
+        block = _block(lack_figure(found), LACK)
+        sections.insert(-1, Section("What the model lacks", (block,)))
     drives = ", ".join(drive.name for drive in found.drives)
     return html_page(f"Identified from {drives}", sections, subtitle=f"vehicle {found.vehicle}")
 
@@ -229,7 +273,12 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         ),
         "report.html": identification_page(found),
     }
-    figures = {"trajectories": trajectories_figure(found), "residuals": residuals_figure(found)}
+    figures = {
+        "trajectories": trajectories_figure(found),
+        "residuals": residuals_figure(found),
+    }
+    if any(drive.lack is not None for drive in found.drives):
+        figures["lack"] = lack_figure(found)
     if any(e.profile is not None for e in found.parameters.values()):
         figures["profiles"] = profiles_figure(found)
     save_identification_file(document_of(found), folder / "identification.json")
