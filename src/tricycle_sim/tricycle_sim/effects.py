@@ -206,6 +206,11 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
         owned = next((c for c in choices if set(c) <= set(extended.values)), None)
         if owned is not None and not set(owned) & set(vehicle.unknown):
             change = {c: extended.values[c] if per is None else per for c, per in owned.items()}
+            if name == WHEEL_RADIUS:  # of all tyres
+                radii = {c: v for c, v in extended.values.items() if c.endswith("tyre_radius")}
+                if set(radii) & set(vehicle.unknown):
+                    continue
+                change |= radii
             if name == SLIP_BY_SPEED and (softness := _softness_of_viscous(extended)):
                 change["slip_softness"] = softness
             low, high = _limits(extended, change, std)
@@ -264,31 +269,25 @@ def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
 
 
 def as_sensed(
-    x: FloatArray,
-    y: FloatArray,
-    heading: FloatArray,
-    wheel_speed: FloatArray,
-    effects: Mapping[str, FloatArray],
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return positions, headings and wheel speeds as sensors see those of motions.
+    x: FloatArray, y: FloatArray, heading: FloatArray, effects: Mapping[str, FloatArray]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return positions and headings as sensors see those of motions.
 
     Parameters
     ----------
-    x, y, heading, wheel_speed : ndarray of float, shape (n, t)
+    x, y, heading : ndarray of float, shape (n, t)
         Of the motions.
     effects : mapping of str to ndarray of float, shape (n,)
         Values by name; others than those of sensors are not used.
     """
     values = {name: value[:, None] for name, value in effects.items()}
-    if WHEEL_RADIUS in values:  # the sensor counts turns
-        wheel_speed = wheel_speed / (1.0 + values[WHEEL_RADIUS])
     if SENSOR_FORWARD in values or SENSOR_LEFT in values:
         forward, left = (values.get(name, np.zeros(1)) for name in (SENSOR_FORWARD, SENSOR_LEFT))
         cosine, sine = np.cos(heading), np.sin(heading)
         x, y = x + forward * cosine - left * sine, y + forward * sine + left * cosine
     if SENSOR_YAW in values:
         heading = heading + values[SENSOR_YAW]
-    return x, y, heading, wheel_speed
+    return x, y, heading
 
 
 def _extensions(vehicle: Vehicle, constants: Collection[str] | None = None) -> dict[str, str]:

@@ -184,3 +184,18 @@ def test_it_is_told_that_the_vehicle_moves_as_no_effect_can():
     found = identify(drives, VEHICLE, effects=("speed-deviation", "turn-deviation"))
     assert found.white  # the deviations have taken it up
     assert found.deviations
+
+
+@pytest.mark.slow
+def test_larger_tyres_are_told_and_the_parameters_hold():
+    larger = VEHICLE.replace(tyre_radius=1.01 * VEHICLE.tyre_radius, speed_scale=1.01)
+    sensors = {Sensor.YAW_RATE: SensorNoise(0.005), Sensor.WHEEL_SPEED: SensorNoise(0.003)}
+    drives = [
+        driven(commands, seed=i, name=name, vehicle=larger, others=sensors.items())
+        for i, (name, commands) in enumerate(commands_of_pair().items())
+    ]
+    found = identify(drives, VEHICLE, effects=["wheel-radius"])
+    (radius,) = found.effects
+    assert radius.estimate == pytest.approx(0.01, abs=3.0 * radius.standard_deviation)
+    for (name, e), truth in zip(found.parameters.items(), TRUTH, strict=True):
+        assert abs(e.estimate - truth) < 3.0 * e.standard_deviation, name

@@ -46,7 +46,7 @@ STANDSTILL = 1.0
 BLOCK = 128
 """Vehicles simulated at a time, which bounds the memory."""
 
-SENSED = ("x", "y", "yaw", "drive_speed")
+SENSED = ("x", "y", "yaw")
 """Columns of a motion that effects of sensors change."""
 
 DRAWS = 48
@@ -161,8 +161,8 @@ def _replayed(
             seen = run.columns
             if effects:
                 of_rows = {name: value[rows] for name, value in values.items()}
-                x, y, yaw, wheel = (seen[name] for name in SENSED)
-                seen |= dict(zip(SENSED, as_sensed(x, y, yaw, wheel, of_rows), strict=True))
+                x, y, yaw = (seen[name] for name in SENSED)
+                seen |= dict(zip(SENSED, as_sensed(x, y, yaw, of_rows), strict=True))
             Y = np.stack([seen[name] for name in columns], axis=-1)
             Y[run.feasibility.rolled_over.happened] = np.nan
             found[rows] = np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1)

@@ -501,7 +501,7 @@ class DriveModel:
             others = self._others_of(motion, motions)
         x, y, heading, yaw_rate, wheel_speed = motions
         named = {name: values[:, i] for name, i in self._at.items()}
-        x, y, heading, wheel_speed = as_sensed(x, y, heading, wheel_speed, named)
+        x, y, heading = as_sensed(x, y, heading, named)
         return _Motions(x, y, heading, yaw_rate, wheel_speed, others=others)
 
     def _others_of(self, motion: "_Motions", motions: FloatArray) -> dict[Sensor, FloatArray]:
