@@ -263,12 +263,12 @@ def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:
     add("--state", default=names.state, metavar="TOPIC", help="DiagnosticStatus of the driver")
     if sensors:
         add("--commands", default=names.commands, metavar="TOPIC", help="JointTrajectory driven")
-        add("--imu", default=names.imu, metavar="TOPIC", help="Imu; its yaw rate is used")
+        add("--imu", default=names.imu, metavar="TOPIC", help="Imu; yaw rate, acceleration")
         add(
             "--joint-states",
             default=names.joint_states,
             metavar="TOPIC",
-            help="JointState; the speed of the rear wheel is used",
+            help="JointState; speeds of wheels, torque of the motor",
         )
     add(
         "--child-frame",

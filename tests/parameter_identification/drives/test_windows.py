@@ -137,6 +137,8 @@ def test_the_servo_of_the_model_has_the_steering_angle_that_was_measured(tmp_pat
     slower = VEHICLE.replace(servo_natural_frequency=6.0)
     motion = simulate(slower, commands, slower.nominal_point()[None])
     columns = (motion.time, motion.x[0], motion.y[0], motion.yaw[0], motion.steering_motor_angle[0])
+    noise = 0.003 * np.random.default_rng(1).standard_normal(len(motion.time))
+    columns = (*columns[:-1], columns[-1] + noise)
     rows = [",".join(f"{v:.5f}" for v in row) for row in zip(*columns, strict=True)]
     path = tmp_path / "drive.csv"
     path.write_text("\n".join(["t,x,y,yaw,angle", *rows]) + "\n")

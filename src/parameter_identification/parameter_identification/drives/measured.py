@@ -270,21 +270,23 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         signals[Sensor.HEADING] = Signal(poses.time, poses.heading[:, None])
     if (imu := drive.imu) is not None:
         signals[Sensor.YAW_RATE] = _signal(drive.bag, Sensor.YAW_RATE, imu.time, imu.yaw_rate)
-        sideways = imu.lateral_acceleration
-        if np.isfinite(sideways).all():
-            sensor = Sensor.LATERAL_ACCELERATION
-            signals[sensor] = _signal(drive.bag, sensor, imu.time, sideways)
+        there = np.isfinite(imu.lateral_acceleration)
+        if there.any():
+            sensor, sideways = Sensor.LATERAL_ACCELERATION, imu.lateral_acceleration[there]
+            signals[sensor] = _signal(drive.bag, sensor, imu.time[there], sideways)
     if (joints := drive.joint_states) is not None:
         speeds = _signal(drive.bag, Sensor.WHEEL_SPEED, joints.time, joints.wheel_rate)
         signals[Sensor.WHEEL_SPEED] = resolved(speeds)
-        if np.isfinite(joints.motor_torque).all():
-            sensor = Sensor.MOTOR_TORQUE
-            signals[sensor] = _signal(drive.bag, sensor, joints.time, joints.motor_torque)
+        there = np.isfinite(joints.motor_torque)
+        if joints.motor_torque[there].any():  # drivers that measure none write zeros
+            sensor, torque = Sensor.MOTOR_TORQUE, joints.motor_torque[there]
+            signals[sensor] = _signal(drive.bag, sensor, joints.time[there], torque)
     if (wheels := drive.wheel_rates) is not None:
         known = [wheel.name for wheel in vehicle.wheels if wheel.name in wheels.rates]
         if known:
             columns = np.column_stack([wheels.rates[name] for name in known])
-            signal = _signal(drive.bag, Sensor.WHEEL_SPEEDS, wheels.time, columns)
+            rows = np.flatnonzero(np.isfinite(columns).all(axis=1))
+            signal = _signal(drive.bag, Sensor.WHEEL_SPEEDS, wheels.time[rows], columns[rows])
             signals[Sensor.WHEEL_SPEEDS] = replace(signal, wheels=tuple(known))
     end = commands.duration
     return MeasuredDrive(

@@ -49,6 +49,7 @@ FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
 FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
 SPEED_LAG = 0.2  # s, of a speed loop
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
+FEWEST = 10  # samples of a sensor in a window, fewer tell nothing of its noise
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
 MEASURED = {
     "yaw_rate": Sensor.YAW_RATE,
@@ -291,12 +292,16 @@ def _setpoints(
     angle = steering.angle(_steering(recording, motion))
     if not recording.steering_measured:
         return angle
+    angle = savgol_filter(angle, *FILTER)
     ramp = TICK * np.arange(RUN_IN / TICK, dtype=np.float64)
     lag = float(ramp[-1] - _lagged(ramp, vehicle)[-1])
-    wanted = angle.copy()
+    wanted: FloatArray = angle.copy()
     for _ in range(FOLLOWING):
         error = angle - _lagged(wanted, vehicle)
         wanted += error + _ahead(error, lag)
+    # what is told ahead of an angle near the stop may lie beyond it
+    within = np.abs(angle) <= STEERING_END_STOP
+    wanted[within] = np.clip(wanted[within], -STEERING_END_STOP, STEERING_END_STOP)
     return wanted
 
 
@@ -450,6 +455,8 @@ def _drive(
     if wheels := recording.wheel_speeds(vehicle):
         signal = _signal(list(wheels.values()), Sensor.WHEEL_SPEEDS, begin, time[-1], start)
         signals[Sensor.WHEEL_SPEEDS] = dataclasses.replace(signal, wheels=tuple(wheels))
+    few = [s for s, v in signals.items() if s is not Sensor.POSITION and len(v.time) < FEWEST]
+    signals = {s: signal for s, signal in signals.items() if s not in few}
     name = recording.name.removesuffix(".gz").removesuffix(".csv")
     return MeasuredDrive(
         f"{name} {begin:.1f} s", commands, signals, StartPose(speed=float(speed[0]))

@@ -73,7 +73,7 @@ def errors_of(sensor: Sensor, signal: Signal) -> tuple[SensorError, ...]:
     """
     if sensor is Sensor.WHEEL_SPEEDS:
         return tuple(
-            SensorError(f"radius of {wheel}", "1", RADIUS, channel, channel)
+            SensorError(f"gain of {wheel}", "1", RADIUS, channel, channel)
             for channel, wheel in enumerate(signal.wheels)
         )
     return _ERRORS.get(sensor, ())
