@@ -346,6 +346,11 @@ class DriveModel:
         values: FloatArray = self.low + self.width * z
         return values
 
+    def _in_units(self, nuisances: FloatArray) -> FloatArray:
+        """Nuisances (q,) in their units, of those in standard deviations from their means."""
+        pairs = zip(self.nuisances, nuisances, strict=True)
+        return np.array([n.mean + n.std * v for n, v in pairs])
+
     def _motion(
         self, batch: Batch, constants: FloatArray, nuisances: FloatArray | None = None
     ) -> "_Motions":
@@ -389,7 +394,7 @@ class DriveModel:
         nuisances : ndarray of float, shape (q,)
             Deviations from the means of their priors, in standard deviations.
         """
-        b = np.array([n.mean + n.std * v for n, v in zip(self.nuisances, nuisances, strict=True)])
+        b = self._in_units(nuisances)
         point, kept = self._derivatives
         here = z, nuisances[self._moving]
         near = bool(kept) and all(
@@ -423,7 +428,7 @@ class DriveModel:
         time : ndarray of float, shape (s,)
             Since the start event [s]; the heading is in the frame of the positions.
         """
-        b = np.array([n.mean + n.std * v for n, v in zip(self.nuisances, nuisances, strict=True)])
+        b = self._in_units(nuisances)
         motion, _ = self._stepped_motions(z, nuisances, b, steps=False)
         rows = (motion.wheel_speed[0], motion.yaw_rate[0], motion.heading[0])
         rate, yaw_rate, heading = (np.interp(time, self._batch.time, row) for row in rows)

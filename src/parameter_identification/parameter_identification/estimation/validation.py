@@ -78,7 +78,8 @@ def _lack(
         np.floor(position.time), return_inverse=True, return_counts=True
     )
     time = seconds + 0.5
-    *_, heading = model.conditions(z, own, position.time)
+    conditions = model.conditions(z, own, np.concatenate([position.time, time]))
+    heading = conditions[3, : len(position.time)]
     x, y = position.residual.T
     along = np.cos(heading) * x + np.sin(heading) * y
     across = np.cos(heading) * y - np.sin(heading) * x
@@ -96,7 +97,7 @@ def _lack(
             of_knots = np.linspace(0.0, model.drive.commands.duration, len(knots))
             values[f"{name} / {unit}"] = np.interp(time, of_knots, scale * own[knots])
             deviations[f"{name} / {unit}"] = np.interp(time, of_knots, scale * std[knots])
-    speed, steering, lateral, _ = model.conditions(z, own, time)
+    speed, steering, lateral, _ = conditions[:, len(position.time) :]
     return Lack(time, speed, steering, lateral, values, deviations)
 
 
