@@ -1,7 +1,7 @@
 """Bags of drives whose errors and parameters are known, as the recorder would write them."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -240,12 +240,16 @@ def imu(ns: int, yaw_rate: float) -> Any:
 
 
 def joint_state(ns: int, wheel_speed: float) -> Any:
+    return velocities(ns, {"steering_motor_joint": 0.0, "rear_wheel_joint": wheel_speed})
+
+
+def velocities(ns: int, joints: Mapping[str, float]) -> Any:
     return message(
         "sensor_msgs/msg/JointState",
         header=header(ns),
-        name=["steering_motor_joint", "rear_wheel_joint"],
-        position=np.zeros(2),
-        velocity=np.array([0.0, wheel_speed]),
+        name=list(joints),
+        position=np.zeros(len(joints)),
+        velocity=np.array(list(joints.values())),
         effort=np.zeros(0),
     )
 

@@ -145,6 +145,7 @@ def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path):
     [
         ({"a": [{"b": "\x1b[2J"}]}, r"file: a\.b must be a printable text"),
         ({"a": {"\n": 1}}, "file: a: its names must be printable"),
+        ({"a": {1: 1}}, "file: a: its names must be printable"),
     ],
 )
 def test_texts_for_a_terminal_are_refused(values, message):

@@ -30,7 +30,7 @@ from excitation_planner.design.prior import SHOWN
 from parameter_identification.drives.kept import began, content_key, keep, kept, sensors_of
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
-from parameter_identification.estimation.checks import check_motion, check_vehicle
+from parameter_identification.estimation.checks import check_motion, check_signs, check_vehicle
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.results import EffectEstimate, Estimate, asked_for
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
@@ -590,6 +590,7 @@ def _read(job: tuple[Path, Vehicle, Path, TopicNames | None]) -> tuple[Path, str
             drive = read_measured_drive(bag, vehicle, topics=topics)
             check_motion(drive)
             check_vehicle(drive, vehicle)
+            check_signs([drive], vehicle)
             keep(drive, file)
     except (ExcitationError, OSError) as error:
         return bag, str(error) if str(bag) in str(error) else f"{bag}: {error}"

@@ -203,7 +203,7 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
         inner: list[tuple[str, object]] = []
         if isinstance(value, dict):
             for name in value:
-                if not name.isprintable():
+                if not (isinstance(name, str) and name.isprintable()):
                     what = f"{place}: " if place else ""
                     raise error(f"{where}: {what}its names must be printable texts")
             inner = [(f"{place}.{name}" if place else name, item) for name, item in value.items()]

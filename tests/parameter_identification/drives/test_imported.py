@@ -10,6 +10,7 @@ from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import Sensor, read_measured_drive
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
+from tricycle_core.errors import IdentificationError
 
 ALL = {sensor: SensorNoise(1e-3, rate=50.0) for sensor in Sensor}
 
@@ -23,11 +24,15 @@ def test_a_bag_holds_every_sensor_of_the_recording(drive, tmp_path):
     start = write_bag(recording_of(drive), VEHICLE, SteeringMap(), tmp_path / "bag")
     again = read_measured_drive(tmp_path / "bag", VEHICLE)
     assert again.signals.keys() == drive.signals.keys() == set(Sensor)
-    assert again.signals[Sensor.WHEEL_SPEEDS].wheels == ("left", "right", "rear")
+    assert again.signals[Sensor.WHEEL_SPEEDS].wheels == (
+        "left",
+        "right",
+    )  # the motor tells the rest
     begin = float(drive.signals[Sensor.POSITION].time[0]) + start
     for sensor, signal in again.signals.items():
         at = np.searchsorted(drive.signals[sensor].time - begin, signal.time - 1e-6)
-        np.testing.assert_allclose(signal.values, drive.signals[sensor].values[at], atol=1e-9)
+        values = drive.signals[sensor].values[at, : signal.values.shape[1]]
+        np.testing.assert_allclose(signal.values, values, atol=1e-9)
 
 
 def test_what_was_not_measured_is_not_in_the_bag(drive, tmp_path):
@@ -35,3 +40,22 @@ def test_what_was_not_measured_is_not_in_the_bag(drive, tmp_path):
     recording = recording_of(dataclasses.replace(drive, signals=few))
     write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag")
     assert read_measured_drive(tmp_path / "bag", VEHICLE).signals.keys() == few.keys()
+
+
+def test_sensors_that_come_without_their_companions_are_in_the_bag(drive, tmp_path):
+    alone = (Sensor.POSITION, Sensor.LATERAL_ACCELERATION, Sensor.MOTOR_TORQUE)
+    recording = recording_of(
+        dataclasses.replace(drive, signals={s: drive.signals[s] for s in alone})
+    )
+    write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag")
+    assert read_measured_drive(tmp_path / "bag", VEHICLE).signals.keys() == {*alone}
+
+
+def test_a_wheel_that_the_vehicle_lacks_is_refused(drive, tmp_path):
+    recording = recording_of(drive)
+    more = {**recording.more, "wheel_speeds.rera": recording.more["wheel_speeds.rear"]}
+    with pytest.raises(IdentificationError, match="'rera' is no entry; is rear meant"):
+        write_bag(
+            dataclasses.replace(recording, more=more), VEHICLE, SteeringMap(), tmp_path / "bag"
+        )
+    assert not (tmp_path / "bag").exists()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways
+from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways, velocities
 
 from parameter_identification.drives.measured import measured_drive, read_measured_drive
 from parameter_identification.drives.recorded import LeadIn, TopicNames, read_drive
@@ -89,3 +89,28 @@ def test_a_second_imu_in_another_namespace_is_left_alone(tmp_path: Path) -> None
     scene.more["/arm/imu"] = scene.more.pop("/imu")
     with pytest.raises(JudgeError, match="/arm/imu and /camera/imu: name the one to use"):
         read_drive(scene.write(tmp_path / "two"))
+
+
+def test_wheels_may_come_in_messages_of_their_own_and_a_gyro_may_say_that_it_is_none(
+    tmp_path: Path,
+) -> None:
+    times = [START + 10**7 * i for i in range(4)]
+    rates = [("left", 1.0), ("right", 4.0), ("left", 3.0), ("right", 8.0)]
+    states = [
+        (time, velocities(time, {f"{wheel}_wheel_spin_joint": rate}))
+        for time, (wheel, rate) in zip(times, rates, strict=True)
+    ]
+    none = imu(START, 0.0)
+    none.angular_velocity_covariance[0] = -1.0
+    scene = Scene(deviation=sideways(0.1))
+    scene.more = {
+        "/joint_states": ("sensor_msgs/msg/JointState", states),
+        "/imu": ("sensor_msgs/msg/Imu", [(START, none)]),
+    }
+    drive = read_drive(scene.write(tmp_path / "bag"))
+    assert drive.wheel_rates is not None
+    np.testing.assert_allclose(drive.wheel_rates.time, [0.0, 0.02])
+    np.testing.assert_allclose(drive.wheel_rates.rates["left"], [1.0, 3.0])
+    np.testing.assert_allclose(drive.wheel_rates.rates["right"], [4.0, 6.0])
+    assert drive.imu is not None
+    assert np.isnan(drive.imu.yaw_rate).all()

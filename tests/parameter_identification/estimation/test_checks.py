@@ -5,11 +5,17 @@ from importlib import resources
 from pathlib import Path
 
 import pytest
-from simulated_drives import VEHICLE, driven, driven_pair
+from simulated_drives import VEHICLE, commands_of_pair, driven, driven_pair
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.poses import PlanarTrajectory
-from parameter_identification.estimation.checks import check_drives, check_motion, check_vehicle
+from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.estimation.checks import (
+    check_drives,
+    check_motion,
+    check_signs,
+    check_vehicle,
+)
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
@@ -41,6 +47,30 @@ def test_too_little_motion_is_refused(pair):
     with pytest.raises(IdentificationError, match="11 positions are too few"):
         check_motion(dataclasses.replace(pair[0], signals=moment))
     assert Sensor.POSITION in moment
+
+
+@pytest.mark.parametrize(
+    ("sensor", "turned", "message"),
+    [
+        (Sensor.HEADING, -1.0, "heading has the opposite sign .* positive to the left"),
+        (Sensor.YAW_RATE, -1.0, "yaw rate has the opposite sign .* positive to the left"),
+        (Sensor.LATERAL_ACCELERATION, -0.9, "lateral acceleration has the opposite sign"),
+        (Sensor.WHEEL_SPEED, -1.1, "wheel speed has the opposite sign .* positive forward"),
+        (Sensor.YAW_RATE, 0.3, ""),
+        (Sensor.LATERAL_ACCELERATION, 2.0, ""),
+    ],
+)
+def test_a_sensor_whose_axis_points_the_other_way_is_refused(sensor, turned, message):
+    drive = driven(commands_of_pair()["lane"], others=[(sensor, SensorNoise(1e-3))])
+    check_signs([drive], VEHICLE)
+    signal = drive.signals[sensor]
+    signals = {**drive.signals, sensor: dataclasses.replace(signal, values=turned * signal.values)}
+    turned_drive = dataclasses.replace(drive, signals=signals)
+    if message:
+        with pytest.raises(IdentificationError, match=message):
+            check_signs([turned_drive], VEHICLE)
+    else:
+        check_signs([turned_drive], VEHICLE)
 
 
 @pytest.mark.slow

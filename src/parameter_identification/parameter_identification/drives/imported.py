@@ -6,7 +6,7 @@ identified from as a drive of a plan.
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,8 +99,10 @@ def write_bag(
         If the output exists.
     CommandsError
         If the commands are beyond what the model takes.
+    IdentificationError
+        If the vehicle has no wheel of a name.
     """
-    rows = list(_sensed(recording))
+    rows = list(_sensed(recording, vehicle))
     start = _start(recording)
     if start is not None:
         rows += _driven(recording, vehicle, steering, start)
@@ -129,37 +131,38 @@ def _start(recording: Recording) -> float | None:
     return float(motion.time[standing[-1]]) - 0.5 * STANDSTILL
 
 
-def _sensed(recording: Recording) -> Iterator[Row]:
+def _sensed(recording: Recording, vehicle: Vehicle) -> Iterator[Row]:
     yaw = recording.yaw if recording.yaw is not None else np.zeros(len(recording.time))
     for time, x, y, heading in zip(recording.time, recording.x, recording.y, yaw, strict=True):
         stamp = _stamp(recording, time)
         yield stamp, "/odom", _odometry(stamp, x, y, heading if recording.yaw is not None else None)
     more = recording.more
-    if "yaw_rate" in more:
-        rates = more["yaw_rate"]
-        accelerations = [
-            more[name].at(rates.time) if name in more else np.full(len(rates.time), math.nan)
-            for name in ("acceleration_x", "acceleration_y")
-        ]
-        for time, *values in zip(rates.time, rates.values, *accelerations, strict=True):
-            stamp = _stamp(recording, time)
-            yield stamp, "/imu", _imu(stamp, *values)
-    if "wheel_speed" in more:
-        speeds = more["wheel_speed"]
-        torque = np.full(len(speeds.time), math.nan)
-        if "motor_torque" in more:
-            torque = more["motor_torque"].at(speeds.time)
-        for time, speed, effort in zip(speeds.time, speeds.values, torque, strict=True):
-            stamp = _stamp(recording, time)
-            joints = {STEERING_JOINT: (math.nan, math.nan), REAR_WHEEL_JOINT: (speed, effort)}
-            yield stamp, "/joint_states", _joint_state(stamp, joints)
-    wheels = {n.removeprefix(f"{WHEELS}."): s for n, s in more.items() if n.startswith(WHEELS)}
-    times = next(iter(wheels.values())).time if wheels else np.empty(0)
-    rolling = {f"{wheel}{SPIN_JOINT}": s.at(times) for wheel, s in wheels.items()}
-    for row, time in enumerate(times):
-        stamp = _stamp(recording, time)
-        joints = {name: (float(speeds[row]), math.nan) for name, speeds in rolling.items()}
+    moving = [more.get(name) for name in ("yaw_rate", "acceleration_x", "acceleration_y")]
+    for stamp, *values in _together(recording, moving):
+        yield stamp, "/imu", _imu(stamp, *values)
+    driving = [more.get(name) for name in ("wheel_speed", "motor_torque")]
+    for stamp, *wheel in _together(recording, driving):
+        joints = {STEERING_JOINT: (math.nan, math.nan), REAR_WHEEL_JOINT: (wheel[0], wheel[1])}
         yield stamp, "/joint_states", _joint_state(stamp, joints)
+    wheels = recording.wheel_speeds(vehicle)
+    for stamp, *speeds in _together(recording, list(wheels.values())):
+        joints = {
+            f"{w}{SPIN_JOINT}": (speed, math.nan) for w, speed in zip(wheels, speeds, strict=True)
+        }
+        yield stamp, "/joint_states", _joint_state(stamp, joints)
+
+
+def _together(
+    recording: Recording, columns: Sequence[Samples | None]
+) -> Iterator[tuple[int, *tuple[float, ...]]]:
+    """Stamps of the first column that is there, and what all have then: NaN of those that lack."""
+    first = next((samples for samples in columns if samples is not None), None)
+    if first is None:
+        return
+    missing = np.full(len(first.time), math.nan)
+    rows = [missing if c is None else c.at(first.time) for c in columns]
+    for time, *values in zip(first.time, *rows, strict=True):
+        yield _stamp(recording, time), *map(float, values)
 
 
 def _driven(
@@ -252,15 +255,15 @@ def _joint_state(stamp: int, joints: dict[str, tuple[float, float]]) -> Any:
 
 def _imu(stamp: int, rate: float, ahead: float, left: float) -> Any:
     unknown = np.array([-1.0, *[0.0] * 8])  # the message's way to say that there is none
-    there = math.isfinite(ahead) or math.isfinite(left)
+    turning, there = math.isfinite(rate), math.isfinite(ahead) or math.isfinite(left)
     force = (value if math.isfinite(value) else 0.0 for value in (ahead, left))
     return _message(
         KINDS["/imu"],
         header=_header(stamp, "base_link"),
         orientation=_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=unknown,
-        angular_velocity=_vector(z=rate),
-        angular_velocity_covariance=np.zeros(9),
+        angular_velocity=_vector(z=rate if turning else 0.0),
+        angular_velocity_covariance=np.zeros(9) if turning else unknown,
         linear_acceleration=_vector(*force),
         linear_acceleration_covariance=np.zeros(9) if there else unknown,
     )

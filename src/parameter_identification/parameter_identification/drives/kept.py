@@ -13,6 +13,8 @@ from tricycle_core.documents import write_whole
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
+FORMAT = 2  # counted up with what is read of a bag, so that older files are read anew
+
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
     """Return what tells a drive from others: a hash of the bag's content and of the vehicle file.
@@ -32,7 +34,7 @@ def content_key(bag: Path, vehicle: Vehicle) -> str:
     OSError
         If it cannot be read.
     """
-    found = hashlib.sha256(vehicle.fingerprint.encode())
+    found = hashlib.sha256(f"{FORMAT} {vehicle.fingerprint}".encode())
     if is_remote(bag):
         found.update(repr(remote_state(bag)).encode())
         return found.hexdigest()[:32]

@@ -268,26 +268,28 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
     signals = {Sensor.POSITION: Signal(poses.time, np.column_stack([poses.x, poses.y]))}
     if np.isfinite(poses.heading).all():
         signals[Sensor.HEADING] = Signal(poses.time, poses.heading[:, None])
+    optional: list[tuple[Sensor, FloatArray, FloatArray]] = []
     if (imu := drive.imu) is not None:
-        signals[Sensor.YAW_RATE] = _signal(drive.bag, Sensor.YAW_RATE, imu.time, imu.yaw_rate)
-        there = np.isfinite(imu.lateral_acceleration)
-        if there.any():
-            sensor, sideways = Sensor.LATERAL_ACCELERATION, imu.lateral_acceleration[there]
-            signals[sensor] = _signal(drive.bag, sensor, imu.time[there], sideways)
+        optional += [
+            (Sensor.YAW_RATE, imu.time, imu.yaw_rate),
+            (Sensor.LATERAL_ACCELERATION, imu.time, imu.lateral_acceleration),
+        ]
     if (joints := drive.joint_states) is not None:
-        speeds = _signal(drive.bag, Sensor.WHEEL_SPEED, joints.time, joints.wheel_rate)
-        signals[Sensor.WHEEL_SPEED] = resolved(speeds)
-        there = np.isfinite(joints.motor_torque)
-        if joints.motor_torque[there].any():  # drivers that measure none write zeros
-            sensor, torque = Sensor.MOTOR_TORQUE, joints.motor_torque[there]
-            signals[sensor] = _signal(drive.bag, sensor, joints.time[there], torque)
+        optional.append((Sensor.WHEEL_SPEED, joints.time, joints.wheel_rate))
+        if np.nan_to_num(joints.motor_torque).any():  # drivers that measure none write zeros
+            optional.append((Sensor.MOTOR_TORQUE, joints.time, joints.motor_torque))
+    for sensor, time, values in optional:
+        if (there := ~np.isnan(values)).any():
+            signals[sensor] = _signal(drive.bag, sensor, time[there], values[there])
+    if Sensor.WHEEL_SPEED in signals:
+        signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
     if (wheels := drive.wheel_rates) is not None:
         known = [wheel.name for wheel in vehicle.wheels if wheel.name in wheels.rates]
         if known:
             columns = np.column_stack([wheels.rates[name] for name in known])
-            rows = np.flatnonzero(np.isfinite(columns).all(axis=1))
-            signal = _signal(drive.bag, Sensor.WHEEL_SPEEDS, wheels.time[rows], columns[rows])
+            signal = _signal(drive.bag, Sensor.WHEEL_SPEEDS, wheels.time, columns)
             signals[Sensor.WHEEL_SPEEDS] = replace(signal, wheels=tuple(known))
+    signals = without_repeated_wheel(signals, vehicle)
     end = commands.duration
     return MeasuredDrive(
         name=drive.bag.stem,
@@ -298,6 +300,34 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         complete=drive.complete,
         began=drive.recorded / SECOND,
     )
+
+
+def without_repeated_wheel(
+    signals: Mapping[Sensor, Signal], vehicle: Vehicle
+) -> dict[Sensor, Signal]:
+    """Return signals of which none repeats what others tell.
+
+    Where the speed of the motor is there and that of every driven wheel, whose mean it is, the last
+    one of these is left out: it would be counted twice.
+
+    Parameters
+    ----------
+    signals : mapping of Sensor to Signal
+        Of a drive.
+    vehicle : Vehicle
+        That drove.
+    """
+    found = dict(signals)
+    wheels = found.get(Sensor.WHEEL_SPEEDS)
+    driven = [wheel.name for wheel in vehicle.wheels if wheel.driven]
+    if wheels is None or Sensor.WHEEL_SPEED not in found or not {*driven} <= {*wheels.wheels}:
+        return found
+    kept = [column for column, wheel in enumerate(wheels.wheels) if wheel != driven[-1]]
+    del found[Sensor.WHEEL_SPEEDS]
+    if kept:
+        names = tuple(wheels.wheels[column] for column in kept)
+        found[Sensor.WHEEL_SPEEDS] = replace(wheels, values=wheels.values[:, kept], wheels=names)
+    return found
 
 
 def _truth(metadata: Mapping[str, str]) -> dict[str, float]:

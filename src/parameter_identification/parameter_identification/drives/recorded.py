@@ -7,7 +7,7 @@ which row 0 of the commands was played.
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from math import nan
+from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +86,7 @@ class JointStates:
     steering_motor_angle : ndarray of float, shape (t,)
         Left positive [rad]; NaN where a message has none.
     wheel_rate : ndarray of float, shape (t,)
-        Of the rear wheel [rad/s].
+        Of the rear wheel [rad/s]; NaN where a message has none.
     motor_torque : ndarray of float, shape (t,)
         At the driven wheels [N m]: their effort; NaN where a message has none.
     """
@@ -99,14 +99,15 @@ class JointStates:
 
 @dataclass(frozen=True, eq=False)
 class WheelRates:
-    """Rates of single wheels, in the order of recording.
+    """Rates of single wheels.
 
     Attributes
     ----------
     time : ndarray of float, shape (t,)
-        Stamps since the start event [s].
+        Stamps of the first wheel since the start event [s], increasing.
     rates : mapping of str to ndarray of float, shape (t,)
-        Of the wheel of that name [rad/s]: of the joint `<name>_wheel_spin_joint`.
+        Of the wheel of that name [rad/s]: of the joint `<name>_wheel_spin_joint`; linearly between
+        its own stamps where they are others.
     """
 
     time: FloatArray
@@ -122,7 +123,7 @@ class ImuSamples:
     time : ndarray of float, shape (t,)
         Stamps since the start event [s].
     yaw_rate : ndarray of float, shape (t,)
-        Left positive [rad/s].
+        Left positive [rad/s]; NaN where the message says that there is none.
     lateral_acceleration : ndarray of float, shape (t,)
         To the left [m/s^2]; NaN where the message says that there is none.
     """
@@ -568,7 +569,7 @@ def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readi
 
 
 def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
-    """Of the messages that hold the speed of the rear wheel; None where none does."""
+    """Of the messages that hold speed or torque of the rear wheel; None where none does."""
     rows = []
     for message in messages:
         names = list(message.name)
@@ -576,9 +577,9 @@ def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
             dict(zip(names, values, strict=False))
             for values in (message.position, message.velocity, message.effort)
         )
-        if REAR_WHEEL_JOINT in rates:
-            angle, torque = angles.get(STEERING_JOINT, nan), efforts.get(REAR_WHEEL_JOINT, nan)
-            rows.append((stamp_of(message) - start, angle, rates[REAR_WHEEL_JOINT], torque))
+        if REAR_WHEEL_JOINT in rates.keys() | efforts.keys():
+            wheel = (values.get(REAR_WHEEL_JOINT, nan) for values in (rates, efforts))
+            rows.append((stamp_of(message) - start, angles.get(STEERING_JOINT, nan), *wheel))
     if not rows:
         return None
     time, *columns = np.array(rows, dtype=np.float64).T
@@ -586,29 +587,30 @@ def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
 
 
 def _wheel_rates(messages: Iterable[Any], start: int) -> WheelRates | None:
-    """Of the messages that hold the speeds of the same wheels as the first that holds any."""
-    names: list[str] = []
-    rows = []
+    """Speeds of single wheels; None where no message holds any."""
+    samples: dict[str, dict[int, float]] = {}  # by wheel and stamp
     for message in messages:
-        rates = dict(zip(message.name, message.velocity, strict=False))
-        wheels = [name for name in rates if name.endswith(SPIN_JOINT)]
-        names = names or wheels
-        if wheels and wheels == names:
-            rows.append((stamp_of(message) - start, *(rates[name] for name in names)))
-    if not rows:
+        for name, rate in zip(message.name, message.velocity, strict=False):
+            if name.endswith(SPIN_JOINT) and not isnan(rate):
+                wheel = samples.setdefault(name.removesuffix(SPIN_JOINT), {})
+                wheel.setdefault(stamp_of(message) - start, rate)
+    if not samples:
         return None
-    time, *columns = np.array(rows, dtype=np.float64).T
-    named = (name.removesuffix(SPIN_JOINT) for name in names)
-    return WheelRates(time * 1e-9, dict(zip(named, columns, strict=True)))
+    rows = {name: np.array(sorted(wheel.items())) for name, wheel in samples.items()}
+    time = next(iter(rows.values()))[:, 0]
+    rates = {name: np.interp(time, *wheel.T) for name, wheel in rows.items()}
+    return WheelRates(time * 1e-9, rates)
 
 
 def _imu_samples(messages: Iterable[Any], start: int) -> ImuSamples | None:
     rows = []
     for message in messages:
-        # -1: there is none (REP-145)
+        # a covariance of -1: there is none (REP-145)
+        turning = message.angular_velocity_covariance[0] != -1.0
+        rate = message.angular_velocity.z if turning else nan
         there = message.linear_acceleration_covariance[0] != -1.0
         sideways = message.linear_acceleration.y if there else nan
-        rows.append((stamp_of(message) - start, message.angular_velocity.z, sideways))
+        rows.append((stamp_of(message) - start, rate, sideways))
     if not rows:
         return None
     time, rate, acceleration = np.array(rows, dtype=np.float64).T

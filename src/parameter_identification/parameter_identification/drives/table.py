@@ -233,7 +233,7 @@ def load_columns(path: Path) -> Columns:
     values = parse_yaml(content, str(path), IdentificationError)
     if not isinstance(values, dict):
         raise IdentificationError(f"{path}: needs entries such as `time: HEADING`")
-    check_texts({str(k): v for k, v in values.items()}, str(path), IdentificationError)
+    check_texts(values, str(path), IdentificationError)
     for name, kind in ((None, Columns), ("steering_map", SteeringMap), ("sensor", SensorPlace)):
         part = values if name is None else values.get(name)
         known = [entry.name for entry in fields(kind)]

@@ -22,6 +22,7 @@ from parameter_identification.drives.measured import (
     Sensor,
     Signal,
     StartPose,
+    without_repeated_wheel,
 )
 from parameter_identification.drives.table import (
     Columns,
@@ -455,6 +456,7 @@ def _drive(
     if wheels := recording.wheel_speeds(vehicle):
         signal = _signal(list(wheels.values()), Sensor.WHEEL_SPEEDS, begin, time[-1], start)
         signals[Sensor.WHEEL_SPEEDS] = dataclasses.replace(signal, wheels=tuple(wheels))
+    signals = without_repeated_wheel(signals, vehicle)
     few = [s for s, v in signals.items() if s is not Sensor.POSITION and len(v.time) < FEWEST]
     signals = {s: signal for s, signal in signals.items() if s not in few}
     name = recording.name.removesuffix(".gz").removesuffix(".csv")

@@ -12,12 +12,22 @@ from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 MIN_POSITIONS = 20
 MIN_MOTION = 0.5  # m that a vehicle must have come from its start
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
+OPPOSITE = -0.7  # cosine between what is measured and expected, from which the sign is wrong
+SIGNS = {
+    Sensor.HEADING: (0.1, "to the left"),
+    Sensor.YAW_RATE: (0.05, "to the left"),
+    Sensor.LATERAL_ACCELERATION: (0.1, "to the left"),
+    Sensor.WHEEL_SPEED: (0.5, "forward"),
+}
+"""Least standard deviation expected [SI] where a sign is looked at, and which way is positive."""
+NOTHING = Signal(np.empty(0), np.empty((0, 1)))
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
 
 
@@ -34,7 +44,8 @@ def check_drives(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     Raises
     ------
     IdentificationError
-        If two are the same, the vehicle hardly moves, or the drive was planned for another vehicle.
+        If two are the same, the vehicle hardly moves, the drive was planned for another vehicle, or
+        a sensor's axis points the other way.
     """
     for a, b in itertools.combinations(drives, 2):
         # counted twice, it would make the estimates look more certain than they are
@@ -43,6 +54,7 @@ def check_drives(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     for drive in drives:
         check_motion(drive)
         check_vehicle(drive, vehicle)
+    check_signs(drives, vehicle)
 
 
 def check_motion(drive: MeasuredDrive) -> None:
@@ -115,6 +127,48 @@ def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
             f"{vehicle.name} comes no closer than {distance:.2g} m (rms) to the plan's reference; "
             "give the file that it was planned with, and drive plans with that file too"
         )
+
+
+def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
+    """Raise if a sensor measures the opposite of what the commands give.
+
+    Its axis points the other way, or that of the commands does: no error of a model is as large,
+    and estimates that follow such a sensor are wrong.
+
+    Parameters
+    ----------
+    drives : sequence of MeasuredDrive
+        With the same sensors.
+    vehicle : Vehicle
+        Its nominal values are used.
+
+    Raises
+    ------
+    IdentificationError
+        Naming the sensor and the sign that it should have (REP-103).
+    """
+    pairs: dict[Sensor, list[FloatArray]] = {sensor: [] for sensor in SIGNS}
+    for drive in drives:
+        at = drive.start.speed
+        motion = simulate(vehicle, drive.commands, speed=at, setpoint=at, threads=1)
+        seen = (motion.yaw, motion.yaw_rate, motion.lateral_acceleration, motion.drive_speed)
+        for sensor, (row,) in zip(SIGNS, seen, strict=True):
+            signal = drive.signals.get(sensor, NOTHING).between(0.0, float(motion.time[-1]))
+            if len(signal.time):
+                expected = np.interp(signal.time, motion.time, row)
+                # without what a bias or an unknown start adds
+                measured = signal.values[:, 0] - np.mean(signal.values)
+                pairs[sensor].append(np.stack([expected - np.mean(expected), measured]))
+    for sensor, (least, positive) in SIGNS.items():
+        expected, measured = np.hstack([np.zeros((2, 1)), *pairs[sensor]])
+        if np.std(expected) > least and expected @ measured < OPPOSITE * np.linalg.norm(
+            expected
+        ) * np.linalg.norm(measured):
+            raise IdentificationError(
+                f"{drives[0].name}: the {sensor.value} has the opposite sign of what the commands "
+                f"give: it must be positive {positive} (REP-103), and so must be the commands; "
+                "turn the axis that points the other way"
+            )
 
 
 def _wider(vehicle: Vehicle, name: str) -> tuple[float, float]:
