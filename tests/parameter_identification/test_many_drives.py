@@ -148,6 +148,11 @@ def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path
     error = np.std(values, ddof=1) / np.sqrt(len(values))
     assert 0.4 * error < stiffness.standard_deviation < 2.5 * error
     assert stiffness.low < values.mean() < stiffness.high
+    drives = [read_measured_drive(bag, VEHICLE) for bag in bags]
+    together = identify(drives, VEHICLE, profiles=True, starts=1).parameters["cornering_stiffness"]
+    assert 0.4 * error < together.standard_deviation < 2.5 * error
+    assert together.low < values.mean() < together.high
+    assert together.profile is None
 
 
 @pytest.mark.slow

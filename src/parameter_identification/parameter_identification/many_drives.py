@@ -14,7 +14,6 @@ larger than the noise explains, and the drives whose residuals are not white are
 
 import hashlib
 import itertools
-import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field, replace
@@ -31,6 +30,7 @@ from parameter_identification.drives.kept import began, content_key, keep, kept,
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_signs, check_vehicle
+from parameter_identification.estimation.doubt import beyond_ranges, doubted, grown
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.results import EffectEstimate, Estimate, asked_for
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
@@ -46,7 +46,6 @@ LOOKED_AT = 8  # drives from which start and noise are found
 TOGETHER = 4  # drives of one task of the executor
 PASSES = 20  # over all drives, at most
 TOLERANCE = 0.01  # of the cost: a step that promises less is the last one
-SCATTER = 20  # drives from which their scatter is an estimate
 RATE = 0.5  # standard deviation of a rate's prior, in ranges per unit of time
 
 T = TypeVar("T")
@@ -65,7 +64,7 @@ class ManyDrives:
         Of the estimates, in their units.
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
-        `SCATTER` drives. Far above 1 the drives contradict each other: the model lacks something.
+        20 drives. Far above 1 the drives contradict each other: the model lacks something.
     drives : tuple of DriveShare
         At the estimate, in the order of the bags.
     left_out : tuple of str
@@ -597,27 +596,6 @@ def _read(job: tuple[Path, Vehicle, Path, TopicNames | None]) -> tuple[Path, str
     return file, ""
 
 
-def grown(covariance: FloatArray, slopes: FloatArray, prior: FloatArray) -> FloatArray:
-    """Return by which factor (n,) deviations are larger by the clusters' scatter; NaN: too few.
-
-    Parameters
-    ----------
-    covariance : ndarray of float, shape (n, n)
-        By the noise.
-    slopes : ndarray of float, shape (d, n)
-        Gradient of each cluster.
-    prior : ndarray of float, shape (n, n)
-        Information that is of no cluster.
-    """
-    count = len(slopes)
-    if count < SCATTER:
-        return np.full(len(covariance), math.nan)
-    slopes = slopes - slopes.mean(axis=0)  # where a parameter ends at its range, there is one
-    middle = slopes.T @ slopes * count / (count - 1) + prior
-    robust = covariance @ middle @ covariance
-    return np.asarray(np.sqrt(np.diag(robust) / np.diag(covariance)))
-
-
 def estimate_of(
     vehicle: Vehicle, name: str, z: float, std: float, ends: Sequence[float], *, shown: bool
 ) -> Estimate:
@@ -711,16 +689,21 @@ def result_of(
     """
     here, setting, at = search.sum, search.setting, search.at
     growth = growth_of(search)
+    factors = np.fmax(growth, 1.0)
+    by_noise = np.asarray(np.linalg.inv(here.information), dtype=np.float64)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
-        covariance = np.asarray(np.linalg.inv(here.information))
-    factors = np.fmax(growth, 1.0)
+        covariance = by_noise
     covariance = covariance * np.outer(factors, factors)
     k, vehicle = len(setting.vehicle.unknown), setting.vehicle
     width = np.array([high - low for low, high in vehicle.unknown.values()])
-    std = np.sqrt(np.diag(covariance))
     before = np.sqrt(np.diag(np.linalg.inv(search.variables.information)))
+    step, noise_std = -by_noise @ here.gradient, factors * np.sqrt(np.diag(by_noise))
+    low, high = search.variables.low, search.variables.high
+    beyond = beyond_ranges(at, step, noise_std, low, high) & (np.arange(len(at)) < k)
+    covariance = doubted(covariance, before, beyond)
+    std = np.sqrt(np.diag(covariance))
     quantile = float(norm.ppf(0.5 + 0.5 * level))
     estimates = {}
     for i, name in enumerate(vehicle.unknown):
@@ -730,6 +713,8 @@ def result_of(
                 at[i] + factors[i] * (end - at[i])
                 for end in average.mixture.interval(i, float(at[i]), level)
             ]
+        if beyond[i]:
+            around = [0.0, 1.0]
         shown = bool(std[i] <= SHOWN * before[i])
         estimates[name] = estimate_of(
             vehicle, name, float(at[i]), float(std[i]), around, shown=shown

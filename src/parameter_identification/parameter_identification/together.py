@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.arrow import Arrow
+from parameter_identification.estimation.doubt import grown
 from parameter_identification.estimation.population import Population, population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.many_drives import (
@@ -21,7 +22,6 @@ from parameter_identification.many_drives import (
     Search,
     Sum,
     estimate_of,
-    grown,
     growth_of,
     look,
 )

@@ -178,6 +178,24 @@ class LeastSquares(Closing):
         )
         return sum(of_drives, np.zeros((self.n + 1, self.n + 1)))
 
+    def slopes(self, v: FloatArray) -> FloatArray:
+        """Return the part of each drive in the gradient, shape (d, n), without the priors.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables.
+        """
+        of_drives = self._pool.map(
+            lambda predicted, samples, at: self._signals_gram(predicted, samples, at, self.noise),
+            *(self.predictions(v), self._samples, self._at),
+        )
+        return np.array([gram[:-1, -1] for gram in of_drives])
+
+    def prior_information(self) -> FloatArray:
+        """Return the inverse covariance (n, n) of the priors."""
+        return self._prior_gram(np.zeros(self.n))[:-1, :-1]
+
     def _prior_gram(self, v: FloatArray) -> FloatArray:
         k, gram = self.k, np.zeros((self.n + 1, self.n + 1))
         deviation = v[:k] - self.mean

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
 """Of the table of identified parameters."""
 
-MOST_MEMBERS = 12  # vehicles of a fleet that are printed
+MOST_MEMBERS = 12  # of a list that are printed
 MONTH = 30.0  # days, for which changes are shown
 CONTRADICTING = 1.5
 """Scatter of drives, over what their noise explains, from which it is told."""
@@ -249,12 +249,13 @@ def remarks(found: Identification) -> list[str]:
     if ends:
         lines.append(
             f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
-            "model lacks something"
+            "model lacks something; what the drives pull far beyond it counts as not shown"
         )
     if not found.white:
-        names = ", ".join(f"{t.drive} {t.channel}" for t in found.coloured)
+        names = _some([f"{t.drive} {t.channel}" for t in found.coloured])
         lines.append(
-            f"residuals are NOT white ({names}): the model lacks an effect or a sensor drifts. "
+            f"residuals are NOT white ({len(found.coloured)} of {len(found.whiteness)}: {names}): "
+            "the model lacks an effect or a sensor drifts. "
             "The intervals count it as drifting noise; they do not cover a wrong model"
         )
     if found.deviations:
@@ -284,6 +285,12 @@ def remarks(found: Identification) -> list[str]:
     if found.outliers:
         lines.append(f"{found.outliers} samples lie beyond 6 standard deviations: try --robust")
     return lines + [_remark_on_held_out(held, found.level) for held in found.held_out]
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names, and whether there are more."""
+    more = ", …" if len(names) > MOST_MEMBERS else ""
+    return f"{', '.join(names[:MOST_MEMBERS])}{more}"
 
 
 def _not_asked_for(found: Identification | ManyDrives) -> list[str]:
@@ -408,10 +415,9 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
         if not found.white
     ]
     if coloured:
-        more = ", …" if len(coloured) > MOST_MEMBERS else ""
         lines.append(
             f"residuals of {len(coloured)} vehicles are NOT white: the model lacks something, or a "
-            f"parameter changes from drive to drive: {', '.join(coloured[:MOST_MEMBERS])}{more}"
+            f"parameter changes from drive to drive: {_some(coloured)}"
         )
     return lines + [f"left out: {reason}" for reason in fleet.left_out]
 
