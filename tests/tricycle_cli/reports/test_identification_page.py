@@ -24,6 +24,7 @@ from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.identification_file import load_identification_file
 from tricycle_cli.reports.identification_page import (
     CONDITIONS,
+    drawn_drives,
     identification_page,
     lack_figure,
     profiles_figure,
@@ -118,13 +119,29 @@ def test_the_terminal_shows_a_truth_that_is_given(found):
 
 
 def test_figures_have_a_panel_per_drive_channel_and_profile(found):
-    assert len(trajectories_figure(found).axes) == 1
+    assert len(trajectories_figure(found).axes) == 2
     assert len(residuals_figure(found).axes) == 2
     panels = lack_figure(found).axes
     assert [axes.get_xlabel() for axes in panels] == list(CONDITIONS)
     assert panels[1].lines[0].get_xdata().tolist() == [1.5, 2.5]  # over the speed
     (profile,) = (axes for axes in profiles_figure(found).axes if axes.lines)
     assert list(profile.lines[0].get_ydata()) == [3.9, 0.0, 3.9]
+
+
+def test_of_many_drives_those_that_fit_worst_are_drawn(found):
+    (drive,) = found.drives
+    position = drive.after[Sensor.POSITION]
+
+    def worse(factor):
+        after = {
+            Sensor.POSITION: dataclasses.replace(position, residual=factor * position.residual)
+        }
+        return dataclasses.replace(drive, name=str(factor), after=after)
+
+    factors = [1, 9, 8, 2, 7, 3, 6, 5, 4]
+    many = dataclasses.replace(found, drives=tuple(worse(factor) for factor in factors))
+    assert [one.name for one in drawn_drives(many)] == ["9", "8", "7", "6", "5", "4"]
+    assert len(trajectories_figure(many).axes) == 12
 
 
 @pytest.mark.slow

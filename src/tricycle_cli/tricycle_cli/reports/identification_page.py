@@ -4,13 +4,14 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
-from parameter_identification.identified_vehicle import identified_vehicle
+from parameter_identification.identified_vehicle import identified_vehicle, named
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, remarks
 from tricycle_core.documents import replacing, write_whole
@@ -23,6 +24,7 @@ CONDITIONS = {
     "lateral acceleration / (m/s²)": "lateral_acceleration",
 }
 """Where on a drive the vehicle is: label of an axis, and what a `Lack` calls it."""
+MOST_DRAWN = 6  # drives in a figure with a panel for each
 LACK = (
     "what the model lacks, once a second, with the noise's 95 % interval: how far the vehicle is "
     "ahead of the model and to its left; where deviations act, how much faster it is and how much "
@@ -30,52 +32,68 @@ LACK = (
 )
 
 
-def trajectories_figure(found: Identification) -> Figure:
-    """Return each drive as measured, with the nominal vehicle and with the estimates.
+def drawn_drives(found: Identification) -> tuple[DriveFit, ...]:
+    """Return the drives that figures show: of many those whose positions fit worst.
 
     Parameters
     ----------
     found : Identification
         What `identify` found.
     """
-    figure = Figure(figsize=(5.6 * len(found.drives), 5.4), layout="constrained")
-    for axes, drive in zip(
-        figure.subplots(1, len(found.drives), squeeze=False)[0], found.drives, strict=True
-    ):
+    worst = sorted(found.drives, key=lambda drive: _rms(drive.after))[-MOST_DRAWN:]
+    return tuple(drive for drive in found.drives if any(drive is one for one in worst))
+
+
+def trajectories_figure(found: Identification) -> Figure:
+    """Return drives as measured, with the nominal vehicle and the estimates, and their distances.
+
+    Parameters
+    ----------
+    found : Identification
+        What `identify` found.
+    """
+    drives = drawn_drives(found)
+    figure = Figure(figsize=(5.6 * len(drives), 7.4), layout="constrained")
+    grid = figure.subplots(2, len(drives), squeeze=False, height_ratios=(5, 2))
+    for axes, distance, drive in zip(*grid, drives, strict=True):
         before, after = drive.before[Sensor.POSITION], drive.after[Sensor.POSITION]
         measured = after.values + after.residual
         axes.plot(*measured.T, ".", color="0.6", markersize=2, label="measured")
-        axes.plot(*before.values.T, color=BLUE, label=f"before, rms {_rms(drive.before)}")
-        axes.plot(*after.values.T, color=VERMILLION, label=f"after, rms {_rms(drive.after)}")
+        axes.plot(*before.values.T, color=BLUE, label=f"before, rms {_rms(drive.before):.0f} mm")
+        axes.plot(*after.values.T, color=VERMILLION, label=f"after, rms {_rms(drive.after):.0f} mm")
         axes.plot(*after.values[0], "o", color=GREEN, label="start")
         axes.set(title=drive.name, xlabel="x / m", ylabel="y / m")
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(alpha=0.3)
         axes.legend(fontsize="small")
+        for p, color in ((before, BLUE), (after, VERMILLION)):
+            distance.plot(p.time, 1e3 * np.hypot(*p.residual.T), color=color, linewidth=0.8)
+        distance.set(xlabel="time since the start / s", ylabel="distance / mm")
+        distance.grid(alpha=0.3)
     return figure
 
 
-def _rms(predictions: Mapping[Sensor, Prediction]) -> str:
+def _rms(predictions: Mapping[Sensor, Prediction]) -> float:
+    """Of the positions, in mm."""
     residual = predictions[Sensor.POSITION].residual
-    return f"{1e3 * math.sqrt(float((residual**2).sum(axis=1).mean())):.0f} mm"
+    return 1e3 * math.sqrt(float((residual**2).sum(axis=1).mean()))
 
 
 def residuals_figure(found: Identification) -> Figure:
-    """Return the residuals over time, a row per channel and a column per drive.
+    """Return the residuals over time, a row per channel and a column per drive that is drawn.
 
     Parameters
     ----------
     found : Identification
         What `identify` found.
     """
-    predictions = [drive.after for drive in found.drives]
+    drives = drawn_drives(found)
+    predictions = [drive.after for drive in drives]
     every = ((s, c) for s in Sensor for p in predictions if s in p for c in p[s].channels)
     channels = list(dict.fromkeys(every))
-    figure = Figure(
-        figsize=(5.6 * len(found.drives), 1.7 * len(channels) + 0.8), layout="constrained"
-    )
-    grid = figure.subplots(len(channels), len(found.drives), squeeze=False, sharex="col")
-    for column, drive in zip(grid.T, found.drives, strict=True):
+    figure = Figure(figsize=(5.6 * len(drives), 1.7 * len(channels) + 0.8), layout="constrained")
+    grid = figure.subplots(len(channels), len(drives), squeeze=False, sharex="col")
+    for column, drive in zip(grid.T, drives, strict=True):
         tests = {t.channel: t for t in found.whiteness if t.drive == drive.name}
         column[0].set_title(drive.name)
         column[-1].set_xlabel("time since the start / s")
@@ -116,7 +134,8 @@ def lack_figure(found: Identification) -> Figure:
         row[0].set_ylabel(name)
     for axes, label in zip(grid[-1], CONDITIONS, strict=True):
         axes.set_xlabel(label)
-    grid[0, 0].legend(fontsize="small")
+    if len(lacks) <= MOST_DRAWN:
+        grid[0, 0].legend(fontsize="small")
     return figure
 
 
@@ -203,26 +222,35 @@ def identification_page(found: Identification) -> str:
         ),
         caption="Ljung-Box test of the residuals; p is missing where a sensor's steps are coarser",
     )
+    drawn = len(drawn_drives(found))
+    few = "" if drawn == len(found.drives) else f"; of {len(found.drives)} drives the worst {drawn}"
     sections = [
         Section(
             "Parameters", (TableBlock(*_without_empty(parameter_rows(found))), *remarks(found))
         ),
         Section(
             "Trajectories",
-            (_block(trajectories_figure(found), "measured; nominal and identified vehicle"),),
+            (
+                _block(
+                    trajectories_figure(found),
+                    f"measured; nominal and identified vehicle, and how far they are away{few}",
+                ),
+            ),
         ),
     ]
     if any(e.profile is not None for e in found.parameters.values()):
         caption = "profile likelihood; shaded: interval; grey: its level"
         sections.append(Section("Profiles", (_block(profiles_figure(found), caption), correlation)))
     sections += [
-        Section("Residuals", (_block(residuals_figure(found), "measured less predicted"), tests)),
+        Section(
+            "Residuals", (_block(residuals_figure(found), f"measured less predicted{few}"), tests)
+        ),
         Section("Noise and start", (noise, *(_start(drive) for drive in found.drives))),
     ]
     if any(drive.lack is not None for drive in found.drives):
         block = _block(lack_figure(found), LACK)
         sections.insert(-1, Section("What the model lacks", (block,)))
-    drives = ", ".join(drive.name for drive in found.drives)
+    drives = named([drive.name for drive in found.drives])
     return html_page(f"Identified from {drives}", sections, subtitle=f"vehicle {found.vehicle}")
 
 
