@@ -34,6 +34,9 @@ EVERY = 0.2
 STOP_EVERY = 0.3
 """Time between the points from which a stop is looked at [s]."""
 
+CACHED = 100_000
+"""Numbers that fit the cache of a processor together."""
+
 CURVATURES = 128
 """Steering angles at which the curvature of a crawl is computed, and interpolated between."""
 
@@ -185,8 +188,14 @@ def _hulls(*corners: FloatArray) -> NDArray[np.object_]:
 
 def _outermost(points: FloatArray) -> FloatArray:
     """Of points (..., n, 2) the farthest in each direction (..., d, 2), counter-clockwise."""
-    far = np.argmax(_DIRECTIONS @ np.swapaxes(points, -1, -2), axis=-1)
-    return np.take_along_axis(points, far[..., None], axis=-2)
+    sets = points.reshape(-1, *points.shape[-2:])
+    together = max(1, CACHED // (len(_DIRECTIONS) * sets.shape[1]))
+    far = np.concatenate([
+        np.argmax(_DIRECTIONS @ np.swapaxes(sets[first : first + together], 1, 2), axis=2)
+        for first in range(0, len(sets), together)
+    ])  # fmt: skip
+    found = np.take_along_axis(sets, far[:, :, None], axis=1)
+    return found.reshape(*points.shape[:-2], -1, 2)
 
 
 def _outline(polygons: Iterable[shapely.Polygon]) -> shapely.Polygon:
