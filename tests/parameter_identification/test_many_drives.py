@@ -149,10 +149,12 @@ def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path
     assert 0.4 * error < stiffness.standard_deviation < 2.5 * error
     assert stiffness.low < values.mean() < stiffness.high
     drives = [read_measured_drive(bag, VEHICLE) for bag in bags]
-    together = identify(drives, VEHICLE, profiles=True, starts=1).parameters["cornering_stiffness"]
-    assert 0.4 * error < together.standard_deviation < 2.5 * error
-    assert together.low < values.mean() < together.high
-    assert together.profile is None
+    together = identify(drives, VEHICLE, profiles=True, starts=1)
+    stiffness = together.parameters["cornering_stiffness"]
+    assert 0.4 * error < stiffness.standard_deviation < 2.5 * error
+    assert stiffness.low < values.mean() < stiffness.high
+    assert stiffness.profile is None
+    assert together.scatter == pytest.approx(found.scatter, rel=0.25)
 
 
 @pytest.mark.slow

@@ -21,6 +21,7 @@ From 20 drives on, their scatter widens them too. A parameter that the data pull
 of its range is not shown.
 """
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -118,8 +119,8 @@ def identify(
     level : float
         Probability of the intervals.
     profiles : bool
-        Whether intervals are those of the profile likelihood, which takes a few times as long. From
-        20 drives on they are linear, and count how the drives scatter.
+        Whether intervals are those of the profile likelihood, which takes a few times as long. Not
+        from 20 drives on, or where a range is contradicted: linear intervals count that.
     seed : int
         Of the starts.
     progress : callable, optional
@@ -159,11 +160,12 @@ def identify(
         acts: dict[str, float] = {}
         if weighed and problem.constant_effects():
             optimum, average, acts = weigh_effects(problem, optimum)
-        doubt = doubt_of(problem, optimum)
+        doubt = doubt_of(problem, optimum, average)
         by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}
         shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
-        profiled = profiles and average is None and not doubt.scattered
+        in_doubt = doubt.beyond.any() or not math.isnan(doubt.scatter)
+        profiled = profiles and average is None and not in_doubt
         for done, i in enumerate(shown if profiled else (), start=1):
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             if progress is not None:
@@ -192,6 +194,7 @@ def identify(
             seed=seed,
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
+            scatter=doubt.scatter,
             friction_used=max(m.friction_used(optimum.fit.at[: problem.k]) for m in problem.models),
         ).only(asked.unknown)
 
@@ -220,7 +223,7 @@ def _estimates(
         around = [z - quantile * std[i], z + quantile * std[i]]
         if average is not None:
             around = [
-                z + doubt.growth[i] * (end - z) for end in average.interval(i, float(z), level)
+                z + doubt.widening[i] * (end - z) for end in average.interval(i, float(z), level)
             ]
         if doubt.beyond[i]:
             around = [0.0, 1.0]
@@ -228,7 +231,7 @@ def _estimates(
         linear = tuple(float(v) for v in limits[0] + ends * model.width[i])
         low, high = linear
         profiled = None
-        if i in curves and not doubt.beyond[i]:
+        if i in curves:
             low, high = (float(limits[0] + end * model.width[i]) for end in curves[i].interval)
             profiled = Profile(limits[0] + curves[i].z * model.width[i], curves[i].rise)
         others = [limits[0] + rival[i] * model.width[i] for rival in optimum.rivals]

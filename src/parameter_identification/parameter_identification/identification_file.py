@@ -181,6 +181,8 @@ class IdentificationDocument:
         That the computation took.
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
+    scatter : float or None
+        As in `Identification`; None for less than 20 drives.
     friction_used : float or None
         Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
     others : mapping of str to ParameterEntry
@@ -207,6 +209,7 @@ class IdentificationDocument:
     seed: int = 0
     seconds: float = 0.0
     effects: tuple[EffectEstimate, ...] = ()
+    scatter: float | None = None
     friction_used: float | None = None
     others: Mapping[str, ParameterEntry] = field(default_factory=dict)
 
@@ -278,6 +281,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         seed=found.seed,
         seconds=found.seconds,
         effects=found.effects,
+        scatter=_known(found.scatter),
         friction_used=_known(found.friction_used),
     )
 

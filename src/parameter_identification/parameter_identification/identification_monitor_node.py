@@ -102,14 +102,15 @@ class IdentificationMonitor(Node):
             self._live.sense(Sensor.HEADING, stamp_of(message), (heading,))
 
     def _on_imu(self, message: Imu) -> None:
-        self._live.sense(Sensor.YAW_RATE, stamp_of(message), (message.angular_velocity.z,))
+        if message.angular_velocity_covariance[0] != -1.0:  # there is one (REP-145)
+            self._live.sense(Sensor.YAW_RATE, stamp_of(message), (message.angular_velocity.z,))
 
     def _on_joints(self, message: JointState) -> None:
         angle = dict(zip(message.name, message.position, strict=False)).get(STEERING_JOINT)
         if angle is not None:
             self._live.steer(angle)
         rate = dict(zip(message.name, message.velocity, strict=False)).get(REAR_WHEEL_JOINT)
-        if rate is not None:
+        if rate is not None and not math.isnan(rate):
             self._live.sense(Sensor.WHEEL_SPEED, stamp_of(message), (rate,))
 
     def _on_commands(self, message: JointTrajectory) -> None:

@@ -14,6 +14,7 @@ larger than the noise explains, and the drives whose residuals are not white are
 
 import hashlib
 import itertools
+import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field, replace
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Self, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.stats import binom, norm
 from threadpoolctl import threadpool_limits
@@ -640,6 +642,26 @@ def growth_of(search: Search) -> FloatArray:
     return grown(covariance, search.sum.slopes, search.variables.information)
 
 
+def beyond_of(search: Search, average: "_Average | None" = None) -> NDArray[np.bool_]:
+    """Return which parameters (k,) the drives pull beyond their ranges.
+
+    Parameters
+    ----------
+    search : Search
+        At the best fit.
+    average : _Average, optional
+        Over subsets of the effects.
+    """
+    here, k = search.sum, len(search.setting.vehicle.unknown)
+    covariance = np.linalg.inv(here.information)
+    free, std = here.at - covariance @ here.gradient, np.sqrt(np.diag(covariance))
+    if average is not None:
+        free, std = average.mixture.mean, average.mixture.standard_deviations
+    std = np.fmax(growth_of(search), 1.0) * std
+    low, high = search.variables.low, search.variables.high
+    return beyond_ranges(*(values[:k] for values in (search.at, free, std, low, high)))
+
+
 @dataclass(frozen=True, eq=False)
 class _Average:
     """Over all subsets of the effects: their distribution, and how probable each effect is."""
@@ -689,20 +711,17 @@ def result_of(
     """
     here, setting, at = search.sum, search.setting, search.at
     growth = growth_of(search)
-    factors = np.fmax(growth, 1.0)
-    by_noise = np.asarray(np.linalg.inv(here.information), dtype=np.float64)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
-        covariance = by_noise
-    covariance = covariance * np.outer(factors, factors)
+        covariance = np.asarray(np.linalg.inv(here.information))
     k, vehicle = len(setting.vehicle.unknown), setting.vehicle
     width = np.array([high - low for low, high in vehicle.unknown.values()])
-    before = np.sqrt(np.diag(np.linalg.inv(search.variables.information)))
-    step, noise_std = -by_noise @ here.gradient, factors * np.sqrt(np.diag(by_noise))
-    low, high = search.variables.low, search.variables.high
-    beyond = beyond_ranges(at, step, noise_std, low, high) & (np.arange(len(at)) < k)
-    covariance = doubted(covariance, before, beyond)
+    before = np.asarray(np.linalg.inv(search.variables.information), dtype=np.float64)[:k, :k]
+    factors = np.fmax(growth, 1.0)
+    beyond = beyond_of(search, average)
+    by_noise = np.sqrt(np.diag(covariance))
+    covariance = doubted(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))
     quantile = float(norm.ppf(0.5 + 0.5 * level))
     estimates = {}
@@ -710,12 +729,12 @@ def result_of(
         around = [at[i] - quantile * std[i], at[i] + quantile * std[i]]
         if average is not None:
             around = [
-                at[i] + factors[i] * (end - at[i])
+                at[i] + std[i] / by_noise[i] * (end - at[i])
                 for end in average.mixture.interval(i, float(at[i]), level)
             ]
         if beyond[i]:
             around = [0.0, 1.0]
-        shown = bool(std[i] <= SHOWN * before[i])
+        shown = bool(std[i] <= SHOWN * math.sqrt(before[i, i]))
         estimates[name] = estimate_of(
             vehicle, name, float(at[i]), float(std[i]), around, shown=shown
         )

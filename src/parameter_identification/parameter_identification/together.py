@@ -21,6 +21,7 @@ from parameter_identification.many_drives import (
     TOLERANCE,
     Search,
     Sum,
+    beyond_of,
     estimate_of,
     growth_of,
     look,
@@ -212,7 +213,8 @@ class Joint:
         root = np.linalg.cholesky(self.of_common)
         for i, search in enumerate(self.searches):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
-            shown.append(bool(whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]))
+            told_apart = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
+            shown.append(bool(told_apart and not beyond_of(search)[at[0]]))
             told = np.linalg.inv(self.alone[i][np.ix_(places, places)])
             rest = np.linalg.inv(told - np.diag(prior))
             factors = np.fmax(growth_of(search), 1.0)[list(at)]

@@ -24,10 +24,8 @@ def test_a_bag_holds_every_sensor_of_the_recording(drive, tmp_path):
     start = write_bag(recording_of(drive), VEHICLE, SteeringMap(), tmp_path / "bag")
     again = read_measured_drive(tmp_path / "bag", VEHICLE)
     assert again.signals.keys() == drive.signals.keys() == set(Sensor)
-    assert again.signals[Sensor.WHEEL_SPEEDS].wheels == (
-        "left",
-        "right",
-    )  # the motor tells the rest
+    # that of the driven wheel is the motor's
+    assert again.signals[Sensor.WHEEL_SPEEDS].wheels == ("left", "right")
     begin = float(drive.signals[Sensor.POSITION].time[0]) + start
     for sensor, signal in again.signals.items():
         at = np.searchsorted(drive.signals[sensor].time - begin, signal.time - 1e-6)

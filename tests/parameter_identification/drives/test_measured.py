@@ -15,6 +15,7 @@ from parameter_identification.drives.measured import (
     Signal,
     read_measured_drive,
     resolved,
+    usable,
 )
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
@@ -164,3 +165,24 @@ def test_wheel_speeds_of_a_sensor_without_a_dead_zone_are_all_used() -> None:
     assert resolved(fine) is fine
     moving = Signal(time, 3.0 + 0.001 * np.arange(600)[:, None])
     assert resolved(moving) is moving
+
+
+def test_no_wheel_is_counted_twice_and_few_samples_are_left_out() -> None:
+    def signal(samples: int, *wheels: str) -> Signal:
+        values = np.ones((samples, max(1, len(wheels))))
+        return Signal(np.arange(samples) * 0.1, values, wheels=wheels)
+
+    position = Signal(np.arange(3) * 0.1, np.zeros((3, 2)))
+    signals = {
+        Sensor.POSITION: position,
+        Sensor.YAW_RATE: signal(9),
+        Sensor.WHEEL_SPEED: signal(20),
+        Sensor.WHEEL_SPEEDS: signal(20, "left", "rear"),
+    }
+    found = usable(signals, VEHICLE)
+    assert found.keys() == {Sensor.POSITION, Sensor.WHEEL_SPEED, Sensor.WHEEL_SPEEDS}
+    assert found[Sensor.WHEEL_SPEEDS].wheels == ("left",)
+    alone = usable({**signals, Sensor.WHEEL_SPEEDS: signal(20, "rear")}, VEHICLE)
+    assert Sensor.WHEEL_SPEEDS not in alone
+    few = usable({**signals, Sensor.WHEEL_SPEED: signal(9)}, VEHICLE)
+    assert few[Sensor.WHEEL_SPEEDS].wheels == ("left", "rear")

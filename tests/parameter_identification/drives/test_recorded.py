@@ -108,9 +108,8 @@ def test_wheels_may_come_in_messages_of_their_own_and_a_gyro_may_say_that_it_is_
         "/imu": ("sensor_msgs/msg/Imu", [(START, none)]),
     }
     drive = read_drive(scene.write(tmp_path / "bag"))
-    assert drive.wheel_rates is not None
-    np.testing.assert_allclose(drive.wheel_rates.time, [0.0, 0.02])
-    np.testing.assert_allclose(drive.wheel_rates.rates["left"], [1.0, 3.0])
-    np.testing.assert_allclose(drive.wheel_rates.rates["right"], [4.0, 6.0])
+    left, right = drive.wheel_rates["left"], drive.wheel_rates["right"]
+    np.testing.assert_allclose([left.time, left.values], [[0.0, 0.02], [1.0, 3.0]])
+    np.testing.assert_allclose([right.time, right.values], [[0.01, 0.03], [4.0, 8.0]])
     assert drive.imu is not None
     assert np.isnan(drive.imu.yaw_rate).all()

@@ -4,6 +4,7 @@ import dataclasses
 from importlib import resources
 from pathlib import Path
 
+import numpy as np
 import pytest
 from simulated_drives import VEHICLE, commands_of_pair, driven, driven_pair
 
@@ -63,14 +64,55 @@ def test_too_little_motion_is_refused(pair):
 def test_a_sensor_whose_axis_points_the_other_way_is_refused(sensor, turned, message):
     drive = driven(commands_of_pair()["lane"], others=[(sensor, SensorNoise(1e-3))])
     check_signs([drive], VEHICLE)
-    signal = drive.signals[sensor]
-    signals = {**drive.signals, sensor: dataclasses.replace(signal, values=turned * signal.values)}
-    turned_drive = dataclasses.replace(drive, signals=signals)
+    other = with_values(drive, sensor, turned)
     if message:
         with pytest.raises(IdentificationError, match=message):
-            check_signs([turned_drive], VEHICLE)
+            check_signs([other], VEHICLE)
     else:
-        check_signs([turned_drive], VEHICLE)
+        check_signs([other], VEHICLE)
+
+
+def with_values(drive, sensor, factor):
+    signal = dataclasses.replace(
+        drive.signals[sensor], values=factor * drive.signals[sensor].values
+    )
+    return dataclasses.replace(drive, signals={**drive.signals, sensor: signal})
+
+
+def test_every_drive_is_looked_at_by_itself_but_windows_together():
+    gyro = [(Sensor.YAW_RATE, SensorNoise(1e-3))]
+    circle, lane = (driven(c, others=gyro, name=n) for n, c in commands_of_pair().items())
+    with pytest.raises(IdentificationError, match="lane: the yaw rate has the opposite"):
+        check_signs([circle, with_values(lane, Sensor.YAW_RATE, -1.0)], VEHICLE)
+    turns = Commands(5.0 * np.arange(5), 0.5 * np.array([1, -1, 1, -1, 1]), np.full(5, 0.9))
+    whole = driven(turns, others=gyro)
+    windows = [
+        dataclasses.replace(
+            whole, signals={s: v.between(t - 2.0, t + 2.0) for s, v in whole.signals.items()}
+        )
+        for t in (5.0, 10.0, 15.0)
+    ]
+    one_odd = [with_values(windows[0], Sensor.YAW_RATE, -1.0), *windows[1:]]
+    check_signs(one_odd, VEHICLE)
+    with pytest.raises(IdentificationError, match="yaw rate has the opposite"):
+        check_signs([with_values(w, Sensor.YAW_RATE, -1.0) for w in windows], VEHICLE)
+
+
+@pytest.mark.parametrize("zero", [-0.06, 0.06])
+def test_a_drive_almost_straight_on_may_turn_the_other_way(zero):
+    ahead = Commands([0.0, 30.0], [0.03, 0.03], [1.5, 1.5])
+    vehicle = VEHICLE.replace(steering_offset=zero)
+    sensors = [(s, SensorNoise(1e-3)) for s in (Sensor.HEADING, Sensor.YAW_RATE)]
+    check_signs([driven(ahead, vehicle=vehicle, others=sensors)], VEHICLE)
+
+
+def test_signs_are_right_backwards_too():
+    back = Commands([0.0, 5.0, 10.0, 15.0], [0.5, -0.5, 0.5, 0.5], [-0.7, -0.7, -0.7, -0.2])
+    sensors = [(s, SensorNoise(1e-3)) for s in (Sensor.HEADING, Sensor.YAW_RATE)]
+    drive = driven(back, others=[*sensors, (Sensor.WHEEL_SPEED, SensorNoise(1e-3))])
+    check_signs([drive], VEHICLE)
+    with pytest.raises(IdentificationError, match="wheel speed has the opposite sign"):
+        check_signs([with_values(drive, Sensor.WHEEL_SPEED, -1.0)], VEHICLE)
 
 
 @pytest.mark.slow

@@ -17,12 +17,18 @@ def test_deviations_of_a_mean_are_those_of_its_samples():
 
 def test_only_what_is_pulled_outwards_by_more_than_its_deviation_allows_is_beyond_its_range():
     at = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 0.5])
-    step = np.array([-1.0, -0.2, 1.0, 1.0, -1.0, 9.0])
-    beyond = beyond_ranges(at, step, np.full(6, 0.1), np.zeros(6), np.ones(6))
+    free = at + np.array([-1.0, -0.2, 1.0, 1.0, -1.0, 9.0])
+    beyond = beyond_ranges(at, free, np.full(6, 0.1), np.zeros(6), np.ones(6))
     assert beyond.tolist() == [True, False, False, True, False, False]
 
 
-def test_what_is_doubted_is_as_uncertain_as_before_and_as_correlated_as_after():
-    after = np.array([[0.04, 0.01], [0.01, 0.09]])
-    found = doubted(after, np.array([1.0, 1.0]), np.array([True, False]))
-    np.testing.assert_allclose(found, [[1.0, 0.05], [0.05, 0.09]])
+def test_what_follows_a_doubted_variable_is_doubted_as_far_as_it_follows():
+    """Second variable: 3 times the first, and noise of its own."""
+    rng = np.random.default_rng(0)
+    first, own = rng.normal(0.0, 0.1, 4000), rng.normal(0.0, 0.2, 4000)
+    after = np.cov([first, 3.0 * first + own, own])
+    found = doubted(after, np.diag([1.0, 50.0]), np.array([True, False]))
+    wide = 10.0 * first / np.std(first, ddof=1) / 10.0  # as uncertain as before: 1
+    wanted = np.cov([wide, 3.0 * wide + own, own])
+    np.testing.assert_allclose(found, wanted, rtol=0.1, atol=0.02)
+    np.testing.assert_array_equal(doubted(after, np.eye(2), np.zeros(2, dtype=bool)), after)

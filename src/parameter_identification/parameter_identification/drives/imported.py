@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
-from parameter_identification.drives.table import WHEELS, Recording, Samples, SteeringMap
+from parameter_identification.drives.samples import Samples
+from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
 from parameter_identification.drives.windows import MEASURED, commands_of, motion_of
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
@@ -137,32 +138,35 @@ def _sensed(recording: Recording, vehicle: Vehicle) -> Iterator[Row]:
         stamp = _stamp(recording, time)
         yield stamp, "/odom", _odometry(stamp, x, y, heading if recording.yaw is not None else None)
     more = recording.more
-    moving = [more.get(name) for name in ("yaw_rate", "acceleration_x", "acceleration_y")]
-    for stamp, *values in _together(recording, moving):
+    ahead, left = more.get("acceleration_x"), more.get("acceleration_y")
+    if ahead is not None and left is not None:  # one message holds both
+        ahead = Samples(left.time, ahead.at(left.time))
+    for stamp, *values in _rows(recording, [more.get("yaw_rate"), ahead, left]):
         yield stamp, "/imu", _imu(stamp, *values)
-    driving = [more.get(name) for name in ("wheel_speed", "motor_torque")]
-    for stamp, *wheel in _together(recording, driving):
+    driving = [more.get("wheel_speed"), more.get("motor_torque")]
+    for stamp, *wheel in _rows(recording, driving):
         joints = {STEERING_JOINT: (math.nan, math.nan), REAR_WHEEL_JOINT: (wheel[0], wheel[1])}
         yield stamp, "/joint_states", _joint_state(stamp, joints)
     wheels = recording.wheel_speeds(vehicle)
-    for stamp, *speeds in _together(recording, list(wheels.values())):
+    for stamp, *speeds in _rows(recording, list(wheels.values())):
         joints = {
             f"{w}{SPIN_JOINT}": (speed, math.nan) for w, speed in zip(wheels, speeds, strict=True)
         }
         yield stamp, "/joint_states", _joint_state(stamp, joints)
 
 
-def _together(
+def _rows(
     recording: Recording, columns: Sequence[Samples | None]
 ) -> Iterator[tuple[int, *tuple[float, ...]]]:
-    """Stamps of the first column that is there, and what all have then: NaN of those that lack."""
-    first = next((samples for samples in columns if samples is not None), None)
-    if first is None:
-        return
-    missing = np.full(len(first.time), math.nan)
-    rows = [missing if c is None else c.at(first.time) for c in columns]
-    for time, *values in zip(first.time, *rows, strict=True):
-        yield _stamp(recording, time), *map(float, values)
+    """Stamps, and the samples of columns then; NaN of those that have none."""
+    rows: dict[int, list[float]] = {}
+    for number, samples in enumerate(columns):
+        if samples is not None:
+            for time, value in zip(samples.time, samples.values, strict=True):
+                row = rows.setdefault(_stamp(recording, time), [math.nan] * len(columns))
+                row[number] = float(value)
+    for stamp, row in rows.items():
+        yield stamp, *row
 
 
 def _driven(

@@ -18,6 +18,7 @@ import numpy as np
 
 from parameter_identification.drives.poses import PlanarTrajectory
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
+from parameter_identification.drives.samples import Samples, common_times
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
 from tricycle_core.joints import JOINTS
 from tricycle_core.quantities import FloatArray
@@ -25,6 +26,7 @@ from tricycle_core.stamps import SECOND, seconds_of
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
+FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
 STANDSTILL = 1.0  # s before the start event that are used
 
 
@@ -250,7 +252,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
     Raises
     ------
     JudgeError
-        If a sensor's value is not a number.
+        If a sensor's value is infinite. NaN is none (a sensor may not measure all the time).
     IdentificationError
         If it holds no commands.
     """
@@ -283,18 +285,16 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
             signals[sensor] = _signal(drive.bag, sensor, time[there], values[there])
     if Sensor.WHEEL_SPEED in signals:
         signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
-    if (wheels := drive.wheel_rates) is not None:
-        known = [wheel.name for wheel in vehicle.wheels if wheel.name in wheels.rates]
-        if known:
-            columns = np.column_stack([wheels.rates[name] for name in known])
-            signal = _signal(drive.bag, Sensor.WHEEL_SPEEDS, wheels.time, columns)
-            signals[Sensor.WHEEL_SPEEDS] = replace(signal, wheels=tuple(known))
-    signals = without_repeated_wheel(signals, vehicle)
+    wheels = {
+        w.name: drive.wheel_rates[w.name] for w in vehicle.wheels if w.name in drive.wheel_rates
+    }
+    if wheels:
+        signals[Sensor.WHEEL_SPEEDS] = of_wheels(wheels)
     end = commands.duration
     return MeasuredDrive(
         name=drive.bag.stem,
         commands=commands,
-        signals={sensor: signal.between(-STANDSTILL, end) for sensor, signal in signals.items()},
+        signals=usable({s: v.between(-STANDSTILL, end) for s, v in signals.items()}, vehicle),
         reference=drive.reference,
         truth=_truth(drive.metadata),
         complete=drive.complete,
@@ -302,10 +302,21 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
     )
 
 
-def without_repeated_wheel(
-    signals: Mapping[Sensor, Signal], vehicle: Vehicle
-) -> dict[Sensor, Signal]:
-    """Return signals of which none repeats what others tell.
+def of_wheels(wheels: Mapping[str, Samples]) -> Signal:
+    """Return the speeds of single wheels as one signal, at the times at which all are known.
+
+    Parameters
+    ----------
+    wheels : mapping of str to Samples
+        Speeds [rad/s] by the names of the wheels, one or more.
+    """
+    time = common_times(list(wheels.values()))
+    values = np.column_stack([samples.at(time) for samples in wheels.values()])
+    return Signal(time, values, STAMP_JITTER[Sensor.WHEEL_SPEEDS], tuple(wheels))
+
+
+def usable(signals: Mapping[Sensor, Signal], vehicle: Vehicle) -> dict[Sensor, Signal]:
+    """Return the signals that tell something: not of too few samples, none twice.
 
     Where the speed of the motor is there and that of every driven wheel, whose mean it is, the last
     one of these is left out: it would be counted twice.
@@ -317,7 +328,11 @@ def without_repeated_wheel(
     vehicle : Vehicle
         That drove.
     """
-    found = dict(signals)
+    found = {
+        sensor: signal
+        for sensor, signal in signals.items()
+        if sensor is Sensor.POSITION or len(signal.time) >= FEWEST
+    }
     wheels = found.get(Sensor.WHEEL_SPEEDS)
     driven = [wheel.name for wheel in vehicle.wheels if wheel.driven]
     if wheels is None or Sensor.WHEEL_SPEED not in found or not {*driven} <= {*wheels.wheels}:

@@ -20,6 +20,7 @@ from parameter_identification.drives.poses import (
     planar,
     stamp_of,
 )
+from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import decode
 from tricycle_core.errors import JudgeError
@@ -95,23 +96,6 @@ class JointStates:
     steering_motor_angle: FloatArray
     wheel_rate: FloatArray
     motor_torque: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class WheelRates:
-    """Rates of single wheels.
-
-    Attributes
-    ----------
-    time : ndarray of float, shape (t,)
-        Stamps of the first wheel since the start event [s], increasing.
-    rates : mapping of str to ndarray of float, shape (t,)
-        Of the wheel of that name [rad/s]: of the joint `<name>_wheel_spin_joint`; linearly between
-        its own stamps where they are others.
-    """
-
-    time: FloatArray
-    rates: Mapping[str, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,8 +179,11 @@ class RecordedDrive:
         False where the bag was cut off.
     metadata : mapping of str to str
         What the recorder noted.
-    joint_states, imu, wheel_rates : JointStates, ImuSamples, WheelRates, optional
+    joint_states, imu : JointStates, ImuSamples, optional
         None where the bag has none, or they were not read.
+    wheel_rates : mapping of str to Samples
+        Of single wheels [rad/s], since the start event, by their names: of the joints
+        `<name>_wheel_spin_joint`.
     topics : TopicNames
         Names by which it was read.
     ended_early : float, optional
@@ -217,7 +204,7 @@ class RecordedDrive:
     metadata: Mapping[str, str] = field(default_factory=dict)
     joint_states: JointStates | None = None
     imu: ImuSamples | None = None
-    wheel_rates: WheelRates | None = None
+    wheel_rates: Mapping[str, Samples] = field(default_factory=dict)
     topics: TopicNames = field(default_factory=TopicNames)
     ended_early: float | None = None
     lead_in: LeadIn | None = None
@@ -586,20 +573,16 @@ def _joint_states(messages: Iterable[Any], start: int) -> JointStates | None:
     return JointStates(time * 1e-9, *columns)
 
 
-def _wheel_rates(messages: Iterable[Any], start: int) -> WheelRates | None:
-    """Speeds of single wheels; None where no message holds any."""
-    samples: dict[str, dict[int, float]] = {}  # by wheel and stamp
+def _wheel_rates(messages: Iterable[Any], start: int) -> dict[str, Samples]:
+    """Speeds of single wheels by their names: each in its own order of stamps, which count once."""
+    rates: dict[str, dict[int, float]] = {}
     for message in messages:
         for name, rate in zip(message.name, message.velocity, strict=False):
             if name.endswith(SPIN_JOINT) and not isnan(rate):
-                wheel = samples.setdefault(name.removesuffix(SPIN_JOINT), {})
+                wheel = rates.setdefault(name.removesuffix(SPIN_JOINT), {})
                 wheel.setdefault(stamp_of(message) - start, rate)
-    if not samples:
-        return None
-    rows = {name: np.array(sorted(wheel.items())) for name, wheel in samples.items()}
-    time = next(iter(rows.values()))[:, 0]
-    rates = {name: np.interp(time, *wheel.T) for name, wheel in rows.items()}
-    return WheelRates(time * 1e-9, rates)
+    rows = {name: np.array(sorted(wheel.items())) for name, wheel in rates.items()}
+    return {name: Samples(row[:, 0] * 1e-9, row[:, 1]) for name, row in rows.items()}
 
 
 def _imu_samples(messages: Iterable[Any], start: int) -> ImuSamples | None:

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from parameter_identification.drives.samples import Samples
 from tricycle_core.documents import check_texts, decode, parse_yaml, read_bounded
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -26,7 +27,6 @@ from tricycle_sim.vehicle import Vehicle
 MAX_BYTES = 256_000_000  # of a table, unpacked: an hour at 100 Hz has a fifth
 MAX_MAPPING = 100_000
 G = 9.80665  # m/s^2, the unit
-CLOCK_STEP = 1e-6  # s; times since 1970 are rounded to a quarter of it
 
 _TIME = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
@@ -260,37 +260,6 @@ def _refuse_unknown(part: object, known: list[str], where: str) -> None:
             near = difflib.get_close_matches(str(name), known, 1)
             hint = f"is {near[0]} meant?" if near else f"there are: {', '.join(known)}"
             raise IdentificationError(f"{where}: {name!r} is no entry; {hint}")
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Samples of one quantity.
-
-    Attributes
-    ----------
-    time : ndarray of float, shape (m,)
-        Of the recording [s], strictly increasing.
-    values : ndarray of float, shape (m,)
-        In SI units.
-    """
-
-    time: FloatArray
-    values: FloatArray
-
-    def at(self, time: FloatArray, *, held: bool = False) -> FloatArray:
-        """Return the values at other times, linearly or each held until the next.
-
-        Parameters
-        ----------
-        time : ndarray of float, shape (t,)
-            Of the recording [s].
-        held : bool
-            A command holds until the next one.
-        """
-        if not held:
-            return np.interp(time, self.time, self.values)
-        just_after = time + CLOCK_STEP
-        return self.values[np.maximum(np.searchsorted(self.time, just_after, side="right") - 1, 0)]
 
 
 @dataclass(frozen=True, eq=False)

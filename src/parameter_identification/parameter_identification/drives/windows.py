@@ -22,12 +22,12 @@ from parameter_identification.drives.measured import (
     Sensor,
     Signal,
     StartPose,
-    without_repeated_wheel,
+    of_wheels,
+    usable,
 )
 from parameter_identification.drives.table import (
     Columns,
     Recording,
-    Samples,
     SteeringMap,
     read_recording,
 )
@@ -50,7 +50,6 @@ FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
 FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
 SPEED_LAG = 0.2  # s, of a speed loop
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
-FEWEST = 10  # samples of a sensor in a window, fewer tell nothing of its noise
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
 MEASURED = {
     "yaw_rate": Sensor.YAW_RATE,
@@ -452,13 +451,15 @@ def _drive(
         signals[Sensor.HEADING] = Signal(at, poses[:, 2:])
     for name, sensor in MEASURED.items():
         if name in recording.more:
-            signals[sensor] = _signal([recording.more[name]], sensor, begin, time[-1], start)
+            of = recording.more[name]
+            within = Signal(of.time, of.values[:, None], STAMP_JITTER[sensor]).between(
+                begin, time[-1]
+            )
+            signals[sensor] = dataclasses.replace(within, time=within.time - start)
     if wheels := recording.wheel_speeds(vehicle):
-        signal = _signal(list(wheels.values()), Sensor.WHEEL_SPEEDS, begin, time[-1], start)
-        signals[Sensor.WHEEL_SPEEDS] = dataclasses.replace(signal, wheels=tuple(wheels))
-    signals = without_repeated_wheel(signals, vehicle)
-    few = [s for s, v in signals.items() if s is not Sensor.POSITION and len(v.time) < FEWEST]
-    signals = {s: signal for s, signal in signals.items() if s not in few}
+        within = of_wheels(wheels).between(begin, time[-1])
+        signals[Sensor.WHEEL_SPEEDS] = dataclasses.replace(within, time=within.time - start)
+    signals = usable(signals, vehicle)
     name = recording.name.removesuffix(".gz").removesuffix(".csv")
     return MeasuredDrive(
         f"{name} {begin:.1f} s", commands, signals, StartPose(speed=float(speed[0]))
@@ -506,16 +507,6 @@ def _commands(
     time = motion.time[rows]
     speed = recording.more["speed_command"].at(time, held=True)
     return Commands(np.arange(len(time)) * TICK, angle[rows], speed)
-
-
-def _signal(
-    columns: list[Samples], sensor: Sensor, begin: float, end: float, start: float
-) -> Signal:
-    """Signal of columns at the times of the first."""
-    time = columns[0].time
-    time = time[(time >= begin) & (time <= end)]
-    values = np.column_stack([samples.at(time) for samples in columns])
-    return Signal(time - start, values, STAMP_JITTER[sensor])
 
 
 def follow(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Commands:

@@ -2,11 +2,19 @@
 
 import dataclasses
 import itertools
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.signal import detrend
 
-from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from parameter_identification.drives.measured import (
+    FEWEST,
+    MeasuredDrive,
+    Sensor,
+    Signal,
+    StartPose,
+)
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import prior_in_ranges
@@ -19,15 +27,16 @@ from tricycle_sim.vehicle.batch import simulate
 MIN_POSITIONS = 20
 MIN_MOTION = 0.5  # m that a vehicle must have come from its start
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
+LONG = 5.0  # s, of a drive that is looked at by itself
+LEAST_SLOPE = 0.5  # of what is measured, over what is expected, where a sign is wrong
 OPPOSITE = -0.7  # cosine between what is measured and expected, from which the sign is wrong
 SIGNS = {
-    Sensor.HEADING: (0.1, "to the left"),
+    Sensor.HEADING: (0.05, "to the left"),
     Sensor.YAW_RATE: (0.05, "to the left"),
     Sensor.LATERAL_ACCELERATION: (0.1, "to the left"),
-    Sensor.WHEEL_SPEED: (0.5, "forward"),
+    Sensor.WHEEL_SPEED: (0.3, "forward"),
 }
 """Least standard deviation expected [SI] where a sign is looked at, and which way is positive."""
-NOTHING = Signal(np.empty(0), np.empty((0, 1)))
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
 
 
@@ -132,43 +141,59 @@ def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
 def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     """Raise if a sensor measures the opposite of what the commands give.
 
-    Its axis points the other way, or that of the commands does: no error of a model is as large,
-    and estimates that follow such a sensor are wrong.
+    Its axis points the other way, or that of the commands does, and estimates that follow such a
+    sensor are wrong. Windows of a recording are too short to be looked at one by one.
 
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        With the same sensors.
+        What was measured.
     vehicle : Vehicle
         Its nominal values are used.
 
     Raises
     ------
     IdentificationError
-        Naming the sensor and the sign that it should have (REP-103).
+        Naming the drive, the sensor and the sign that it should have (REP-103).
     """
-    pairs: dict[Sensor, list[FloatArray]] = {sensor: [] for sensor in SIGNS}
-    for drive in drives:
-        at = drive.start.speed
-        motion = simulate(vehicle, drive.commands, speed=at, setpoint=at, threads=1)
-        seen = (motion.yaw, motion.yaw_rate, motion.lateral_acceleration, motion.drive_speed)
-        for sensor, (row,) in zip(SIGNS, seen, strict=True):
-            signal = drive.signals.get(sensor, NOTHING).between(0.0, float(motion.time[-1]))
-            if len(signal.time):
+    short = [drive for drive in drives if np.ptp(drive.signals[Sensor.POSITION].time) < LONG]
+    for together in (*([drive] for drive in drives if drive not in short), short):
+        pairs: dict[Sensor, list[FloatArray]] = {sensor: [] for sensor in SIGNS}
+        for drive in together:
+            for sensor, pair in _expected_and_measured(drive, vehicle):
+                pairs[sensor].append(pair)
+        for sensor, (least, positive) in SIGNS.items():
+            expected, measured = np.hstack([np.zeros((2, 1)), *pairs[sensor]])
+            energy, product = expected @ expected, expected @ measured
+            if (
+                np.std(expected) > least
+                and product < -LEAST_SLOPE * energy
+                and product < OPPOSITE * math.sqrt(energy * (measured @ measured))
+            ):
+                raise IdentificationError(
+                    f"{together[0].name}: the {sensor.value} has the opposite sign of what the "
+                    f"commands give: it must be positive {positive} (REP-103), and so must be the "
+                    "commands; turn the axis that points the other way"
+                )
+
+
+def _expected_and_measured(
+    drive: MeasuredDrive, vehicle: Vehicle
+) -> Iterator[tuple[Sensor, FloatArray]]:
+    """Of the sensors that have a sign (2, m), without what a bias or an unknown start adds.
+
+    Nor with what an error of the steering's zero adds to a heading, a steady rise.
+    """
+    at = drive.start.speed
+    motion = simulate(vehicle, drive.commands, speed=at, setpoint=at, threads=1)
+    seen = (motion.yaw, motion.yaw_rate, motion.lateral_acceleration, motion.drive_speed)
+    for sensor, (row,) in zip(SIGNS, seen, strict=True):
+        if sensor in drive.signals:
+            signal = drive.signals[sensor].between(0.0, float(motion.time[-1]))
+            if len(signal.time) >= FEWEST:
                 expected = np.interp(signal.time, motion.time, row)
-                # without what a bias or an unknown start adds
-                measured = signal.values[:, 0] - np.mean(signal.values)
-                pairs[sensor].append(np.stack([expected - np.mean(expected), measured]))
-    for sensor, (least, positive) in SIGNS.items():
-        expected, measured = np.hstack([np.zeros((2, 1)), *pairs[sensor]])
-        if np.std(expected) > least and expected @ measured < OPPOSITE * np.linalg.norm(
-            expected
-        ) * np.linalg.norm(measured):
-            raise IdentificationError(
-                f"{drives[0].name}: the {sensor.value} has the opposite sign of what the commands "
-                f"give: it must be positive {positive} (REP-103), and so must be the commands; "
-                "turn the axis that points the other way"
-            )
+                kind = "linear" if sensor is Sensor.HEADING else "constant"
+                yield sensor, detrend(np.stack([expected, signal.values[:, 0]]), type=kind)
 
 
 def _wider(vehicle: Vehicle, name: str) -> tuple[float, float]:

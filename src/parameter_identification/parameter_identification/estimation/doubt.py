@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
+from parameter_identification.estimation.weighing import Mixture
 from tricycle_core.quantities import FloatArray
 
 SCATTER = 20  # drives from which their scatter is an estimate
@@ -39,44 +40,50 @@ def grown(covariance: FloatArray, slopes: FloatArray, prior: FloatArray) -> Floa
 
 
 def beyond_ranges(
-    at: FloatArray, step: FloatArray, std: FloatArray, low: FloatArray, high: FloatArray
+    at: FloatArray, free: FloatArray, std: FloatArray, low: FloatArray, high: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return which variables (n,) the data pull beyond the end of their range.
+    """Return which variables (k,) the data pull beyond the end of their range.
 
-    The model contradicts such a range: inside it everything is improbable, and what is least so,
-    next to the end, would pass for certain.
+    The model contradicts such a range. All values inside are improbable then, and an interval by
+    the noise would be narrow, next to the end.
 
     Parameters
     ----------
-    at : ndarray of float, shape (n,)
+    at : ndarray of float, shape (k,)
         Minimum within the ranges.
-    step : ndarray of float, shape (n,)
-        From there to the minimum without ranges.
-    std : ndarray of float, shape (n,)
+    free : ndarray of float, shape (k,)
+        Minimum without ranges.
+    std : ndarray of float, shape (k,)
         Standard deviations.
-    low, high : ndarray of float, shape (n,)
+    low, high : ndarray of float, shape (k,)
         Ends of the ranges.
     """
     below, above = at <= low + 1e-9, at >= high - 1e-9
-    pulled: NDArray[np.bool_] = (below & (step < -PULL * std)) | (above & (step > PULL * std))
-    return pulled
+    pulled: NDArray[np.bool_] = below & (free < at - PULL * std)
+    return pulled | (above & (free > at + PULL * std))
 
 
 def doubted(covariance: FloatArray, before: FloatArray, beyond: NDArray[np.bool_]) -> FloatArray:
     """Return a covariance (n, n) in which some variables are as uncertain as before the drives.
 
+    The others are as uncertain as they become by following these.
+
     Parameters
     ----------
     covariance : ndarray of float, shape (n, n)
         After the drives.
-    before : ndarray of float, shape (n,)
-        Standard deviations before them.
-    beyond : ndarray of bool, shape (n,)
-        Which variables: those of `beyond_ranges`.
+    before : ndarray of float, shape (k, k)
+        Covariance of the first k variables before them.
+    beyond : ndarray of bool, shape (k,)
+        Which of these variables: those of `beyond_ranges`.
     """
-    factors = np.ones(len(covariance))
-    factors[beyond] = np.fmax(before[beyond] / np.sqrt(np.diag(covariance)[beyond]), 1.0)
-    found: FloatArray = covariance * np.outer(factors, factors)
+    places = np.flatnonzero(beyond)
+    if not len(places):
+        return covariance
+    block = np.ix_(places, places)
+    more, vectors = np.linalg.eigh(before[block] - covariance[block])
+    follow = covariance[:, places] @ np.linalg.inv(covariance[block]) @ vectors
+    found: FloatArray = covariance + follow * np.fmax(more, 0.0) @ follow.T
     return found
 
 
@@ -88,21 +95,21 @@ class Doubt:
     ----------
     covariance : ndarray of float, shape (n, n)
         With it.
-    growth : ndarray of float, shape (n,)
-        Factor of the deviations for the drives' scatter, 1 or more.
-    beyond : ndarray of bool, shape (n,)
+    widening : ndarray of float, shape (k,)
+        By which factor it makes the deviations of the parameters larger.
+    beyond : ndarray of bool, shape (k,)
         Parameters that the data pull beyond their ranges.
-    scattered : bool
-        Whether there are drives enough to tell their scatter.
+    scatter : float
+        Largest factor for the drives' scatter; NaN for less than `SCATTER` drives.
     """
 
     covariance: FloatArray
-    growth: FloatArray
+    widening: FloatArray
     beyond: NDArray[np.bool_]
-    scattered: bool
+    scatter: float
 
 
-def doubt_of(problem: LeastSquares, optimum: Optimum) -> Doubt:
+def doubt_of(problem: LeastSquares, optimum: Optimum, average: Mixture | None) -> Doubt:
     """Return what the intervals of a fit have to count beside the noise.
 
     Parameters
@@ -110,19 +117,24 @@ def doubt_of(problem: LeastSquares, optimum: Optimum) -> Doubt:
     problem : LeastSquares
         With the noise of the fit.
     optimum : Optimum
-        The fit; its covariance may be that of an average over models.
+        The fit; its covariance is that of the average where there is one.
+    average : Mixture, optional
+        Over models with and without effects.
     """
     at, k = optimum.fit.at, problem.k
     gram = problem.gram(at)
     by_noise = np.asarray(np.linalg.inv(gram[:-1, :-1]), dtype=np.float64)
-    growth = np.ones(problem.n)
-    scattered = len(problem.models) >= SCATTER
-    if scattered:
-        prior = problem.prior_information()
-        growth = np.fmax(grown(by_noise, problem.slopes(at), prior), 1.0)
-    covariance = optimum.covariance * np.outer(growth, growth)
-    step, std = -by_noise @ gram[:-1, -1], growth * np.sqrt(np.diag(by_noise))
-    beyond = beyond_ranges(at, step, std, problem.low, problem.high) & (np.arange(problem.n) < k)
-    before = np.ones(problem.n)
-    before[:k] = np.sqrt(np.diag(np.linalg.inv(problem.information)))
-    return Doubt(doubted(covariance, before, beyond), growth, beyond, scattered)
+    growth = np.full(problem.n, math.nan)
+    if len(problem.models) >= SCATTER:
+        growth = grown(by_noise, problem.slopes(at), problem.common_information())
+    factors = np.fmax(growth, 1.0)
+    covariance = optimum.covariance * np.outer(factors, factors)
+    free, std = at - by_noise @ gram[:-1, -1], np.sqrt(np.diag(by_noise))
+    if average is not None:
+        free, std = average.mean, average.standard_deviations
+    low, high = problem.low[:k], problem.high[:k]
+    beyond = beyond_ranges(at[:k], free[:k], factors[:k] * std[:k], low, high)
+    before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
+    covariance = doubted(covariance, before, beyond)
+    widening = np.sqrt(np.diag(covariance)[:k] / np.diag(optimum.covariance)[:k])
+    return Doubt(covariance, widening, beyond, float(growth[:k].max()))

@@ -87,6 +87,8 @@ class LeastSquares(Closing):
     ----------
     samples_in_all : int
         Numbers measured.
+    shared : int
+        Number of the variables, the first ones, that all drives have in common.
     """
 
     def __init__(
@@ -95,7 +97,7 @@ class LeastSquares(Closing):
         self.models, self.mean, self.information = models, mean, information
         self.k = len(mean)
         self._robust = loss is Loss.ROBUST
-        shared = self.k + models[0].shared
+        self.shared = shared = self.k + models[0].shared
         sizes = [len(model.nuisances) - model.shared for model in models]
         ends = shared + np.cumsum([0, *sizes])
         self.n = int(ends[-1])
@@ -179,7 +181,9 @@ class LeastSquares(Closing):
         return sum(of_drives, np.zeros((self.n + 1, self.n + 1)))
 
     def slopes(self, v: FloatArray) -> FloatArray:
-        """Return the part of each drive in the gradient, shape (d, n), without the priors.
+        """Return the part of each drive in the gradient, shape (d, n).
+
+        It includes the priors of the drive's own nuisances, not those of what all have in common.
 
         Parameters
         ----------
@@ -190,11 +194,17 @@ class LeastSquares(Closing):
             lambda predicted, samples, at: self._signals_gram(predicted, samples, at, self.noise),
             *(self.predictions(v), self._samples, self._at),
         )
-        return np.array([gram[:-1, -1] for gram in of_drives])
+        slopes = np.array([gram[:-1, -1] for gram in of_drives])
+        for slope, at in zip(slopes, self._at, strict=True):
+            own = at[self.shared :]
+            slope[own] += self._precision[own - self.k] * v[own]
+        return slopes
 
-    def prior_information(self) -> FloatArray:
-        """Return the inverse covariance (n, n) of the priors."""
-        return self._prior_gram(np.zeros(self.n))[:-1, :-1]
+    def common_information(self) -> FloatArray:
+        """Return the inverse covariance (n, n) of the priors of what all drives have in common."""
+        information = self._prior_gram(np.zeros(self.n))[:-1, :-1]
+        information[self.shared :] = 0.0
+        return information
 
     def _prior_gram(self, v: FloatArray) -> FloatArray:
         k, gram = self.k, np.zeros((self.n + 1, self.n + 1))

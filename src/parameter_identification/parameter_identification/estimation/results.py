@@ -296,6 +296,9 @@ class Identification:
         That the computation took.
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
+    scatter : float
+        Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
+        20 drives. Far above 1 the drives contradict each other: the model lacks something.
     friction_used : float
         Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     others : mapping of str to Estimate
@@ -320,6 +323,7 @@ class Identification:
     seed: int
     seconds: float
     effects: tuple[EffectEstimate, ...] = ()
+    scatter: float = math.nan
     friction_used: float = math.nan
     others: Mapping[str, Estimate] = field(default_factory=dict)
 

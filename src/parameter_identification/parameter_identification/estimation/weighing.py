@@ -58,6 +58,17 @@ class Mixture:
     covariances: FloatArray
     evidence: float
 
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of the variables (d,)."""
+        mean: FloatArray = self.weights @ self.means
+        return mean
+
+    @property
+    def standard_deviations(self) -> FloatArray:
+        """Of the variables (d,)."""
+        return np.sqrt(np.diag(self.covariance(self.mean)))
+
     def covariance(self, about: FloatArray) -> FloatArray:
         """Return the second moments (d, d) about a point.
 

@@ -180,9 +180,8 @@ def run(args: argparse.Namespace) -> int:
     for drive in chain.from_iterable(drives):
         if not drive.complete:
             console.print(f"{drive.name}: its bag was cut off; used as far as it goes")
-    unused = set(chain.from_iterable(d.signals for d in chain.from_iterable(drives))) - {
-        *found.noise
-    }
+    used = chain.from_iterable(drives[: len(args.drives)])
+    unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise}
     for sensor in sorted(unused, key=lambda sensor: sensor.value):
         console.print(f"{sensor.value}: measured, but not used: the model does not give it")
     if args.output is not None:

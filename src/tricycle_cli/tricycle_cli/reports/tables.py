@@ -249,7 +249,7 @@ def remarks(found: Identification) -> list[str]:
     if ends:
         lines.append(
             f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
-            "model lacks something; what the drives pull far beyond it counts as not shown"
+            "model lacks something. It is not shown where the drives contradict the range"
         )
     if not found.white:
         names = _some([f"{t.drive} {t.channel}" for t in found.coloured])
@@ -258,6 +258,7 @@ def remarks(found: Identification) -> list[str]:
             "the model lacks an effect or a sensor drifts. "
             "The intervals count it as drifting noise; they do not cover a wrong model"
         )
+    lines += _contradictions(found)
     if found.deviations:
         names = ", ".join(effect.name for effect in found.deviations)
         lines.append(
@@ -285,6 +286,16 @@ def remarks(found: Identification) -> list[str]:
     if found.outliers:
         lines.append(f"{found.outliers} samples lie beyond 6 standard deviations: try --robust")
     return lines + [_remark_on_held_out(held, found.level) for held in found.held_out]
+
+
+def _contradictions(found: Identification | ManyDrives) -> list[str]:
+    """A line where drives disagree."""
+    if not found.scatter > CONTRADICTING:
+        return []
+    return [
+        f"the drives contradict each other: they scatter up to {found.scatter:.1f} times as "
+        "much as their noise. The intervals count the scatter, not what errs alike in all"
+    ]
 
 
 def _some(names: Sequence[str]) -> str:
@@ -331,11 +342,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
             f"residuals of {found.not_white} of {len(found.drives)} drives are NOT white: the "
             "model lacks an effect or a sensor drifts. More drives do not mend that"
         )
-    if found.scatter > CONTRADICTING:
-        lines.append(
-            f"the drives contradict each other: they scatter up to {found.scatter:.1f} times as "
-            "much as their noise. The intervals count the scatter, not what errs alike in all"
-        )
+    lines += _contradictions(found)
     lines += [f"beside them: {effect}" for effect in found.effects]
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines

@@ -1,0 +1,65 @@
+"""Samples of one quantity, and the times at which several are known."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tricycle_core.quantities import FloatArray
+
+CLOCK_STEP = 1e-6  # s; times since 1970 are rounded to a quarter of it
+GAP = 2.5  # periods between samples beyond which nothing is known between them
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Samples of one quantity.
+
+    Attributes
+    ----------
+    time : ndarray of float, shape (m,)
+        Of the recording [s], strictly increasing.
+    values : ndarray of float, shape (m,)
+        In SI units.
+    """
+
+    time: FloatArray
+    values: FloatArray
+
+    def at(self, time: FloatArray, *, held: bool = False) -> FloatArray:
+        """Return the values at other times, linearly or each held until the next.
+
+        Parameters
+        ----------
+        time : ndarray of float, shape (t,)
+            Of the recording [s].
+        held : bool
+            A command holds until the next one.
+        """
+        if not held:
+            return np.interp(time, self.time, self.values)
+        just_after = time + CLOCK_STEP
+        return self.values[np.maximum(np.searchsorted(self.time, just_after, side="right") - 1, 0)]
+
+
+def common_times(columns: Sequence[Samples]) -> FloatArray:
+    """Return the times (m,) at which all of some quantities are known [s].
+
+    They are those of the one with the fewest samples, so that none counts more often than it was
+    measured.
+
+    Parameters
+    ----------
+    columns : sequence of Samples
+        Each with a sample or more.
+    """
+    times = min((samples.time for samples in columns), key=len)
+    for samples in columns:
+        own = np.concatenate([[-math.inf], samples.time, [math.inf]])
+        after = np.searchsorted(samples.time, times - CLOCK_STEP) + 1
+        apart = np.diff(samples.time)
+        widest = GAP * float(np.median(apart)) if len(apart) else 0.0
+        at_a_sample = np.abs(own[after] - times) <= CLOCK_STEP
+        times = times[at_a_sample | (own[after] - own[after - 1] <= widest)]
+    return times
