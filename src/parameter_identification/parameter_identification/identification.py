@@ -17,7 +17,7 @@ unless a `GaussianPrior` is given, e.g. that of an earlier identification
 (`Identification.posterior`). What the drives do not show therefore keeps the middle and the width
 of its range, and is named in `Identification.hidden`. The noise is estimated from the residuals;
 where they are correlated in time, the correlation is part of the noise and widens the intervals.
-From 20 drives on, their scatter widens them too. A parameter that the data pull far beyond the end
+From 10 drives on, their scatter widens them too. A parameter that the data pull far beyond the end
 of its range is not shown.
 """
 
@@ -120,7 +120,7 @@ def identify(
         Probability of the intervals.
     profiles : bool
         Whether intervals are those of the profile likelihood, which takes a few times as long. Not
-        from 20 drives on, or where a range is contradicted: linear intervals count that.
+        from 10 drives on, or where a range is contradicted: linear intervals count that.
     seed : int
         Of the starts.
     progress : callable, optional

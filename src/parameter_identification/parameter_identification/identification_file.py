@@ -182,7 +182,7 @@ class IdentificationDocument:
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
     scatter : float or None
-        As in `Identification`; None for less than 20 drives.
+        As in `Identification`; None for less than 10 drives.
     friction_used : float or None
         Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
     others : mapping of str to ParameterEntry

@@ -66,7 +66,7 @@ class ManyDrives:
         Of the estimates, in their units.
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
-        20 drives. Far above 1 the drives contradict each other: the model lacks something.
+        10 drives. Far above 1 the drives contradict each other: the model lacks something.
     drives : tuple of DriveShare
         At the estimate, in the order of the bags.
     left_out : tuple of str

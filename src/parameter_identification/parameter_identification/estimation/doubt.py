@@ -14,7 +14,7 @@ from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.weighing import Mixture
 from tricycle_core.quantities import FloatArray
 
-SCATTER = 20  # drives from which their scatter is an estimate
+SCATTER = 10  # drives from which their scatter is an estimate
 PULL = 3.0  # standard deviations by which data may pull a parameter beyond the end of its range
 
 

@@ -298,7 +298,7 @@ class Identification:
         What was estimated beside the parameters.
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
-        20 drives. Far above 1 the drives contradict each other: the model lacks something.
+        10 drives. Far above 1 the drives contradict each other: the model lacks something.
     friction_used : float
         Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     others : mapping of str to Estimate
