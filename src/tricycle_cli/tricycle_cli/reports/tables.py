@@ -25,7 +25,7 @@ HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth"
 
 MOST_MEMBERS = 12  # of a list that are printed
 MONTH = 30.0  # days, for which changes are shown
-CONTRADICTING = 1.5
+CONTRADICTING = 2.0
 """Scatter of drives, over what their noise explains, from which it is told."""
 
 IMPROBABLE = 0.05
