@@ -64,6 +64,9 @@ def test_samples_of_a_second_clock_count_once_and_are_shifted(tmp_path: Path) ->
     rate = read_recording(write(tmp_path / "a.csv", *rows), columns).more["yaw_rate"]
     np.testing.assert_allclose(rate.time, [0.0, 0.1, 0.2, 0.3, 0.4], atol=1e-9)
     np.testing.assert_allclose(rate.values, np.radians(np.arange(5.0)))
+    rows[0] = "100.00,0,0,0,0,0,9"  # the clock jumped after its first sample
+    rate = read_recording(write(tmp_path / "b.csv", *rows), columns).more["yaw_rate"]
+    np.testing.assert_allclose(rate.time, [0.0, 0.1, 0.2, 0.3, 0.4], atol=0.011)
 
 
 def test_the_pose_is_moved_from_the_sensor_to_the_com(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 import tricycle_sim
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import (
     Columns,
     SteeringMap,
@@ -217,6 +218,10 @@ def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
         windows_of(recording, VEHICLE, columns.steering_map, Windows(above=3.0))
     with pytest.raises(IdentificationError, match="must be positive"):
         Windows(every=0.0)
+    throttle = Samples(recording.time, np.full(len(recording.time), 0.2))
+    throttled = dataclasses.replace(recording, more={"speed_command": throttle})
+    with pytest.raises(IdentificationError, match=r"speed_command is .* not a throttle"):
+        windows_of(throttled, VEHICLE, columns.steering_map)
     still = dataclasses.replace(recording, x=0 * recording.x, y=0 * recording.y)
     with pytest.raises(IdentificationError, match="cannot be estimated: less than 2 s"):
         estimate_map(still, VEHICLE)

@@ -57,6 +57,8 @@ def test_too_little_motion_is_refused(pair):
         (Sensor.YAW_RATE, -1.0, "yaw rate has the opposite sign .* positive to the left"),
         (Sensor.LATERAL_ACCELERATION, -0.9, "lateral acceleration has the opposite sign"),
         (Sensor.WHEEL_SPEED, -1.1, "wheel speed has the opposite sign .* positive forward"),
+        (Sensor.YAW_RATE, 180.0 / np.pi, "yaw rate is 5. times what the commands .* in rad/s"),
+        (Sensor.WHEEL_SPEED, 0.1, "wheel speed is 0.1 times"),
         (Sensor.YAW_RATE, 0.3, ""),
         (Sensor.LATERAL_ACCELERATION, 2.0, ""),
     ],

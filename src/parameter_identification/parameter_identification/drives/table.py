@@ -50,6 +50,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Units that an entry may have; the first one is meant where none is given."""
 WHEELS = "wheel_speeds"
+BESIDE = 1.0  # s before and after the poses from which samples are of use
 
 
 @dataclass(frozen=True)
@@ -449,7 +450,10 @@ def _on_the_clock(values: FloatArray, own: FloatArray, time: FloatArray, where: 
     if not len(rows):
         return Samples(time[:0], values[:0])
     shift = float(np.median(time[rows] - own[rows]))
-    return Samples(own[rows] + shift, values[rows])
+    at = own[rows] + shift
+    # a clock may begin elsewhere than it goes on
+    known = (at > time[0] - BESIDE) & (at < time[-1] + BESIDE)
+    return Samples(at[known], values[rows][known])
 
 
 def _pose_of_com(pose: FloatArray, sensor: SensorPlace, where: str) -> FloatArray:

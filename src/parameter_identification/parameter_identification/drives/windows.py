@@ -50,6 +50,7 @@ FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
 FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
 SPEED_LAG = 0.2  # s, of a speed loop
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
+FAR_OFF = 0.5  # of the usual speed, by which set-points may differ from it
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
 MEASURED = {
     "yaw_rate": Sensor.YAW_RATE,
@@ -506,6 +507,15 @@ def _commands(
         return follow(vehicle, angle[rows], motion.speed[rows])
     time = motion.time[rows]
     speed = recording.more["speed_command"].at(time, held=True)
+    usual = float(np.median(np.abs(motion.speed[rows])))
+    off = float(np.median(np.abs(speed - motion.speed[rows])))
+    if vehicle.has_speed_loop and off > FAR_OFF * usual:
+        raise IdentificationError(
+            f"{recording.name}: speed_command is {off:.2g} m/s off the speed of the poses, "
+            f"{usual:.2g} m/s (medians from {time[0]:.1f} s on): it must be the set-points of a "
+            "speed loop, not a throttle, in the unit of the mapping; without it the model is given "
+            "the speed of the poses"
+        )
     return Commands(np.arange(len(time)) * TICK, angle[rows], speed)
 
 

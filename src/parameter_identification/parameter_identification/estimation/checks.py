@@ -29,14 +29,21 @@ MIN_MOTION = 0.5  # m that a vehicle must have come from its start
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
 LONG = 5.0  # s, of a drive that is looked at by itself
 LEAST_SLOPE = 0.5  # of what is measured, over what is expected, where a sign is wrong
-OPPOSITE = -0.7  # cosine between what is measured and expected, from which the sign is wrong
-SIGNS = {
-    Sensor.HEADING: (0.05, "to the left"),
-    Sensor.YAW_RATE: (0.05, "to the left"),
-    Sensor.LATERAL_ACCELERATION: (0.1, "to the left"),
-    Sensor.WHEEL_SPEED: (0.3, "forward"),
+OPPOSITE = -0.7  # cosine between both, from which it is
+ALIKE = 0.9  # cosine from which they differ by a factor
+UNIT = 5.0  # factor from which it is that of another unit
+LEAST = {
+    Sensor.HEADING: (math.inf, 0.05),
+    Sensor.YAW_RATE: (0.4, 0.05),
+    Sensor.LATERAL_ACCELERATION: (1.5, 0.1),
+    Sensor.WHEEL_SPEED: (2.0, 0.3),
 }
-"""Least standard deviation expected [SI] where a sign is looked at, and which way is positive."""
+"""Least root mean square and standard deviation expected [SI] where signs and units are looked at.
+
+Far above what a bias adds; the second without it.
+"""
+FORWARD = {Sensor.WHEEL_SPEED: "forward"}
+"""Which way is positive; of the others to the left."""
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
 
 
@@ -139,10 +146,11 @@ def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
 
 
 def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
-    """Raise if a sensor measures the opposite of what the commands give.
+    """Raise if a sensor measures the opposite, or many times, of what the commands give.
 
-    Its axis points the other way, or that of the commands does, and estimates that follow such a
-    sensor are wrong. Windows of a recording are too short to be looked at one by one.
+    Its axis points the other way, or that of the commands does, or its unit is another one;
+    estimates that follow such a sensor are wrong. Windows of a recording are too short to be looked
+    at one by one.
 
     Parameters
     ----------
@@ -154,46 +162,56 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     Raises
     ------
     IdentificationError
-        Naming the drive, the sensor and the sign that it should have (REP-103).
+        Naming the drive, the sensor, and what is right (REP-103).
     """
     short = [drive for drive in drives if np.ptp(drive.signals[Sensor.POSITION].time) < LONG]
     for together in (*([drive] for drive in drives if drive not in short), short):
-        pairs: dict[Sensor, list[FloatArray]] = {sensor: [] for sensor in SIGNS}
+        pairs: dict[Sensor, list[FloatArray]] = {}
         for drive in together:
             for sensor, pair in _expected_and_measured(drive, vehicle):
-                pairs[sensor].append(pair)
-        for sensor, (least, positive) in SIGNS.items():
-            expected, measured = np.hstack([np.zeros((2, 1)), *pairs[sensor]])
-            energy, product = expected @ expected, expected @ measured
-            if (
-                np.std(expected) > least
-                and product < -LEAST_SLOPE * energy
-                and product < OPPOSITE * math.sqrt(energy * (measured @ measured))
-            ):
-                raise IdentificationError(
-                    f"{together[0].name}: the {sensor.value} has the opposite sign of what the "
-                    f"commands give: it must be positive {positive} (REP-103), and so must be the "
-                    "commands; turn the axis that points the other way"
-                )
+                pairs.setdefault(sensor, []).append(pair)
+        for sensor, found in pairs.items():
+            varying = [detrend(pair, type="constant") for pair in found]
+            if sensor is Sensor.HEADING:  # an error of the steering's zero is a steady rise
+                varying = [detrend(pair, type="linear") for pair in found]
+            for parts, least in zip((found, varying), LEAST[sensor], strict=True):
+                expected, measured = np.hstack(parts)
+                if problem := _contradiction(expected, measured, least):
+                    positive = FORWARD.get(sensor, "to the left")
+                    raise IdentificationError(
+                        f"{together[0].name}: the {sensor.value} {problem} what the commands give: "
+                        f"it must be positive {positive} (REP-103), in {sensor.unit}, and so must "
+                        "be the commands; mend the sign or unit that is wrong"
+                    )
+
+
+def _contradiction(expected: FloatArray, measured: FloatArray, least: float) -> str:
+    """What samples (m,) are of the expected ones, where they cannot be of them; else ""."""
+    energy, product = float(expected @ expected), float(expected @ measured)
+    own = float(measured @ measured)
+    if not energy > least**2 * len(expected):
+        return ""
+    slope, cosine = product / energy, product / math.sqrt(energy * own) if own > 0.0 else 0.0
+    if slope < -LEAST_SLOPE and cosine < OPPOSITE:
+        return "has the opposite sign of"
+    if abs(cosine) > ALIKE and not 1.0 / UNIT < abs(slope) < UNIT:
+        return f"is {slope:.2g} times"
+    return ""
 
 
 def _expected_and_measured(
     drive: MeasuredDrive, vehicle: Vehicle
 ) -> Iterator[tuple[Sensor, FloatArray]]:
-    """Of the sensors that have a sign (2, m), without what a bias or an unknown start adds.
-
-    Nor with what an error of the steering's zero adds to a heading, a steady rise.
-    """
+    """Samples (2, m) of the sensors of `LEAST`."""
     at = drive.start.speed
     motion = simulate(vehicle, drive.commands, speed=at, setpoint=at, threads=1)
     seen = (motion.yaw, motion.yaw_rate, motion.lateral_acceleration, motion.drive_speed)
-    for sensor, (row,) in zip(SIGNS, seen, strict=True):
+    for sensor, (row,) in zip(LEAST, seen, strict=True):
         if sensor in drive.signals:
             signal = drive.signals[sensor].between(0.0, float(motion.time[-1]))
             if len(signal.time) >= FEWEST:
                 expected = np.interp(signal.time, motion.time, row)
-                kind = "linear" if sensor is Sensor.HEADING else "constant"
-                yield sensor, detrend(np.stack([expected, signal.values[:, 0]]), type=kind)
+                yield sensor, np.stack([expected, signal.values[:, 0]])
 
 
 def _wider(vehicle: Vehicle, name: str) -> tuple[float, float]:

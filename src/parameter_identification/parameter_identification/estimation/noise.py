@@ -19,6 +19,8 @@ from scipy.optimize import minimize
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
 
+IMPOSSIBLE = 1e25  # cost of levels that cannot be judged
+
 
 @dataclass(frozen=True)
 class NoiseLevel:
@@ -212,7 +214,10 @@ def restricted_noise(
             log_determinant += part
             gram[np.ix_(channel.at, channel.at)] += whitened.T @ whitened
         information, gradient = gram[:-1, :-1], gram[:-1, -1]
-        factor = np.linalg.cholesky(information)
+        try:
+            factor = np.linalg.cholesky(information)
+        except np.linalg.LinAlgError:  # levels so far apart that round-off has the last word
+            return IMPOSSIBLE
         reduced = np.linalg.solve(factor, gradient)
         misfit = gram[-1, -1] - reduced @ reduced
         return float(0.5 * (log_determinant + misfit) + np.log(np.diag(factor)).sum())

@@ -11,6 +11,8 @@ example:
   tricycle import drive.csv --columns mapping.yaml --vehicle car.yaml --output out/drive
 """
 
+LONG = 60.0  # s
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of the subcommand.
@@ -56,6 +58,12 @@ def run(args: argparse.Namespace) -> int:
         print(
             "no start event: the vehicle does not stand for 0.6 s before it drives; the bag cannot "
             "be judged, identify from the table instead",
+            file=sys.stderr,
+        )
+    elif recording.time[-1] - start > LONG:
+        print(
+            f"a drive of {recording.time[-1] - start:.0f} s: a model without feedback loses its "
+            "position over minutes; identify windows of the table instead",
             file=sys.stderr,
         )
     return 0

@@ -71,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--maneuvers", type=int, metavar="N", help="how many to drive, of these families in turn")
     add_range_options(parser)
-    add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
+    add("--target", help="unknown parameter to excite (default: the first cornering stiffness)")
     add(
         "--criterion",
         choices=[criterion.value for criterion in Criterion],
@@ -170,12 +170,14 @@ def _request(args: argparse.Namespace) -> PlanRequest:
     if not len(families) <= count <= MOST_MANEUVERS:
         raise PlanError(f"--maneuvers {count}: must be from {len(families)} to {MOST_MANEUVERS}")
     first, *others = (families[i % len(families)] for i in range(count))
-    noise = noise_of(args, SIMULATED)
+    noise, vehicle = noise_of(args, SIMULATED), load_vehicle(args.vehicle)
+    stiffnesses = [name for name in vehicle.unknown if name.endswith(UNKNOWN_PARAMETERS[0])]
+    target = args.target or next(iter([*stiffnesses, *vehicle.unknown]), UNKNOWN_PARAMETERS[0])
     default = Criterion.C if noise.noise_std > 0.0 else Criterion.H
     return PlanRequest(
-        load_vehicle(args.vehicle),
+        vehicle,
         first,
-        args.target,
+        target,
         criterion=default if args.criterion is None else Criterion(args.criterion),
         others=tuple(others),
         samples=args.samples,

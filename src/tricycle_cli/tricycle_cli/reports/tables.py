@@ -28,6 +28,9 @@ MONTH = 30.0  # days, for which changes are shown
 CONTRADICTING = 2.0
 """Scatter of drives, over what their noise explains, from which it is told."""
 
+WORSE = 1.2
+"""Error of a prediction, over that of the vehicle file, from which it is told."""
+
 IMPROBABLE = 0.05
 """Probability of an effect below which the remarks only count it."""
 
@@ -284,7 +287,10 @@ def remarks(found: Identification) -> list[str]:
             f"{len(found.rivals)} other set(s) of parameters fit as well; intervals hold them too"
         )
     if found.outliers:
-        lines.append(f"{found.outliers} samples lie beyond 6 standard deviations: try --robust")
+        lines.append(
+            f"{found.outliers} samples lie beyond 6 standard deviations: outliers, which count "
+            "less with --robust, or what the model lacks"
+        )
     return lines + [_remark_on_held_out(held, found.level) for held in found.held_out]
 
 
@@ -320,9 +326,11 @@ def _remark_on_held_out(held: HeldOut, level: float) -> str:
         )
         if held.inside < level - OFTEN_OUTSIDE:
             band += "; it is OUTSIDE: this vehicle moves as the model CANNOT"
+    if held.rms_estimated > WORSE * held.rms_nominal:
+        band += "; WORSE than by the vehicle file"
     return (
         f"{held.name}, not used: predicted to {1e3 * held.rms_estimated:.1f} mm (rms; before "
-        f"{1e3 * held.rms_nominal:.1f} mm, noise alone {1e3 * held.noise:.1f} mm{band})"
+        f"{1e3 * held.rms_nominal:.1f} mm, noise and drift alone {1e3 * held.noise:.1f} mm{band})"
     )
 
 
