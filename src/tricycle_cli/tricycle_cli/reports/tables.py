@@ -242,13 +242,14 @@ def remarks(found: Identification) -> list[str]:
         fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
         lines.append(f"taken as known: {fixed}. An error in them is in no interval")
     lines += _not_asked_for(found)
-    if not any(found.identifiable.values()):
-        lines.append("these drives show none of the parameters: drive longer, or other maneuvers")
     ends = [
         name
         for name, e in (*found.parameters.items(), *found.others.items())
         if min(abs(e.estimate - end) for end in e.range) <= 1e-9 * (e.range[1] - e.range[0])
     ]
+    if not any(found.identifiable.values()):
+        cure = "the model contradicts them" if ends else "drive longer, or other maneuvers"
+        lines.append(f"these drives show none of the parameters: {cure}")
     if ends:
         lines.append(
             f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
