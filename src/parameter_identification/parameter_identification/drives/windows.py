@@ -509,7 +509,7 @@ def _commands(
     speed = recording.more["speed_command"].at(time, held=True)
     usual = float(np.median(np.abs(motion.speed[rows])))
     off = float(np.median(np.abs(speed - motion.speed[rows])))
-    if vehicle.has_speed_loop and off > FAR_OFF * usual:
+    if vehicle.has_speed_loop and off > FAR_OFF * max(usual, SLOWEST):
         raise IdentificationError(
             f"{recording.name}: speed_command is {off:.2g} m/s off the speed of the poses, "
             f"{usual:.2g} m/s (medians from {time[0]:.1f} s on): it must be the set-points of a "
