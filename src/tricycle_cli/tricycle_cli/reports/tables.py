@@ -242,19 +242,21 @@ def remarks(found: Identification) -> list[str]:
         fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
         lines.append(f"taken as known: {fixed}. An error in them is in no interval")
     lines += _not_asked_for(found)
-    ends = [
-        name
+    ends = {
+        name: e
         for name, e in (*found.parameters.items(), *found.others.items())
         if min(abs(e.estimate - end) for end in e.range) <= 1e-9 * (e.range[1] - e.range[0])
-    ]
+    }
     if not any(found.identifiable.values()):
         cure = "the model contradicts them" if ends else "drive longer, or other maneuvers"
         lines.append(f"these drives show none of the parameters: {cure}")
     if ends:
         lines.append(
             f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
-            "model lacks something. It is not shown where the drives contradict the range"
+            "model lacks something"
         )
+    if contradicted := [name for name, e in ends.items() if (e.low, e.high) == e.range]:
+        lines.append(f"the drives contradict the range: {', '.join(contradicted)}; so not shown")
     if not found.white:
         names = _some([f"{t.drive} {t.channel}" for t in found.coloured])
         lines.append(
