@@ -642,13 +642,17 @@ def growth_of(search: Search) -> FloatArray:
     return grown(covariance, search.sum.slopes, search.variables.information)
 
 
-def beyond_of(search: Search, average: "_Average | None" = None) -> NDArray[np.bool_]:
+def beyond_of(
+    search: Search, growth: FloatArray, average: "_Average | None" = None
+) -> NDArray[np.bool_]:
     """Return which parameters (k,) the drives pull beyond their ranges.
 
     Parameters
     ----------
     search : Search
         At the best fit.
+    growth : ndarray of float, shape (n,)
+        From `growth_of`.
     average : _Average, optional
         Over subsets of the effects.
     """
@@ -657,7 +661,7 @@ def beyond_of(search: Search, average: "_Average | None" = None) -> NDArray[np.b
     free, std = here.at - covariance @ here.gradient, np.sqrt(np.diag(covariance))
     if average is not None:
         free, std = average.mixture.mean, average.mixture.standard_deviations
-    std = np.fmax(growth_of(search), 1.0) * std
+    std = np.fmax(growth, 1.0) * std
     low, high = search.variables.low, search.variables.high
     return beyond_ranges(*(values[:k] for values in (search.at, free, std, low, high)))
 
@@ -719,7 +723,7 @@ def result_of(
     width = np.array([high - low for low, high in vehicle.unknown.values()])
     before = np.asarray(np.linalg.inv(search.variables.information), dtype=np.float64)[:k, :k]
     factors = np.fmax(growth, 1.0)
-    beyond = beyond_of(search, average)
+    beyond = beyond_of(search, growth, average)
     by_noise = np.sqrt(np.diag(covariance))
     covariance = doubted(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))

@@ -214,10 +214,11 @@ class Joint:
         for i, search in enumerate(self.searches):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
             told_apart = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
-            shown.append(bool(told_apart and not beyond_of(search)[at[0]]))
+            growth = growth_of(search)
+            shown.append(bool(told_apart and not beyond_of(search, growth)[at[0]]))
             told = np.linalg.inv(self.alone[i][np.ix_(places, places)])
             rest = np.linalg.inv(told - np.diag(prior))
-            factors = np.fmax(growth_of(search), 1.0)[list(at)]
+            factors = np.fmax(growth, 1.0)[list(at)]
             estimates.append(rest @ (told @ self.at[i, at] - prior * variables.mean[list(at)]))
             covariances.append(rest * np.outer(factors, factors))
             together.append(rest @ told @ self.follow[i][places] @ root)

@@ -8,7 +8,7 @@ nominal vehicle has the speed of the measured pose.
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -385,11 +385,12 @@ def windows_of(
     motion = motion_of(recording)
     angle = _setpoints(recording, motion, vehicle, steering)
     found = []
+    signals = _signals(recording, vehicle)
     lead = round(_run_in(recording, vehicle) / TICK)
     for first in _beginnings(recording, motion, windows, lead):
         rows = slice(first - lead, first + round(windows.length / TICK) + 1)
         if np.abs(angle[rows]).max() <= STEERING_END_STOP:
-            found.append(_drive(recording, vehicle, motion, angle, rows, lead))
+            found.append(_drive(recording, signals, vehicle, motion, angle, rows, lead))
     if not found:
         raise IdentificationError(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
@@ -432,8 +433,23 @@ def _beginnings(recording: Recording, motion: Motion, windows: Windows, lead: in
             free = 0 if windows.overlapping else first + length + 1
 
 
+def _signals(recording: Recording, vehicle: Vehicle) -> dict[Sensor, Signal]:
+    """All that was measured, on the clock of the recording."""
+    poses = recording.poses
+    found = {Sensor.POSITION: Signal(recording.time, poses[:, :2])}
+    if recording.yaw is not None:
+        found[Sensor.HEADING] = Signal(recording.time, poses[:, 2:])
+    for name, sensor in MEASURED.items():
+        if (samples := recording.more.get(name)) is not None:
+            found[sensor] = Signal(samples.time, samples.values[:, None], STAMP_JITTER[sensor])
+    if wheels := recording.wheel_speeds(vehicle):
+        found[Sensor.WHEEL_SPEEDS] = of_wheels(wheels)
+    return found
+
+
 def _drive(
     recording: Recording,
+    signals: Mapping[Sensor, Signal],
     vehicle: Vehicle,
     motion: Motion,
     angle: FloatArray,
@@ -444,26 +460,11 @@ def _drive(
     start, begin = time[0], time[lead]
     speed = motion.speed[rows]
     commands = _commands(recording, vehicle, motion, angle, rows)
-    inside = (recording.time >= begin) & (recording.time <= time[-1])
-    at = recording.time[inside] - start
-    poses = recording.poses[inside]
-    signals = {Sensor.POSITION: Signal(at, poses[:, :2])}
-    if recording.yaw is not None:
-        signals[Sensor.HEADING] = Signal(at, poses[:, 2:])
-    for name, sensor in MEASURED.items():
-        if name in recording.more:
-            of = recording.more[name]
-            within = Signal(of.time, of.values[:, None], STAMP_JITTER[sensor]).between(
-                begin, time[-1]
-            )
-            signals[sensor] = dataclasses.replace(within, time=within.time - start)
-    if wheels := recording.wheel_speeds(vehicle):
-        within = of_wheels(wheels).between(begin, time[-1])
-        signals[Sensor.WHEEL_SPEEDS] = dataclasses.replace(within, time=within.time - start)
-    signals = usable(signals, vehicle)
+    within = {sensor: signal.between(begin, time[-1]) for sensor, signal in signals.items()}
+    own = {s: dataclasses.replace(v, time=v.time - start) for s, v in within.items()}
     name = recording.name.removesuffix(".gz").removesuffix(".csv")
     return MeasuredDrive(
-        f"{name} {begin:.1f} s", commands, signals, StartPose(speed=float(speed[0]))
+        f"{name} {begin:.1f} s", commands, usable(own, vehicle), StartPose(speed=float(speed[0]))
     )
 
 
