@@ -35,11 +35,12 @@ from parameter_identification.drives.measured import (
     read_measured_drive,
     resolved,
 )
+from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import EFFECTS, identify
 from tricycle_cli.operation.session import simulated_session
 from tricycle_core.errors import ExcitationError
-from tricycle_core.joints import REAR_WHEEL_JOINT
+from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_sim.rig.host import Host
 from tricycle_sim.rig.native import NativeRig
 from tricycle_sim.vehicle import load_vehicle
@@ -122,18 +123,18 @@ def native_drive(rig, commands, rng, truth):
         time, x, y, np.unwrap(yaw), yaw_rate, speed, lateral_acceleration=sideways
     )
     drive = measure(motion, commands, NOISE, rng=rng, name=f"drive {len(rows)}", truth=truth)
-    speeds = np.array(
-        [
-            (r.stamp - start, j.velocity)
-            for r in readings
-            for j in r.joints
-            if j.name == REAR_WHEEL_JOINT
-        ]
-    )
-    speeds = speeds[np.append(True, np.diff(speeds[:, 0]) > 0)]
-    wheel = Signal(speeds[:, 0], speeds[:, 1:], STAMP_JITTER[Sensor.WHEEL_SPEED])
+    told = {REAR_WHEEL_JOINT: [], STEERING_JOINT: []}
+    for reading in readings:
+        for joint in reading.joints:
+            told[joint.name].append((reading.stamp - start, joint.position, joint.velocity))
+    tables = {name: np.array(rows) for name, rows in told.items()}
+    wheel, steering = (t[np.append(True, np.diff(t[:, 0]) > 0)] for t in tables.values())
+    steering = steering[(steering[:, 0] >= 0.0) & (steering[:, 0] <= commands.duration)]
+    wheel = Signal(wheel[:, 0], wheel[:, 2:], STAMP_JITTER[Sensor.WHEEL_SPEED])
     signals = drive.signals | {Sensor.WHEEL_SPEED: resolved(wheel)}
-    return dataclasses.replace(drive, signals=signals)
+    return dataclasses.replace(
+        drive, signals=signals, steering_angle=Samples(steering[:, 0], steering[:, 1])
+    )
 
 
 def main():

@@ -3,15 +3,16 @@
     python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all|random]
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
-(5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz. Each is identified without effects,
-with all, with all weighed, and with those that act in that world (the oracle). Printed for the
-first two parameters and the yaw inertia: in how many vehicles it is shown, how many 95 % intervals
-hold the truth where it is, how many do not (wrong, though shown), and the median width of the
-intervals over all vehicles, in % of the range; last, how often the identification said that the
-model lacks something: residuals that are not white, or a deviation that the drives show. At the
-end, of each way: the cells whose coverage is rejected (held_intervals.py), and those in which
-weighing is much more cautious than the oracle: shown in less than 80 % of the vehicles in which
-the oracle shows the parameter, or more than twice as wide.
+(5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz, the steering's angle on every tick in
+counts of its ADC (--commands: not at all). Each is identified without effects, with all, with all
+weighed, and with those that act in that world (the oracle). Printed for the first two parameters
+and the yaw inertia: in how many vehicles it is shown, how many 95 % intervals hold the truth where
+it is, how many do not (wrong, though shown), and the median width of the intervals over all
+vehicles, in % of the range; last, how often the identification said that the model lacks something:
+residuals that are not white, or a deviation that the drives show. At the end, of each way: the
+cells whose coverage is rejected (held_intervals.py), and those in which weighing is much more
+cautious than the oracle: shown in less than 80 % of the vehicles in which the oracle shows the
+parameter, or more than twice as wide.
 
 The maneuvers are fixed, or planned as a pair by criterion d, counting no effects or all of them
 (then the widths that the plan expects are printed, too), or drawn from their boxes, another pair
@@ -33,6 +34,7 @@ from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import Sensor, Signal
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification import EFFECTS, identify
+from tricycle_bridge.protocol.boards import ADC_SCALE
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows
@@ -112,6 +114,21 @@ def slippery(commands, truth):
     return driven(VEHICLE.replace(**values), commands, truth)
 
 
+def another_servo(commands, truth):
+    """A servo of another kind: late, with a dead band, never faster than 0.6 rad/s."""
+    time, wanted, speed = on_ticks(commands)
+    late = round(0.04 / TICK)
+    wanted = np.concatenate([np.full(late, wanted[0]), wanted[:-late]])
+    angle, moves = np.zeros(len(wanted)), False
+    for i in range(1, len(angle)):
+        off = wanted[i] - angle[i - 1]
+        moves = abs(off) > (0.001 if moves else 0.015)
+        rate = np.clip(12.0 * off, -0.6, 0.6) if moves else 0.0
+        angle[i] = angle[i - 1] + rate * TICK
+    stiff = VEHICLE.replace(servo_natural_frequency=120.0)
+    return driven(stiff, Commands(time, angle, speed), truth)
+
+
 def late_drive(commands, truth):
     time, angle, speed = on_ticks(commands)
     late = round(0.12 / TICK)
@@ -176,18 +193,21 @@ WORLDS = {  # motion, and the effects that act
     "localisation late, drifts": (of(), ()),
     "drive 120 ms late": (late_drive, ("drive-dead-time",)),
     # no effect is quite of its kind
+    "servo of another kind": (another_servo, ("measured-steering",)),
     "tyre of the magic formula": (magic, ("tyre-saturation", "tyre-rounding", "road-friction")),
 }
 
 
-def drives_in(world, truth, seed, pair):
+def drives_in(world, truth, seed, pair, steering_step):
     rng = np.random.default_rng([seed, 3])
     late = world.startswith("localisation")
     sensors = SENSORS | ({Sensor.POSITION: SensorNoise(0.01, 0.01)} if late else {})
     found = []
     for name, commands in zip(("circle", "lane"), pair, strict=True):
         motion = WORLDS[world][0](commands, truth)
-        drive = rounded(measure(motion, commands, sensors, rng=rng, name=name))
+        drive = rounded(
+            measure(motion, commands, sensors, rng=rng, name=name, steering_step=steering_step)
+        )
         if late:
             p = drive.signals[Sensor.POSITION]
             later = Signal(p.time + 0.08, p.values)
@@ -198,12 +218,10 @@ def drives_in(world, truth, seed, pair):
 
 def one_vehicle(job):
     """For each way and parameter: shown, covered, width in ranges; whether told."""
-    world, seed, pair, ways = job
+    world, seed, pair, ways, steering_step = job
     truth = draw(seed)
-    drives, true = (
-        drives_in(world, truth, seed, pair),
-        dict(zip(VEHICLE.unknown, truth, strict=True)),
-    )
+    drives = drives_in(world, truth, seed, pair, steering_step)
+    true = dict(zip(VEHICLE.unknown, truth, strict=True))
     rows = []
     for way in ways:
         effects = {"none": (), "oracle": WORLDS[world][1]}.get(way, EFFECTS)
@@ -238,8 +256,10 @@ def main():
     parser.add_argument("--world", choices=WORLDS, action="append", default=[])
     parser.add_argument("--way", choices=WAYS, action="append", default=[])
     parser.add_argument("--plan", choices=("none", "all", "random"))
+    parser.add_argument("--commands", action="store_true", help="the steering is not measured")
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
+    step = 0.0 if arguments.commands else 1.0 / ADC_SCALE
     if arguments.plan == "random":
         pairs = [random_pair(seed) for seed in range(arguments.vehicles)]
     else:
@@ -254,7 +274,7 @@ def main():
     tallies, cautious = {way: Tally() for way in ways}, []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in arguments.world or WORLDS:
-            jobs = [(world, seed, pair, ways) for seed, pair in enumerate(pairs)]
+            jobs = [(world, seed, pair, ways, step) for seed, pair in enumerate(pairs)]
             table = np.array(list(pool.map(one_vehicle, jobs)), dtype=float)
             for number, way in enumerate(ways):
                 line = f"{world:37s}{way:>8s}"

@@ -1,7 +1,7 @@
 """Bags of drives whose errors and parameters are known, as the recorder would write them."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -239,16 +239,19 @@ def imu(ns: int, yaw_rate: float) -> Any:
     )
 
 
-def joint_state(ns: int, wheel_speed: float) -> Any:
-    return velocities(ns, {"steering_motor_joint": 0.0, "rear_wheel_joint": wheel_speed})
+def joint_state(ns: int, steering: float, wheel_speed: float) -> Any:
+    joints = {"steering_motor_joint": 0.0, "rear_wheel_joint": wheel_speed}
+    return velocities(ns, joints, (steering, 0.0))
 
 
-def velocities(ns: int, joints: Mapping[str, float]) -> Any:
+def velocities(
+    ns: int, joints: Mapping[str, float], positions: Sequence[float] | None = None
+) -> Any:
     return message(
         "sensor_msgs/msg/JointState",
         header=header(ns),
         name=list(joints),
-        position=np.zeros(len(joints)),
+        position=np.array(positions or np.zeros(len(joints))),
         velocity=np.array(list(joints.values())),
         effort=np.zeros(0),
     )
@@ -323,13 +326,17 @@ class SimulatedBag:
         rng = np.random.default_rng(3)
         drive = measure(motion, commands, noise, rng=rng, standstill=1.5, pose=(1.0, 2.0, 3.0))
         values = [drive.signals[sensor].values for sensor in noise]
+
+        def steering(t: float) -> float:
+            return float(np.interp(t, nominal.time, nominal.steering_motor_angle[0]))
+
         for t, p, h, r, w in zip(drive.signals[Sensor.POSITION].time, *values, strict=True):
             if t < self.until:
                 ns = START + round(float(t) * 1e9)
                 rows += [
                     (ns, "/odom", odometry(ns, *map(float, p), float(h[0]))),
                     (ns, "/imu", imu(ns, float(r[0]))),
-                    (ns, "/joint_states", joint_state(ns, float(w[0]))),
+                    (ns, "/joint_states", joint_state(ns, steering(float(t)), float(w[0]))),
                 ]
         first, at = rows[0][0] - 10**6, f"{START // 10**9}.{START % 10**9:09d}"
         poses = [

@@ -137,7 +137,8 @@ def identify(
         raise IdentificationError("no drive: nothing to identify from")
     asked = restrict(vehicle, tuple(vehicle.unknown if parameters is None else parameters))
     known = asked if hold_others else vehicle
-    beside = effects_of(known, effects)
+    measured = any(drive.steering_angle is not None for drive in drives)
+    beside = effects_of(known, effects, steering_measured=measured)
     check_drives([*drives, *held_out], vehicle)
     with (
         threadpool_limits(1, user_api="blas"),  # for small matrices more threads only cost

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 from driven_bags import TRUTH, VEHICLE, SimulatedBag
 
+from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
     MeasuredDrive,
     Sensor,
     Signal,
+    measured_drive,
     read_measured_drive,
     resolved,
     usable,
 )
+from parameter_identification.drives.recorded import read_drive
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
@@ -39,6 +42,21 @@ def test_a_bag_gives_commands_signals_and_truth(bag: Path) -> None:
     assert position.time[0] == pytest.approx(-1.0, abs=0.02)
     np.testing.assert_allclose(position.values[0], [1.0, 2.0], atol=0.06)
     assert drive.truth == TRUTH
+    time = np.arange(0.5, 13.5, 0.1)
+    _, angle = servo_angle(commands, time, VEHICLE)
+    np.testing.assert_allclose(drive.steering_angle.at(time), angle, atol=2e-3)
+
+
+def test_a_steering_angle_that_is_not_told_throughout_is_not_used(bag: Path) -> None:
+    recorded = read_drive(bag)
+    joints = recorded.joint_states
+    assert joints is not None
+    for begin, end, used in ((3.0, 3.1, True), (3.0, 3.5, False), (13.0, 14.0, False)):
+        angle = joints.steering_motor_angle.copy()
+        angle[(joints.time > begin) & (joints.time < end)] = np.nan
+        states = replace(joints, steering_motor_angle=angle)
+        drive = measured_drive(replace(recorded, joint_states=states), VEHICLE)
+        assert (drive.steering_angle is not None) == used
 
 
 def test_a_bag_without_commands_is_told(tmp_path: Path) -> None:

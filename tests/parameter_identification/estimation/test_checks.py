@@ -1,6 +1,7 @@
 """Drives from which nothing can be identified."""
 
 import dataclasses
+from contextlib import nullcontext
 from importlib import resources
 from pathlib import Path
 
@@ -72,6 +73,21 @@ def test_a_sensor_whose_axis_points_the_other_way_is_refused(sensor, turned, mes
             check_signs([other], VEHICLE)
     else:
         check_signs([other], VEHICLE)
+
+
+@pytest.mark.parametrize(
+    ("factor", "message"),
+    [
+        (-1.0, "steering angle has the opposite sign .* to the left, in rad"),
+        (180.0 / np.pi, "steering angle is 57 times"),
+        (0.5, ""),
+    ],
+)
+def test_a_steering_angle_of_the_other_sign_or_unit_is_refused(factor, message):
+    drive = driven(commands_of_pair()["lane"], steering_step=0.002)
+    told = dataclasses.replace(drive.steering_angle, values=factor * drive.steering_angle.values)
+    with pytest.raises(IdentificationError, match=message) if message else nullcontext():
+        check_signs([dataclasses.replace(drive, steering_angle=told)], VEHICLE)
 
 
 def with_values(drive, sensor, factor):

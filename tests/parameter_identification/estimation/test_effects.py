@@ -36,9 +36,15 @@ def test_a_wrong_name_is_refused_with_the_right_one():
 def test_what_is_to_be_identified_is_no_effect():
     unknown = {**VEHICLE.unknown, "steering_offset": (-0.1, 0.1)}
     vehicle = dataclasses.replace(VEHICLE, unknown=unknown)
-    names = {e.name for e in effects_of(vehicle, EFFECTS)}
+    names = {e.name for e in effects_of(vehicle, EFFECTS, steering_measured=True)}
     assert len(names) == len(EFFECTS) - 1
     assert "steering zero" not in names
+
+
+def test_steering_that_is_not_measured_is_no_effect():
+    names = {e.name for e in effects_of(VEHICLE, EFFECTS)}
+    assert len(names) == len(EFFECTS) - 1
+    assert "measured steering" not in names
 
 
 def test_effects_keep_constants_possible():

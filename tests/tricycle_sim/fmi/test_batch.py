@@ -28,6 +28,19 @@ def test_it_simulates_what_the_batch_does_also_from_another_process(mapping_file
         assert np.abs(found.columns[name] - ours.columns[name]).max() < 1e-9, name
 
 
+def test_it_is_steered_as_the_batch_is(mapping_file):
+    from tricycle_sim.fmi.batch import FmuSimulator
+
+    commands = commands_of_pair()["lane"]
+    found, ours = (
+        simulator(VEHICLE, commands) for simulator in (FmuSimulator(mapping_file()), CommandedBatch)
+    )
+    added = 0.02 * np.sin(ours.time)[np.newaxis]
+    options = {"steered": added, "steering_delay": np.array([0.015])}
+    x, own = (batch.run(TRUTH[None], ("x",), **options).columns["x"] for batch in (found, ours))
+    assert np.abs(x - own).max() < 1e-9
+
+
 def test_an_fmu_is_calibrated_as_our_model_is(mapping_file):
     from tricycle_sim.fmi.batch import FmuSimulator
 

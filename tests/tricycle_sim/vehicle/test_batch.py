@@ -281,6 +281,26 @@ def test_a_servo_that_hears_later_by_whole_ticks_is_one_with_that_dead_time():
     assert slopes == pytest.approx(slopes.mean(), rel=0.05)
 
 
+def test_an_angle_added_to_the_set_point_is_a_command_for_so_much_more():
+    time = np.arange(0.0, 4.0, 0.01)
+    more = 0.02 * np.sin(np.pi * time)
+    own = [Commands(time, 0.1 + m, np.minimum(time, 1.0)) for m in (0.0 * time, more)]
+    vehicle = VEHICLE.replace(steering_slew=100.0)
+    batch, columns = CommandedBatch(vehicle, own[0]), ("x", "y", "yaw")
+    points = np.repeat(vehicle.nominal_point()[np.newaxis], 2, axis=0)
+    added = np.zeros((2, len(batch.time)))
+    added[1] = np.interp(batch.time, time, more)
+    both = batch.run(points, columns, steered=added)
+    later = batch.run(points, columns, steered=added, steering_delay=np.full(2, 0.03))
+    for lane, commands in enumerate(own):
+        alone = CommandedBatch(vehicle, commands)
+        expected = alone.run(points[:1], columns).columns
+        delayed = alone.run(points[:1], columns, steering_delay=np.array([0.03])).columns
+        for name in columns:
+            assert both.columns[name][lane] == pytest.approx(expected[name][0], abs=1e-12)
+            assert later.columns[name][lane] == pytest.approx(delayed[name][0], abs=1e-12)
+
+
 def test_a_speed_added_to_the_set_point_is_a_command_for_so_much_more():
     time = np.arange(0.0, 4.0, 0.01)
     asked, more = 0.4 * np.minimum(time, 2.0), 0.3 * np.sin(0.5 * np.pi * time)

@@ -28,6 +28,7 @@ from tricycle_sim.vehicle import Vehicle
 
 FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
 STANDSTILL = 1.0  # s before the start event that are used
+UNTOLD = 0.2  # s between samples of the steering angle from which it is not used
 
 
 class Sensor(Enum):
@@ -188,6 +189,8 @@ class MeasuredDrive:
         False where the recording was cut off.
     began : float
         When it was recorded [s since 1970]; NaN: not known.
+    steering_angle : Samples, optional
+        Measured angle of the steering motor, left positive [rad], since the start event [s].
 
     Raises
     ------
@@ -203,6 +206,7 @@ class MeasuredDrive:
     truth: Mapping[str, float] = field(default_factory=dict)
     complete: bool = True
     began: float = math.nan
+    steering_angle: Samples | None = None
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:
@@ -282,7 +286,8 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
             optional.append((Sensor.MOTOR_TORQUE, joints.time, joints.motor_torque))
     for sensor, time, values in optional:
         if (there := ~np.isnan(values)).any():
-            signals[sensor] = _signal(drive.bag, sensor, time[there], values[there])
+            samples = _samples(drive.bag, sensor.value, time[there], values[there])
+            signals[sensor] = Signal(samples.time, samples.values[:, None], STAMP_JITTER[sensor])
     if Sensor.WHEEL_SPEED in signals:
         signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
     wheels = {
@@ -299,6 +304,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         truth=_truth(drive.metadata),
         complete=drive.complete,
         began=drive.recorded / SECOND,
+        steering_angle=_steering_angle(drive, end),
     )
 
 
@@ -355,14 +361,24 @@ def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
     return truth
 
 
-def _signal(bag: Path, sensor: Sensor, stamps: FloatArray, samples: FloatArray) -> Signal:
-    """Signal of samples (m,) or (m, c) at stamps (m,) s, in their order; a stamp counts once."""
+def _steering_angle(drive: RecordedDrive, end: float) -> Samples | None:
+    """Measured angle of the steering motor up to an end; None where it is not told throughout."""
+    if (joints := drive.joint_states) is None:
+        return None
+    there = (joints.time >= 0.0) & (joints.time <= end) & ~np.isnan(joints.steering_motor_angle)
+    time, angle = joints.time[there], joints.steering_motor_angle[there]
+    samples = _samples(drive.bag, "steering angle", time, angle)
+    apart = np.diff(np.concatenate([[0.0], samples.time, [end]]))
+    return samples if apart.max() <= UNTOLD else None
+
+
+def _samples(bag: Path, what: str, stamps: FloatArray, values: FloatArray) -> Samples:
+    """Samples (m,) at stamps (m,) s in their order; a stamp counts once."""
     time, first = np.unique(stamps, return_index=True)
-    values = samples.reshape(len(samples), -1)[first]
-    wrong = ~np.isfinite(values).all(axis=1)
-    if wrong.any():
-        raise JudgeError(f"{bag}: {sensor.value} at {time[wrong][0]:.3f} s is not a number")
-    return Signal(time, values, STAMP_JITTER[sensor])
+    values = values[first]
+    if (wrong := ~np.isfinite(values)).any():
+        raise JudgeError(f"{bag}: {what} at {time[wrong][0]:.3f} s is not a number")
+    return Samples(time, values)
 
 
 def resolved(speeds: Signal) -> Signal:

@@ -10,8 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from parameter_identification.drives.samples import Samples
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle.batch import Trajectory
 
@@ -88,6 +90,8 @@ class SensedMotion:
         Of single wheels [rad/s].
     lateral_acceleration, motor_torque : ndarray of float, shape (t,), optional
         What an accelerometer reads, to the left [m/s^2], and at the driven wheels [N m].
+    steering_motor_angle : ndarray of float, shape (t,), optional
+        Left positive [rad].
     """
 
     time: FloatArray
@@ -99,6 +103,7 @@ class SensedMotion:
     wheel_speeds: Mapping[str, FloatArray] = field(default_factory=dict)
     lateral_acceleration: FloatArray | None = None
     motor_torque: FloatArray | None = None
+    steering_motor_angle: FloatArray | None = None
 
     @classmethod
     def of(cls, trajectory: Trajectory, sample: int = 0) -> "SensedMotion":
@@ -122,6 +127,7 @@ class SensedMotion:
             wheel_speeds={wheel: speeds[sample] for wheel, speeds in t.wheel_speed.items()},
             lateral_acceleration=t.lateral_acceleration[sample],
             motor_torque=t.motor_torque[sample],
+            steering_motor_angle=t.steering_motor_angle[sample],
         )
 
 
@@ -136,6 +142,7 @@ def measure(
     pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
     start: StartPose | None = None,
     truth: Mapping[str, float] | None = None,
+    steering_step: float = 0.0,
 ) -> MeasuredDrive:
     """Measure a motion with sensors of given noise.
 
@@ -159,6 +166,8 @@ def measure(
         Start pose as far as the identification shall know it.
     truth : mapping of str to float, optional
         Parameters of the vehicle, for `MeasuredDrive.truth`.
+    steering_step : float
+        Of the steering's sensor [rad], which is read on every tick; 0: there is none.
 
     Raises
     ------
@@ -188,4 +197,18 @@ def measure(
         values = [v + model.draw(len(time), rng) for v in exact]
         wheels = tuple(motion.wheel_speeds) if sensor is Sensor.WHEEL_SPEEDS else ()
         signals[sensor] = Signal(time, np.column_stack(values), wheels=wheels)
-    return MeasuredDrive(name, commands, signals, start or StartPose(), truth=dict(truth or {}))
+    return MeasuredDrive(
+        *(name, commands, signals, start or StartPose()),
+        truth=dict(truth or {}),
+        steering_angle=_steering_angle(motion, steering_step, rng),
+    )
+
+
+def _steering_angle(motion: SensedMotion, step: float, rng: np.random.Generator) -> Samples | None:
+    """What a PLC tells of the steering: counts, read anywhere within the tick before the stamp."""
+    if motion.steering_motor_angle is None or not step > 0.0:
+        return None
+    stamps = np.arange(0.0, motion.time[-1], TICK)
+    read = stamps - TICK * rng.uniform(size=len(stamps))
+    angle = np.interp(read, motion.time, motion.steering_motor_angle)
+    return Samples(stamps, step * np.round(angle / step))

@@ -16,6 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from parameter_identification.drives.following import (
+    FILTER,
+    servo_response,
+    speed_followed,
+    steering_setpoints,
+)
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
     MeasuredDrive,
@@ -37,18 +43,14 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.kernel import functions_for
-from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
+from tricycle_sim.vehicle.parts import steering_constants
 from tricycle_sim.vehicle.wheels import AXLES
 
 RUN_IN = 1.0  # s before a window: some time constants of servo and tyres
 SETTLED = 4.0  # integral times of a speed loop before it, where the set-points are recorded
 MAX_GAP = 0.2  # s between poses
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
-FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
-FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
-SPEED_LAG = 0.2  # s, of a speed loop
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
 FAR_OFF = 0.5  # of the usual speed, by which set-points may differ from it
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
@@ -283,7 +285,7 @@ def _steering(recording: Recording, motion: Motion) -> FloatArray:
 
 def _followed(recording: Recording, steering: FloatArray, vehicle: Vehicle) -> FloatArray:
     """Angles (t,) of the steering motor, of angles or commands as the table has them."""
-    return steering if recording.steering_measured else _lagged(steering, vehicle)
+    return steering if recording.steering_measured else servo_response(steering, vehicle)
 
 
 def _setpoints(
@@ -294,28 +296,11 @@ def _setpoints(
     if not recording.steering_measured:
         return angle
     angle = savgol_filter(angle, *FILTER)
-    ramp = TICK * np.arange(RUN_IN / TICK, dtype=np.float64)
-    lag = float(ramp[-1] - _lagged(ramp, vehicle)[-1])
-    wanted: FloatArray = angle.copy()
-    for _ in range(FOLLOWING):
-        error = angle - _lagged(wanted, vehicle)
-        wanted += error + _ahead(error, lag)
+    wanted = steering_setpoints(angle, vehicle)
     # what is told ahead of an angle near the stop may lie beyond it
     within = np.abs(angle) <= STEERING_END_STOP
     wanted[within] = np.clip(wanted[within], -STEERING_END_STOP, STEERING_END_STOP)
     return wanted
-
-
-def _lagged(values: FloatArray, vehicle: Vehicle) -> FloatArray:
-    """Steering angles or commands (t,) as the servo's motor follows them, without slew or stop."""
-    scale = 0.5 * vehicle.steering_limit / max(np.abs(values).max(), 1e-9)
-    servo = np.full_like(servo_at_rest(vehicle), scale * values[0])
-    servo[1] = 0.0
-    table, angles = np.empty((len(values) + 1, 8)), np.empty((2, len(values) + 1))
-    constants = steering_constants(vehicle, TICK)
-    functions_for(vehicle).steer(servo, scale * values, constants, 1, table, angles)
-    lagged: FloatArray = angles[0, :-1] / scale
-    return lagged
 
 
 def _behind_play(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
@@ -505,7 +490,7 @@ def _commands(
                 f"{recording.name}: needs speed_command, the set-points of the motor: parts.motor: "
                 f"{vehicle.parts['motor']} follows no measured speed"
             )
-        return follow(vehicle, angle[rows], motion.speed[rows])
+        return speed_followed(vehicle, angle[rows], motion.speed[rows])
     time = motion.time[rows]
     speed = recording.more["speed_command"].at(time, held=True)
     usual = float(np.median(np.abs(motion.speed[rows])))
@@ -518,30 +503,3 @@ def _commands(
             "the speed of the poses"
         )
     return Commands(np.arange(len(time)) * TICK, angle[rows], speed)
-
-
-def follow(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Commands:
-    """Return commands with which the nominal vehicle has a speed, as far as it can.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With its speed loop.
-    angle, speed : ndarray of float, shape (t,)
-        Of the steering motor [rad] and forward, of the COM [m/s], at each tick.
-    """
-    nominal = dataclasses.replace(vehicle, unknown={})
-    time = np.arange(len(speed)) * TICK
-    wanted = speed.copy()
-    for _ in range(FOLLOWING):
-        commands = Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
-        motion = simulate(nominal, commands, speed=speed[0], setpoint=speed[0], threads=1)
-        error = speed - np.append(motion.vx[0], motion.vx[0, -1])[: len(speed)]
-        wanted = wanted + error + _ahead(error, SPEED_LAG)
-    return Commands(time, angle, np.clip(wanted, -MAX_SPEED, MAX_SPEED))
-
-
-def _ahead(error: FloatArray, lag: float) -> FloatArray:
-    """What a loop that lags by so many seconds has to be told besides the error."""
-    rise: FloatArray = lag * np.gradient(savgol_filter(error, *FILTER), TICK)
-    return rise

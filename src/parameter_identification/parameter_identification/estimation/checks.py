@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from scipy.signal import detrend
 
+from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
     FEWEST,
     MeasuredDrive,
@@ -42,6 +43,7 @@ LEAST = {
 
 Far above what a bias adds; the second without it.
 """
+LEAST_STEERING = 0.1, 0.01  # rad, likewise
 FORWARD = {Sensor.WHEEL_SPEED: "forward"}
 """Which way is positive; of the others to the left."""
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
@@ -174,15 +176,27 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
             varying = [detrend(pair, type="constant") for pair in found]
             if sensor is Sensor.HEADING:  # an error of the steering's zero is a steady rise
                 varying = [detrend(pair, type="linear") for pair in found]
+            what = f"{together[0].name}: the {sensor.value}"
+            positive = f"{FORWARD.get(sensor, 'to the left')} (REP-103), in {sensor.unit}"
             for parts, least in zip((found, varying), LEAST[sensor], strict=True):
-                expected, measured = np.hstack(parts)
-                if problem := _contradiction(expected, measured, least):
-                    positive = FORWARD.get(sensor, "to the left")
-                    raise IdentificationError(
-                        f"{together[0].name}: the {sensor.value} {problem} what the commands give: "
-                        f"it must be positive {positive} (REP-103), in {sensor.unit}, and so must "
-                        "be the commands; mend the sign or unit that is wrong"
-                    )
+                _check_alike(np.hstack(parts), least, what, positive)
+        for drive in together:
+            if (angle := drive.steering_angle) is not None:
+                _, expected = servo_angle(drive.commands, angle.time, vehicle)
+                pair, what = np.stack([expected, angle.values]), f"{drive.name}: the steering angle"
+                _check_alike(pair, LEAST_STEERING[0], what, "to the left, in rad")
+                varying = detrend(pair, type="constant")
+                _check_alike(varying, LEAST_STEERING[1], what, "to the left, in rad")
+
+
+def _check_alike(pair: FloatArray, least: float, what: str, positive: str) -> None:
+    """Raise if samples cannot be of the expected ones, which precede them (2, m)."""
+    expected, measured = pair
+    if problem := _contradiction(expected, measured, least):
+        raise IdentificationError(
+            f"{what} {problem} what the commands give: it must be positive {positive}, and so must "
+            "be the commands; mend the sign or unit that is wrong"
+        )
 
 
 def _contradiction(expected: FloatArray, measured: FloatArray, least: float) -> str:

@@ -21,6 +21,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from parameter_identification.drives.following import measured_setpoints
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
 from parameter_identification.estimation.deviations import deviated
 from parameter_identification.estimation.instruments import CLOCKS, errors_of
@@ -31,6 +32,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
+    MEASURED_STEERING,
     SERVO_DEAD_TIME,
     SPEED_DEVIATION,
     START_DEVIATION,
@@ -44,6 +46,7 @@ from tricycle_sim.vehicle.batch import CommandedBatch, Run
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
+DELAY_STEP = 1e-3  # s
 NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
 RESTING = 0.05  # m/s, below which a drive starts from rest
@@ -56,6 +59,8 @@ It vanishes at the first and at the last.
 # Standard deviations of the nuisances' priors
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 TIME_OFFSET = 0.05  # s, of each clock against the commands'
+STEERING_OFFSET = 0.01  # s, of the steering's: mostly one computer stamps both
+STEERING_DELAY = "steering delay"
 
 
 class Batch(Protocol):
@@ -77,6 +82,7 @@ class Batch(Protocol):
         steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
         faster: FloatArray | None = None,
+        steered: FloatArray | None = None,
     ) -> Run:
         """Return the columns of samples.
 
@@ -94,6 +100,8 @@ class Batch(Protocol):
             By which the motor hears of its set-point later [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s].
+        steered : ndarray of float, shape (n, t), optional
+            Angle that is added to each servo's set-point [rad], heard later like it.
         """
         ...
 
@@ -266,6 +274,9 @@ class DriveModel:
         self._parameters = [self._place[name] for name in vehicle.unknown]
         self.nuisances = self._effects(effects)
         self.shared = sum(not e.per_drive for e in effects)
+        self._steering: tuple[FloatArray, FloatArray] | None = None
+        if drive.steering_angle is not None and MEASURED_STEERING in {e.name for e in effects}:
+            self._steering = measured_setpoints(drive.commands, drive.steering_angle, vehicle)
         self.nuisances += self._start_and_sensors()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
         # by a simulation each: effects on constants, the start speed, dead times; by a distortion:
@@ -275,7 +286,7 @@ class DriveModel:
         self._servo_delay = self._at.get(SERVO_DEAD_TIME)
         self._drive_delay = self._at.get(DRIVE_DEAD_TIME)
         self._starting = [i for i, e in effect_at if e.name == START_DEVIATION]
-        simulated_too = (self._servo_delay, *self._starting)
+        simulated_too = (self._servo_delay, self._at.get(MEASURED_STEERING), *self._starting)
         self._by_simulation = {i: e for i, e in effect_at if e.constants or i in simulated_too}
         # all that the motion and when it is seen depend on, beside the parameters
         still = {"start x", "start y", "start heading"}
@@ -286,6 +297,10 @@ class DriveModel:
         delay = [] if self._drive_delay is None else [self._drive_delay]
         others = (i for i, _ in effect_at if i not in (*self._by_simulation, *delay))
         self._stepped = [*self._by_simulation, *delay, *others]
+        # by a simulation each, without being an effect; with its step
+        self._varied = {self._at["start speed"]: SPEED_STEP}
+        if STEERING_DELAY in self._at:
+            self._varied[self._at[STEERING_DELAY]] = DELAY_STEP
         self._effect_steps = np.array(
             [e.step for i in self._stepped if (e := self.nuisances[i].effect) is not None]
         )
@@ -309,6 +324,8 @@ class DriveModel:
             Nuisance("start heading", "rad", heading, start.heading_std),
             Nuisance("start speed", "m/s", start.speed, START_SPEED),
         ]
+        if self._steering is not None:
+            found.append(Nuisance(STEERING_DELAY, "s", 0.0, STEERING_OFFSET))
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
         found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
         for errors in self._errors.values():
@@ -360,13 +377,15 @@ class DriveModel:
         dead time of the first vehicle in all.
         """
         speeds, steering, drive = np.full(len(constants), self.drive.start.speed), None, 0.0
-        faster = None
+        faster, steered = None, None
         if nuisances is not None:
             speeds = nuisances[:, self._at["start speed"]]
             if self._servo_delay is not None:
                 steering = nuisances[:, self._servo_delay]
             if self._drive_delay is not None:
                 drive = float(nuisances[0, self._drive_delay])
+            if self._steering is not None:
+                steered = self._steered(nuisances, *self._steering)
             if self._starting:
                 faster = _at_start(nuisances[:, self._starting], batch.time)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
@@ -377,9 +396,22 @@ class DriveModel:
             steering_delay=steering,
             drive_delay=drive,
             faster=faster,
+            steered=steered,
         )
         seen = {s: np.array([run.columns[n] for n in own]) for s, own in self._columns.items()}
         return _Motions(*(run.columns[name] for name in names), others=seen)
+
+    def _steered(
+        self, nuisances: FloatArray, setpoints: FloatArray, measured: FloatArray
+    ) -> FloatArray:
+        """Angles (n, t) by which set-points (t,) are others, by nuisances (n, q)."""
+        ticks = TICK * np.arange(len(setpoints))
+        at = [self._at[MEASURED_STEERING], self._at[STEERING_DELAY]]
+        rows = [
+            share * (np.interp(ticks + delay, ticks, measured) - setpoints)
+            for share, delay in nuisances[:, at]
+        ]
+        return np.pad(rows, ((0, 0), (0, 1)), mode="edge")
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
@@ -466,15 +498,17 @@ class DriveModel:
             motion = self._motion(self._batch, point, b[np.newaxis])
             return self._distorted(motion, b[np.newaxis]), np.empty(0)
         lengths = np.where(z < 0.5, STEP, -STEP)
-        # lanes: here, a step of each parameter, of the start speed, of each effect
-        ranges = np.repeat(z[np.newaxis], k + 2 + len(self._by_simulation), axis=0)
+        # lanes: here, a step of each parameter, of the other variables, of each effect
+        first = 1 + k + len(self._varied)
+        ranges = np.repeat(z[np.newaxis], first + len(self._by_simulation), axis=0)
         ranges[np.arange(1, k + 1), np.arange(k)] += lengths
         stepped = self._stepped
-        values = np.repeat(b[np.newaxis], k + 2 + len(stepped), axis=0)
-        values[k + 1, self._at["start speed"]] += SPEED_STEP
+        values = np.repeat(b[np.newaxis], first + len(stepped), axis=0)
+        for lane, (i, step) in enumerate(self._varied.items(), start=1 + k):
+            values[lane, i] += step
         effect_steps = self._effect_steps * np.where(nuisances[stepped] > 0.0, -1.0, 1.0)
         std = np.array([self.nuisances[i].std for i in stepped])
-        values[np.arange(k + 2, len(values)), stepped] += effect_steps * std
+        values[np.arange(first, len(values)), stepped] += effect_steps * std
         points = np.tile(self._nominal, (len(ranges), 1))
         points[:, self._parameters] = self.parameters(ranges)
         self._apply_effects(points, values[: len(points)])
@@ -483,7 +517,8 @@ class DriveModel:
             later = values[len(points) : len(points) + 1]
             motion = motion.with_another(self._motion(self._batch, points[:1], later))
         motion = self._distorted(motion, values)
-        return motion, np.concatenate([lengths, [SPEED_STEP / START_SPEED], effect_steps])
+        varied = [step / self.nuisances[i].std for i, step in self._varied.items()]
+        return motion, np.concatenate([lengths, varied, effect_steps])
 
     def _apply_effects(self, points: FloatArray, values: FloatArray) -> None:
         """Change the constants of vehicles (n, K) by the effects' values among those of (n, q)."""
@@ -596,7 +631,7 @@ class DriveModel:
         jacobian[:, :, k + at[CLOCKS[sensor]]] = -slopes.T
         jacobian[:, :, k:] *= [nuisance.std for nuisance in self.nuisances]
         by_motion = np.swapaxes(derivatives, 0, 1)  # (m, c, k + 1 + e)
-        moved = [at["start speed"], *self._stepped]
+        moved = [*self._varied, *self._stepped]
         jacobian[:, :, :k] = by_motion[:, :, :k]
         jacobian[:, :, k + np.array(moved)] = by_motion[:, :, k:]
         residual = signal.values - values.T
@@ -638,7 +673,8 @@ class DriveModel:
         gram = np.diag(np.append(np.ones(q), 0.0))  # of nuisances and residual
         for sensor, signal in signals.items():
             columns, slopes = motion.sensed(sensor, signal.time)
-            derivatives = np.zeros((len(columns), len(signal.time), k + 1 + len(self._stepped)))
+            moved = k + len(self._varied) + len(self._stepped)
+            derivatives = np.zeros((len(columns), len(signal.time), moved))
             p = self._assemble(sensor, signal, columns[..., 0], slopes, derivatives, b)
             part = np.concatenate([p.jacobian[:, :, k:], p.residual[:, :, np.newaxis]], axis=2)
             part = part.reshape(-1, q + 1) / white[sensor]

@@ -119,6 +119,7 @@ class FmuBatch:
         steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
         faster: FloatArray | None = None,
+        steered: FloatArray | None = None,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
 
@@ -137,6 +138,8 @@ class FmuBatch:
             By which the motor hears of its set-point later [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s]; default: none.
+        steered : ndarray of float, shape (n, t), optional
+            Angle that is added to each servo's set-point [rad], heard later like it; default: none.
 
         Raises
         ------
@@ -148,7 +151,11 @@ class FmuBatch:
             raise PlantError(f"{self._file}: parameters: lacks start_speed, and the drive has one")
         demands = delayed(self._speeds, drive_delay, self._setpoint)
         later = np.zeros(len(parameters)) if steering_delay is None else steering_delay
-        steering = np.array([delayed(self._steering, float(delay), 0.0) for delay in later])
+        wanted = np.tile(self._steering, (len(parameters), 1))
+        if steered is not None:
+            wanted += steered[:, :-1]
+        pairs = zip(wanted, later, strict=True)
+        steering = np.array([delayed(row, float(delay), 0.0) for row, delay in pairs])
         more = np.zeros((len(parameters), len(self.time))) if faster is None else faster
         driven = [
             self._drive(p, float(v), angles, demands + added[:-1])

@@ -396,6 +396,7 @@ class CommandedBatch:
         steering_delay: FloatArray | None = None,
         drive_delay: float = 0.0,
         faster: FloatArray | None = None,
+        steered: FloatArray | None = None,
         every: int = 1,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
@@ -416,6 +417,8 @@ class CommandedBatch:
             By which the motor hears of its set-point later [s].
         faster : ndarray of float, shape (n, t), optional
             Speed that is added to each motor's set-point [m/s]; default: none.
+        steered : ndarray of float, shape (n, t), optional
+            Angle that is added to each servo's set-point [rad], heard later like it; default: none.
         every : int
             Ticks from one recorded point to the next; t is then that of `time[::every]`.
         """
@@ -427,9 +430,10 @@ class CommandedBatch:
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
         out = np.empty((len(rows), len(groups) * LANES, len(self.time[::every])))
-        own = bool(self._start.steered_by) or steering_delay is not None or faster is not None
+        changed = steering_delay, faster, steered
+        own = bool(self._start.steered_by) or any(change is not None for change in changed)
         table, axles, angles = (
-            self._own_commands(parameters, steering_delay, faster)
+            self._own_commands(parameters, *changed)
             if own
             else (self._table, self._table[::2].T, self.steering_motor_angle)
         )
@@ -445,7 +449,11 @@ class CommandedBatch:
         return Run(found, angles, groups, self._vehicle.wheels)
 
     def _own_commands(
-        self, parameters: FloatArray, delays: FloatArray | None, faster: FloatArray | None
+        self,
+        parameters: FloatArray,
+        delays: FloatArray | None,
+        faster: FloatArray | None,
+        steered: FloatArray | None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the table for `advance`, the axles at the ticks, the angles of the motor."""
         samples = len(parameters)
@@ -456,13 +464,16 @@ class CommandedBatch:
         angles = np.empty((samples, len(self.time)))
         own, both = np.empty_like(self._table), np.empty((2, len(self.time)))
         differ = np.column_stack([parameters[:, self._start.steered_by], delays])
+        if steered is not None:
+            differ = np.column_stack([differ, steered])
         _, first, which = np.unique(differ, axis=0, return_index=True, return_inverse=True)
         by_lane = np.append(which, np.repeat(which[-1:], count * LANES - samples))
         for steering, sample in enumerate(first):
             values = sample_values(self._vehicle, parameters[sample])
             constants = steering_constants(self._vehicle, 0.5 * TICK, values)
             servo = servo_at_rest(self._vehicle)
-            setpoints = delayed(self._setpoints, float(delays[sample]), 0.0)
+            wanted = self._setpoints if steered is None else self._setpoints + steered[sample, :-1]
+            setpoints = delayed(wanted, float(delays[sample]), 0.0)
             self._functions.steer(servo, setpoints, constants, 2, own, both)
             alike = which.ravel() == steering
             axles[:, alike], angles[alike] = own[::2].T[:, np.newaxis], both[0]
