@@ -26,6 +26,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from held_intervals import Tally
 from identification import MANEUVERS, VEHICLE, commands_of_pair, draw, rounded, with_wind
+from scipy.signal import lfilter
 
 from excitation_planner import Criterion
 from excitation_planner.design.noise import MeasurementNoise
@@ -37,7 +38,7 @@ from parameter_identification.identification import EFFECTS, identify
 from tricycle_bridge.protocol.boards import ADC_SCALE
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
-from tricycle_sim.setpoints import command_rows
+from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle.batch import simulate
 
 SENSORS = {
@@ -129,6 +130,14 @@ def another_servo(commands, truth):
     return driven(stiff, Commands(time, angle, speed), truth)
 
 
+def another_loop(commands, truth):
+    """A speed loop of another kind: without an integral part, 0.3 s late and 2 % slow."""
+    time, angle, speed = on_ticks(commands)
+    wanted, _ = slew_all(speed, VEHICLE.acceleration)
+    behind = lfilter([TICK / 0.3], [1.0, TICK / 0.3 - 1.0], 0.98 * wanted)
+    return driven(VEHICLE, Commands(time, angle, behind), truth)
+
+
 def late_drive(commands, truth):
     time, angle, speed = on_ticks(commands)
     late = round(0.12 / TICK)
@@ -194,6 +203,7 @@ WORLDS = {  # motion, and the effects that act
     "drive 120 ms late": (late_drive, ("drive-dead-time",)),
     # no effect is quite of its kind
     "servo of another kind": (another_servo, ("measured-steering",)),
+    "speed loop of another kind": (another_loop, ("speed-deviation", "start-deviation")),
     "tyre of the magic formula": (magic, ("tyre-saturation", "tyre-rounding", "road-friction")),
 }
 
