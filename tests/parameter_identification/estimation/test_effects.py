@@ -1,6 +1,8 @@
 """Effects: their table, their derivatives, and that they are found."""
 
 import dataclasses
+from importlib import import_module
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -87,9 +89,9 @@ def slopes(model, z, b):
 
 @pytest.mark.slow
 def test_derivatives_are_those_of_the_prediction():
-    drive = driven(commands_of_pair()["lane"], noise=0.0, others=EXACT.items())
+    drive = driven(commands_of_pair()["lane"], noise=0.0, others=EXACT.items(), steering_step=0.01)
     smooth = [name for name in EFFECTS if name != "steering-play"]
-    model = DriveModel(VEHICLE, drive, effects_of(VEHICLE, smooth))
+    model = DriveModel(VEHICLE, drive, effects_of(VEHICLE, smooth, steering_measured=True))
     b = 0.1 * np.random.default_rng(0).standard_normal(len(model.nuisances))
     b = np.maximum(b, [n.low / n.std + 0.5 for n in model.nuisances])
     for name, _, found, slope in slopes(model, shares(TRUTH), b):
@@ -205,3 +207,22 @@ def test_larger_tyres_are_told_and_the_parameters_hold():
     assert radius.estimate == pytest.approx(0.01, abs=3.0 * radius.standard_deviation)
     for (name, e), truth in zip(found.parameters.items(), TRUTH, strict=True):
         assert abs(e.estimate - truth) < 3.0 * e.standard_deviation, name
+
+
+@pytest.mark.slow
+def test_a_servo_of_another_kind_is_followed_by_its_measured_angle(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "benchmarks"))
+    worlds = import_module("worlds")
+    drives = worlds.drives_in(
+        "servo of another kind", TRUTH, 0, list(commands_of_pair().values()), 1.0 / 435
+    )
+    found = identify(drives, VEHICLE, effects=EFFECTS, weighed=True)
+    (share,) = (e for e in found.effects if e.name == "measured steering")
+    assert share.acts > 0.99
+    assert share.estimate == pytest.approx(1.0, abs=0.1)
+    untold = [dataclasses.replace(drive, steering_angle=None) for drive in drives]
+    by_commands = identify(untold, VEHICLE, effects=EFFECTS, weighed=True)
+    for name in ("cornering_stiffness", "yaw_inertia"):
+        e, other = (f.parameters[name] for f in (found, by_commands))
+        assert e.low <= TRUTH[NAMES.index(name)] <= e.high
+        assert e.high - e.low < 0.7 * (other.high - other.low)
