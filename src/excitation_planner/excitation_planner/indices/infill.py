@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
-from excitation_planner.indices.kriging import Kriging, correlations
+from excitation_planner.indices.kriging import Kriging, amplitudes
 from excitation_planner.indices.sampling import sobol_sequence, training_points
 from excitation_planner.indices.sobol import effects
 from tricycle_core.quantities import FloatArray
@@ -94,7 +94,7 @@ def _greedy(
     candidate lowers the sum of their variances by the squares of its covariances with them.
     """
     v = posterior.whitened(candidates)
-    variance = 1.0 - np.einsum("nc,nc->c", v, v)
+    variance = posterior.prior(candidates) - np.einsum("nc,nc->c", v, v)
     cross = posterior.kernel(candidates, reference) - v.T @ posterior.whitened(reference)
     covariance = cross @ weights.T  # (c, q)
     columns = np.empty((len(candidates), batch))
@@ -126,23 +126,28 @@ class _Posterior:
     """Variance of a Kriging model given known points (n, k), as a share of the process variance."""
 
     def __init__(self, model: Kriging, known: FloatArray) -> None:
-        self._length_scale = model.length_scale_
+        self._model = model
         self._known = known
         self.nugget = model.nugget_
         K = self.kernel(known, known) + model.nugget_ * np.eye(len(known))
         self._factor = np.linalg.cholesky(K)
 
     def kernel(self, A: FloatArray, B: FloatArray) -> FloatArray:
-        return correlations(A, B, self._length_scale)
+        return self._model.covariances(A, B)
 
     def whitened(self, U: FloatArray) -> FloatArray:
         """Covariances (n, u) with the known points, divided by their Cholesky factor."""
         v: FloatArray = solve_triangular(self._factor, self.kernel(self._known, U), lower=True)
         return v
 
+    def prior(self, U: FloatArray) -> FloatArray:
+        """Variance (u,) without any known point."""
+        share: FloatArray = amplitudes(U, self._model.amplitude_) ** 2
+        return share
+
     def variance(self, U: FloatArray) -> FloatArray:
         v = self.whitened(U)
-        share: FloatArray = 1.0 - np.einsum("na,na->a", v, v)
+        share: FloatArray = self.prior(U) - np.einsum("na,na->a", v, v)
         return share
 
     def negative_variance(self, u: FloatArray) -> tuple[float, FloatArray]:
@@ -150,8 +155,11 @@ class _Posterior:
         kernel = self.kernel(self._known, u[None])[:, 0]
         v = solve_triangular(self._factor, kernel, lower=True)
         weights = solve_triangular(self._factor, v, lower=True, trans="T") * kernel
-        gradient = -2.0 * weights @ ((u - self._known) / self._length_scale**2)
-        return float(v @ v - 1.0), gradient
+        prior = float(self.prior(u[None])[0])
+        c, d = self._model.amplitude_
+        gradient = -2.0 * weights @ ((u - self._known) / self._model.length_scale_**2)
+        gradient += 2.0 * (float(v @ v) - prior) * (2.0 * c + 4.0 * d * (2.0 * u - 1.0))
+        return float(v @ v) - prior, gradient
 
 
 def _largest_variance(posterior: _Posterior, candidates: FloatArray) -> FloatArray:

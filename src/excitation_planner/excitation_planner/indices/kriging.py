@@ -16,14 +16,17 @@ from scipy.spatial.distance import cdist, pdist, squareform
 from tricycle_core.quantities import FloatArray
 
 _STARTS = (0.15, 0.3, 0.6, 1.2, 2.4)  # length scales that the fit may start from
+_AMPLITUDE_BOUND = 2.0  # of the coefficients of the amplitude
+_AMPLITUDE_PRIOR = 0.5  # their standard deviation a priori, so that few samples do not fit noise
 _IMPOSSIBLE = 1e25  # negative log-likelihood of a matrix that cannot be factorised
 
 
 class Kriging:
-    """Gaussian-process regressor with constant mean, ARD-Gaussian kernel and fitted nugget.
+    """Gaussian-process regressor with constant mean, modulated ARD-Gaussian kernel, fitted nugget.
 
-    Mean and variance are profiled out of the likelihood in closed form; length scales and nugget
-    follow from its analytic gradient by L-BFGS-B.
+    The process is a stationary one times an amplitude, so that the output may vary more in one part
+    of the box than in another. Mean and variance are profiled out of the likelihood in closed form;
+    length scales, amplitude and nugget follow from its analytic gradient by L-BFGS-B.
     Source: Rasmussen and Williams (2006), Eqs. 2.23-2.24, 5.9; Sacks et al. (1989), Sec. 4.
 
     Parameters
@@ -41,8 +44,10 @@ class Kriging:
         Fitted length scales, in units of the inputs.
     nugget_ : float
         Fitted nugget, as a share of the process variance.
+    amplitude_ : ndarray of float, shape (2, k)
+        Fitted coefficients c, d of the amplitude exp(sum of c_j t_j + d_j t_j²), t = 2u - 1.
     mean_, deviation_ : float
-        Profiled mean and standard deviation of the process, in units of the output.
+        Profiled mean and standard deviation of the stationary process, in units of the output.
     alpha_ : ndarray of float, shape (n,)
         Weights of the samples in the mean, for outputs divided by the process deviation.
     L_ : ndarray of float, shape (n, n)
@@ -60,7 +65,7 @@ class Kriging:
         self.length_scale_bounds = length_scale_bounds
         self.nugget_bounds = nugget_bounds
 
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, *, start: Self | None = None) -> Self:
         """Fit hyperparameters and model.
 
         Parameters
@@ -69,6 +74,8 @@ class Kriging:
             Inputs.
         y : array_like of float, shape (n,)
             Outputs.
+        start : Kriging, optional
+            A model with hyperparameters to start from, unless others are likelier.
 
         Raises
         ------
@@ -85,24 +92,45 @@ class Kriging:
         standardised = (y - y.mean()) / y.std()
 
         k = X.shape[1]
-        log_bounds = np.log([self.length_scale_bounds] * k + [self.nugget_bounds])
+        bound = np.full(2 * k, _AMPLITUDE_BOUND)
+        low, high = (
+            np.concatenate([np.full(k, np.log(length_scale)), sign * bound, [np.log(nugget)]])
+            for length_scale, nugget, sign in zip(
+                self.length_scale_bounds, self.nugget_bounds, (-1, 1), strict=True
+            )
+        )
         # started from the likeliest of a few length scales, the same on all axes: a single start
         # takes a wavy function for noise
         starts = [
-            np.clip(np.log([length_scale] * k + [1e-6]), log_bounds[:, 0], log_bounds[:, 1])
+            np.array([np.log(length_scale)] * k + [0.0] * 2 * k + [np.log(1e-6)])
             for length_scale in _STARTS
         ]
+        if start is not None:
+            starts.append(
+                np.concatenate(
+                    [
+                        np.log(start.length_scale_),
+                        start.amplitude_.ravel(),
+                        [np.log(start.nugget_)],
+                    ]
+                )
+            )
+        starts = [np.clip(theta, low, high) for theta in starts]
         theta = minimize(
-            profiled_likelihood,
-            min(starts, key=lambda theta: profiled_likelihood(theta, X, standardised)[0]),
+            _objective,
+            min(starts, key=lambda theta: _objective(theta, X, standardised)[0]),
             args=(X, standardised),
             jac=True,
             method="L-BFGS-B",
-            bounds=log_bounds,
-            options={"ftol": 1e-8, "maxiter": 100},
+            bounds=np.stack([low, high], axis=1),
+            options={"ftol": 1e-6, "maxiter": 100},
         ).x
         return self.fit_process(
-            X, y, length_scale=np.exp(theta[:k]), nugget=float(np.exp(theta[k]))
+            X,
+            y,
+            length_scale=np.exp(theta[:k]),
+            amplitude=theta[k : 3 * k].reshape(2, k),
+            nugget=float(np.exp(theta[3 * k])),
         )
 
     @overload
@@ -123,16 +151,24 @@ class Kriging:
         return_std : bool
             Whether the standard deviation is returned as well; it contains the nugget.
         """
-        correlation = correlations(np.asarray(X, dtype=float), self.X_train_, self.length_scale_)
-        mean: FloatArray = self.deviation_ * (correlation @ self.alpha_) + self.mean_
+        X = np.asarray(X, dtype=float)
+        covariance = self.covariances(X, self.X_train_)
+        mean: FloatArray = self.deviation_ * (covariance @ self.alpha_) + self.mean_
         if not return_std:
             return mean
-        v = solve_triangular(self.L_, correlation.T, lower=True, check_finite=False)
-        variance = np.maximum(1.0 + self.nugget_ - np.einsum("ij,ij->j", v, v), 0.0)
+        v = solve_triangular(self.L_, covariance.T, lower=True, check_finite=False)
+        known = np.einsum("ij,ij->j", v, v)
+        variance = np.maximum(amplitudes(X, self.amplitude_) ** 2 + self.nugget_ - known, 0.0)
         return mean, np.sqrt(variance * self.deviation_**2)
 
     def fit_process(
-        self, X: FloatArray, y: FloatArray, *, length_scale: FloatArray, nugget: float
+        self,
+        X: FloatArray,
+        y: FloatArray,
+        *,
+        length_scale: FloatArray,
+        amplitude: FloatArray,
+        nugget: float,
     ) -> Self:
         """Fit mean and variance for given hyperparameters (R&W Alg. 2.1).
 
@@ -144,14 +180,17 @@ class Kriging:
             Outputs.
         length_scale : ndarray of float, shape (k,)
             In units of the inputs.
+        amplitude : ndarray of float, shape (2, k)
+            Coefficients of the amplitude.
         nugget : float
             As a share of the process variance.
         """
-        self.length_scale_, self.nugget_ = length_scale, nugget
+        self.length_scale_, self.amplitude_, self.nugget_ = length_scale, amplitude, nugget
         self.X_train_ = X
         shift, scale = y.mean(), y.std()
         self.L_, mean, variance, weights = _profile(
-            _correlation_matrix(X, length_scale) + nugget * np.eye(len(X)), (y - shift) / scale
+            _covariance_matrix(X, length_scale, amplitude) + nugget * np.eye(len(X)),
+            (y - shift) / scale,
         )
         self.inverse_ = _inverse(self.L_)
         self.mean_ = float(shift + scale * mean)
@@ -177,6 +216,7 @@ class Kriging:
             np.asarray(X, dtype=float),
             np.asarray(y, dtype=float),
             length_scale=self.length_scale_,
+            amplitude=self.amplitude_,
             nugget=self.nugget_,
         )
 
@@ -184,6 +224,13 @@ class Kriging:
         """Return this model without some of its samples (n,), hyperparameters kept."""
         y = self.mean_ + self.deviation_ * self.y_train_
         return self.conditioned_on(self.X_train_[~left_out], y[~left_out])
+
+    def covariances(self, A: FloatArray, B: FloatArray) -> FloatArray:
+        """Return the covariances (a, b) of points A (a, k) and B (b, k), divided by deviation_²."""
+        squared = cdist(A / self.length_scale_, B / self.length_scale_, "sqeuclidean")
+        a, b = amplitudes(A, self.amplitude_), amplitudes(B, self.amplitude_)
+        found: FloatArray = a[:, None] * np.exp(-0.5 * squared) * b
+        return found
 
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Return residuals (n,) and predicted deviations (n,) with each sample left out in turn.
@@ -201,25 +248,30 @@ class Kriging:
         return float(1 - np.sum(residual**2) / np.sum((y - y.mean()) ** 2))
 
 
-def correlations(A: FloatArray, B: FloatArray, length_scale: FloatArray) -> FloatArray:
-    """Return the Gaussian correlations (a, b) of points with other points.
+def amplitudes(U: FloatArray, amplitude: FloatArray) -> FloatArray:
+    """Return the amplitude (n,) of a process.
 
     Parameters
     ----------
-    A, B : ndarray of float, shape (a, k) and (b, k)
+    U : ndarray of float, shape (n, k)
         Points.
-    length_scale : ndarray of float, shape (k,)
-        Of the process.
+    amplitude : ndarray of float, shape (2, k)
+        Its coefficients.
     """
-    squared = cdist(A / length_scale, B / length_scale, "sqeuclidean")
-    found: FloatArray = np.exp(-0.5 * squared)
+    t = 2.0 * U - 1.0
+    found: FloatArray = np.exp(t @ amplitude[0] + t**2 @ amplitude[1])
     return found
 
 
-def _correlation_matrix(X: FloatArray, length_scale: FloatArray) -> FloatArray:
-    """Gaussian correlations (n, n) of points X (n, k) with each other."""
+def _covariance_matrix(
+    X: FloatArray, length_scale: FloatArray, amplitude: FloatArray
+) -> FloatArray:
+    """Covariances (n, n) of points X (n, k) with each other."""
     matrix: FloatArray = squareform(np.exp(-0.5 * pdist(X / length_scale, "sqeuclidean")))
     np.fill_diagonal(matrix, 1.0)
+    a = amplitudes(X, amplitude)
+    matrix *= a[:, None]
+    matrix *= a
     return matrix
 
 
@@ -244,36 +296,49 @@ def _inverse(factor: FloatArray) -> FloatArray:
     return inverse
 
 
+def _objective(theta: FloatArray, X: FloatArray, y: FloatArray) -> tuple[float, FloatArray]:
+    """Negative profiled log-likelihood less the log of the amplitude's prior, and its gradient."""
+    value, gradient = profiled_likelihood(theta, X, y)
+    k = X.shape[1]
+    coefficients = theta[k : 3 * k]
+    gradient[k : 3 * k] += coefficients / _AMPLITUDE_PRIOR**2
+    return value + 0.5 * float(coefficients @ coefficients) / _AMPLITUDE_PRIOR**2, gradient
+
+
 def profiled_likelihood(
     theta: FloatArray, X: FloatArray, y: FloatArray
 ) -> tuple[float, FloatArray]:
-    """Return the negative profiled log-likelihood, without its constant, and its gradient (k + 1,).
+    """Return the negative profiled log-likelihood, without its constant, and gradient (3 k + 1,).
 
     Parameters
     ----------
-    theta : ndarray of float, shape (k + 1,)
-        Logarithms of the length scales and of the nugget.
+    theta : ndarray of float, shape (3 k + 1,)
+        Logarithms of the length scales, coefficients of the amplitude, logarithm of the nugget.
     X : ndarray of float, shape (n, k)
         Inputs.
     y : ndarray of float, shape (n,)
         Outputs.
     """
     n, k = X.shape
-    length_scale, nugget = np.exp(theta[:k]), np.exp(theta[k])
-    R = _correlation_matrix(X, length_scale)
+    length_scale, nugget = np.exp(theta[:k]), np.exp(theta[3 * k])
+    R = _covariance_matrix(X, length_scale, theta[k : 3 * k].reshape(2, k))
     try:
         factor, _, variance, b = _profile(R + nugget * np.eye(n), y)
     except np.linalg.LinAlgError:
-        return _IMPOSSIBLE, np.zeros(k + 1)
+        return _IMPOSSIBLE, np.zeros(3 * k + 1)
     if not variance > 0:  # lost to round-off
-        return _IMPOSSIBLE, np.zeros(k + 1)
+        return _IMPOSSIBLE, np.zeros(3 * k + 1)
     value = 0.5 * n * np.log(variance) + np.log(np.diag(factor)).sum()
     # d(-log L) = 1/2 tr[(K^-1 - b b'/s²) dK] with b = K^-1 (y - mean)   (R&W Eq. 5.9)
     W = _inverse(factor) - np.outer(b, b / variance)
-    gradient = np.empty(k + 1)
-    gradient[k] = 0.5 * nugget * np.trace(W)
-    # dR/d log l_j = R (x_i - x_i')²/l_j²; the sum over i, i' needs no (n, n, k) array
+    gradient = np.empty(3 * k + 1)
+    gradient[3 * k] = 0.5 * nugget * np.trace(W)
     W *= R
+    sums, t = W.sum(axis=1), 2.0 * X - 1.0
+    # dR/d log l_j = R (x_i - x_i')²/l_j²; the sum over i, i' needs no (n, n, k) array
     Z = (X - X.mean(axis=0)) / length_scale
-    gradient[:k] = W.sum(axis=1) @ Z**2 - np.einsum("ij,ij->j", Z, W @ Z)
+    gradient[:k] = sums @ Z**2 - np.einsum("ij,ij->j", Z, W @ Z)
+    # dR/dc_j = R (t_i + t_i'), dR/dd_j = R (t_i² + t_i'²)
+    gradient[k : 2 * k] = sums @ t
+    gradient[2 * k : 3 * k] = sums @ t**2
     return float(value), gradient

@@ -178,10 +178,12 @@ def sensitivity(
         filling = max(len(unknown) + 2, samples * 2 // 3)
         U = parameter_samples(unknown, samples, seed=seed)[:filling]
         m = call_simulator(f, unknown.from_unit(U))
+        model = None
         while len(U) < samples + infill:
             first = len(U) < samples
+            model = fit_metamodel(U, m, start=model)
             new = infill_points(
-                fit_metamodel(U, m),
+                model,
                 by=Infill.INDEX_VARIANCE if first else infill_by,
                 batch=samples - len(U) if first else min(batch, samples + infill - len(U)),
                 seed=seed + len(U),
@@ -189,7 +191,7 @@ def sensitivity(
             )
             U = np.vstack([U, new])
             m = np.concatenate([m, call_simulator(f, unknown.from_unit(new))])
-        model = fit_metamodel(U, m)
+        model = fit_metamodel(U, m, start=model)
         return sensitivity_of_model(
             unknown, model, sobol_indices(model), failed=int(np.sum(~np.isfinite(m)))
         )
@@ -218,7 +220,7 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
     return m
 
 
-def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
+def fit_metamodel(U: FloatArray, m: FloatArray, *, start: Kriging | None = None) -> Kriging:
     """Return the Kriging model of outputs, failed ones left out.
 
     Parameters
@@ -227,6 +229,8 @@ def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
         Points of the unit box.
     m : ndarray of float, shape (n,)
         Outputs there; NaN where failed.
+    start : Kriging, optional
+        Model of some of them, whose hyperparameters the fit may start from.
     """
     valid = np.isfinite(m)
     if valid.sum() < U.shape[1] + 2:
@@ -238,7 +242,7 @@ def fit_metamodel(U: FloatArray, m: FloatArray) -> Kriging:
         raise DesignError(
             f"the output is constant ({m[valid][0]:g}): none of the unknown parameters moves it"
         )
-    return Kriging().fit(U[valid], m[valid])
+    return Kriging().fit(U[valid], m[valid], start=start)
 
 
 def sensitivity_of_model(

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from excitation_planner.indices.kriging import Kriging
+from excitation_planner.indices.kriging import Kriging, amplitudes
 from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.quantities import FloatArray
 
@@ -85,11 +85,9 @@ def effects(model: Kriging, U: FloatArray) -> FloatArray:
     """
     k = model.X_train_.shape[1]
     weights = model.deviation_ * model.alpha_
-    along = [  # kernel, and its average over the box, on each axis
-        np.exp(-0.5 * ((U[:, j, None] - model.X_train_[:, j]) / model.length_scale_[j]) ** 2)
-        for j in range(k)
-    ]
-    average = [_axis_projection(model.X_train_[:, j], model.length_scale_[j])[0] for j in range(k)]
+    # kernel, and its average over the box, on each axis
+    along = [_axis_kernel(model, j, U[:, j]) for j in range(k)]
+    average = [_axis_projection(model, j)[0] for j in range(k)]
     mean = np.prod(average, axis=0) @ weights
     deviation = np.prod(along, axis=0) @ weights - mean
     found = [deviation]
@@ -103,19 +101,15 @@ def effects(model: Kriging, U: FloatArray) -> FloatArray:
 
 def _halves(model: Kriging) -> tuple[_Half, _Half]:
     split = (model.X_train_.shape[1] + 1) // 2
-    X, length_scale = model.X_train_, model.length_scale_
-    return (
-        _half(X[:, :split], length_scale[:split]),
-        _half(X[:, split:], length_scale[split:]),
-    )
+    return _half(model, range(split)), _half(model, range(split, model.X_train_.shape[1]))
 
 
-def _half(X: FloatArray, length_scale: FloatArray) -> _Half:
-    """The largest Legendre products over the axes of X (n, a); the constant comes first."""
-    n, a = X.shape
+def _half(model: Kriging, axes: range) -> _Half:
+    """The largest Legendre products over some axes; the constant comes first."""
+    n, a = len(model.X_train_), len(axes)
     degrees, size, E = np.zeros((1, a), dtype=int), np.ones(1), np.ones((1, n))
-    for j in range(a):
-        C = _axis_projection(X[:, j], length_scale[j])
+    for j, axis in enumerate(axes):
+        C = _axis_projection(model, axis)
         # how much of each degree the kernel holds bounds what the mean can hold of it
         share = np.minimum(np.abs(C).max(axis=1) / np.abs(C[0]).max(), 1.0)
         products = np.outer(size, share).ravel()
@@ -136,11 +130,19 @@ def _legendre() -> tuple[FloatArray, FloatArray, FloatArray]:
     return (t + 1) / 2, w / 2, polynomials * np.sqrt(2 * np.arange(_DEGREES) + 1)
 
 
-def _axis_projection(u: FloatArray, length_scale: float) -> FloatArray:
-    """Integrals over [0, 1] of kernel(t, u_n) times Legendre polynomial d: (degrees, n)."""
+def _axis_kernel(model: Kriging, j: int, t: FloatArray) -> FloatArray:
+    """Factor (q, n) of the kernel along axis j between inputs t (q,) and the samples."""
+    u, amplitude = model.X_train_[:, j], model.amplitude_[:, j : j + 1]
+    kernel: FloatArray = np.exp(-0.5 * ((t[:, None] - u) / model.length_scale_[j]) ** 2)
+    kernel *= amplitudes(t[:, None], amplitude)[:, None]
+    kernel *= amplitudes(u[:, None], amplitude)
+    return kernel
+
+
+def _axis_projection(model: Kriging, j: int) -> FloatArray:
+    """Integrals over [0, 1] of the kernel on axis j times Legendre polynomial d: (degrees, n)."""
     t, w, polynomials = _legendre()
-    kernel = np.exp(-0.5 * ((t[:, None] - u) / length_scale) ** 2)
-    C: FloatArray = polynomials.T @ (w[:, None] * kernel)
+    C: FloatArray = polynomials.T @ (w[:, None] * _axis_kernel(model, j, t))
     return C
 
 
