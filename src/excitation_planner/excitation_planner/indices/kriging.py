@@ -17,7 +17,8 @@ from tricycle_core.quantities import FloatArray
 
 _STARTS = (0.15, 0.3, 0.6, 1.2, 2.4)  # length scales that the fit may start from
 _AMPLITUDE_BOUND = 2.0  # of the coefficients of the amplitude
-_AMPLITUDE_PRIOR = 0.5  # their standard deviation a priori, so that few samples do not fit noise
+_AMPLITUDE_PRIOR = 0.25  # their standard deviation a priori
+_SAMPLES_PER_HYPERPARAMETER = 5
 _IMPOSSIBLE = 1e25  # negative log-likelihood of a matrix that cannot be factorised
 
 
@@ -92,7 +93,9 @@ class Kriging:
         standardised = (y - y.mean()) / y.std()
 
         k = X.shape[1]
-        bound = np.full(2 * k, _AMPLITUDE_BOUND)
+        # a constant amplitude where there are few samples: they would fit it to chance
+        enough = len(X) > _SAMPLES_PER_HYPERPARAMETER * (3 * k + 1)
+        bound = np.full(2 * k, _AMPLITUDE_BOUND if enough else 0.0)
         low, high = (
             np.concatenate([np.full(k, np.log(length_scale)), sign * bound, [np.log(nugget)]])
             for length_scale, nugget, sign in zip(
@@ -226,7 +229,13 @@ class Kriging:
         return self.conditioned_on(self.X_train_[~left_out], y[~left_out])
 
     def covariances(self, A: FloatArray, B: FloatArray) -> FloatArray:
-        """Return the covariances (a, b) of points A (a, k) and B (b, k), divided by deviation_²."""
+        """Return the covariances (a, b) of points with other points, as shares of deviation_².
+
+        Parameters
+        ----------
+        A, B : ndarray of float, shape (a, k) and (b, k)
+            Points.
+        """
         squared = cdist(A / self.length_scale_, B / self.length_scale_, "sqeuclidean")
         a, b = amplitudes(A, self.amplitude_), amplitudes(B, self.amplitude_)
         found: FloatArray = a[:, None] * np.exp(-0.5 * squared) * b
