@@ -9,6 +9,7 @@ from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.protocol.messages import Board, CommandFlag, Fault, PlcState
 from tricycle_core.diagnostics import Level
 from tricycle_core.readiness import Readiness
+from tricycle_core.timing import TICK
 from tricycle_sim.plc import SteerMeasurement
 
 STEER, DRIVE = Board.STEER, Board.DRIVE
@@ -45,6 +46,15 @@ def test_a_commander_that_stops_is_not_replaced(driving):
     driving.target = (0.2, 1.0)
     driving.step(300)
     assert driving.state(DRIVE) is PlcState.SAFE  # only the operator arms
+
+
+def test_a_poll_is_due_a_tick_after_the_last_one_and_when_the_clock_went_back(driving):
+    bridge, now = driving.bridge, driving.now
+    bridge.poll(now)
+    assert not bridge.poll_is_due(now)
+    assert not bridge.poll_is_due(now + 0.005)
+    assert bridge.poll_is_due(now + TICK)
+    assert bridge.poll_is_due(now - 1.0)
 
 
 # ---- standstill without a commander ----

@@ -50,12 +50,17 @@ from tricycle_bridge.protocol.messages import (
     StateFlag,
     SteerState,
 )
-from tricycle_bridge.protocol.units import ANGLE_UNIT
+from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.readiness import Readiness
+from tricycle_core.timing import TICK
 
 BOARDS = (Board.STEER, Board.DRIVE)
+# integers: joining members of an enumeration takes many times as long
+_ENABLE, _ESTOP, _STANDSTILL = map(
+    int, (CommandFlag.ENABLE, CommandFlag.ESTOP, CommandFlag.STANDSTILL)
+)
 
 
 class LogEntry(NamedTuple):
@@ -129,6 +134,7 @@ class Bridge:
         self._angle = 0.0  # rad, of the last command that was sent
         self._arming: ArmingSequence | None = None
         self._arming_done: Callable[[ArmingOutcome], None] = lambda _: None
+        self._polled_at = -math.inf
         self._log: list[LogEntry] = []
         self._pairing = JointPairing()
 
@@ -142,7 +148,8 @@ class Bridge:
     @property
     def armed(self) -> bool:
         """Whether both boards were ARMED in their newest telemetry."""
-        return all(link.plc_state == PlcState.ARMED for link in self.links.values())
+        steer, drive = self.links.values()
+        return steer.plc_state == drive.plc_state == PlcState.ARMED
 
     def take_log(self) -> list[LogEntry]:
         """Return what is to be logged since the last call."""
@@ -319,11 +326,13 @@ class Bridge:
 
     def poll(self, now: float) -> None:
         """Do what is due; to be called after every `receive` and at least every 50 ms."""
+        self._polled_at = now
         for board, link in self.links.items():
             self._take_events(board, link.poll(now))
         self._check_boards_agree()
-        self.odometry.compare(measured_speed(self.links[Board.DRIVE], now), now)
-        self.start.look(fresh_state(self.links[Board.DRIVE], now))
+        state = fresh_state(self.links[Board.DRIVE], now)
+        self.odometry.compare(None if state is None else state.speed * SPEED_UNIT, now)
+        self.start.look(state)
         if self._enabled and (problem := self.wheel_problem) is not None:
             self._withdraw(problem)
         self._send_commands(now)
@@ -331,6 +340,16 @@ class Bridge:
         if self._arming is not None:
             self._arming.advance(now)
             self._finish_arming()
+
+    def poll_is_due(self, now: float) -> bool:
+        """Whether the last `poll` is a tick ago; without a `receive` an earlier one finds nothing.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        """
+        return not 0.0 <= now - self._polled_at < TICK - JITTER
 
     def arm(self, now: float, done: Callable[[ArmingOutcome], None]) -> None:
         """Have both boards clear their faults and arm.
@@ -430,9 +449,7 @@ class Bridge:
         )
         if command is None:
             return
-        flags = (CommandFlag.ENABLE if self._enabled else 0) | (
-            CommandFlag.ESTOP if self._estopped else 0
-        )
+        flags = (_ENABLE if self._enabled else 0) | (_ESTOP if self._estopped else 0)
         steer = steer_command(command, self.settings, flags | self._standstill_flag(now))
         drive = drive_command(command, self.settings, flags, self._gear)
         self._angle, self._gear = command.steering_motor_angle, Gear(drive.gear)
@@ -459,12 +476,13 @@ class Bridge:
     def _standstill_flag(self, now: float) -> int:
         """STANDSTILL where the vehicle is measured at rest: the steering may let go then."""
         speed = measured_speed(self.links[Board.DRIVE], now)
-        return CommandFlag.STANDSTILL if speed is not None and abs(speed) < AT_REST else 0
+        return _STANDSTILL if speed is not None and abs(speed) < AT_REST else 0
 
     def _send_stop(self, now: float) -> None:
         """While commands are not forwarded, tell boards that are not at rest yet to stop."""
-        period = 1.0 / self.settings.command_rate - JITTER
-        if self.active or self._enabled or now - self._stop_sent_at < period:
+        if self.active or self._enabled:
+            return
+        if now - self._stop_sent_at < 1.0 / self.settings.command_rate - JITTER:
             return
         for link in self.links.values():
             telemetry = link.telemetry
@@ -512,7 +530,7 @@ class Bridge:
 
     def _check_boards_agree(self) -> None:
         """Stop the other board when one that was armed no longer is."""
-        if not self._enabled or self._arming is not None:
+        if not self._enabled or self._arming is not None or self.armed:
             return
         for link in self.links.values():
             if link.plc_state != PlcState.ARMED:
@@ -520,6 +538,8 @@ class Bridge:
                 return
 
     def _take_events(self, board: Board, events: list[LinkEvent]) -> None:
+        if not events:
+            return
         for event in events:
             match event.kind:
                 case LinkEventKind.TELEMETRY:

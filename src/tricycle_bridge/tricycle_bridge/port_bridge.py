@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from tricycle_bridge.bridge import Bridge
-from tricycle_bridge.plc_link.link import LinkState
 from tricycle_bridge.serial_port import Closed, Opened, Received, SerialPorts
 
 
@@ -19,7 +18,8 @@ def receive_all(bridge: Bridge, ports: SerialPorts, now: float) -> None:
     now : float
         Present time on the bridge's clock [s].
     """
-    for event in ports.take_events():
+    events = ports.take_events()
+    for event in events:
         match event:
             case Received():
                 bridge.receive(event.board, event.data, now)
@@ -27,7 +27,8 @@ def receive_all(bridge: Bridge, ports: SerialPorts, now: float) -> None:
                 bridge.opened(event.board, now)
             case Closed():
                 bridge.closed(event.board, event.reason)
-    bridge.poll(now)
+    if events or bridge.poll_is_due(now):
+        bridge.poll(now)
 
 
 def send_all(bridge: Bridge, ports: SerialPorts) -> None:
@@ -40,9 +41,8 @@ def send_all(bridge: Bridge, ports: SerialPorts) -> None:
     ports : SerialPorts
         Its ports.
     """
-    for board, frames in bridge.take_frames().items():
-        if frames:
-            bridge.links[board].counters.write_drops += ports.write(board, frames)
     for board, link in bridge.links.items():
-        if link.state is not LinkState.CLOSED and link.wants_reopen:
+        if frames := link.take_frames():
+            link.counters.write_drops += ports.write(board, frames)
+        if link.wants_reopen:
             ports.reopen(board, link.down_reason)

@@ -6,7 +6,7 @@ The bridge publishes it, the maneuver driver obeys it, a bag keeps it for the ju
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 TOPIC = "vehicle/state"
 """diagnostic_msgs/DiagnosticStatus, latched: on every change and every `PERIOD`."""
@@ -18,8 +18,7 @@ PERIOD = 0.5
 """Longest time between two messages [s]."""
 
 
-@dataclass(frozen=True)
-class Readiness:
+class Readiness(NamedTuple):
     """Whether both boards accept commands.
 
     Attributes

@@ -35,12 +35,13 @@ def joint_command(
     LinkError
         A joint or its value is missing, stands there twice, or is not finite.
     """
+    names = list(names)
     for joint in JOINTS:
-        if list(names).count(joint) > 1:
-            raise LinkError(f"{joint} is there {list(names).count(joint)} times, must be once")
+        if names.count(joint) > 1:
+            raise LinkError(f"{joint} is there {names.count(joint)} times, must be once")
     try:
-        angle = positions[list(names).index(STEERING_JOINT)]
-        wheel_rate = velocities[list(names).index(REAR_WHEEL_JOINT)]
+        angle = positions[names.index(STEERING_JOINT)]
+        wheel_rate = velocities[names.index(REAR_WHEEL_JOINT)]
     except (ValueError, IndexError):
         raise LinkError(
             f"must give position and velocity of {STEERING_JOINT} and {REAR_WHEEL_JOINT}"

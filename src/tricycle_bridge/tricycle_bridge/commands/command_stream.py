@@ -9,6 +9,7 @@ import enum
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from tricycle_core.errors import LinkError
 
@@ -65,8 +66,7 @@ class Source(enum.Enum):
     CMD_VEL = "cmd_vel"
 
 
-@dataclass(frozen=True)
-class Commander:
+class Commander(NamedTuple):
     """Who sends commands.
 
     Attributes
@@ -104,10 +104,9 @@ class CommandCounters:
     refused: int = 0
 
 
-@dataclass
-class _Input:
-    command: VehicleCommand
+class _Input(NamedTuple):
     stamp: float
+    command: VehicleCommand
     commander: Commander
 
 
@@ -257,7 +256,7 @@ class CommandStream:
         if (refusal := self._contradiction(commander, now)) is not None:
             self.counters.refused += 1
             return refusal
-        self._newest = _Input(command, min(stamp, now), commander)
+        self._newest = _Input(min(stamp, now), command, commander)
         return None
 
     def newest(self, now: float) -> VehicleCommand | None:

@@ -6,9 +6,8 @@ many ticks at once, so a reading waits for its partner for as long as the partne
 
 from __future__ import annotations
 
-import itertools
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from tricycle_bridge.plc_link.link import Telemetry
 from tricycle_bridge.protocol.messages import (
@@ -22,8 +21,7 @@ from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.timing import TICK
 
 
-@dataclass(frozen=True)
-class JointReading:
+class JointReading(NamedTuple):
     """Measured state of one joint.
 
     Attributes
@@ -41,8 +39,7 @@ class JointReading:
     velocity: float
 
 
-@dataclass(frozen=True)
-class JointReadings:
+class JointReadings(NamedTuple):
     """Joints measured at the same time.
 
     Attributes
@@ -141,14 +138,16 @@ class JointPairing:
             waiting.clear()
 
     def _report(self, stamp: float, *joints: JointReading) -> None:
-        ordered = sorted(joints, key=lambda joint: JOINTS.index(joint.name))
-        self._readings.append(JointReadings(stamp, tuple(ordered)))
+        in_order = joints if joints[0].name == JOINTS[0] else joints[::-1]
+        self._readings.append(JointReadings(stamp, in_order))
 
 
 def _may_be_of_one_tick(waiting: deque[_Measured], stamp: float) -> bool:
     """Whether the oldest of these is at most a tick older than `stamp` and the next no nearer."""
-    first, *later = (measured for measured, _ in itertools.islice(waiting, 2))
-    return first > stamp - TICK and all(abs(first - stamp) <= abs(m - stamp) for m in later)
+    first = waiting[0][0]
+    if first <= stamp - TICK:
+        return False
+    return len(waiting) == 1 or abs(first - stamp) <= abs(waiting[1][0] - stamp)
 
 
 def _extrapolated(joint: JointReading, seconds: float) -> JointReading:

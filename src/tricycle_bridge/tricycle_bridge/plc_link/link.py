@@ -11,6 +11,7 @@ import dataclasses
 import enum
 import random
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from tricycle_bridge.plc_link.handshake import Handshake
 from tricycle_bridge.plc_link.operations import OperationOutcome, OperationQueue
@@ -121,8 +122,7 @@ class LinkEventKind(enum.Enum):
     OPERATION = "operation"  # answered, or given up
 
 
-@dataclass(frozen=True)
-class LinkEvent:
+class LinkEvent(NamedTuple):
     """Something that happened on a link.
 
     Attributes
@@ -312,7 +312,7 @@ class PlcLink:
             raise LinkError(f"{type(command).__name__} sent to the {self.board.plc_name}")
         if not self.up or self.telemetry is None:
             return False
-        self._send(dataclasses.replace(command, echo=echo_of(self.telemetry.t)))
+        self._send(command.echoing(self.telemetry.t))
         return True
 
     def operate(self, op: Op, now: float) -> None:
@@ -485,9 +485,12 @@ class PlcLink:
             self._pings = {t: at for t, at in self._pings.items() if now - at < 4 * PING_PERIOD}
             self._pings[token] = now
             self._send(Ping(token))
-        self._poll_requests(now)
-        self._poll_setup(now)
-        self._take_outcome(self._operations.poll(now), now)
+        if self.limits is None or now >= self._next_stats:
+            self._poll_requests(now)
+        if not self.set_up:
+            self._poll_setup(now)
+        if self._operations.busy:
+            self._take_outcome(self._operations.poll(now), now)
 
     def _poll_requests(self, now: float) -> None:
         """Ask for LIMITS and STATS, never for both at once: a PLC answers little in a tick."""

@@ -107,6 +107,11 @@ class OperationQueue:
         self._send_next(now)
         return outcome
 
+    @property
+    def busy(self) -> bool:
+        """Whether an operation waits, or is sent and not answered."""
+        return self._pending is not None or bool(self._waiting)
+
     def includes(self, op: Op) -> bool:
         """Whether an operation waits, or is sent and not answered."""
         return op in self._waiting or (self._pending is not None and self._pending.op == op)

@@ -28,6 +28,7 @@ from tricycle_bridge.protocol.messages import (
 DELIMITER = b"\0"
 _HEADER = struct.Struct("<BBBB")  # ver_node, id, seq, sess
 _CRC = struct.Struct("<I")
+_RESIDUE = 0x2144DF1C  # the CRC of any bytes followed by their CRC, little endian
 _MIN_RAW = _HEADER.size + _CRC.size
 _MAX_RAW = _MIN_RAW + MAX_PAYLOAD
 _MAX_ENCODED = _MAX_RAW + 1  # COBS adds one byte to anything this short
@@ -174,8 +175,11 @@ class FrameDecoder:
         segments[0] = self._partial + segments[0]
         # One byte more than a legal segment is enough to know that it is too long.
         self._partial = segments.pop()[: _MAX_ENCODED + 1]
-        decoded = (self._decode(segment) for segment in segments if segment)
-        return [frame for frame in decoded if frame is not None]
+        return [
+            frame
+            for segment in segments
+            if segment and (frame := self._decode(segment)) is not None
+        ]
 
     def _decode(self, segment: bytes) -> Frame | None:
         counters = self.counters
@@ -190,7 +194,7 @@ class FrameDecoder:
         if len(raw) < _MIN_RAW:
             counters.length += 1
             return None
-        if zlib.crc32(raw[:-4]) != int.from_bytes(raw[-4:], "little"):
+        if zlib.crc32(raw) != _RESIDUE:
             counters.crc += 1
             return None
 
@@ -219,4 +223,5 @@ class FrameDecoder:
             counters.length += 1
             return None
         counters.ok += 1
-        return Frame(from_payload(raw[4:-4]), Board(board), seq, session, major)
+        sender = self._board if board == self._board else Board(board)
+        return Frame(from_payload(raw[4:-4]), sender, seq, session, major)

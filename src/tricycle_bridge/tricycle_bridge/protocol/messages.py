@@ -309,7 +309,9 @@ class Message:
     @classmethod
     def from_payload(cls, payload: bytes) -> Self:
         """Decode the fields; bytes behind them belong to a newer minor version."""
-        return cls(*_STRUCTS[cls].unpack_from(payload))
+        message = cls.__new__(cls)  # setting each frozen field would be most of the decoder's work
+        message.__dict__.update(zip(_NAMES[cls], _STRUCTS[cls].unpack_from(payload), strict=True))
+        return message
 
 
 # ---- host -> PLC ----
@@ -392,6 +394,10 @@ class SteerCommand(Message):
     max_rate: Annotated[U16, _RATE]  # 0 = PLC maximum
     echo: Annotated[U16, _ECHO]  # of the newest state frame's time
 
+    def echoing(self, t: int) -> SteerCommand:
+        """Return the command with the echo of a state frame's time [us]."""
+        return SteerCommand(self.flags, self.reserved, self.angle, self.max_rate, echo_of(t))
+
 
 @dataclass(frozen=True)
 class SteerSetup(Message):
@@ -418,6 +424,18 @@ class DriveCommand(Message):
     brake: Annotated[U8, _BRAKE]  # 200 counts = full
     reserved: U8
     echo: Annotated[U16, _ECHO]  # of the newest state frame's time
+
+    def echoing(self, t: int) -> DriveCommand:
+        """Return the command with the echo of a state frame's time [us]."""
+        return DriveCommand(
+            self.flags,
+            self.gear,
+            self.speed,
+            self.max_acceleration,
+            self.brake,
+            self.reserved,
+            echo_of(t),
+        )
 
 
 @dataclass(frozen=True)
@@ -621,6 +639,10 @@ MESSAGES: tuple[type[Message], ...] = (
 _STRUCTS: dict[type[Message], struct.Struct] = {
     message: struct.Struct("<" + "".join(wire.code for wire in layout(message).values()))
     for message in MESSAGES
+}
+
+_NAMES: dict[type[Message], tuple[str, ...]] = {
+    message: tuple(layout(message)) for message in MESSAGES
 }
 
 _MEANINGS: dict[type[Message], dict[str, Meaning | None]] = {
