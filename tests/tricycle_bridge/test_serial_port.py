@@ -274,3 +274,34 @@ def test_a_write_that_would_block_is_dropped_and_counted(line):
         dropped += ports.write(STEER, [bytes(20)])
     assert 0 < dropped < 5000
     assert ports.write(DRIVE, [b"x", b"y"]) == 2  # no such port
+
+
+def test_the_owner_is_called_also_while_nothing_arrives(tmp_path):
+    """It acts on what is missing: a link that is lost, a command to repeat."""
+    calls = threading.Semaphore(0)
+    with PtyPort(tmp_path / "steer") as board:
+        ports = SerialPorts({STEER: str(board.path)}, calls.release)
+        try:
+            for _ in range(5):
+                assert calls.acquire(timeout=PATIENCE)
+        finally:
+            ports.close()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_exception_of_the_owner_ends_the_io_thread_which_the_owner_is_told(tmp_path):
+    def notify():
+        raise ValueError("a fault of the owner")
+
+    ended = threading.Event()
+    ports = SerialPorts({STEER: str(tmp_path / "steer")}, notify, ended=ended.set)
+    assert ended.wait(PATIENCE)
+    ports.close()
+    assert not ports.alive
+
+
+def test_closing_is_no_end_that_the_owner_is_told(tmp_path):
+    ended = threading.Event()
+    ports = SerialPorts({STEER: str(tmp_path / "steer")}, lambda: None, ended=ended.set)
+    ports.close()
+    assert not ended.is_set()

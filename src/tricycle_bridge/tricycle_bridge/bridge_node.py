@@ -28,7 +28,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.clock import JumpThreshold
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -39,6 +39,7 @@ from sensor_msgs.msg import BatteryState, Imu, JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 
+from tricycle_bridge.arming import ArmingOutcome
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.commands.command_messages import joint_command, twist_command
 from tricycle_bridge.commands.command_stream import INPUT_LEAD, Source, VehicleCommand
@@ -56,15 +57,15 @@ from tricycle_bridge.protocol.messages import (
 )
 from tricycle_bridge.protocol.readable import firmware_build
 from tricycle_bridge.protocol.units import CURRENT_UNIT, VOLTAGE_UNIT
-from tricycle_bridge.serial_port import SerialPorts
+from tricycle_bridge.serial_port import IDLE_PERIOD, SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node, time_message
 from tricycle_core.readiness import ARMED_TOPIC, PERIOD, TOPIC, Readiness
-from tricycle_core.stamps import seconds_of
+from tricycle_core.stamps import seconds_of, split_seconds
 
-POLL_PERIOD = 0.05  # s, wall time, between actions while neither a PLC nor a commander sends
+CLOCK_PERIOD = 0.05  # s between looks at the computer's clock
 REPORT_PERIOD = 1.0  # s between diagnostics and battery states
 # act at once, up to the value with which the bridge was configured
 LOWERED_PARAMETERS = ("max_steering_angle", "max_steering_rate", "max_speed", "max_acceleration")
@@ -108,10 +109,14 @@ class BridgeNode(LifecycleNode):
         self._diagnostics = publisher(DiagnosticArray, "/diagnostics")
         self._vehicle_state = publisher(DiagnosticStatus, TOPIC, LATCHED)
         self._armed = publisher(Bool, ARMED_TOPIC, LATCHED)
-        simulated = self.get_parameter("use_sim_time").value
+        simulated = self._simulated = self.get_parameter("use_sim_time").value
         # of the computer's clock, which may be set while the vehicle moves, only stamps depend
         self._host_clock = None if simulated else HostClock(self._ros_now(), time.monotonic())
-        self._commands = None if simulated else CommandThread(self)
+        self._clock_checked = -math.inf
+        self._dead_thread = ""
+        self._thread_died = self.create_guard_condition(self._on_dead_thread)
+        ended = partial(self._on_thread_end, "commands")
+        self._commands = None if simulated else CommandThread(self, ended)
         group = self._commands.group if self._commands else None
         stamped = self.get_parameter("cmd_vel_stamped").value
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)  # of any publisher
@@ -142,8 +147,6 @@ class BridgeNode(LifecycleNode):
             self._clock_handle = self.get_clock().create_jump_callback(
                 every_tick, post_callback=lambda _jump: self._on_serial()
             )
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # /clock may be much faster
-        self.create_timer(POLL_PERIOD, self._on_timer, clock=steady)
 
         if self.get_parameter("autostart").value:
             if problem := self._mistake():
@@ -241,7 +244,10 @@ class BridgeNode(LifecycleNode):
             age = timedelta(days=self.get_parameter("bring_up_age").value)
             self._bridge.bring_up_problem = partial(self._bring_up_problem, record, age)
         self._ports = SerialPorts(
-            {Board.STEER: steer, Board.DRIVE: drive}, self._on_serial, baud=baud
+            {Board.STEER: steer, Board.DRIVE: drive},
+            self._on_serial,
+            ended=partial(self._on_thread_end, "serial ports"),
+            baud=baud,
         )
         return TransitionCallbackReturn.SUCCESS
 
@@ -309,18 +315,19 @@ class BridgeNode(LifecycleNode):
         if ports is not None:
             ports.close()  # waits for its thread, which may wait for the lock
 
-    # ---- the loop: after serial data, after a command, and every 50 ms ----
+    # ---- the loop: after serial data, after a command, and every 50 ms without serial data ----
 
     def _ros_now(self) -> float:
-        return float(self.get_clock().now().nanoseconds * 1e-9)
+        # what ROS time is unless simulated, at a tenth of the CPU time
+        return self.get_clock().now().nanoseconds * 1e-9 if self._simulated else time.time()
 
     def _now(self) -> float:
         """Time on the bridge's clock: the simulation's, otherwise one that nobody sets."""
         return self._ros_now() if self._host_clock is None else time.monotonic()
 
-    def _stamp(self, time_of_bridge: float) -> Time:
+    def _ros_time(self, time_of_bridge: float) -> float:
         clock = self._host_clock
-        return time_message(time_of_bridge if clock is None else clock.to_ros(time_of_bridge))
+        return time_of_bridge if clock is None else clock.to_ros(time_of_bridge)
 
     def _time_of(self, stamp: Time, now: float) -> float:
         """Time of a stamp on the bridge's clock; 0 without a stamp."""
@@ -329,17 +336,21 @@ class BridgeNode(LifecycleNode):
             return wanted
         return now - (self._ros_now() - wanted)
 
-    def _on_timer(self) -> None:
-        for name, thread in (("serial ports", self._ports), ("commands", self._commands)):
-            if thread is not None and not thread.alive:
-                raise RuntimeError(f"the thread of the {name} died")
-        if self._host_clock is not None:
-            step = self._host_clock.find_step(self._ros_now(), time.monotonic())
-            if step is not None:
-                self.get_logger().warning(
-                    f"this computer's clock was set by {step:+.3f} s; the bridge goes on"
-                )
-        self._step()
+    def _on_thread_end(self, name: str) -> None:
+        """Have the executor end the node."""
+        self._dead_thread = name
+        self._thread_died.trigger()
+
+    def _on_dead_thread(self) -> None:
+        raise RuntimeError(f"the thread of the {self._dead_thread} died")
+
+    def _follow_clock(self, clock: HostClock) -> None:
+        self._clock_checked = time.monotonic()
+        step = clock.find_step(self._ros_now(), time.monotonic())
+        if step is not None:
+            self.get_logger().warning(
+                f"this computer's clock was set by {step:+.3f} s; the bridge goes on"
+            )
 
     def _step(self) -> None:
         with self._lock:
@@ -347,6 +358,8 @@ class BridgeNode(LifecycleNode):
             if bridge is None or ports is None:
                 return
             now = self._now()
+            if self._host_clock is not None and now - self._clock_checked >= CLOCK_PERIOD:
+                self._follow_clock(self._host_clock)
             self._receive(bridge, ports, now)
             self._flush(bridge, ports, now)
 
@@ -381,16 +394,15 @@ class BridgeNode(LifecycleNode):
 
     def _joint_state(self, readings: JointReadings) -> JointState:
         message = self._message
-        message.header.stamp = self._stamp(readings.stamp)
-        message.name = [joint.name for joint in readings.joints]
-        message.position = [joint.position for joint in readings.joints]
-        message.velocity = [joint.velocity for joint in readings.joints]
+        stamp = message.header.stamp
+        stamp.sec, stamp.nanosec = split_seconds(self._ros_time(readings.stamp))
+        message.name, message.position, message.velocity = zip(*readings.joints, strict=True)
         return message
 
     def _state(self, readiness: Readiness, level: Level, now: float, problem: str = "") -> None:
         """Publish the vehicle's state when it has changed, and before `PERIOD` is over."""
         content = (readiness, level, problem)
-        if content == self._stated and 0.0 <= now - self._stated_at < PERIOD - POLL_PERIOD:
+        if content == self._stated and 0.0 <= now - self._stated_at < PERIOD - IDLE_PERIOD:
             return
         self._stated, self._stated_at = content, now
         text = problem or ("armed" if readiness.armed else f"not armed: {readiness.reason}")
@@ -402,7 +414,7 @@ class BridgeNode(LifecycleNode):
         self._armed.publish(Bool(data=readiness.armed))
 
     def _report(self, bridge: Bridge, now: float) -> None:
-        stamp = self._stamp(now)
+        stamp = time_message(self._ros_time(now))
         publishers = {source: self.count_publishers(source.value) for source in Source}
         array = DiagnosticArray()
         array.header.stamp = stamp
@@ -509,9 +521,15 @@ class BridgeNode(LifecycleNode):
         if bridge is None:
             response.success, response.message = False, "not armed: the bridge is not configured"
         elif request.data:
-            outcome: Future = Future(executor=self.executor)
+            executor = self.executor
+            outcome: Future = Future(executor=executor)
+
+            def answer(found: ArmingOutcome) -> None:
+                outcome.set_result(found)
+                executor.wake()  # it comes from another thread, and this one would wait on
+
             with self._lock:
-                bridge.arm(self._now(), outcome.set_result)
+                bridge.arm(self._now(), answer)
                 self._step()
             response.success, response.message = await outcome
         else:

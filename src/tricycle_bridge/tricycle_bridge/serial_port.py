@@ -1,7 +1,7 @@
 """The two serial ports: one I/O thread reads both, writes never block.
 
-The only module that imports `serial`. Reading all ports in one thread with a selector takes less
-CPU time than a thread per port, and delivers sooner.
+The only module that imports `serial`. Reading all ports in one thread takes less CPU time than a
+thread per port, and delivers sooner.
 """
 
 from __future__ import annotations
@@ -9,13 +9,11 @@ from __future__ import annotations
 import contextlib
 import os
 import select
-import selectors
 import termios
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import serial
 
@@ -23,6 +21,7 @@ from tricycle_bridge.protocol.messages import BAUD, Board
 from tricycle_core.closing import Closing
 
 RETRY_PERIOD = 0.1  # s between attempts to open a port
+IDLE_PERIOD = 0.05  # s between notifications while nothing arrives
 _READ_SIZE = 4096  # bytes
 _MAX_WAITING = 64 * 1024  # bytes per port that wait to be taken; further bytes are dropped
 
@@ -31,8 +30,7 @@ _MAX_WAITING = 64 * 1024  # bytes per port that wait to be taken; further bytes 
 _GONE = (OSError, serial.SerialException, termios.error, TypeError)
 
 
-@dataclass(frozen=True)
-class Opened:
+class Opened(NamedTuple):
     """A port was opened.
 
     Attributes
@@ -44,8 +42,7 @@ class Opened:
     board: Board
 
 
-@dataclass(frozen=True)
-class Received:
+class Received(NamedTuple):
     """Bytes arrived.
 
     Attributes
@@ -60,8 +57,7 @@ class Received:
     data: bytes
 
 
-@dataclass(frozen=True)
-class Closed:
+class Closed(NamedTuple):
     """A port went away, or could not be opened.
 
     Attributes
@@ -83,8 +79,11 @@ class _Port:
     """An open serial device and its file descriptor."""
 
     def __init__(self, path: str, baud: int) -> None:
-        # Opening clears the driver's buffer, and resets a real UNO (DTR).
-        self.device = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
+        # Opening clears the driver's buffer, and resets a real UNO (DTR). With an inter-byte
+        # timeout an end of file means that the device is gone: without new bytes it would block.
+        self.device = serial.Serial(
+            path, baud, timeout=0.0, inter_byte_timeout=0.0, write_timeout=0, exclusive=True
+        )
         self.fd = self.device.fileno()
         os.set_blocking(self.fd, False)
 
@@ -101,28 +100,37 @@ class SerialPorts(Closing):
     paths : mapping of Board to str
         Serial device of each board.
     notify : callable
-        Called in the I/O thread when `take_events` has something new; it may call every method but
-        `close`.
+        Called in the I/O thread when `take_events` has something new, and every `IDLE_PERIOD` while
+        it has not; it may call every method but `close`.
+    ended : callable
+        Called in the I/O thread when an exception in `notify` ends it.
     baud : int
         Bits per second.
     """
 
     def __init__(
-        self, paths: Mapping[Board, str], notify: Callable[[], None], *, baud: int = BAUD
+        self,
+        paths: Mapping[Board, str],
+        notify: Callable[[], None],
+        *,
+        ended: Callable[[], None] = lambda: None,
+        baud: int = BAUD,
     ) -> None:
         self._paths = dict(paths)
         self._notify = notify
+        self._ended = ended
         self._baud = baud
         self._ports: dict[Board, _Port] = {}
         self._retry_at = dict.fromkeys(paths, 0.0)
         self._reopen: dict[Board, str] = {}
-        self._events: deque[PortEvent] = deque()
+        self._events: list[PortEvent] = []
         self._waiting = dict.fromkeys(paths, 0)  # bytes in _events
+        self._taken = False  # the events, since the I/O thread looked
         self._lock = threading.Lock()
-        self._selector = selectors.DefaultSelector()
+        self._poll = select.poll()
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_write, False)
-        self._selector.register(self._wake_read, selectors.EVENT_READ, None)
+        self._poll.register(self._wake_read, select.POLLIN)
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="serial ports", daemon=True)
         self._thread.start()
@@ -138,11 +146,10 @@ class SerialPorts(Closing):
         It reads the ports itself, because on a busy machine the I/O thread may run much later.
         """
         with self._lock:
-            for board in self._ports:
-                self._read(board)
-            events = list(self._events)
-            self._events.clear()
+            self._read_all()
+            events, self._events = self._events, []
             self._waiting = dict.fromkeys(self._waiting, 0)
+            self._taken = True
         return events
 
     def write(self, board: Board, frames: list[bytes]) -> int:
@@ -190,42 +197,52 @@ class SerialPorts(Closing):
         self._stopping = True
         self._wake()
         self._thread.join()
-        self._selector.close()
         os.close(self._wake_read)
         os.close(self._wake_write)
 
     # ---- the I/O thread ----
 
     def _run(self) -> None:
-        while not self._stopping:
+        try:
+            while not self._stopping:
+                self._look()
+        finally:
+            if not self._stopping:
+                self._ended()
+        for board in list(self._ports):
+            self._close(board, "closed")
+
+    def _look(self) -> None:
+        """Open what is closed; wait for the ports and have the owner take what arrived."""
+        if len(self._ports) < len(self._paths):
             now = time.monotonic()
             for board in self._paths:
                 if board not in self._ports and now >= self._retry_at[board]:
                     self._open(board)
-            self._hand_over()
-            for key, _ in self._selector.select(self._until_retry()):
-                if key.data is None:
-                    os.read(self._wake_read, _READ_SIZE)
-                else:
-                    with self._lock:
-                        gone = self._read(key.data)
-                    if gone is not None:
-                        self._close(key.data, f"{self._paths[key.data]}: {gone}")
+        if self._events:
+            self._notify()
+        for fd, _ in self._poll.poll(self._patience() * 1e3):
+            if fd == self._wake_read:
+                os.read(fd, _READ_SIZE)
+        if self._stopping:
+            return
+        self._taken = False
+        self._notify()
+        if not self._taken:  # the owner does so later, and the line must not be full until then
+            with self._lock:
+                self._read_all()
+        if self._reopen:
             with self._lock:
                 reopen, self._reopen = self._reopen, {}
             for board, reason in reopen.items():
                 self._close(board, reason)
-            self._hand_over()
-        for board in list(self._ports):
-            self._close(board, "closed")
 
-    def _hand_over(self) -> None:
-        if self._events:  # one call for all events
-            self._notify()
-
-    def _until_retry(self) -> float | None:
+    def _patience(self) -> float:
+        """How long nothing may happen [s]."""
         closed = [self._retry_at[board] for board in self._paths if board not in self._ports]
-        return max(min(closed) - time.monotonic(), 0.0) if closed else None
+        if not closed:
+            return IDLE_PERIOD
+        return min(max(min(closed) - time.monotonic(), 0.0), IDLE_PERIOD)
 
     def _open(self, board: Board) -> None:
         path = self._paths[board]
@@ -239,15 +256,14 @@ class SerialPorts(Closing):
         with self._lock:
             self._ports[board] = port
             self._events.append(Opened(board))
-        self._selector.register(port.fd, selectors.EVENT_READ, board)
+        self._poll.register(port.fd, select.POLLIN)
 
     def _close(self, board: Board, reason: str) -> None:
         with self._lock:
             port = self._ports.pop(board, None)
         if port is None:
             return
-        with contextlib.suppress(KeyError, ValueError):
-            self._selector.unregister(port.fd)
+        self._poll.unregister(port.fd)
         port.close()
         self._retry_at[board] = time.monotonic() + RETRY_PERIOD
         with self._lock:
@@ -255,23 +271,21 @@ class SerialPorts(Closing):
 
     # ---- with the lock held ----
 
-    def _read(self, board: Board) -> str | None:
-        """Read what a port has received; return why it is gone, if it is."""
-        port = self._ports.get(board)
-        if port is None:
-            return None
-        try:
-            data = os.read(port.fd, _READ_SIZE)
-        except BlockingIOError:
-            return None
-        except _GONE as error:
-            return str(error)
-        if not data:  # nothing has arrived, or the other side is gone
-            return "end of file, the device was unplugged" if _hung_up(port.fd) else None
-        if self._waiting[board] <= _MAX_WAITING:
-            self._waiting[board] += len(data)
-            self._events.append(Received(board, data))
-        return None
+    def _read_all(self) -> None:
+        """Read what the ports have received; have those closed that are gone."""
+        for board, port in self._ports.items():
+            try:
+                data = os.read(port.fd, _READ_SIZE)
+                gone = "" if data else "end of file, the device was unplugged"
+            except BlockingIOError:
+                continue
+            except _GONE as error:
+                data, gone = b"", str(error)
+            if gone:
+                self._ask_reopen(board, f"{self._paths[board]}: {gone}")
+            elif self._waiting[board] <= _MAX_WAITING:
+                self._waiting[board] += len(data)
+                self._events.append(Received(board, data))
 
     def _ask_reopen(self, board: Board, reason: str) -> None:
         self._reopen[board] = reason
@@ -280,12 +294,6 @@ class SerialPorts(Closing):
     def _wake(self) -> None:
         with contextlib.suppress(BlockingIOError):
             os.write(self._wake_write, b"\0")
-
-
-def _hung_up(fd: int) -> bool:
-    poll = select.poll()
-    poll.register(fd, 0)  # hang-ups and errors are always reported
-    return bool(poll.poll(0))
 
 
 def _open_problem(path: str, error: Exception) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import threading
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -29,6 +30,8 @@ class CommandThread:
     ----------
     node : rclpy.node.Node
         Node with the subscriptions.
+    ended : callable
+        Called in the thread when an exception in a callback ends it.
 
     Attributes
     ----------
@@ -36,8 +39,9 @@ class CommandThread:
         Group of the subscriptions; those created before `start` are served.
     """
 
-    def __init__(self, node: Node) -> None:
+    def __init__(self, node: Node, ended: Callable[[], None] = lambda: None) -> None:
         self.group = NotTheExecutors()
+        self._ended = ended
         self._node = node
         self._stopping = False
         self._thread = threading.Thread(target=self._run, name="commands", daemon=True)
@@ -58,12 +62,21 @@ class CommandThread:
             self._thread.join()
 
     def _run(self) -> None:
+        try:
+            self._serve()
+        finally:
+            if not self._stopping:
+                self._ended()
+
+    def _serve(self) -> None:
         node, group = self._node, self.group
         subscriptions = [s for s in node.subscriptions if s.callback_group is group]
         events = [w for w in node.waitables if w.callback_group is group]
         context = node.context.handle
+        handles = [s.handle for s in subscriptions]
+        by_pointer = {s.handle.pointer: s for s in subscriptions}
         with ExitStack() as in_use:
-            for entity in (context, *(s.handle for s in subscriptions), *events):
+            for entity in (context, *handles, *events):
                 in_use.enter_context(entity)
             n = len(subscriptions)
             waiting = rclpy_implementation.WaitSet(n, 0, 0, 0, 0, len(events), context)
@@ -71,17 +84,15 @@ class CommandThread:
             while not self._stopping:
                 look = time.monotonic() - looked >= _EVENTS
                 waiting.clear_entities()
-                for subscription in subscriptions:
-                    waiting.add_subscription(subscription.handle)
+                for handle in handles:
+                    waiting.add_subscription(handle)
                 if look:
                     looked = time.monotonic()
                     for event in events:
                         event.add_to_wait_set(waiting)
                 waiting.wait(_WAIT)
-                ready = waiting.get_ready_entities("subscription")
-                for subscription in subscriptions:
-                    if subscription.handle.pointer in ready:
-                        self._take(subscription)
+                for pointer in waiting.get_ready_entities("subscription"):
+                    self._take(by_pointer[pointer])
                 for event in events if look else ():
                     if event.is_ready(waiting) and (data := event.take_data()):
                         event.callback(data)
