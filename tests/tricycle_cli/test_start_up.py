@@ -12,6 +12,8 @@ SLOW = {
     *("scipy", "sklearn", "numba", "matplotlib", "plotly", "rclpy", "rosbags", "rich"),
     *("pandas", "jinja2"),
 }
+# what the families' names (importlib.metadata imports email) and documents need
+LATER = {"email", "msgspec"}
 SCRIPT = """
 import json, sys
 from tricycle_cli.main import main
@@ -55,6 +57,14 @@ def test_a_wrong_argument_imports_nothing_slow(arguments):
     status, names = imported(*arguments)
     assert status == 2
     assert names & SLOW == set()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_wrong_argument_of_a_command_looks_for_no_family_and_reads_no_document(command):
+    status, names = imported(command, "--bad")
+    assert status == 2
+    assert names & (SLOW | LATER) == set()
 
 
 @pytest.mark.slow

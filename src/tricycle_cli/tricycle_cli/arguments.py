@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
@@ -300,6 +300,25 @@ def _datum(text: str) -> Datum:
         return Datum(*(float(number) for number in text.split(",")))
     except (ValueError, TypeError) as error:
         raise ArgumentTypeError(f"{text!r}: want LAT,LON or LAT,LON,ALT") from error
+
+
+def describe_later(parser: ArgumentParser, describe: Callable[[], None]) -> None:
+    """Have a parser complete its help when that is shown, with what takes a while to find out.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand.
+    describe : callable
+        Sets what is missing.
+    """
+    format_help = parser.format_help
+
+    def described() -> str:
+        describe()
+        return format_help()
+
+    parser.format_help = described  # type: ignore[method-assign]
 
 
 def search_boxes() -> str:

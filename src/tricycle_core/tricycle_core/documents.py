@@ -14,8 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
-
 from tricycle_core.errors import ExcitationError
 
 DocumentT = TypeVar("DocumentT")
@@ -229,6 +227,8 @@ def encode(document: object) -> Any:
         return {encode(name): encode(value) for name, value in document.items()}
     if isinstance(document, list | tuple):
         return [encode(value) for value in document]
+    import msgspec  # takes a while, and help and mistakes of a command do without
+
     return msgspec.to_builtins(document, enc_hook=_plain)
 
 
@@ -253,6 +253,8 @@ def decode(
     ExcitationError
         Of the type `error`; the message names the first entry that does not fit and what would.
     """
+    import msgspec
+
     try:
         return msgspec.convert(values, kind, dec_hook=_special)
     except (msgspec.ValidationError, ExcitationError) as problem:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from mcap.writer import Writer
 
 from tricycle_core.documents import replacing
 from tricycle_core.palette import BLUE, GREEN, ORANGE, VERMILLION
@@ -93,6 +92,8 @@ def _save_parquet(columns: dict[str, FloatArray], path: Path) -> None:
 
 def _save_mcap(columns: dict[str, FloatArray], path: Path, *, samples: int) -> None:
     """Write JSON messages, which Foxglove plots as they are; a topic for each sample."""
+    from mcap.writer import Writer  # takes a while, and the other files do without
+
     schema = {
         "type": "object",
         "properties": {name: {"type": "number"} for name in columns},

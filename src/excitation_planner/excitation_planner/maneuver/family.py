@@ -9,13 +9,14 @@ maneuver proper begins.
 Families are found by their entry points, see docs/how-to-maneuver-family.md.
 """
 
+from __future__ import annotations
+
 import math
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.metadata import EntryPoints, entry_points
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -26,6 +27,9 @@ from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
 
 ENTRY_POINTS = "excitation_planner.maneuvers"
 """Group of the entry points: family name = module:class."""
@@ -151,6 +155,8 @@ def path_point(vehicle: Vehicle) -> float:
 @cache
 def _installed(_: tuple[str, ...]) -> EntryPoints:
     """Read what is installed on a search path: once, it takes as long as to import NumPy."""
+    from importlib.metadata import entry_points  # so does this
+
     return entry_points(group=ENTRY_POINTS)
 
 

@@ -18,6 +18,7 @@ from tricycle_cli.arguments import (
     add_lead_in_option,
     add_noise_options,
     add_range_options,
+    describe_later,
     effects_asked,
     families_of,
     noise_of,
@@ -66,7 +67,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "same command goes on. With --vehicle-nodes it drives the nodes that vehicle.launch.py "
         "has started, and asks for the vehicle to be at its start and armed before every drive."
     )
-    parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
     add = parser.add_argument
     add("--targets", required=True, metavar="NAME[,NAME…]", help="unknown parameters to be known")
     add(
@@ -76,12 +76,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="half width of the 95 %% interval, as a share of the estimate",
     )
     add("--output", type=Path, required=True, metavar="DIR", help="the campaign's folder")
-    add(
-        "--maneuver",
-        default="circle,double_lane_change",
-        metavar="NAME[,NAME…]",
-        help=f"families to choose from: {', '.join(family_names())}",
-    )
+    maneuver = add("--maneuver", default="circle,double_lane_change", metavar="NAME[,NAME…]")
+
+    def describe() -> None:
+        maneuver.help = f"families to choose from: {', '.join(family_names())}"
+        parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
+
+    describe_later(parser, describe)
     add_range_options(parser)
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add_area_option(parser)

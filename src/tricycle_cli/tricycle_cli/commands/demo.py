@@ -12,7 +12,13 @@ import numpy as np
 
 from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.planning import PlanRequest
-from tricycle_cli.arguments import add_effects_option, effects_asked, real_time_factor, seed
+from tricycle_cli.arguments import (
+    add_effects_option,
+    describe_later,
+    effects_asked,
+    real_time_factor,
+    seed,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import BagError
@@ -49,7 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("--maneuver", default="circle", help=f"family: {', '.join(family_names())}")
+    maneuver = add("--maneuver", default="circle")
+
+    def describe() -> None:
+        maneuver.help = f"family: {', '.join(family_names())}"
+
+    describe_later(parser, describe)
     add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--seed", type=seed, default=0, help="of plan, random maneuver and hidden truth")

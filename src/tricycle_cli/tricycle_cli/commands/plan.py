@@ -18,6 +18,7 @@ from tricycle_cli.arguments import (
     add_lead_in_option,
     add_noise_options,
     add_range_options,
+    describe_later,
     families_of,
     noise_of,
     parse_assignments,
@@ -60,15 +61,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "and verifies them with fresh samples. Says beforehand how well each parameter will be "
         "known."
     )
-    parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
     add = parser.add_argument
     add("show", nargs="*", metavar="show FILE", help="print and plot a saved plan instead")
-    add(
-        "--maneuver",
-        default="circle",
-        metavar="NAME[,NAME…]",
-        help=f"families, driven one after the other: {', '.join(family_names())}",
-    )
+    maneuver = add("--maneuver", default="circle", metavar="NAME[,NAME…]")
+
+    def describe() -> None:
+        maneuver.help = f"families, driven one after the other: {', '.join(family_names())}"
+        parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
+
+    describe_later(parser, describe)
     add("--maneuvers", type=int, metavar="N", help="how many to drive, of these families in turn")
     add_range_options(parser)
     add("--target", help="unknown parameter to excite (default: the first cornering stiffness)")

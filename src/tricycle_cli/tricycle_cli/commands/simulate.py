@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from excitation_planner.maneuver import family_by_name, family_names, operation_point
-from tricycle_cli.arguments import parse_assignments, seed
+from tricycle_cli.arguments import describe_later, parse_assignments, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
@@ -57,13 +57,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLE
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("--commands", type=Path, metavar="FILE.csv", help="commands to replay")
-    source.add_argument(
-        "--maneuver",
-        nargs="+",
-        metavar=("NAME", "PARAMETER=VALUE"),
-        help="make the commands: the vehicle of the file, without --set, drives this maneuver of "
-        f"{', '.join(family_names())}",
-    )
+    maneuver = source.add_argument("--maneuver", nargs="+", metavar=("NAME", "PARAMETER=VALUE"))
+
+    def describe() -> None:
+        maneuver.help = (
+            "make the commands: the vehicle of the file, without --set, drives this maneuver of "
+            f"{', '.join(family_names())}"
+        )
+
+    describe_later(parser, describe)
     add = parser.add_argument
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--set", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="constants")
