@@ -23,7 +23,7 @@ from tricycle_cli.operation.processes import executable, own_domain, ros_environ
 PATIENCE = 60.0  # s for a node to come up
 NODES = (
     *("tricycle_bridge", "tricycle_sim", "excitation_planner", "maneuver_driver"),
-    *("trajectory_recorder", "bag_replayer"),
+    *("trajectory_recorder", "bag_replayer", "identification_monitor"),
 )
 
 

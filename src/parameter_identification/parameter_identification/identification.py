@@ -27,7 +27,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.measured import MeasuredDrive
@@ -215,7 +215,7 @@ def _estimates(
     doubt: Doubt,
 ) -> dict[str, Estimate]:
     model = problem.models[0]
-    quantile = float(norm.ppf(0.5 + 0.5 * level))
+    quantile = float(ndtri(0.5 + 0.5 * level))
     std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
     shown = identifiable(problem, optimum)
     found = {}

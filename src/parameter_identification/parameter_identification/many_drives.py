@@ -24,7 +24,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.stats import binom, norm
+from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
@@ -120,6 +120,8 @@ class ManyDrives:
     @property
     def white(self) -> bool:
         """Whether no more drives are not white than one expects of a model that lacks nothing."""
+        from scipy.stats import binom  # takes half a second to import
+
         return self.not_white <= int(binom.isf(0.001, len(self.drives), SIGNIFICANCE))
 
 
@@ -736,7 +738,7 @@ def result_of(
     by_noise = np.sqrt(np.diag(covariance))
     covariance = doubted(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))
-    quantile = float(norm.ppf(0.5 + 0.5 * level))
+    quantile = float(ndtri(0.5 + 0.5 * level))
     estimates = {}
     for i, name in enumerate(vehicle.unknown):
         around = [at[i] - quantile * std[i], at[i] + quantile * std[i]]

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.arrow import Arrow
@@ -185,7 +185,7 @@ class Joint:
             Probability of the intervals.
         """
         vehicle = self.searches[0].setting.vehicle
-        names, quantile = list(vehicle.unknown), float(norm.ppf(0.5 + 0.5 * level))
+        names, quantile = list(vehicle.unknown), float(ndtri(0.5 + 0.5 * level))
         before = 1.0 / np.sqrt(np.diag(self.searches[0].variables.information))
         found = {}
         for i, std in zip(self.common.tolist(), np.sqrt(np.diag(self.of_common)), strict=True):
@@ -287,7 +287,7 @@ class Alone:
             Probability of the intervals.
         """
         spread = rates.spread.middle / width
-        wide = (rates.mean.high - rates.mean.low) / (2.0 * norm.ppf(0.5 + 0.5 * level)) / width
+        wide = (rates.mean.high - rates.mean.low) / (2.0 * ndtri(0.5 + 0.5 * level)) / width
         rate = self.covariances[:, 1, 1]
         slope = self.covariances[:, 0, 1] / rate
         odd = np.array([m.odd for m in rates.members])

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from scipy.signal import detrend
 
 from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
@@ -166,6 +165,8 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
     IdentificationError
         Naming the drive, the sensor, and what is right (REP-103).
     """
+    from scipy.signal import detrend  # takes as long as NumPy
+
     short = [drive for drive in drives if np.ptp(drive.signals[Sensor.POSITION].time) < LONG]
     for together in (*([drive] for drive in drives if drive not in short), short):
         pairs: dict[Sensor, list[FloatArray]] = {}

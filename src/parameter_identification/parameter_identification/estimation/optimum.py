@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.problem import Fit, LeastSquares
 from tricycle_core.quantities import FloatArray
@@ -131,7 +131,7 @@ def _compare(
 
     A rival is a different minimum whose cost is within what the interval allows.
     """
-    allowed = float(chi2.ppf(level, 1))
+    allowed = chi_square.quantile(level, 1)
     k, agreed = problem.k, 0
     rivals: list[FloatArray] = []
     for fit in fits:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import logsumexp, ndtr
-from scipy.stats import norm
+from scipy.special import logsumexp, ndtr, ndtri
 
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -137,7 +136,7 @@ def population(
     share = np.cumsum(common.weights)
     members = []
     for i, vehicle in enumerate(vehicles):
-        own = [estimates[i] + norm.ppf(p) * deviations[i] for p in ends]
+        own = [estimates[i] + ndtri(p) * deviations[i] for p in ends]
         if not odd[i]:
             kept = given.spreads**2 / (given.spreads**2 + deviations[i] ** 2)  # of its own estimate
             of_common = -kept[:, None] * columns[i]
@@ -230,7 +229,7 @@ def _distances(given: _Given) -> tuple[FloatArray, NDArray[np.bool_]]:
         distances = np.where(away, 0.0, _from_others(given, away))
         farthest = int(np.argmax(np.abs(distances)))
         away[farthest] = True
-        if 2.0 * norm.sf(abs(distances[farthest])) < FALSE_ALARMS / (count - taken):
+        if 2.0 * ndtr(-abs(distances[farthest])) < FALSE_ALARMS / (count - taken):
             odd = away.copy()
     return _from_others(given, odd), odd
 
@@ -242,7 +241,7 @@ def _from_others(given: _Given, away: NDArray[np.bool_]) -> FloatArray:
     off = (given.estimates - np.sum(found.means * x, axis=-1)) / np.sqrt(variance)
     below, above = (np.sum(found.weights * ndtr(side * off), axis=0) for side in (1.0, -1.0))
     tails = np.maximum(np.minimum(below, above), 1e-300)
-    distances: FloatArray = np.copysign(norm.isf(tails), below - above)
+    distances: FloatArray = np.copysign(-ndtri(tails), below - above)
     return distances
 
 

@@ -18,10 +18,10 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.stats import chi2
 
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.noise import (
     NoiseLevel,
@@ -420,7 +420,7 @@ class LeastSquares(Closing):
             shown -= np.diag(self._precision[at - self.k])  # by the drives, without the prior
             mean, half_variance = np.trace(shown), np.sum(shown**2)
             scale = half_variance / mean
-            chances[e.name] = float(chi2.sf(scores @ scores / scale, mean / scale))
+            chances[e.name] = chi_square.tail(scores @ scores / scale, mean / scale)
         return chances
 
     def estimate_noise(self, v: FloatArray) -> None:

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.problem import Fit, LeastSquares
 from tricycle_core.quantities import FloatArray
 
@@ -60,7 +60,7 @@ def profile(
     ----------
     D. J. Venzon, S. H. Moolgavkar, Applied Statistics 37 (1988) 87-94.
     """
-    allowed = float(chi2.ppf(level, 1))
+    allowed = chi_square.quantile(level, 1)
     std = math.sqrt(inverse[i, i])
     free = np.arange(problem.n) != i
     sides = {}

@@ -4,9 +4,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
@@ -213,7 +213,7 @@ def predict_held_out(
         rms_estimated=rms[1],
         noise=math.sqrt(2.0 * variance),
         expected=float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)))),
-        inside=float(np.mean(distance <= chi2.ppf(level, 2))),
+        inside=float(np.mean(distance <= chi_square.quantile(level, 2))),
     )
 
 

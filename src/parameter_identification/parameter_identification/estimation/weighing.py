@@ -16,8 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import log_ndtr, logit, logsumexp
-from scipy.stats import norm
+from scipy.special import log_ndtr, logit, logsumexp, ndtr, ndtri
 
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
@@ -31,6 +30,7 @@ CERTAIN = 3.0  # standard deviations of a prior below which a least value is not
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
 MOST_SIZES = 8  # combinations of them that are averaged
+_LOG_ROOT_TAU = 0.5 * math.log(math.tau)  # of the normal distribution's density
 ROUNDS = 5  # of weights, and fit with the most probable effects
 
 
@@ -92,12 +92,12 @@ class Mixture:
             Between 0 and 1.
         """
         mean, std = self.means[:, i], np.sqrt(self.covariances[:, i, i])
-        ends = mean + norm.ppf(probability) * std
+        ends = mean + ndtri(probability) * std
         if np.ptp(ends) == 0.0:
             return float(ends[0])
 
         def excess(value: float) -> float:
-            return float(self.weights @ norm.cdf((value - mean) / std)) - probability
+            return float(self.weights @ ndtr((value - mean) / std)) - probability
 
         return float(brentq(excess, ends.min() - 1e-9, ends.max() + 1e-9))
 
@@ -217,7 +217,7 @@ def _cut_off(
     std = np.sqrt(variance)
     start = (least - means[:, i]) / std
     within = log_ndtr(-start)
-    hazard = np.exp(norm.logpdf(start) - within)
+    hazard = np.exp(-0.5 * start**2 - _LOG_ROOT_TAU - within)
     shrinks = np.clip(hazard * (hazard - start), 0.0, 1.0 - 1e-9)  # of the variance, by this share
     gains = covariances[:, :, i] / variance[:, None]
     means = means + gains * (std * hazard)[:, None]

@@ -7,8 +7,8 @@ lacks, or a sensor that drifts. One drive does not show which.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from parameter_identification.estimation import chi_square
 from tricycle_core.quantities import FloatArray
 
 LONGEST_LAG = 1.0  # s
@@ -65,7 +65,7 @@ def ljung_box(residuals: FloatArray, lags: int) -> tuple[float, float]:
     covariance = np.fft.irfft(np.abs(spectrum) ** 2, size)[: lags + 1]
     rho = covariance[1:] / covariance[0]
     statistic = float(m * (m + 2) * np.sum(rho**2 / (m - np.arange(1, lags + 1))))
-    return statistic, float(chi2.sf(statistic, lags))
+    return statistic, chi_square.tail(statistic, lags)
 
 
 def whiteness(
