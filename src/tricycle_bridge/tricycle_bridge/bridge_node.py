@@ -529,6 +529,7 @@ class BridgeNode(LifecycleNode):
                 executor.wake()  # it comes from another thread, and this one would wait on
 
             with self._lock:
+                self._step()  # what has arrived decides, also before the I/O thread has its turn
                 bridge.arm(self._now(), answer)
                 self._step()
             response.success, response.message = await outcome
