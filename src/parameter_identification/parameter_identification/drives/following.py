@@ -3,8 +3,6 @@
 import dataclasses
 
 import numpy as np
-from scipy.interpolate import make_smoothing_spline
-from scipy.signal import savgol_filter
 
 from parameter_identification.drives.samples import Samples
 from tricycle_bridge.protocol.limits import MAX_SPEED
@@ -101,6 +99,8 @@ def measured_setpoints(
     ----------
     P. Craven, G. Wahba, Numerische Mathematik 31 (1979) 377-403: how much is smoothed.
     """
+    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
+
     setpoints, expected = servo_angle(commands, measured.time, vehicle)
     off = make_smoothing_spline(measured.time, measured.values - expected)
     ticks = TICK * np.arange(len(setpoints))
@@ -131,5 +131,7 @@ def speed_followed(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Co
 
 def _ahead(error: FloatArray, lag: float) -> FloatArray:
     """What a loop that lags by so many seconds has to be told besides the error."""
+    from scipy.signal import savgol_filter  # takes as long as NumPy
+
     rise: FloatArray = lag * np.gradient(savgol_filter(error, *FILTER), TICK)
     return rise
