@@ -4,7 +4,7 @@
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz, the steering's angle on every tick in
-counts of its ADC (--commands: not at all). Each is identified without effects, with all, with all
+counts of its ADC. Each is identified without effects, with all, with all
 weighed, and with those that act in that world (the oracle). Printed for the first two parameters
 and the yaw inertia: in how many vehicles it is shown, how many 95 % intervals hold the truth where
 it is, how many do not (wrong, though shown), and the median width of the intervals over all
@@ -202,13 +202,13 @@ WORLDS = {  # motion, and the effects that act
     "localisation late, drifts": (of(), ()),
     "drive 120 ms late": (late_drive, ("drive-dead-time",)),
     # no effect is quite of its kind
-    "servo of another kind": (another_servo, ("measured-steering",)),
+    "servo of another kind": (another_servo, ()),
     "speed loop of another kind": (another_loop, ("speed-deviation", "start-deviation")),
     "tyre of the magic formula": (magic, ("tyre-saturation", "tyre-rounding", "road-friction")),
 }
 
 
-def drives_in(world, truth, seed, pair, steering_step):
+def drives_in(world, truth, seed, pair):
     rng = np.random.default_rng([seed, 3])
     late = world.startswith("localisation")
     sensors = SENSORS | ({Sensor.POSITION: SensorNoise(0.01, 0.01)} if late else {})
@@ -216,7 +216,7 @@ def drives_in(world, truth, seed, pair, steering_step):
     for name, commands in zip(("circle", "lane"), pair, strict=True):
         motion = WORLDS[world][0](commands, truth)
         drive = rounded(
-            measure(motion, commands, sensors, rng=rng, name=name, steering_step=steering_step)
+            measure(motion, commands, sensors, rng=rng, name=name, steering_step=1.0 / ADC_SCALE)
         )
         if late:
             p = drive.signals[Sensor.POSITION]
@@ -228,9 +228,9 @@ def drives_in(world, truth, seed, pair, steering_step):
 
 def one_vehicle(job):
     """For each way and parameter: shown, covered, width in ranges; whether told."""
-    world, seed, pair, ways, steering_step = job
+    world, seed, pair, ways = job
     truth = draw(seed)
-    drives = drives_in(world, truth, seed, pair, steering_step)
+    drives = drives_in(world, truth, seed, pair)
     true = dict(zip(VEHICLE.unknown, truth, strict=True))
     rows = []
     for way in ways:
@@ -266,10 +266,8 @@ def main():
     parser.add_argument("--world", choices=WORLDS, action="append", default=[])
     parser.add_argument("--way", choices=WAYS, action="append", default=[])
     parser.add_argument("--plan", choices=("none", "all", "random"))
-    parser.add_argument("--commands", action="store_true", help="the steering is not measured")
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
-    step = 0.0 if arguments.commands else 1.0 / ADC_SCALE
     if arguments.plan == "random":
         pairs = [random_pair(seed) for seed in range(arguments.vehicles)]
     else:
@@ -284,7 +282,7 @@ def main():
     tallies, cautious = {way: Tally() for way in ways}, []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in arguments.world or WORLDS:
-            jobs = [(world, seed, pair, ways, step) for seed, pair in enumerate(pairs)]
+            jobs = [(world, seed, pair, ways) for seed, pair in enumerate(pairs)]
             table = np.array(list(pool.map(one_vehicle, jobs)), dtype=float)
             for number, way in enumerate(ways):
                 line = f"{world:37s}{way:>8s}"

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from parameter_identification.drives.kept import began, has_steering_angle
+from parameter_identification.drives.kept import began
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.prior import UNIFORM_VARIANCE
@@ -177,11 +177,10 @@ def identify_fleet(
         raise IdentificationError(
             f"{', '.join(changing)}: no change is seen where drives have no times that differ"
         )
-    measured = any(has_steering_angle(file) for drives in files.values() for file in drives)
     searches = begin(
         list(files.values()),
         vehicle,
-        effects_of(vehicle, effects, steering_measured=measured),
+        effects_of(vehicle, effects),
         None,
         seed,
         executor,

@@ -25,6 +25,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.special import ndtri
@@ -49,6 +50,7 @@ from parameter_identification.estimation.results import (
     NuisanceEstimate,
     Profile,
 )
+from parameter_identification.estimation.steering import Steering, servo_of_another_kind
 from parameter_identification.estimation.validation import (
     effects_of_drives,
     fits_of_drives,
@@ -58,13 +60,14 @@ from parameter_identification.estimation.validation import (
 from parameter_identification.estimation.weighing import Mixture, weigh_effects
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
-from tricycle_sim.effects import EFFECTS, effects_of
+from tricycle_sim.effects import EFFECTS, OF_SERVO, effects_of
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
 __all__ = [
     "EFFECTS", "Combination", "DriveFit", "EffectEstimate", "Estimate", "GaussianPrior", "HeldOut",
-    "Identification", "IdentificationError", "Loss", "NuisanceEstimate", "Profile", "identify",
+    "Identification", "IdentificationError", "Loss", "NuisanceEstimate", "Profile", "Steering",
+    "identify",
 ]  # fmt: skip
 
 OUTLIER = 6.0  # standard deviations from which samples are counted as outliers
@@ -80,6 +83,7 @@ def identify(
     held_out: Sequence[MeasuredDrive] = (),
     effects: Sequence[str] = (),
     weighed: bool = False,
+    steering: Steering = Steering.EITHER,
     simulator: Simulator = CommandedBatch,
     loss: Loss = Loss.SQUARED,
     starts: int = 4,
@@ -110,6 +114,9 @@ def identify(
     weighed : bool
         Whether the result is the average over the models with and without each effect, instead of
         that with all of them. Its intervals are those of the average, never profiles.
+    steering : Steering
+        Whether the steering follows its commands, as the vehicle file's servo does, or has the
+        measured angle.
     simulator : callable
         Of the drives: our own model, or an FMU (`tricycle_sim.fmi.batch.FmuSimulator`).
     loss : Loss
@@ -137,13 +144,28 @@ def identify(
         raise IdentificationError("no drive: nothing to identify from")
     asked = restrict(vehicle, tuple(vehicle.unknown if parameters is None else parameters))
     known = asked if hold_others else vehicle
-    measured = any(drive.steering_angle is not None for drive in drives)
-    beside = effects_of(known, effects, steering_measured=measured)
     check_drives([*drives, *held_out], vehicle)
+    ours = simulator is CommandedBatch  # others have a servo of their own
+    measured = steering is Steering.MEASURED or (
+        steering is Steering.EITHER and ours and servo_of_another_kind(drives, vehicle)
+    )
+    if measured and not ours:
+        raise IdentificationError(
+            "the steering of an FMU follows its commands, not a measured angle"
+        )
+    for drive in (*drives, *held_out) if measured else ():
+        if drive.steering_angle is None:
+            raise IdentificationError(
+                f"{drive.name}: no steering angle is told throughout, and the steering shall be "
+                "the measured one: identify from the commands"
+            )
+    of_servo = OF_SERVO if measured else ()
+    beside = tuple(e for e in effects_of(known, effects) if e.name not in of_servo)
+    of_drive = partial(DriveModel, measured_steering=measured)
     with (
         threadpool_limits(1, user_api="blas"),  # for small matrices more threads only cost
         LeastSquares(
-            [DriveModel(known, drive, beside, simulator) for drive in drives],
+            [of_drive(known, drive, beside, simulator) for drive in drives],
             *prior_in_ranges(known, prior),
             loss,
         ) as problem,
@@ -151,7 +173,7 @@ def identify(
         near = None
         if beside:  # without effects a search takes a tenth of the time
             with LeastSquares(
-                [DriveModel(known, drive, (), simulator) for drive in drives],
+                [of_drive(known, drive, (), simulator) for drive in drives],
                 *prior_in_ranges(known, prior),
                 loss,
             ) as without:
@@ -196,6 +218,7 @@ def identify(
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
             scatter=doubt.scatter,
+            measured_steering=measured,
             friction_used=max(m.friction_used(optimum.fit.at[: problem.k]) for m in problem.models),
         ).only(asked.unknown)
 

@@ -183,6 +183,8 @@ class IdentificationDocument:
         What was estimated beside the parameters.
     scatter : float or None
         As in `Identification`; None for less than 10 drives.
+    measured_steering : bool
+        As in `Identification`.
     friction_used : float or None
         Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
     others : mapping of str to ParameterEntry
@@ -210,6 +212,7 @@ class IdentificationDocument:
     seconds: float = 0.0
     effects: tuple[EffectEstimate, ...] = ()
     scatter: float | None = None
+    measured_steering: bool = False
     friction_used: float | None = None
     others: Mapping[str, ParameterEntry] = field(default_factory=dict)
 
@@ -282,6 +285,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         seconds=found.seconds,
         effects=found.effects,
         scatter=_known(found.scatter),
+        measured_steering=found.measured_steering,
         friction_used=_known(found.friction_used),
     )
 

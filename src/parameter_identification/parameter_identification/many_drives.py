@@ -28,14 +28,7 @@ from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
-from parameter_identification.drives.kept import (
-    began,
-    content_key,
-    has_steering_angle,
-    keep,
-    kept,
-    sensors_of,
-)
+from parameter_identification.drives.kept import began, content_key, keep, kept, sensors_of
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_signs, check_vehicle
@@ -48,7 +41,7 @@ from parameter_identification.estimation.weighing import mixture as mixture_of
 from parameter_identification.estimation.whiteness import SIGNIFICANCE
 from tricycle_core.errors import ExcitationError, IdentificationError
 from tricycle_core.quantities import FloatArray, Progress
-from tricycle_sim.effects import Effect, check_effects, effects_of
+from tricycle_sim.effects import Effect, effects_of
 from tricycle_sim.vehicle import Vehicle
 
 LOOKED_AT = 8  # drives from which start and noise are found
@@ -419,15 +412,13 @@ def identify_many(
     IdentificationError
         If a bag cannot be used, comes twice, none is left, a worker dies, or there is no minimum.
     """
-    check_effects(effects)
+    beside = effects_of(vehicle, effects)
     files, left_out = read_bags(
         bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
         progress=progress,
     )  # fmt: skip
     if not files:
         raise IdentificationError("no drive: nothing to identify from")
-    measured = any(has_steering_angle(file) for file in files.values())
-    beside = effects_of(vehicle, effects, steering_measured=measured)
     (search,) = begin([list(files.values())], vehicle, beside, prior, seed, executor)
     descend([search], executor)
     average = None

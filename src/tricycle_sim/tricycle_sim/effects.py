@@ -10,9 +10,6 @@ much more it turns, and by how much the set-point of its speed is higher in the 
 rest. They stand for what no constant can, e.g. a servo or a speed loop of another kind, or boards
 that do not see a wheel turn slowly. Their size is estimated, so that they vanish where nothing is
 missing.
-
-*Measured steering* tells by which share the servo's angle was the one that a sensor told, instead
-of the one that the model's servo has: 0 where this is the vehicle's, 1 where it is of another kind.
 """
 
 import dataclasses
@@ -32,10 +29,11 @@ SPEED_DEVIATION, TURN_DEVIATION = "speed deviation", "turn deviation"
 START_DEVIATION = "start deviation"
 SLIP_BY_SPEED = "slip by speed"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
-MEASURED_STEERING = "measured steering"
 WHEEL_RADIUS = "wheel radius"
 TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
 SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
+OF_SERVO = "servo bandwidth", SERVO_DEAD_TIME, "steering play"
+"""Effects of how the steering's angle comes about; none where it is measured."""
 REACH = 4.0  # standard deviations of the prior that an effect may have at most
 
 
@@ -136,7 +134,6 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
 _OTHERS = (
     Effect(SERVO_DEAD_TIME, "s", 0.02, low=0.0, high=REACH * 0.02, chance=0.5),
     Effect(DRIVE_DEAD_TIME, "s", 0.05, low=0.0, high=REACH * 0.05),
-    Effect(MEASURED_STEERING, "1", 1.0, chance=0.3),
     Effect(SENSOR_FORWARD, "m", 0.03),
     Effect(SENSOR_LEFT, "m", 0.03),
     Effect(SENSOR_YAW, "rad", 0.02),
@@ -189,9 +186,7 @@ def named_effects(names: str) -> tuple[str, ...]:
     return chosen
 
 
-def effects_of(
-    vehicle: Vehicle, names: Sequence[str], *, steering_measured: bool = False
-) -> tuple[Effect, ...]:
+def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
     """Return effects on a vehicle; those whose constants are unknown parameters are left out.
 
     Parameters
@@ -200,8 +195,6 @@ def effects_of(
         That may have them.
     names : sequence of str
         Of `EFFECTS`.
-    steering_measured : bool
-        Whether drives tell the servo's angle; otherwise `MEASURED_STEERING` is left out.
 
     Raises
     ------
@@ -234,8 +227,6 @@ def effects_of(
                 )
             )
     for e in _OTHERS:
-        if e.name == MEASURED_STEERING and not steering_measured:
-            continue
         if e.name == SERVO_DEAD_TIME:
             if "servo_delay" in vehicle.unknown:
                 continue

@@ -21,14 +21,14 @@ SLOW = VEHICLE.replace(servo_natural_frequency=0.5 * VEHICLE.servo_natural_frequ
 
 def test_the_servo_is_the_simulations():
     motion = simulate(VEHICLE, COMMANDS, TRUTH[None])
-    _, angle = servo_angle(COMMANDS, motion.time[:-1], VEHICLE)
+    angle = servo_angle(COMMANDS, motion.time[:-1], VEHICLE)
     np.testing.assert_allclose(angle, motion.steering_motor_angle[0, :-1], atol=1e-12)
 
 
 @pytest.mark.parametrize(("step", "error"), [(1e-6, 1e-4), (STEP, 7e-4)])
 def test_the_nominal_servo_reaches_the_angle_of_another_one(step, error):
     time = TICK * np.arange(int(COMMANDS.duration / TICK))
-    _, true = servo_angle(COMMANDS, time, SLOW)
+    true = servo_angle(COMMANDS, time, SLOW)
     told = Samples(time, step * np.round(true / step))
     commanded, wanted = measured_setpoints(COMMANDS, told, VEHICLE)
     own, reached = (servo_response(s, VEHICLE)[: len(time)] for s in (commanded, wanted))
@@ -38,7 +38,7 @@ def test_the_nominal_servo_reaches_the_angle_of_another_one(step, error):
 
 def test_a_servo_as_in_the_file_needs_no_others_set_points():
     time = TICK * np.arange(int(COMMANDS.duration / TICK))
-    _, true = servo_angle(COMMANDS, time, VEHICLE)
+    true = servo_angle(COMMANDS, time, VEHICLE)
     told = Samples(time, STEP * np.round(true / STEP))
     commanded, wanted = measured_setpoints(COMMANDS, told, VEHICLE)
     assert np.std(wanted - commanded) < 0.5 * STEP

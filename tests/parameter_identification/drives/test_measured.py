@@ -43,7 +43,7 @@ def test_a_bag_gives_commands_signals_and_truth(bag: Path) -> None:
     np.testing.assert_allclose(position.values[0], [1.0, 2.0], atol=0.06)
     assert drive.truth == TRUTH
     time = np.arange(0.5, 13.5, 0.1)
-    _, angle = servo_angle(commands, time, VEHICLE)
+    angle = servo_angle(commands, time, VEHICLE)
     np.testing.assert_allclose(drive.steering_angle.at(time), angle, atol=2e-3)
 
 

@@ -1,8 +1,6 @@
 """Effects: their table, their derivatives, and that they are found."""
 
 import dataclasses
-from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -38,15 +36,9 @@ def test_a_wrong_name_is_refused_with_the_right_one():
 def test_what_is_to_be_identified_is_no_effect():
     unknown = {**VEHICLE.unknown, "steering_offset": (-0.1, 0.1)}
     vehicle = dataclasses.replace(VEHICLE, unknown=unknown)
-    names = {e.name for e in effects_of(vehicle, EFFECTS, steering_measured=True)}
+    names = {e.name for e in effects_of(vehicle, EFFECTS)}
     assert len(names) == len(EFFECTS) - 1
     assert "steering zero" not in names
-
-
-def test_steering_that_is_not_measured_is_no_effect():
-    names = {e.name for e in effects_of(VEHICLE, EFFECTS)}
-    assert len(names) == len(EFFECTS) - 1
-    assert "measured steering" not in names
 
 
 def test_effects_keep_constants_possible():
@@ -91,7 +83,7 @@ def slopes(model, z, b):
 def test_derivatives_are_those_of_the_prediction():
     drive = driven(commands_of_pair()["lane"], noise=0.0, others=EXACT.items(), steering_step=0.01)
     smooth = [name for name in EFFECTS if name != "steering-play"]
-    model = DriveModel(VEHICLE, drive, effects_of(VEHICLE, smooth, steering_measured=True))
+    model = DriveModel(VEHICLE, drive, effects_of(VEHICLE, smooth))
     b = 0.1 * np.random.default_rng(0).standard_normal(len(model.nuisances))
     b = np.maximum(b, [n.low / n.std + 0.5 for n in model.nuisances])
     for name, _, found, slope in slopes(model, shares(TRUTH), b):
@@ -207,22 +199,3 @@ def test_larger_tyres_are_told_and_the_parameters_hold():
     assert radius.estimate == pytest.approx(0.01, abs=3.0 * radius.standard_deviation)
     for (name, e), truth in zip(found.parameters.items(), TRUTH, strict=True):
         assert abs(e.estimate - truth) < 3.0 * e.standard_deviation, name
-
-
-@pytest.mark.slow
-def test_a_servo_of_another_kind_is_followed_by_its_measured_angle(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "benchmarks"))
-    worlds = import_module("worlds")
-    drives = worlds.drives_in(
-        "servo of another kind", TRUTH, 0, list(commands_of_pair().values()), 1.0 / 435
-    )
-    found = identify(drives, VEHICLE, effects=EFFECTS, weighed=True)
-    (share,) = (e for e in found.effects if e.name == "measured steering")
-    assert share.acts > 0.99
-    assert share.estimate == pytest.approx(1.0, abs=0.1)
-    untold = [dataclasses.replace(drive, steering_angle=None) for drive in drives]
-    by_commands = identify(untold, VEHICLE, effects=EFFECTS, weighed=True)
-    for name in ("cornering_stiffness", "yaw_inertia"):
-        e, other = (f.parameters[name] for f in (found, by_commands))
-        assert e.low <= TRUTH[NAMES.index(name)] <= e.high
-        assert e.high - e.low < 0.7 * (other.high - other.low)

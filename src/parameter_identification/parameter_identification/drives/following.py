@@ -59,10 +59,24 @@ def steering_setpoints(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
     return wanted
 
 
-def servo_angle(
-    commands: Commands, time: FloatArray, vehicle: Vehicle
-) -> tuple[FloatArray, FloatArray]:
-    """Return the set-points (t,) of the steering on ticks, and the motor's angles at times (m,).
+def commanded_setpoints(commands: Commands, vehicle: Vehicle) -> FloatArray:
+    """Return the set-points (t,) of the steering on ticks [rad].
+
+    Parameters
+    ----------
+    commands : Commands
+        Of a drive.
+    vehicle : Vehicle
+        Its slew is used.
+    """
+    rows = command_rows(commands)
+    wanted: FloatArray = commands.steering_motor_angle[rows]
+    setpoints: FloatArray = slew_all(wanted, vehicle.steering_slew)[0]
+    return setpoints
+
+
+def servo_angle(commands: Commands, time: FloatArray, vehicle: Vehicle) -> FloatArray:
+    """Return the angles (m,) of the steering motor that commands give [rad].
 
     Parameters
     ----------
@@ -73,16 +87,16 @@ def servo_angle(
     vehicle : Vehicle
         Its servo and slew are used.
     """
-    rows = command_rows(commands)
-    setpoints, _ = slew_all(commands.steering_motor_angle[rows], vehicle.steering_slew)
-    ticks = TICK * np.arange(len(rows))
-    return setpoints, np.interp(time, ticks, servo_response(setpoints, vehicle))
+    setpoints = commanded_setpoints(commands, vehicle)
+    ticks = TICK * np.arange(len(setpoints))
+    angle: FloatArray = np.interp(time, ticks, servo_response(setpoints, vehicle))
+    return angle
 
 
 def measured_setpoints(
     commands: Commands, measured: Samples, vehicle: Vehicle
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the set-points (t,) of the steering on ticks, and those that give the measured angle.
+    """Return the set-points (t,) of the steering on ticks, and those that give a measured angle.
 
     What is measured is smoothed; what the servo does anyway is not, because it is known.
 
@@ -101,7 +115,8 @@ def measured_setpoints(
     """
     from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
 
-    setpoints, expected = servo_angle(commands, measured.time, vehicle)
+    setpoints = commanded_setpoints(commands, vehicle)
+    expected = servo_angle(commands, measured.time, vehicle)
     off = make_smoothing_spline(measured.time, measured.values - expected)
     ticks = TICK * np.arange(len(setpoints))
     inside = np.clip(ticks, measured.time[0], measured.time[-1])

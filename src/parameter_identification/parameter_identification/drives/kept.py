@@ -7,16 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal
-from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.location import is_remote
 from trajectory_recorder.bag.remote import remote_state
 from tricycle_core.documents import write_whole
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
-FORMAT = 3  # counted up with what is read of a bag, so that older files are read anew
-
-STEERING_ANGLE = "steering_angle"
+FORMAT = 2  # counted up with what is read of a bag, so that older files are read anew
 
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
@@ -71,8 +68,6 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
         arrays |= {sensor.name: rows, f"{sensor.name}_jitter": np.array(signal.jitter)}
         if signal.wheels:
             arrays[f"{sensor.name}_of"] = np.array(signal.wheels)
-    if (angle := drive.steering_angle) is not None:
-        arrays[STEERING_ANGLE] = np.array([angle.time, angle.values])
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **arrays)
     write_whole(file, content.getvalue())
@@ -104,7 +99,6 @@ def kept(file: Path) -> MeasuredDrive:
             truth=dict(zip(arrays["true"].tolist(), arrays["truth"].tolist(), strict=True)),
             complete=bool(arrays["complete"]),
             began=float(arrays["began"]),
-            steering_angle=Samples(*arrays[STEERING_ANGLE]) if STEERING_ANGLE in arrays else None,
         )
 
 
@@ -118,18 +112,6 @@ def sensors_of(file: Path) -> frozenset[Sensor]:
     """
     with np.load(file) as arrays:
         return frozenset(sensor for sensor in Sensor if sensor.name in arrays)
-
-
-def has_steering_angle(file: Path) -> bool:
-    """Return whether a kept drive has a measured steering angle.
-
-    Parameters
-    ----------
-    file : Path
-        Written by `keep`.
-    """
-    with np.load(file) as arrays:
-        return STEERING_ANGLE in arrays
 
 
 def began(file: Path) -> float:

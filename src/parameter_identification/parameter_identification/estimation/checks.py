@@ -183,7 +183,7 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
                 _check_alike(np.hstack(parts), least, what, positive)
         for drive in together:
             if (angle := drive.steering_angle) is not None:
-                _, expected = servo_angle(drive.commands, angle.time, vehicle)
+                expected = servo_angle(drive.commands, angle.time, vehicle)
                 pair, what = np.stack([expected, angle.values]), f"{drive.name}: the steering angle"
                 _check_alike(pair, LEAST_STEERING[0], what, "to the left, in rad")
                 varying = detrend(pair, type="constant")

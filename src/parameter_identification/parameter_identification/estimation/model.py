@@ -25,6 +25,7 @@ from parameter_identification.drives.following import measured_setpoints
 from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
 from parameter_identification.estimation.deviations import deviated
 from parameter_identification.estimation.instruments import CLOCKS, errors_of
+from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -32,7 +33,6 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
-    MEASURED_STEERING,
     SERVO_DEAD_TIME,
     SPEED_DEVIATION,
     START_DEVIATION,
@@ -46,7 +46,6 @@ from tricycle_sim.vehicle.batch import CommandedBatch, Run
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
-DELAY_STEP = 1e-3  # s
 NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
 RESTING = 0.05  # m/s, below which a drive starts from rest
@@ -60,7 +59,12 @@ It vanishes at the first and at the last.
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 TIME_OFFSET = 0.05  # s, of each clock against the commands'
 STEERING_OFFSET = 0.01  # s, of the steering's: mostly one computer stamps both
-STEERING_DELAY = "steering delay"
+LEAST_OFF = 5e-4  # rad, of a measured steering angle
+STEERING_DELAY, STEERING_ZERO, STEERING_GAIN = (
+    f"{what} of the measured steering" for what in ("delay", "zero", "gain")
+)
+STEERING_STEPS = {STEERING_DELAY: 1e-3, STEERING_ZERO: 1e-4, STEERING_GAIN: 1e-3}
+"""Of the finite differences, in the nuisances' units."""
 
 
 class Batch(Protocol):
@@ -234,6 +238,9 @@ class DriveModel:
         Estimated beside the parameters.
     simulator : callable
         Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
+    measured_steering : bool
+        Whether the steering has the measured angle, where the drive tells one, instead of that
+        which its commands give.
 
     Attributes
     ----------
@@ -249,8 +256,10 @@ class DriveModel:
         drive: MeasuredDrive,
         effects: Sequence[Effect] = (),
         simulator: Simulator = CommandedBatch,
+        *,
+        measured_steering: bool = False,
     ) -> None:
-        self.simulator = simulator
+        self.simulator, self.measured_steering = simulator, measured_steering
         self.vehicle, self.effects = vehicle, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
@@ -275,7 +284,7 @@ class DriveModel:
         self.nuisances = self._effects(effects)
         self.shared = sum(not e.per_drive for e in effects)
         self._steering: tuple[FloatArray, FloatArray] | None = None
-        if drive.steering_angle is not None and MEASURED_STEERING in {e.name for e in effects}:
+        if measured_steering and drive.steering_angle is not None:
             self._steering = measured_setpoints(drive.commands, drive.steering_angle, vehicle)
         self.nuisances += self._start_and_sensors()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
@@ -286,7 +295,7 @@ class DriveModel:
         self._servo_delay = self._at.get(SERVO_DEAD_TIME)
         self._drive_delay = self._at.get(DRIVE_DEAD_TIME)
         self._starting = [i for i, e in effect_at if e.name == START_DEVIATION]
-        simulated_too = (self._servo_delay, self._at.get(MEASURED_STEERING), *self._starting)
+        simulated_too = (self._servo_delay, *self._starting)
         self._by_simulation = {i: e for i, e in effect_at if e.constants or i in simulated_too}
         # all that the motion and when it is seen depend on, beside the parameters
         still = {"start x", "start y", "start heading"}
@@ -299,8 +308,9 @@ class DriveModel:
         self._stepped = [*self._by_simulation, *delay, *others]
         # by a simulation each, without being an effect; with its step
         self._varied = {self._at["start speed"]: SPEED_STEP}
-        if STEERING_DELAY in self._at:
-            self._varied[self._at[STEERING_DELAY]] = DELAY_STEP
+        for name, step in STEERING_STEPS.items():
+            if name in self._at:
+                self._varied[self._at[name]] = step
         self._effect_steps = np.array(
             [e.step for i in self._stepped if (e := self.nuisances[i].effect) is not None]
         )
@@ -324,8 +334,16 @@ class DriveModel:
             Nuisance("start heading", "rad", heading, start.heading_std),
             Nuisance("start speed", "m/s", start.speed, START_SPEED),
         ]
-        if self._steering is not None:
-            found.append(Nuisance(STEERING_DELAY, "s", 0.0, STEERING_OFFSET))
+        if self._steering is not None and self.drive.steering_angle is not None:
+            # a steady angle is off by up to half a step of its sensor, another one by another share
+            _, measured = self._steering
+            off = max(0.5 * resolution(self.drive.steering_angle.values), LEAST_OFF)
+            share = off / max(float(np.abs(measured).max()), off)
+            found += [
+                Nuisance(STEERING_DELAY, "s", 0.0, STEERING_OFFSET),
+                Nuisance(STEERING_ZERO, "rad", 0.0, off),
+                Nuisance(STEERING_GAIN, "1", 0.0, share),
+            ]
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
         found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
         for errors in self._errors.values():
@@ -406,10 +424,10 @@ class DriveModel:
     ) -> FloatArray:
         """Angles (n, t) by which set-points (t,) are others, by nuisances (n, q)."""
         ticks = TICK * np.arange(len(setpoints))
-        at = [self._at[MEASURED_STEERING], self._at[STEERING_DELAY]]
+        at = [self._at[name] for name in (STEERING_DELAY, STEERING_ZERO, STEERING_GAIN)]
         rows = [
-            share * (np.interp(ticks + delay, ticks, measured) - setpoints)
-            for share, delay in nuisances[:, at]
+            np.interp(ticks + delay, ticks, measured) * (1.0 + gain) + zero - setpoints
+            for delay, zero, gain in nuisances[:, at]
         ]
         return np.pad(rows, ((0, 0), (0, 1)), mode="edge")
 

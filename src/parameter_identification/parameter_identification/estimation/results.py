@@ -299,6 +299,8 @@ class Identification:
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
         10 drives. Far above 1 the drives contradict each other: the model lacks something.
+    measured_steering : bool
+        Whether the steering had the measured angle, not that which the commands give.
     friction_used : float
         Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     others : mapping of str to Estimate
@@ -324,6 +326,7 @@ class Identification:
     seconds: float
     effects: tuple[EffectEstimate, ...] = ()
     scatter: float = math.nan
+    measured_steering: bool = False
     friction_used: float = math.nan
     others: Mapping[str, Estimate] = field(default_factory=dict)
 

@@ -181,7 +181,10 @@ def predict_held_out(
         Probability of the band around the predicted positions.
     """
     k, like = problem.k, problem.models[0]
-    model = DriveModel(like.vehicle, drive, like.effects, like.simulator)
+    model = DriveModel(
+        *(like.vehicle, drive, like.effects, like.simulator),
+        measured_steering=like.measured_steering,
+    )
     with LeastSquares([model], problem.mean, problem.information, loss) as alone:
         alone.noise |= {
             sensor: problem.noise[sensor] for sensor in alone.noise if sensor in problem.noise

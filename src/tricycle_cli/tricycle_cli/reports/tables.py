@@ -241,6 +241,8 @@ def remarks(found: Identification) -> list[str]:
     if found.fixed:
         fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
         lines.append(f"taken as known: {fixed}. An error in them is in no interval")
+    if found.measured_steering:
+        lines.append("the steering moved as measured: no servo of the file's kind has its angle")
     lines += _not_asked_for(found)
     ends = {
         name: e
