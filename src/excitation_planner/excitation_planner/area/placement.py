@@ -6,21 +6,20 @@ p: poses tried, t: points of the tube's outline.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
+from typing import TypeVar
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from excitation_planner.area.area import Area
-from excitation_planner.area.polygons import (
-    Rings,
-    placed,
-    rings_of,
-    seen_from,
-    signed_distance,
-)
+from excitation_planner.area.polygons import Rings, edges_of, placed, rings_of
 from tricycle_core.quantities import FloatArray
+
+Pieces = TypeVar("Pieces", shapely.Polygon, NDArray[np.object_])
 
 HEADINGS = 24
 """Of a whole turn, tried first."""
@@ -102,21 +101,43 @@ def best_placement(
         poses = np.where(better[:, None], tried[np.arange(len(poses)), pick], poses)
         found = np.maximum(found, values.max(axis=1))
         reach = 0.6 * reach
-    x, y, heading = poses[np.argmax(found)]
-    return Placement(
-        float(x),
-        float(y),
-        float(np.angle(np.exp(1j * heading))),
-        _exact_clearance(at_pose(tube, float(x), float(y), float(heading)), area, found.max()),
-    )
+    x, y, heading = poses[np.argmax(found)].tolist()
+    clearance = clearance_of(np.array([at_pose(tube, x, y, heading)]), area)
+    if math.isinf(clearance):
+        clearance = min(float(found.max()), 0.0)
+    return Placement(x, y, float(np.angle(np.exp(1j * heading))), clearance)
 
 
-def at_pose(tube: shapely.Polygon, x: float, y: float, heading: float) -> shapely.Polygon:
-    """Return a tube in the area's frame.
+def clearance_of(pieces: NDArray[np.object_], area: Area) -> float:
+    """Return the distance between polygons and what bounds an area [m].
 
     Parameters
     ----------
-    tube : shapely.Polygon
+    pieces : ndarray of shapely.Polygon, shape (n,)
+        In the area's frame.
+    area : Area
+        The ground.
+
+    Returns
+    -------
+    clearance : float
+        Minus infinity where one reaches out.
+    """
+    bounds = shapely.Polygon(area.keep_in)
+    obstacles = np.array([shapely.Polygon(corners) for corners in area.keep_out], dtype=object)
+    shapely.prepare(bounds)
+    if not bounds.contains(pieces).all() or shapely.intersects(pieces[:, None], obstacles).any():
+        return -math.inf
+    lines = np.array([bounds.exterior, *obstacles], dtype=object)
+    return float(shapely.distance(pieces[:, None], lines).min())
+
+
+def at_pose(tube: Pieces, x: float, y: float, heading: float) -> Pieces:
+    """Return a tube, or its pieces, in the area's frame.
+
+    Parameters
+    ----------
+    tube : shapely.Polygon, or ndarray of them
         From its start pose.
     x, y, heading : float
         Start pose [m, m, rad].
@@ -164,24 +185,61 @@ class _Sampled:
 
     def clearance(self, poses: FloatArray) -> FloatArray:
         """Clearance (p,) of the tube at poses (p, 3)."""
-        x, y, heading = poses.T
-        clearance: FloatArray = self.area.clearance(placed(self.outline, x, y, heading)).min(-1)
+        least, keep_out = partial(_least_depth, poses=poses), self.area.keep_out
+        found = [least(self.outline, rings=(self.area.keep_in,))]
+        found += [least(self.outline, rings=(corners,), sign=-1.0) for corners in keep_out]
         if len(self.obstacles):
-            seen = seen_from(self.obstacles, x, y, heading)
-            clearance = np.minimum(clearance, -signed_distance(seen, self.rings).max(axis=-1))
+            found.append(least(self.obstacles, rings=self.rings, sign=-1.0, seen=True))
+        clearance: FloatArray = np.min(found, axis=0)
         return clearance
+
+
+def _least_depth(
+    points: FloatArray, poses: FloatArray, rings: Rings, sign: float = 1.0, *, seen: bool = False
+) -> FloatArray:
+    """Least of the signed distances of points (n, 2) to a polygon at poses (p, 3), times a sign.
+
+    The points are fixed to the body, the polygon is not; or it is to be as `seen` from the body.
+    """
+    least = np.empty(len(poses))
+    turned = np.column_stack([poses[:, :2], np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+    _compiled()(points, turned, *edges_of(rings), sign, seen, least)
+    return least
+
+
+@cache
+def _compiled() -> Callable[..., None]:
+    """Return `_find_least` as machine code, six times as fast as NumPy's tables."""
+    from tricycle_sim.compilation import compiled
+
+    find: Callable[..., None] = compiled(_find_least, exact=True)
+    return find
+
+
+def _find_least(points, poses, start, end, sign, seen, least):  # type: ignore[no-untyped-def]  # pragma: no cover
+    for pose in range(poses.shape[0]):
+        left, up, c, s = poses[pose]
+        found = np.inf
+        for n in range(points.shape[0]):
+            px, py = points[n]
+            if seen:  # as `polygons.seen_from`
+                x, y = c * (px - left) + s * (py - up), c * (py - up) - s * (px - left)
+            else:  # as `polygons.placed`
+                x, y = left + c * px - s * py, up + s * px + c * py
+            nearest, inside = np.inf, False
+            for e in range(start.shape[1]):  # as `polygons.signed_distance`
+                ax, ay, by = start[0, e], start[1, e], end[1, e]
+                dx, dy = end[0, e] - ax, by - ay
+                along = ((x - ax) * dx + (y - ay) * dy) / max(dx * dx + dy * dy, 1e-300)
+                along = min(max(along, 0.0), 1.0)
+                nearest = min(nearest, (x - ax - along * dx) ** 2 + (y - ay - along * dy) ** 2)
+                if (ay > y) != (by > y) and x < ax + (y - ay) * (dx / dy):
+                    inside = not inside
+            depth = math.sqrt(nearest)
+            found = min(found, sign * (depth if inside else -depth))
+        least[pose] = found
 
 
 def _points(polygon: shapely.Polygon) -> FloatArray:
     """Points (t, 2) along the outline of a polygon."""
     return np.asarray(shapely.get_coordinates(shapely.segmentize(polygon.exterior, SPACING)))
-
-
-def _exact_clearance(tube: shapely.Polygon, area: Area, sampled: float) -> float:
-    """Clearance of a tube in the area's frame; `sampled` where it reaches out."""
-    bounds = shapely.Polygon(area.keep_in)
-    obstacles = [shapely.Polygon(corners) for corners in area.keep_out]
-    if not bounds.contains(tube) or any(tube.intersects(one) for one in obstacles):
-        return float(min(sampled, 0.0))
-    lines = [bounds.exterior, *obstacles]
-    return float(min(shapely.distance(tube, line) for line in lines))

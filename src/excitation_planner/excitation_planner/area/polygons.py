@@ -36,7 +36,7 @@ def signed_distance(points: FloatArray, rings: Rings) -> FloatArray:
         Negative outside of the outline and in a hole.
     """
     x, y = points[..., 0, None], points[..., 1, None]
-    (ax, ay), (bx, by) = _edges(rings)
+    (ax, ay), (bx, by) = edges_of(rings)
     dx, dy = bx - ax, by - ay
     length2 = np.maximum(dx * dx + dy * dy, 1e-300)
     along = np.clip(((x - ax) * dx + (y - ay) * dy) / length2, 0.0, 1.0)
@@ -62,7 +62,7 @@ def contains(points: FloatArray, rings: Rings) -> NDArray[np.bool_]:
         False outside of every outline and in a hole.
     """
     x, y = points[..., 0, None], points[..., 1, None]
-    (ax, ay), (bx, by) = _edges(rings)
+    (ax, ay), (bx, by) = edges_of(rings)
     # a ray towards +x crosses an odd number of edges from inside
     spans = (ay > y) != (by > y)
     slope = (bx - ax) / np.where(by == ay, 1.0, by - ay)
@@ -71,8 +71,14 @@ def contains(points: FloatArray, rings: Rings) -> NDArray[np.bool_]:
     return inside
 
 
-def _edges(rings: Rings) -> tuple[FloatArray, FloatArray]:
-    """Coordinates (2, e) of the edges' first and last points."""
+def edges_of(rings: Rings) -> tuple[FloatArray, FloatArray]:
+    """Return coordinates of the edges' first and of their last points, each (2, e).
+
+    Parameters
+    ----------
+    rings : sequence of ndarray of float, each of shape (n, 2)
+        Outlines and holes [m].
+    """
     start = np.concatenate(rings)
     end = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
     return start.T, end.T

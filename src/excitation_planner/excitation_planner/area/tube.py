@@ -5,7 +5,7 @@ n: vehicles, t: time points, m: corners of the footprint.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -22,8 +22,9 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.batch import CommandedBatch
 from tricycle_sim.vehicle.kinematics import road_angles
+from tricycle_sim.vehicle.layout import LANES
 
 VEHICLES = 64
 """Vehicles of the ranges, beside the nominal one: half of them at corners."""
@@ -86,6 +87,11 @@ class Tube:
     drives: NDArray[np.object_]
     stops: NDArray[np.object_]
 
+    @property
+    def pieces(self) -> NDArray[np.object_]:
+        """Those of the drives and of the stops."""
+        return np.concatenate([self.drives, self.stops])
+
     @cached_property
     def drive(self) -> shapely.Polygon:
         """All ground of the undisturbed maneuver."""
@@ -94,10 +100,17 @@ class Tube:
     @cached_property
     def whole(self) -> shapely.Polygon:
         """The same, and that of the stops."""
-        return _outline([*self.drives, *self.stops])
+        return _outline(self.pieces)
 
 
-def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed: int = 0) -> Tube:
+def tube_of(
+    vehicle: Vehicle,
+    commands: Commands,
+    footprint: FloatArray,
+    *,
+    rough: bool = False,
+    seed: int = 0,
+) -> Tube:
     """Return the ground that vehicles of the ranges may cover under the same commands.
 
     Parameters
@@ -108,6 +121,9 @@ def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed
         Of the maneuver.
     footprint : ndarray of float, shape (m, 2)
         Corners in the body frame [m].
+    rough : bool
+        Whether a part of the tube is enough that takes a fourth of the time: that of the first
+        `LANES` vehicles, at every second time, with nothing between.
     seed : int
         Of the vehicles drawn.
 
@@ -116,20 +132,24 @@ def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed
     InfeasibleManeuver
         If one of the vehicles rolls over.
     """
-    motion = simulate(vehicle, commands, _vehicles(vehicle, seed), threads=1)
-    if (over := motion.feasibility.rolled_over.happened).any():
-        reason = "; ".join(motion.feasibility.reasons(int(np.argmax(over))))
+    batch = CommandedBatch(vehicle, commands)
+    # eight vehicles take as long as one
+    drawn = _vehicles(vehicle, seed)[: LANES if rough else None]
+    # the last tick has to be among those recorded
+    every = math.gcd(len(batch.time) - 1, round(EVERY / TICK), round(STOP_EVERY / TICK))
+    run = batch.run(drawn, ("x", "y", "yaw", "vx", "vy", "yaw_rate"), every=every)
+    if (over := run.feasibility.rolled_over.happened).any():
+        reason = "; ".join(run.feasibility.reasons(int(np.argmax(over))))
         raise InfeasibleManeuver(f"a vehicle of the ranges: {reason}")
 
     def thinned(column: FloatArray, seconds: float) -> FloatArray:
-        every = round(seconds / TICK)
-        return np.concatenate([column[:, :-1:every], column[:, -1:]], axis=1)
+        step = round((2.0 if rough else 1.0) * seconds / TICK) // every
+        return np.concatenate([column[:, :-1:step], column[:, -1:]], axis=1)
 
-    poses = placed(footprint, *(thinned(c, EVERY) for c in (motion.x, motion.y, motion.yaw)))
-    drives = _hulls(poses[:, :-1], poses[:, 1:])
-    columns = (motion.x, motion.y, motion.yaw, motion.vx, motion.vy, motion.yaw_rate)
-    x, y, yaw, u, v, r = (thinned(column, STOP_EVERY) for column in columns)
-    angle = thinned(motion.steering_motor_angle[:1], STOP_EVERY)  # the same for all
+    motion = run.columns
+    poses = placed(footprint, *(thinned(motion[name], EVERY) for name in ("x", "y", "yaw")))
+    x, y, yaw, u, v, r = (thinned(column, STOP_EVERY) for column in motion.values())
+    angle = thinned(run.steering_motor_angle[:1], STOP_EVERY)  # the same for all
     speed, slip = np.hypot(u, v), np.arctan2(v, u)
     way = np.where(speed > SLOWEST, longest_stop(speed), 0.0)
     # the curvature of a stop lies between that of the drive and that of a crawl
@@ -139,8 +159,11 @@ def tube_of(vehicle: Vehicle, commands: Commands, footprint: FloatArray, *, seed
         placed(footprint, *stopping_path(x, y, yaw, slip, way, curvature))
         for curvature in curvatures
     ]
+    if rough:
+        stops = np.concatenate([_hulls(arc[:, :, part]) for arc in arcs for part in (2, -1)])
+        return Tube(_hulls(poses), stops)
     stops = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
-    return Tube(drives, stops.ravel())
+    return Tube(_hulls(poses[:, :-1], poses[:, 1:]), stops.ravel())
 
 
 def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
@@ -198,8 +221,6 @@ def _outermost(points: FloatArray) -> FloatArray:
     return found.reshape(*points.shape[:-2], -1, 2)
 
 
-def _outline(polygons: Iterable[shapely.Polygon]) -> shapely.Polygon:
+def _outline(polygons: NDArray[np.object_]) -> shapely.Polygon:
     """One polygon around all, simplified outwards."""
-    return shapely.simplify(
-        shapely.buffer(shapely.unary_union(list(polygons)), TOLERANCE), TOLERANCE
-    )
+    return shapely.simplify(shapely.buffer(shapely.unary_union(polygons), TOLERANCE), TOLERANCE)

@@ -40,10 +40,9 @@ def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:
     if plan.area is not None and plan.footprint is not None:
         room = Room.measured(plan.area, plan.footprint, plan.noise)
         try:
-            room.check(vehicle, commands)
+            place = on_area(room, vehicle, commands)
         except InfeasibleManeuver as error:
             raise InfeasibleManeuver(f"mirrored: {error}") from error
-        place = on_area(room, vehicle, commands)
     return replace(
         plan,
         commands=commands,

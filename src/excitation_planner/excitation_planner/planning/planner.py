@@ -198,12 +198,10 @@ def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
     try:
         judged = _judge(request, request.family, x)
     except InfeasibleManeuver as error:
-        remedy = ""
+        reason = str(error)
         if isinstance(error, DoesNotFit) and (room := _room(request)) is not None:
-            remedy = nearest_that_fits(request.vehicle, request.family, room, x, error.shortage)
-        raise PlanError(
-            ": ".join(filter(None, (request.family.name, str(error), remedy)))
-        ) from error
+            reason = nearest_that_fits(request.vehicle, request.family, room, x)
+        raise PlanError(f"{request.family.name}: {reason}") from error
     (plan,) = _plans(dataclasses.replace(request, others=()), (judged,), None, began)
     return plan
 
@@ -362,8 +360,17 @@ def on_area(room: Room, vehicle: Vehicle, commands: Commands) -> dict[str, Any]:
         With the ranges of its unknown parameters.
     commands : Commands
         Of the maneuver.
+
+    Raises
+    ------
+    DoesNotFit
+        Names what is lacking.
+    InfeasibleManeuver
+        If a vehicle of the ranges rolls over.
     """
     fit = room.fit(vehicle, commands)
+    if fit.shortage > 0.0:
+        raise DoesNotFit(f"needs {fit.shortage:.2f} m more room in the area")
     placement = fit.placement
     return {
         "area": room.area,

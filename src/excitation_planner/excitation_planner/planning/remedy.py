@@ -50,10 +50,8 @@ def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
     )
 
 
-def nearest_that_fits(
-    vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray, shortage: float
-) -> str:
-    """Return what would make one maneuver fit.
+def nearest_that_fits(vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray) -> str:
+    """Return what one maneuver lacks, and what would make it fit.
 
     Parameters
     ----------
@@ -65,9 +63,8 @@ def nearest_that_fits(
         What it has to fit.
     x : ndarray of float, shape (l,)
         Operation parameters.
-    shortage : float
-        By how much it does not fit [m].
     """
+    shortage = max(_shortage(vehicle, family, room, x) or 0.0, 0.0)
     box = family.operation
     fitting = []
     for axis, (name, low, high) in enumerate(zip(box.names, box.low, box.high, strict=True)):
@@ -76,7 +73,8 @@ def nearest_that_fits(
             if value is not None:
                 fitting.append(f"{name} {value:.3g}")
     changes = [f"{' or '.join(fitting)} fits"] if fitting else []
-    return "; ".join([*changes, _larger(room, shortage)])
+    lacking = f"needs {shortage:.2f} m more room in the area"
+    return f"{lacking}: {'; '.join([*changes, _larger(room, shortage)])}"
 
 
 def _larger(room: Room, shortage: float) -> str:
