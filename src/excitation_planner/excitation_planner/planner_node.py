@@ -65,7 +65,7 @@ def _request(settings: Settings) -> PlanRequest:
     file = settings["vehicle_file"]
     ranges = parse_ranges([text for text in settings["ranges"] if text])
     family = family_by_name(settings["maneuver"])
-    families = with_ranges([family], ranges, slower=bool(settings["area_file"]))
+    families = with_ranges([family], ranges, smaller=bool(settings["area_file"]))
     if settings["lead_in"] >= 0.0:
         families = with_lead_in(families, settings["lead_in"])
     return PlanRequest(

@@ -187,7 +187,7 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
     families = tuple(family_by_name(name) for name in names.split(","))
     ranges |= parse_ranges(args.range)
     searched = not getattr(args, "at", None)  # a given maneuver has the usual speed
-    families = with_ranges(families, ranges, slower=searched and args.area is not None)
+    families = with_ranges(families, ranges, smaller=searched and args.area is not None)
     return families if args.lead_in is None else with_lead_in(families, args.lead_in)
 
 

@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from excitation_planner.area.area import Area, StartRegion
-from excitation_planner.area.placement import at_pose, best_placement
+from excitation_planner.area.placement import _Sampled, at_pose, best_placement
+from excitation_planner.area.polygons import placed, seen_from, signed_distance
 
 TUBE = shapely.box(-1.0, -1.0, 9.0, 2.0)  # 10 m along, 3 m across
 
@@ -45,3 +46,15 @@ def test_an_obstacle_may_stand_inside_a_ring() -> None:
     post = np.array([[6.5, 6.5], [7.5, 6.5], [7.5, 7.5], [6.5, 7.5]])
     found = best_placement(ring, Area(rectangle(14.0, 14.0), (post,)))
     assert found.clearance == pytest.approx(1.0, abs=0.02)
+
+
+def test_clearances_are_those_of_the_distances_in_numpy() -> None:
+    post = np.array([[2.0, 9.0], [3.0, 9.0], [3.0, 10.0], [2.0, 10.0]])
+    area = Area(rectangle(6.0, 20.0), (post,))
+    sampled = _Sampled.of(TUBE, area, by_hull=False)
+    poses = np.random.default_rng(2).uniform([-2.0, -2.0, -4.0], [8.0, 22.0, 4.0], (50, 3))
+    x, y, heading = poses.T
+    expected = area.clearance(placed(sampled.outline, x, y, heading)).min(axis=-1)
+    seen = seen_from(sampled.obstacles, x, y, heading)
+    expected = np.minimum(expected, -signed_distance(seen, sampled.rings).max(axis=-1))
+    np.testing.assert_allclose(sampled.clearance(poses), expected, rtol=0.0, atol=1e-12)

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from excitation_planner.area.polygons import placed
-from excitation_planner.area.tube import footprint_of, tube_of
+from excitation_planner.area.tube import BEYOND, footprint_of, tube_of
 from excitation_planner.maneuver import family_by_name
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.timing import TICK
@@ -37,6 +37,16 @@ def test_other_vehicles_of_the_ranges_stay_inside_driving_and_stopped(name, x) -
             np.append(commands.speed[:row], [0.0, 0.0]),
         )
         _inside(tube.whole, simulate(vehicle, stopped, parameters), footprint)
+
+
+@pytest.mark.slow
+def test_a_rough_tube_is_a_part_of_the_tube() -> None:
+    vehicle, family = load_vehicle(), family_by_name("slalom")
+    commands = nominal_run(vehicle, family, np.array([5.0, 0.8])).commands
+    whole = tube_of(vehicle, commands, footprint_of(vehicle)).whole
+    rough = tube_of(vehicle, commands, footprint_of(vehicle), rough=True).whole
+    assert rough.difference(whole.buffer(BEYOND)).area == 0.0
+    assert rough.area > 0.6 * whole.area
 
 
 def _inside(polygon, motion, footprint) -> None:

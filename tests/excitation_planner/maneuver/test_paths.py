@@ -55,6 +55,14 @@ def test_lane_change_starts_with_the_end_curvature_of_its_bezier_curve():
     assert first == pytest.approx(2 / 3 * 2.0 / 4.0**2, rel=0.1)
 
 
+def test_a_slalom_of_a_fraction_of_gates_ends_on_its_line():
+    x = np.array([4.0, 0.5])
+    path = Slalom(gates=3.5).drive(x, VEHICLE)
+    assert path.length == pytest.approx(Slalom(gates=3).drive(x, VEHICLE).length + 2.0, abs=0.1)
+    assert path.y[-1] == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(curvature(path)).max() < 1.5 * np.abs(curvature(Slalom().drive(x, VEHICLE))).max()
+
+
 @given(spacing=st.floats(2, 6), offset=st.floats(0.1, 1))
 def test_slalom_passes_its_gates_on_alternate_sides(spacing, offset):
     family = Slalom()

@@ -27,6 +27,17 @@ def test_a_range_replaces_that_of_every_family_or_of_one():
     assert circle.operation.bounds()["speed"] == (0.5, 0.7)
 
 
+def test_on_an_area_what_makes_a_maneuver_smaller_is_searched_too():
+    slalom, circle = with_ranges([family_by_name("slalom"), Circle()], {}, smaller=True)
+    bounds = slalom.operation.bounds()
+    assert bounds["speed"] == (1.0, 2.0)
+    assert bounds["gates"] == (3.0, 6.0)
+    assert "lead_out" not in bounds
+    assert circle.operation == Circle().operation  # whose speed is searched anyway
+    (given,) = with_ranges([family_by_name("slalom")], {"gates": (4.0, 5.0)}, smaller=True)
+    assert given.operation.bounds()["gates"] == (4.0, 5.0)
+
+
 def test_a_wider_box_gives_the_maneuvers_of_its_family():
     (circle,) = with_ranges([Circle()], {"radius": (3.0, 12.0)})
     x = operation_point(circle, {"radius": 11.0, "speed": 0.8})

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
+from excitation_planner import Criterion
 from excitation_planner.area.area import Area
 from excitation_planner.area.room import Room
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.maneuver import Circle
+from excitation_planner.maneuver import Circle, family_by_name, with_ranges
 from excitation_planner.plan import load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver
 from excitation_planner.planning.replay import nominal_run
@@ -48,6 +49,22 @@ def test_a_plan_says_where_on_the_area_it_is_driven(tmp_path: Path) -> None:
     outline = plan.stopping_zone[0]
     assert area.clearance(outline).min() == pytest.approx(plan.clearance, abs=0.02)
     assert plan.clearance > area.margin
+
+
+@pytest.mark.slow
+def test_a_lane_change_for_a_small_yard_is_shorter_and_fits() -> None:
+    area = yard(12.0, 25.0)
+    (family,) = with_ranges([family_by_name("double_lane_change")], {}, smaller=True)
+    asked = PlanRequest(
+        load_vehicle(), family, "cornering_stiffness", Criterion.C, budget=6000, area=area
+    )
+    plan = plan_maneuver(asked)
+    assert plan.operation["length"] < 16.0
+    assert plan.clearance is not None
+    assert plan.clearance >= Room.measured(area, plan.footprint, plan.noise).needed
+    assert plan.simulations < asked.budget
+    free = plan_maneuver(replace(asked, family=family_by_name("double_lane_change"), area=None))
+    assert free.criterion_cost / plan.criterion_cost > 0.8  # of the information
 
 
 @pytest.mark.slow

@@ -68,7 +68,7 @@ def best_placement(
 
     Parameters
     ----------
-    tube : shapely.Polygon
+    tube : shapely.Polygon or shapely.MultiPolygon
         Of the maneuver, from its start pose.
     area : Area
         With the region of start poses.
@@ -181,7 +181,9 @@ class _Sampled:
         """Sample a tube, its outline at the corners of its hull only or all along."""
         outline = shapely.get_coordinates(tube.convex_hull) if by_hull else _points(tube)
         obstacles = [_points(shapely.Polygon(corners)) for corners in area.keep_out]
-        return cls(area, outline, rings_of(tube), np.concatenate([np.empty((0, 2)), *obstacles]))
+        # of a part of a tube there may be several
+        rings = [ring for polygon in shapely.get_parts(tube) for ring in rings_of(polygon)]
+        return cls(area, outline, rings, np.concatenate([np.empty((0, 2)), *obstacles]))
 
     def clearance(self, poses: FloatArray) -> FloatArray:
         """Clearance (p,) of the tube at poses (p, 3)."""
@@ -240,6 +242,7 @@ def _find_least(points, poses, start, end, sign, seen, least):  # type: ignore[n
         least[pose] = found
 
 
-def _points(polygon: shapely.Polygon) -> FloatArray:
-    """Points (t, 2) along the outline of a polygon."""
-    return np.asarray(shapely.get_coordinates(shapely.segmentize(polygon.exterior, SPACING)))
+def _points(tube: shapely.Geometry) -> FloatArray:
+    """Points (t, 2) along the outlines of polygons."""
+    outlines = shapely.get_exterior_ring(shapely.get_parts(tube))
+    return np.asarray(shapely.get_coordinates(shapely.segmentize(outlines, SPACING)))

@@ -10,7 +10,7 @@ import shapely
 from excitation_planner.area.area import Area
 from excitation_planner.area.fence import START_POSITION_TOLERANCE
 from excitation_planner.area.placement import Placement, at_pose, best_placement, clearance_of
-from excitation_planner.area.tube import TOLERANCE, tube_of
+from excitation_planner.area.tube import BEYOND, TOLERANCE, tube_of
 from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
@@ -113,7 +113,7 @@ class Room:
         best = best_placement(tube.whole, self.area)
         if best.clearance < self.needed:
             # another search finds a pose that this one has missed, now and then
-            place = self._rough_placement(vehicle, commands)
+            place = self.roughly_placed(vehicle, commands)
             there = at_pose(tube.whole, place.x, place.y, place.heading)
             other = replace(place, clearance=clearance_of(np.array([there]), self.area))
             best = max(best, other, key=lambda placement: placement.clearance)
@@ -125,10 +125,48 @@ class Room:
             self.needed,
         )
 
-    def _rough_placement(self, vehicle: Vehicle, commands: Commands) -> Placement:
-        """Start pose for a part of the tube, which has no less clearance than all of it."""
+    def roughly_placed(self, vehicle: Vehicle, commands: Commands) -> Placement:
+        """Return the best start pose for a part of the tube, which has no less room than all of it.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            With the ranges of its unknown parameters.
+        commands : Commands
+            Of the maneuver.
+
+        Raises
+        ------
+        InfeasibleManeuver
+            If one of a few vehicles of the ranges rolls over.
+        """
         rough = tube_of(vehicle, commands, self.footprint, rough=True)
         return best_placement(rough.whole, self.area, enough=self.needed + ALLOWANCE)
+
+    def lacks(self, vehicle: Vehicle, commands: Commands, place: Placement) -> float:
+        """Return by how much the border is too close [m]; 0 or less as soon as it is known to fit.
+
+        Parameters
+        ----------
+        vehicle : Vehicle
+            With the ranges of its unknown parameters.
+        commands : Commands
+            Of the maneuver.
+        place : Placement
+            Start pose that is tried first, from `roughly_placed`.
+
+        Raises
+        ------
+        InfeasibleManeuver
+            If a vehicle of the ranges rolls over.
+        """
+        tube = tube_of(vehicle, commands, self.footprint)
+        there = at_pose(tube.pieces, place.x, place.y, place.heading)
+        # the outline of all pieces is drawn up to twice the tolerance outwards
+        shortage = self.needed + 2.0 * TOLERANCE - clearance_of(there, self.area)
+        if shortage <= 0.0:
+            return shortage
+        return self.needed - best_placement(tube.whole, self.area, enough=self.needed).clearance
 
     def check(self, vehicle: Vehicle, commands: Commands) -> None:
         """Refuse a maneuver that does not fit.
@@ -147,14 +185,8 @@ class Room:
         InfeasibleManeuver
             If a vehicle of the ranges rolls over.
         """
-        place = self._rough_placement(vehicle, commands)
-        # outlines are drawn up to twice the tolerance outwards
-        if place.clearance < self.needed - 2.0 * TOLERANCE:
+        place = self.roughly_placed(vehicle, commands)
+        if place.clearance < self.needed - BEYOND:
             raise DoesNotFit("does not fit the area")
-        tube = tube_of(vehicle, commands, self.footprint)
-        there = at_pose(tube.pieces, place.x, place.y, place.heading)
-        if clearance_of(there, self.area) >= self.needed + 2.0 * TOLERANCE:
-            return
-        place = best_placement(tube.whole, self.area, enough=self.needed)
-        if place.clearance < self.needed:
+        if self.lacks(vehicle, commands, place) > 0.0:
             raise DoesNotFit("does not fit the area")

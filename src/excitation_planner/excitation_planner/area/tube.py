@@ -47,6 +47,9 @@ SLOWEST = 0.02
 TOLERANCE = 0.01
 """By which outlines are simplified, outwards [m]."""
 
+BEYOND = 0.05
+"""By which the outline of a rough tube may reach beyond that of the whole one [m]."""
+
 WHEEL_WIDTH = 0.1
 """Of the tyre and what stands out beside it, each side [m]."""
 
@@ -123,14 +126,14 @@ def tube_of(
         Corners in the body frame [m].
     rough : bool
         Whether a part of the tube is enough that takes a fourth of the time: that of the first
-        `LANES` vehicles, at every second time, with nothing between.
+        `LANES` vehicles, at every third time, with nothing between.
     seed : int
         Of the vehicles drawn.
 
     Raises
     ------
     InfeasibleManeuver
-        If one of the vehicles rolls over.
+        If the nominal vehicle cannot drive the maneuver, or another one rolls over.
     """
     batch = CommandedBatch(vehicle, commands)
     # eight vehicles take as long as one
@@ -138,12 +141,14 @@ def tube_of(
     # the last tick has to be among those recorded
     every = math.gcd(len(batch.time) - 1, round(EVERY / TICK), round(STOP_EVERY / TICK))
     run = batch.run(drawn, ("x", "y", "yaw", "vx", "vy", "yaw_rate"), every=every)
+    if not run.feasibility.feasible[0]:
+        raise InfeasibleManeuver("; ".join(run.feasibility.reasons(0)))
     if (over := run.feasibility.rolled_over.happened).any():
         reason = "; ".join(run.feasibility.reasons(int(np.argmax(over))))
         raise InfeasibleManeuver(f"a vehicle of the ranges: {reason}")
 
     def thinned(column: FloatArray, seconds: float) -> FloatArray:
-        step = round((2.0 if rough else 1.0) * seconds / TICK) // every
+        step = round((3.0 if rough else 1.0) * seconds / TICK) // every
         return np.concatenate([column[:, :-1:step], column[:, -1:]], axis=1)
 
     motion = run.columns
@@ -160,8 +165,8 @@ def tube_of(
         for curvature in curvatures
     ]
     if rough:
-        stops = np.concatenate([_hulls(arc[:, :, part]) for arc in arcs for part in (2, -1)])
-        return Tube(_hulls(poses), stops)
+        ends = np.concatenate([arc[:, :, part] for arc in arcs for part in (2, -1)], axis=1)
+        return Tube(_hulls(poses), _hulls(ends))
     stops = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
     return Tube(_hulls(poses[:, :-1], poses[:, 1:]), stops.ravel())
 

@@ -61,7 +61,7 @@ def adaptive_search(
     """
     if starts is None or not len(starts):
         screened = sobol_sequence(_SOBOL_POINTS, dimensions, seed=seed)
-        starts = np.vstack([_corners(dimensions, seed=seed), screened])
+        starts = np.vstack([corners(dimensions, seed=seed), screened])
     X = starts[:points]
     costs = _scaled((yield X), criterion)
     if not np.isfinite(costs).any():
@@ -319,12 +319,20 @@ def _going_on(searches: list[_LocalSearch]) -> list[_LocalSearch]:
     return kept
 
 
-def _corners(dimensions: int, *, seed: int) -> FloatArray:
-    """At most 16 corners of the unit box: all of them up to l = 4, a random choice beyond."""
+def corners(dimensions: int, *, seed: int) -> FloatArray:
+    """Return at most 16 corners of the unit box (n, l): up to l = 4 all, beyond a random choice.
+
+    Parameters
+    ----------
+    dimensions : int
+        l.
+    seed : int
+        Of the choice.
+    """
     if dimensions <= 4:
         numbers = np.arange(2**dimensions)[:, None]
-        corners: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
-        return corners
+        found: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
+        return found
     return np.random.default_rng(seed).integers(0, 2, size=(16, dimensions)).astype(float)
 
 

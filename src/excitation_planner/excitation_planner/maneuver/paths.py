@@ -156,8 +156,8 @@ class Slalom:
     ----------
     operation : Box
         Ranges of x.
-    gates : int
-        Number of gates.
+    gates : float
+        Number of gates; what is beyond a whole number goes into the last spacing.
     speed : float
         Cruise speed [m/s].
     lead_out : float
@@ -165,7 +165,7 @@ class Slalom:
     """
 
     operation: Box = SLALOM_OPERATION
-    gates: int = 6
+    gates: float = 6.0
     speed: float = 2.0
     lead_out: float = 2.0
     name: ClassVar[str] = "slalom"
@@ -181,7 +181,7 @@ class Slalom:
             Its nominal values.
         """
         spacing, offset = (float(v) for v in x)
-        gate = np.linspace(0.0, self.gates + 1.0, 400 * (self.gates + 1))
+        gate = np.linspace(0.0, self.gates + 1.0, round(400 * (self.gates + 1.0)))
         from_end = np.minimum(gate, self.gates + 1.0 - gate)
         fade = 0.5 * (1.0 - np.cos(np.pi * np.minimum(from_end, 1.0)))
         start, run_in = path_point(vehicle), _run_in_length(self.speed)

@@ -18,8 +18,8 @@ from tricycle_sim.vehicle import Vehicle
 MAX_BYTES = 100_000
 """Largest file of ranges that is read."""
 
-SLOWER = 0.5
-"""Share of a family's speed down to which `with_ranges` may search it."""
+SMALLER = {"speed": 0.5, "length": 0.4, "duration": 0.4, "gates": 0.5}
+"""Settings by which a maneuver needs less ground, and the share down to which they are searched."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ def load_ranges(path: Path) -> dict[str, tuple[float, float]]:
 
 
 def with_ranges(
-    families: Sequence[ManeuverFamily], ranges: Bounds, *, slower: bool = False
+    families: Sequence[ManeuverFamily], ranges: Bounds, *, smaller: bool = False
 ) -> tuple[ManeuverFamily, ...]:
     """Return the families with these ranges in place of their own.
 
@@ -137,9 +137,9 @@ def with_ranges(
     ranges : mapping of str to (float, float)
         By ``NAME``, of every family that has it, or by ``FAMILY.NAME``: an operation parameter, or
         a setting of the family that is a number, as the speed of a slalom, which then is one too.
-    slower : bool
-        Whether a speed that is a setting is searched too, down to `SLOWER` of it, unless a range
-        is given: a slow vehicle stops in less room.
+    smaller : bool
+        Whether of families whose speed is a setting those in `SMALLER` are searched too, unless a
+        range is given: a slow vehicle stops in less room, and a short maneuver needs less.
 
     Raises
     ------
@@ -155,19 +155,19 @@ def with_ranges(
     for name in ranges:
         if name not in known:
             raise PlanError(f"range of {name!r}: the parameters are {', '.join(known)}")
-    return tuple(_with_own_ranges(family, ranges, slower=slower) for family in families)
+    return tuple(_with_own_ranges(family, ranges, smaller=smaller) for family in families)
 
 
-def _with_own_ranges(family: ManeuverFamily, ranges: Bounds, *, slower: bool) -> ManeuverFamily:
+def _with_own_ranges(family: ManeuverFamily, ranges: Bounds, *, smaller: bool) -> ManeuverFamily:
     bounds = {
         name: ranges.get(f"{family.name}.{name}", ranges.get(name, limits))
         for name, limits in family.operation.bounds().items()
     }
     for name in _settings(family):
         limits = ranges.get(f"{family.name}.{name}", ranges.get(name))
-        if limits is None and slower and name == "speed":
+        if limits is None and smaller and name in SMALLER and "speed" in _settings(family):
             usual = float(getattr(family, name))
-            limits = SLOWER * usual, usual
+            limits = SMALLER[name] * usual, usual
         if limits is not None:
             bounds[name] = limits
     if bounds == family.operation.bounds():

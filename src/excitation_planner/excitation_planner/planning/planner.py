@@ -10,16 +10,17 @@ import numpy as np
 
 from excitation_planner.area.polygons import rings_of
 from excitation_planner.area.room import DoesNotFit, Room
-from excitation_planner.area.tube import crawl_curvature, footprint_of
+from excitation_planner.area.tube import VEHICLES, crawl_curvature, footprint_of
 from excitation_planner.box import Box
 from excitation_planner.design.combinations import best_combinations
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_excitation
 from excitation_planner.design.information import ManeuverSet
-from excitation_planner.design.problem import Search
+from excitation_planner.design.problem import VERIFICATION, VERIFIED, Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.maneuver import LedInFamily, ManeuverFamily, lead_in_of
 from excitation_planner.plan import Index, Plan, SearchHistory
+from excitation_planner.planning.fitting import FittingSearch
 from excitation_planner.planning.prediction import (
     ReplayedTrajectories,
     beside_parameters,
@@ -27,7 +28,11 @@ from excitation_planner.planning.prediction import (
     predicted_covariance,
 )
 from excitation_planner.planning.remedy import closest_fit, nearest_that_fits
-from excitation_planner.planning.replay import ReplayedTrajectoryError, nominal_run
+from excitation_planner.planning.replay import (
+    ReplayedTrajectoryError,
+    nominal_commands,
+    nominal_run,
+)
 from excitation_planner.planning.request import PlanRequest
 from excitation_planner.planning.shaping import shaping_constants
 from tricycle_core import __version__
@@ -36,9 +41,16 @@ from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.layout import LANES
 
 LEAST_DRAWS = 6
 """Vehicles over which a criterion is averaged, however many effects each is simulated with."""
+
+FITTING = 0.6
+"""Share of a search's simulations that goes into finding maneuvers that fit an area."""
+
+ROOM_RUNS = LANES + 1 + VEHICLES
+"""Simulations by which it is found whether a maneuver fits."""
 
 RANDOM_TRIES = 1000
 """Draws after which a family has no drivable maneuver."""
@@ -128,11 +140,11 @@ def _searched(
         return (_Maneuver(design.x, design.sensitivity, design.cost),), design
     maneuvers = ManeuverSet(_trajectories(request), tuple(f.operation for f in request.families))
     beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
+    unknown = Box.of(dict(request.vehicle.unknown))
     # as many simulations of a maneuver as without effects, but a few vehicles at least
     draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
-    starts, taken = None, 0
-    if request.others and request.search is Search.ADAPTIVE:
-        unknown = Box.of(dict(request.vehicle.unknown))
+    starts, taken, budget = None, 0, request.budget
+    if request.search is Search.ADAPTIVE and request.others:
         starts, taken = best_combinations(
             maneuvers,
             unknown,
@@ -145,6 +157,26 @@ def _searched(
             beside=beside,
         )
         taken //= len(request.families)  # a run of the set is one of each maneuver
+        budget -= taken
+    elif request.search is Search.ADAPTIVE and (room := _room(request)) is not None:
+        runs = draws * (alone + len(beside.steps))
+        verification = VERIFIED * (VERIFICATION * (runs + request.samples) + 1)
+        spare, with_room = budget - verification, runs + ROOM_RUNS
+        if spare >= 2 * with_room:
+            fitting = FittingSearch(
+                request.vehicle,
+                request.family,
+                room,
+                request.criterion,
+                unknown.index(request.target),
+                request.noise,
+                request.prior,
+                _effects(request),
+                request.seed,
+            )
+            starts = fitting.starts(round(FITTING * spare))
+            taken = fitting.simulations
+            budget = verification + runs * max(1, (spare - taken) // with_room)
     design = design_excitation(
         maneuvers,
         maneuvers.operation,
@@ -156,7 +188,7 @@ def _searched(
         beside=beside,
         draws=draws,
         samples=request.samples,
-        budget=request.budget - taken,
+        budget=budget,
         seed=request.seed,
         search=request.search,
         starts=starts,
@@ -196,6 +228,7 @@ def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
     """
     began = time.monotonic()
     try:
+        nominal_commands(request.vehicle, request.family, x, _room(request))
         judged = _judge(request, request.family, x)
     except InfeasibleManeuver as error:
         reason = str(error)
@@ -247,8 +280,8 @@ def _trajectories(request: PlanRequest) -> tuple[ReplayedTrajectories, ...]:
 
 
 def _judge(request: PlanRequest, family: ManeuverFamily, x: FloatArray) -> _Maneuver:
-    """Indices of TE and H of the maneuver x (l,)."""
-    simulate = ReplayedTrajectoryError(request.vehicle, family, _room(request))
+    """Indices of TE and H of the maneuver x (l,), which is known to fit."""
+    simulate = ReplayedTrajectoryError(request.vehicle, family)
     outputs: list[FloatArray] = []
 
     def simulate_and_keep(parameters: FloatArray) -> FloatArray:

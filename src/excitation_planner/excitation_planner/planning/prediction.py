@@ -84,7 +84,7 @@ class ReplayedTrajectories:
     def __call__(self, x: FloatArray, parameters: FloatArray) -> FloatArray:
         """Trajectories (n, t, c) of the samples, with the standstill before them."""
         commands = nominal_commands(self.vehicle, self.family, x, self.room)
-        return _replayed(self.vehicle, commands, self.columns, parameters, self.effects)
+        return replayed(self.vehicle, commands, self.columns, parameters, self.effects)
 
 
 def planned_effects(
@@ -128,14 +128,28 @@ def beside_parameters(effects: Sequence[Effect]) -> BesideParameters:
     return BesideParameters(tuple(e.step for e in effects), sum(e.per_drive for e in effects))
 
 
-def _replayed(
+def replayed(
     vehicle: Vehicle,
     commands: Commands,
     columns: tuple[str, ...],
     parameters: FloatArray,
     effects: Sequence[Effect] = (),
 ) -> FloatArray:
-    """Trajectories (n, t, c) of a drive, with the standstill before it."""
+    """Return trajectories (n, t, c) of a drive, with the standstill before it.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Nominal vehicle with its unknown parameters.
+    commands : Commands
+        Of the drive.
+    columns : tuple of str, length c
+        The channels.
+    parameters : ndarray of float, shape (n, k + e)
+        Of the samples, the effects in standard deviations of their priors.
+    effects : sequence of Effect
+        Beside the parameters.
+    """
     every, rest = round(PERIOD / TICK), round(STANDSTILL / PERIOD)
     affected, n, k = with_effects(vehicle, effects), len(parameters), len(vehicle.unknown)
     batch, place = CommandedBatch(affected, commands), list(affected.unknown).index
@@ -246,14 +260,14 @@ def predicted_progress(plan: Plan, vehicle: Vehicle) -> tuple[FloatArray, FloatA
     unknown, noise = Box.of(dict(vehicle.unknown)), plan.noise.of_trajectory
     time = np.append(np.arange(0.0, plan.commands.duration, 1.0), plan.commands.duration)
     effects = planned_effects(vehicle, plan.effects)
-    replayed, beside = list[FloatArray](), beside_parameters(effects)
+    found, beside = list[FloatArray](), beside_parameters(effects)
 
     def std(end: float) -> FloatArray:
         def until_then(_: FloatArray, parameters: FloatArray) -> FloatArray:
-            if not replayed:  # the parameters are always the same
+            if not found:  # the parameters are always the same
                 columns = plan.noise.channels
-                replayed.append(_replayed(vehicle, plan.commands, columns, parameters, effects))
-            return replayed[0][:, : round((STANDSTILL + end) / PERIOD) + 1]
+                found.append(replayed(vehicle, plan.commands, columns, parameters, effects))
+            return found[0][:, : round((STANDSTILL + end) / PERIOD) + 1]
 
         covariance = predicted_covariance(
             (until_then,), (np.empty(0),), unknown, noise, seed=plan.seed + 2, beside=beside

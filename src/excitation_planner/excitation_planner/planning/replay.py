@@ -141,6 +141,28 @@ def nominal_commands(
     return commands
 
 
+def driven_commands(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> Commands:
+    """Return the commands of a maneuver, whether or not the nominal vehicle can drive them.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Nominal vehicle.
+    family : ManeuverFamily
+        Of the maneuver.
+    x : ndarray of float, shape (l,)
+        Operation parameters.
+
+    Raises
+    ------
+    InfeasibleManeuver
+        If there are none: the vehicle cannot follow the path, or its steering does not reach.
+    PlanError
+        If no maneuver can be planned for the vehicle: its motor holds no speed.
+    """
+    return _driven(vehicle, family, x)[1]
+
+
 def _driven(
     vehicle: Vehicle, family: ManeuverFamily, x: FloatArray
 ) -> tuple[DrivenPath | Commands, Commands]:
