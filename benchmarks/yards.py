@@ -1,12 +1,16 @@
 """Plans in yards: room that random vehicles leave, what a yard costs, and faults on the way.
 
-    python benchmarks/yards.py [--vehicles 1000] [--drives 5] [--part plans|faults] [--families ...]
+    python benchmarks/yards.py [--vehicles 1000] [--drives 5] [--part plans|limits|faults]
+                               [--families ...] [--evaluations 600]
 
 plans   each family is planned without a yard and in three of them, by criterion c for the cornering
         stiffness. Printed: what share of the information is kept (variance free over variance in
         the yard), how many times as much processor time the planning took, and how many of the
         random vehicles of the ranges, begun up to 5 cm and 1 deg beside the planned start, come
         closer to the border than the margin, and how close the closest comes.
+limits  the same plans, beside the best maneuver that any operation parameters give in the yard, by
+        a random search with many evaluations. Printed: information of both over that without a
+        yard, and the share of the best that the plan has: what the search loses, not the yard.
 faults  vehicles of random draws drive these plans behind emulated boards, by the driver's own state
         machine and its fence, on the 9-DOF vehicle. At a random time the localisation jumps by 2 m,
         freezes, drifts by the margin within 5 s, or the host falls silent and the boards' watchdogs
@@ -28,14 +32,25 @@ from excitation_planner import Criterion
 from excitation_planner.area.area import Area, StartRegion
 from excitation_planner.area.fence import START_HEADING_TOLERANCE, START_POSITION_TOLERANCE
 from excitation_planner.area.polygons import placed
+from excitation_planner.area.room import Room
 from excitation_planner.area.tube import footprint_of
+from excitation_planner.box import Box
+from excitation_planner.design.excitation import DRAWS
+from excitation_planner.design.information import (
+    difference_points,
+    information,
+    posterior_covariance,
+)
+from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.localisation import PlanarState
 from excitation_planner.maneuver import family_by_name, family_names, with_ranges
 from excitation_planner.planning import PlanRequest, plan_maneuver
+from excitation_planner.planning.prediction import replayed
+from excitation_planner.planning.replay import nominal_commands
 from excitation_planner.playback import AREA_PARTS, Playback, Schedule
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
-from tricycle_core.errors import DesignError, PlanError
+from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
 from tricycle_core.readiness import Readiness
 from tricycle_core.timing import TICK
 from tricycle_sim.rig.emulated import EmulatedRig
@@ -117,13 +132,13 @@ def try_plans(families, count, budget):
     """Print the table of plans; returns those that fit, with their area."""
     found = []
     print(f"{'family':20s}{'yard':22s} information   time   in margin   closest")
-    planned(family_by_name(families[0]), None, 500)  # compiles
+    planned(family_by_name(families[0]), YARDS["30 x 30 m, two posts"], 6000)  # compiles
     for name in families:
         family = family_by_name(name)
         free, free_time = planned(family, None, budget)
         for yard, area in YARDS.items():
-            (slower,) = with_ranges([family], {}, slower=True)  # as `tricycle plan --area` does
-            plan, seconds = planned(slower, area, budget)
+            (smaller,) = with_ranges([family], {}, smaller=True)  # as `tricycle plan --area` does
+            plan, seconds = planned(smaller, area, budget)
             if isinstance(plan, str):
                 print(f"{name:20s}{yard:22s} {plan[:90]}", flush=True)
                 continue
@@ -136,6 +151,53 @@ def try_plans(families, count, budget):
             )
             found.append((f"{name} in {yard}", area, plan))
     return found
+
+
+def best_that_fits(family, area, evaluations, seed=0):
+    """Least cost of maneuvers that fit, by Sobol' points and random steps from the best of them."""
+    noise, unknown = (
+        PlanRequest(VEHICLE, family, TARGET, Criterion.C).noise,
+        Box.of(VEHICLE.unknown),
+    )
+    room, rng = Room.measured(area, FOOTPRINT, noise), np.random.default_rng(seed)
+    U = difference_points(len(unknown), DRAWS, seed=1)
+    fitting = []
+
+    def judge(u):
+        try:
+            commands = nominal_commands(VEHICLE, family, family.operation.from_unit(u))
+            Y = replayed(VEHICLE, commands, noise.channels, unknown.from_unit(U))
+            covariance = posterior_covariance(information(U, Y, noise.of_trajectory))
+            cost = covariance[:, unknown.index(TARGET), unknown.index(TARGET)].mean()
+            if len(fitting) < 5 or cost < sorted(c for c, _ in fitting)[4]:
+                room.check(VEHICLE, commands)
+                fitting.append((cost, u))
+        except InfeasibleManeuver:
+            pass
+
+    for u in sobol_sequence(evaluations // 2, len(family.operation), seed=seed):
+        judge(u)
+    for _ in range(evaluations // 2 if fitting else 0):
+        best = sorted(fitting, key=lambda pair: pair[0])[:5]
+        step = rng.choice([0.02, 0.06, 0.15]) * rng.standard_normal(len(family.operation))
+        judge(np.clip(best[rng.integers(len(best))][1] + step, 0.0, 1.0))
+    return min((cost for cost, _ in fitting), default=math.inf)
+
+
+def try_limits(families, budget, evaluations):
+    print(f"{'family':20s}{'yard':22s}    plan    best   plan / best")
+    for name in families:
+        family = family_by_name(name)
+        free, _ = planned(family, None, budget)
+        (smaller,) = with_ranges([family], {}, smaller=True)
+        for yard, area in YARDS.items():
+            plan, _ = planned(smaller, area, budget)
+            kept = 0.0 if isinstance(plan, str) else free.criterion_cost / plan.criterion_cost
+            best = free.criterion_cost / best_that_fits(smaller, area, evaluations)
+            # what the plan has found can be found
+            best = max(best, kept)
+            share = kept / best if best else 1.0
+            print(f"{name:20s}{yard:22s}{kept:8.0%}{best:8.0%}{share:14.0%}", flush=True)
 
 
 def disturbed(fault, state, since, frozen):
@@ -229,8 +291,12 @@ def main():
     parser.add_argument("--budget", type=int, default=12_000, help="simulations of a plan")
     parser.add_argument("--vehicles", type=int, default=1000)
     parser.add_argument("--drives", type=int, default=5, help="of each plan and fault")
-    parser.add_argument("--part", choices=("plans", "faults"), default="faults")
+    parser.add_argument("--part", choices=("plans", "limits", "faults"), default="faults")
+    parser.add_argument("--evaluations", type=int, default=600, help="of the search of a limit")
     arguments = parser.parse_args()
+    if arguments.part == "limits":
+        try_limits(arguments.families.split(","), arguments.budget, arguments.evaluations)
+        return
     plans = try_plans(arguments.families.split(","), arguments.vehicles, arguments.budget)
     if arguments.part == "faults":
         try_faults(plans, arguments.drives)
