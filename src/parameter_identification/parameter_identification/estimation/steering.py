@@ -19,7 +19,7 @@ from tricycle_sim.vehicle import Vehicle
 
 FREQUENCY = "servo_natural_frequency"
 FASTER, LATER = 4.0, 0.2  # factor, and s, by which the servo may be faster or slower, and later
-OTHER_KIND = 3.0  # times what the sensor is off by, from which the servo is of another kind
+OTHER_KIND = 4.5  # times what the sensor is off by, from which the servo is of another kind
 READ = TICK / math.sqrt(12.0)  # s, standard deviation of when the angle was read
 
 
@@ -80,6 +80,6 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
 
     bounds = [-math.log(FASTER), 0.0], [math.log(FASTER), LATER]
     least = least_squares(off, [0.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=1e-3)
-    rate = np.gradient(measured.values, measured.time)
-    noise = math.hypot(resolution(measured.values) / math.sqrt(12.0), READ * float(np.std(rate)))
+    rate = float(np.std(np.gradient(servo_response(setpoints, vehicle), TICK)))
+    noise = math.hypot(resolution(measured.values) / math.sqrt(12.0), READ * rate)
     return float(np.sqrt(np.mean(least.fun**2))) / max(noise, 1e-9)
