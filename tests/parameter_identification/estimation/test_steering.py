@@ -47,6 +47,14 @@ def test_a_servo_of_the_files_kind_has_the_angle(changes, limit):
     assert not servo_of_another_kind([drive], VEHICLE)
 
 
+def test_a_noisy_angle_is_no_other_servo():
+    drive = driven(commands_of_pair()["lane"], steering_step=1e-6)
+    told = drive.steering_angle
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(told.time))
+    noisy = dataclasses.replace(told, values=told.values + noise)
+    assert servo_misfit(drive.commands, noisy, VEHICLE) < 1.2
+
+
 def test_a_servo_of_another_kind_is_told_where_all_drives_tell_the_angle(worlds):
     drives = drives_in(worlds, "servo of another kind")
     assert servo_of_another_kind(drives, VEHICLE)

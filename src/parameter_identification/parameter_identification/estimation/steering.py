@@ -10,6 +10,7 @@ from scipy.optimize import least_squares
 from parameter_identification.drives.following import commanded_setpoints, servo_response
 from parameter_identification.drives.measured import MeasuredDrive
 from parameter_identification.drives.samples import Samples
+from parameter_identification.estimation.noise import white_level
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -54,7 +55,7 @@ def servo_of_another_kind(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> 
 def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> float:
     """Return how far the nearest servo of a law is from a measured angle (root mean square).
 
-    In units of what the sensor is off by: half a step, and when it was read.
+    In units of what the sensor is off by: its noise or rounding, and when it was read.
 
     Parameters
     ----------
@@ -81,5 +82,7 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
     bounds = [-math.log(FASTER), 0.0], [math.log(FASTER), LATER]
     least = least_squares(off, [0.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=1e-3)
     rate = float(np.std(np.gradient(servo_response(setpoints, vehicle), TICK)))
-    noise = math.hypot(resolution(measured.values) / math.sqrt(12.0), READ * rate)
+    rounding = resolution(measured.values) / math.sqrt(12.0)
+    white = max(white_level(measured.time, measured.values[:, np.newaxis]), rounding)
+    noise = math.hypot(white, READ * rate)
     return float(np.sqrt(np.mean(least.fun**2))) / max(noise, 1e-9)
