@@ -202,7 +202,7 @@ WORLDS = {  # motion, and the effects that act
     "localisation late, drifts": (of(), ()),
     "drive 120 ms late": (late_drive, ("drive-dead-time",)),
     # no effect is quite of its kind
-    "servo of another kind": (another_servo, ()),
+    "servo of another kind": (another_servo, ("turn-deviation",)),
     "speed loop of another kind": (another_loop, ("speed-deviation", "start-deviation")),
     "tyre of the magic formula": (magic, ("tyre-saturation", "tyre-rounding", "road-friction")),
 }

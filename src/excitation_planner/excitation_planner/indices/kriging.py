@@ -126,7 +126,8 @@ class Kriging:
             jac=True,
             method="L-BFGS-B",
             bounds=np.stack([low, high], axis=1),
-            options={"ftol": 1e-6, "maxiter": 100},
+            # with an amplitude, further steps take longer and make no index more accurate
+            options={"ftol": 1e-5, "maxiter": 25} if enough else {"ftol": 1e-8, "maxiter": 100},
         ).x
         return self.fit_process(
             X,
