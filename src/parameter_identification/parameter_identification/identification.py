@@ -136,24 +136,25 @@ def identify(
     Raises
     ------
     IdentificationError
-        If there is no drive, one comes twice, there is no such parameter, too little motion, or a
-        drive was planned for another vehicle.
+        If there is no drive, one comes twice, there is no such parameter, too little motion, a
+        drive was planned for another vehicle, or one tells no steering angle that shall be used.
     """
     begun = time.perf_counter()
     if not drives:
         raise IdentificationError("no drive: nothing to identify from")
     asked = restrict(vehicle, tuple(vehicle.unknown if parameters is None else parameters))
     known = asked if hold_others else vehicle
-    check_drives([*drives, *held_out], vehicle)
+    everything = [*drives, *held_out]
+    check_drives(everything, vehicle)
     ours = simulator is CommandedBatch  # others have a servo of their own
     measured = steering is Steering.MEASURED or (
-        steering is Steering.EITHER and ours and servo_of_another_kind(drives, vehicle)
+        steering is Steering.EITHER and ours and servo_of_another_kind(everything, vehicle)
     )
     if measured and not ours:
         raise IdentificationError(
             "the steering of an FMU follows its commands, not a measured angle"
         )
-    for drive in (*drives, *held_out) if measured else ():
+    for drive in everything if measured else ():
         if drive.steering_angle is None:
             raise IdentificationError(
                 f"{drive.name}: no steering angle is told throughout, and the steering shall be "
