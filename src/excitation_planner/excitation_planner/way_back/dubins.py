@@ -140,4 +140,5 @@ def dubins_arcs(start: Pose, word: str, lengths: FloatArray, radius: float) -> t
 def _positive(angle: FloatArray) -> FloatArray:
     """Angle in [0, 2 pi); a whole turn by round-off is none."""
     turned: FloatArray = np.mod(angle, math.tau)
-    return np.where(turned > math.tau - 1e-9, 0.0, turned)
+    # the root of a round-off error of 1e-16 is 1e-8
+    return np.where(turned > math.tau - 1e-7, 0.0, turned)
