@@ -100,6 +100,27 @@ def test_workers_that_come_and_go(tmp_path, caplog):
     assert any(message.startswith("dask lost worker tcp://") for message in caplog.messages)
 
 
+def test_a_result_that_dies_with_its_worker_is_asked_for_again(tmp_path, caplog, monkeypatch):
+    """What distributed's future raises then: it unpacks an error that is not there."""
+    with cluster_of(1, tmp_path) as (_, client):
+        executor, lost = client.get_executor(), []
+        hand_in = executor.submit
+
+        def submit(*arguments):
+            future = hand_in(*arguments)
+            if not lost:
+                lost.append(future)
+                monkeypatch.setattr(future, "result", partial(int, "not enough values to unpack"))
+            return future
+
+        monkeypatch.setattr(executor, "submit", submit)
+        found = small_design(executor=executor)
+    assert_same(found, small_design(workers=1))
+    assert any(
+        message.startswith("dask lost a result with its worker; ") for message in caplog.messages
+    )
+
+
 def test_tasks_of_a_stopped_worker_are_done_by_another(tmp_path, caplog):
     """Its connexion stays open: nothing but the time tells."""
     with cluster_of(2, tmp_path) as (cluster, client):

@@ -177,6 +177,10 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
 
     def _failed(self, error: Exception) -> None:
         """Go on after an error of the executor; those of f are DesignErrors already."""
+        if isinstance(error, ValueError) and _is_of_dask(self._executor):
+            # a result that is fetched while its worker dies: distributed unpacks what is not there
+            self._send_again("dask lost a result with its worker")
+            return
         if not isinstance(error, BrokenExecutor):
             raise DesignError(
                 f"a worker could not do its work, {type(error).__name__}: "
@@ -203,12 +207,16 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
             self._send(job)
 
 
+def _is_of_dask(executor: Executor) -> bool:
+    return type(executor).__module__.startswith("distributed.")
+
+
 class _LostWorkers:
     """Says when dask loses a worker, whose tasks it gives to others by itself."""
 
     def __init__(self, executor: Executor) -> None:
         self._client: Any = None
-        if type(executor).__module__.startswith("distributed."):
+        if _is_of_dask(executor):
             with suppress(ValueError):  # no client is the default one
                 self._client = optional("distributed", "this executor").default_client()
                 self._client.subscribe_topic("all", self._tell)
