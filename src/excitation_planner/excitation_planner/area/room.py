@@ -186,7 +186,6 @@ class Room:
             If a vehicle of the ranges rolls over.
         """
         place = self.roughly_placed(vehicle, commands)
-        if place.clearance < self.needed - BEYOND:
-            raise DoesNotFit("does not fit the area")
-        if self.lacks(vehicle, commands, place) > 0.0:
+        roughly = place.clearance >= self.needed - BEYOND
+        if not roughly or self.lacks(vehicle, commands, place) > 0.0:
             raise DoesNotFit("does not fit the area")

@@ -116,9 +116,9 @@ def measured_setpoints(
     from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
 
     setpoints = commanded_setpoints(commands, vehicle)
-    expected = servo_angle(commands, measured.time, vehicle)
-    off = make_smoothing_spline(measured.time, measured.values - expected)
     ticks = TICK * np.arange(len(setpoints))
+    expected = np.interp(measured.time, ticks, servo_response(setpoints, vehicle))
+    off = make_smoothing_spline(measured.time, measured.values - expected)
     inside = np.clip(ticks, measured.time[0], measured.time[-1])
     return setpoints, setpoints + steering_setpoints(off(inside), vehicle)
 

@@ -42,13 +42,9 @@ def servo_of_another_kind(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> 
     vehicle : Vehicle
         Its servo may have another bandwidth and dead time, its sensor another zero and gain.
     """
-    for drive in drives:
-        if drive.steering_angle is None:
-            return False
-    return any(
-        drive.steering_angle is not None
-        and servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_KIND
-        for drive in drives
+    told = [(d.commands, d.steering_angle) for d in drives if d.steering_angle is not None]
+    return len(told) == len(drives) and any(
+        servo_misfit(commands, angle, vehicle) > OTHER_KIND for commands, angle in told
     )
 
 
