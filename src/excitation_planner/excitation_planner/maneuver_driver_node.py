@@ -144,7 +144,10 @@ class ManeuverDriver(Node):
     def __init__(self) -> None:
         super().__init__("maneuver_driver")
         deviation = declare(self, "max_deviation", 3.0, "m off the path that end a run", (0.1, 100))
-        timeout = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
+        pose = declare(self, "odom_timeout", 0.5, "s without pose that end a run", (0.05, 10))
+        state = declare(
+            self, "state_timeout", 1.0, f"s without {READINESS_TOPIC} that end a run", (1.0, 20.0)
+        )
         countdown = declare(
             self, "countdown", 0.0, "s from ~/start to the first command", (0.0, 60.0)
         )
@@ -168,7 +171,8 @@ class ManeuverDriver(Node):
         simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
             max_deviation=deviation,
-            odom_timeout=timeout,
+            odom_timeout=pose,
+            state_timeout=state,
             commander=self._name,
             clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
             countdown=countdown,

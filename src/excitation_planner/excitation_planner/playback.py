@@ -25,7 +25,7 @@ from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
 from tricycle_core.quantities import FloatArray
-from tricycle_core.readiness import TOPIC, Readiness
+from tricycle_core.readiness import PERIOD, TOPIC, Readiness
 from tricycle_sim.commands import LONGEST
 
 FRAME = "maneuver"
@@ -33,9 +33,6 @@ FRAME = "maneuver"
 
 STANDSTILL_SPEED = 0.05
 """Speed above which a maneuver does not start, and below which the vehicle rests [m/s]."""
-
-READINESS_TIMEOUT = 1.0
-"""Age of the newest message of `vehicle/state` beyond which no maneuver runs [s]."""
 
 CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
@@ -168,6 +165,8 @@ class Playback:
         Distance from the path beyond which the run is aborted [m].
     odom_timeout : float
         Age of the newest pose beyond which the run is aborted [s].
+    state_timeout : float
+        Age of the newest message of `vehicle/state` beyond which no maneuver runs [s].
     commander : str
         Name of this driver, as the vehicle knows it; empty: whom the vehicle obeys is not watched.
     clock_tolerance : float
@@ -196,6 +195,7 @@ class Playback:
 
     max_deviation: float
     odom_timeout: float
+    state_timeout: float = 2 * PERIOD
     commander: str = ""
     clock_tolerance: float = CLOCK_TOLERANCE
     countdown: float = 0.0
@@ -757,7 +757,7 @@ class Playback:
             return f"nothing heard on {TOPIC}; is tricycle_bridge running?"
         if not self._readiness.armed:
             return f"the vehicle is not armed: {self._readiness.reason or 'no reason is given'}"
-        if now - self._heard_at > READINESS_TIMEOUT:
+        if now - self._heard_at > self.state_timeout:
             return f"nothing heard on {TOPIC} for {now - self._heard_at:.2f} s"
         if self.commander and self._readiness.commander not in ("", self.commander):
             return f"the vehicle obeys another commander, {self._readiness.commander}"

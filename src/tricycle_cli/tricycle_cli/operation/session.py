@@ -43,15 +43,15 @@ class DrivePlan(Protocol):
 IDLE_PACE = 1.0
 """Real-time factor between the drives: what plans and identifies meanwhile needs the processor."""
 
-POSE_SILENCE = 0.5
-"""Time without a pose that ends a run [s of wall time].
+SILENCES = {"odom_timeout": 0.5, "state_timeout": 1.0}
+"""Time without a message of each kind that ends a run [s of wall time].
 
-The nodes count it on the simulated clock. On a busy machine the middleware takes some 50 ms to send
-a lost message again, which is half a second of a simulation at ten times real time.
+The nodes count it on the simulated clock. On a busy machine the middleware takes 50 to 130 ms to
+send a lost message again, which is more than a second of a simulation at ten times real time.
 """
 
 FASTEST = 20.0
-"""Real-time factor up to which this time is kept: the driver takes no longer one than 10 s."""
+"""Real-time factor up to which these times are kept: the driver takes no longer ones."""
 
 
 @contextmanager
@@ -115,6 +115,7 @@ def simulated_session(
     }
     vehicle = load_vehicle(vehicle_file)
     file = "" if vehicle_file is None else str(vehicle_file.absolute())
+    hurry = min(max(real_time_factor or FASTEST, 1.0), FASTEST)
     with NodeProcesses(env, folder / "log") as nodes:
         config = SIMULATION_CONFIG
         nodes.start(
@@ -140,7 +141,7 @@ def simulated_session(
             config=config,
             parameters={
                 **driver_parameters(file),
-                "odom_timeout": POSE_SILENCE * min(max(real_time_factor or FASTEST, 1.0), FASTEST),
+                **{name: hurry * silence for name, silence in SILENCES.items()},
             },
         )
         # the truth too, so that estimates from the bag can be compared with it
