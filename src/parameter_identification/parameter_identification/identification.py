@@ -31,9 +31,10 @@ import numpy as np
 from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
-from parameter_identification.drives.measured import MeasuredDrive
+from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.doubt import Doubt, doubt_of
+from parameter_identification.estimation.inputs import OF_INPUT, Inputs, measured_inputs
 from parameter_identification.estimation.model import DriveModel, Simulator, restrict
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import Optimum, find_optimum, rough_minima
@@ -50,7 +51,6 @@ from parameter_identification.estimation.results import (
     NuisanceEstimate,
     Profile,
 )
-from parameter_identification.estimation.steering import Steering, servo_of_another_kind
 from parameter_identification.estimation.validation import (
     effects_of_drives,
     fits_of_drives,
@@ -60,13 +60,24 @@ from parameter_identification.estimation.validation import (
 from parameter_identification.estimation.weighing import Mixture, weigh_effects
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
-from tricycle_sim.effects import EFFECTS, OF_SERVO, effects_of
+from tricycle_sim.effects import EFFECTS, effects_of
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
 __all__ = [
-    "EFFECTS", "Combination", "DriveFit", "EffectEstimate", "Estimate", "GaussianPrior", "HeldOut",
-    "Identification", "IdentificationError", "Loss", "NuisanceEstimate", "Profile", "Steering",
+    "EFFECTS",
+    "Combination",
+    "DriveFit",
+    "EffectEstimate",
+    "Estimate",
+    "GaussianPrior",
+    "HeldOut",
+    "Identification",
+    "IdentificationError",
+    "Inputs",
+    "Loss",
+    "NuisanceEstimate",
+    "Profile",
     "identify",
 ]  # fmt: skip
 
@@ -83,7 +94,7 @@ def identify(
     held_out: Sequence[MeasuredDrive] = (),
     effects: Sequence[str] = (),
     weighed: bool = False,
-    steering: Steering = Steering.EITHER,
+    inputs: Inputs = Inputs.EITHER,
     simulator: Simulator = CommandedBatch,
     loss: Loss = Loss.SQUARED,
     starts: int = 4,
@@ -114,9 +125,9 @@ def identify(
     weighed : bool
         Whether the result is the average over the models with and without each effect, instead of
         that with all of them. Its intervals are those of the average, never profiles.
-    steering : Steering
-        Whether the steering follows its commands, as the vehicle file's servo does, or has the
-        measured angle.
+    inputs : Inputs
+        Whether steering and wheels follow their commands, as servo and speed loop of the vehicle
+        file do, or move as measured. With an FMU they follow the commands.
     simulator : callable
         Of the drives: our own model, or an FMU (`tricycle_sim.fmi.batch.FmuSimulator`).
     loss : Loss
@@ -137,7 +148,7 @@ def identify(
     ------
     IdentificationError
         If there is no drive, one comes twice, there is no such parameter, too little motion, a
-        drive was planned for another vehicle, or one tells no steering angle that shall be used.
+        drive was planned for another vehicle, or there is no measured input that shall be used.
     """
     begun = time.perf_counter()
     if not drives:
@@ -146,23 +157,14 @@ def identify(
     known = asked if hold_others else vehicle
     everything = [*drives, *held_out]
     check_drives(everything, vehicle)
-    ours = simulator is CommandedBatch  # others have a servo of their own
-    measured = steering is Steering.MEASURED or (
-        steering is Steering.EITHER and ours and servo_of_another_kind(everything, vehicle)
-    )
-    if measured and not ours:
-        raise IdentificationError(
-            "the steering of an FMU follows its commands, not a measured angle"
-        )
-    for drive in everything if measured else ():
-        if drive.steering_angle is None:
-            raise IdentificationError(
-                f"{drive.name}: no steering angle is told throughout, and the steering shall be "
-                "the measured one: identify from the commands"
-            )
-    of_servo = OF_SERVO if measured else ()
-    beside = tuple(e for e in effects_of(known, effects) if e.name not in of_servo)
-    of_drive = partial(DriveModel, measured_steering=measured)
+    measured: frozenset[Input] = frozenset()
+    if simulator is CommandedBatch:  # others have actuators of their own
+        measured = measured_inputs(everything, vehicle, inputs)
+    elif inputs is Inputs.MEASURED:
+        raise IdentificationError("an FMU follows its commands, not what was measured")
+    unneeded = {name for one in measured for name in OF_INPUT[one]}
+    beside = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)
+    of_drive = partial(DriveModel, measured=measured)
     with (
         threadpool_limits(1, user_api="blas"),  # for small matrices more threads only cost
         LeastSquares(
@@ -219,7 +221,7 @@ def identify(
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
             scatter=doubt.scatter,
-            measured_steering=measured,
+            measured=measured,
             friction_used=max(m.friction_used(optimum.fit.at[: problem.k]) for m in problem.models),
         ).only(asked.unknown)
 

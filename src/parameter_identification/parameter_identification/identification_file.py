@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from parameter_identification.drives.measured import Input
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.estimation.results import (
     Combination,
@@ -183,8 +184,8 @@ class IdentificationDocument:
         What was estimated beside the parameters.
     scatter : float or None
         As in `Identification`; None for less than 10 drives.
-    measured_steering : bool
-        As in `Identification`.
+    measured : tuple of str
+        Inputs that moved as measured: "steering", "speed".
     friction_used : float or None
         Largest share of its friction limit that a wheel of the fitted vehicle used, if known.
     others : mapping of str to ParameterEntry
@@ -212,7 +213,7 @@ class IdentificationDocument:
     seconds: float = 0.0
     effects: tuple[EffectEstimate, ...] = ()
     scatter: float | None = None
-    measured_steering: bool = False
+    measured: tuple[str, ...] = ()
     friction_used: float | None = None
     others: Mapping[str, ParameterEntry] = field(default_factory=dict)
 
@@ -285,7 +286,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         seconds=found.seconds,
         effects=found.effects,
         scatter=_known(found.scatter),
-        measured_steering=found.measured_steering,
+        measured=tuple(one.value for one in Input if one in found.measured),
         friction_used=_known(found.friction_used),
     )
 

@@ -34,6 +34,8 @@ TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
 SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
 OF_SERVO = "servo bandwidth", SERVO_DEAD_TIME, "steering play"
 """Effects of how the steering's angle comes about; none where it is measured."""
+OF_SPEED_LOOP = "speed loop", DRIVE_DEAD_TIME
+"""Effects of how the wheels' speed comes about; none where it is measured."""
 REACH = 4.0  # standard deviations of the prior that an effect may have at most
 
 

@@ -11,6 +11,7 @@ from driven_bags import TRUTH, VEHICLE, SimulatedBag
 from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
+    Input,
     MeasuredDrive,
     Sensor,
     Signal,
@@ -56,7 +57,7 @@ def test_a_steering_angle_that_is_not_told_throughout_is_not_used(bag: Path) -> 
         angle[(joints.time > begin) & (joints.time < end)] = np.nan
         states = replace(joints, steering_motor_angle=angle)
         drive = measured_drive(replace(recorded, joint_states=states), VEHICLE)
-        assert (drive.steering_angle is not None) == used
+        assert (Input.STEERING in drive.told) == used
 
 
 def test_a_bag_without_commands_is_told(tmp_path: Path) -> None:

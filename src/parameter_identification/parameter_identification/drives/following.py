@@ -1,22 +1,29 @@
 """Set-points with which the nominal vehicle follows what was measured: its steering, its speed."""
 
 import dataclasses
+from contextlib import suppress
 
 import numpy as np
 
+from parameter_identification.drives.measured import Signal
 from parameter_identification.drives.samples import Samples
 from tricycle_bridge.protocol.limits import MAX_SPEED
+from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.batch import CommandedBatch, simulate
 from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
+from tricycle_sim.vehicle.stability import check_step
 
 FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
 SPEED_LAG = 0.2  # s, of a speed loop
+GAINS = "speed_gain_proportional", "speed_gain_integral"
+STIFFER = 10.0, 3.0  # times its gains: the stiffest loop that the simulation's steps allow
+STIFF_LAG, STIFF_FOLLOWING = 0.015, 3  # s, of such a loop; iterations
 FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
 
 
@@ -93,7 +100,7 @@ def servo_angle(commands: Commands, time: FloatArray, vehicle: Vehicle) -> Float
     return angle
 
 
-def measured_setpoints(
+def measured_steering(
     commands: Commands, measured: Samples, vehicle: Vehicle
 ) -> tuple[FloatArray, FloatArray]:
     """Return the set-points (t,) of the steering on ticks, and those that give a measured angle.
@@ -121,6 +128,82 @@ def measured_setpoints(
     off = make_smoothing_spline(measured.time, measured.values - expected)
     inside = np.clip(ticks, measured.time[0], measured.time[-1])
     return setpoints, setpoints + steering_setpoints(off(inside), vehicle)
+
+
+def measured_speed(
+    commands: Commands, measured: Signal, vehicle: Vehicle, start: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the set-points (t,) of the speed on ticks, and those that give a measured wheel speed.
+
+    What is measured is smoothed; what the speed loop does anyway is not.
+
+    Parameters
+    ----------
+    commands : Commands
+        Of a drive.
+    measured : Signal
+        Speed of the driven wheels [rad/s], since the start event [s].
+    vehicle : Vehicle
+        `with_stiff_loop`; its nominal speed loop is used.
+    start : float
+        Speed at the start event [m/s].
+    """
+    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
+
+    batch = CommandedBatch(vehicle, commands, setpoint=start)
+    nominal = vehicle.nominal_point()[np.newaxis]
+
+    def wheels(faster: FloatArray) -> FloatArray:
+        added = np.append(faster, faster[-1])[np.newaxis]
+        run = batch.run(nominal, ("drive_speed",), speed=np.array([start]), faster=added)
+        rates: FloatArray = run.columns["drive_speed"][0, :-1]
+        return rates
+
+    wanted = commands.speed[command_rows(commands)]
+    commanded: FloatArray = slew_all(wanted, vehicle.acceleration, start)[0]
+    faster, ticks = np.zeros(len(commanded)), batch.time[:-1]
+    expected = wheels(faster)
+    time = measured.time
+    off = measured.values[:, 0] - np.interp(time, ticks, expected)
+    if time[0] > 0.0:  # it begins as the model does
+        time, off = np.insert(time, 0, 0.0), np.insert(off, 0, 0.0)
+    rate = expected + make_smoothing_spline(time, off)(np.clip(ticks, time[0], time[-1]))
+    for _ in range(STIFF_FOLLOWING):
+        error = vehicle.driven_radius * (rate - wheels(faster))
+        faster += error + _ahead(error, STIFF_LAG)
+    return commanded, commanded + faster
+
+
+def has_gains(vehicle: Vehicle) -> bool:
+    """Return whether the gains of a vehicle's speed loop are known.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With or without a speed loop.
+    """
+    return vehicle.has_speed_loop and not set(GAINS) & set(vehicle.unknown)
+
+
+def with_stiff_loop(vehicle: Vehicle) -> Vehicle:
+    """Return a vehicle whose wheels hardly differ from the set-points, whatever resists them.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Whose gains are known.
+
+    Raises
+    ------
+    VehicleError
+        If it is too stiff for the simulation's steps as it is.
+    """
+    for factor in STIFFER:
+        stiff = vehicle.replace(**{gain: factor * vehicle.values[gain] for gain in GAINS})
+        with suppress(VehicleError):
+            check_step(stiff, TICK)
+            return stiff
+    return vehicle
 
 
 def speed_followed(vehicle: Vehicle, angle: FloatArray, speed: FloatArray) -> Commands:

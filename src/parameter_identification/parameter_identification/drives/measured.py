@@ -28,7 +28,8 @@ from tricycle_sim.vehicle import Vehicle
 
 FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
 STANDSTILL = 1.0  # s before the start event that are used
-UNTOLD = 0.2  # s between samples of the steering angle from which it is not used
+UNTOLD = 0.2  # s between samples from which an input is not known throughout
+UNTOLD_START = 1.5  # s, likewise before the first speed from rest: pulses do not tell slow ones
 
 
 class Sensor(Enum):
@@ -48,6 +49,13 @@ class Sensor(Enum):
     def unit(self) -> str:
         """Unit of its values."""
         return _UNITS.get(self, "rad/s")
+
+
+class Input(Enum):
+    """What moves a vehicle: as commanded or, where a drive tells it throughout, as measured."""
+
+    STEERING = "steering"  # angle of its motor
+    SPEED = "speed"  # of the driven wheels
 
 
 _UNITS = {
@@ -216,6 +224,18 @@ class MeasuredDrive:
             if signal.values.shape[1] != columns:
                 raise IdentificationError(f"{self.name}: {sensor.value}: needs {columns} columns")
 
+    @property
+    def told(self) -> frozenset[Input]:
+        """Inputs that were measured throughout the commands, the speed but for a start from rest."""
+        found, end = set(), self.commands.duration
+        if self.steering_angle is not None and _throughout(self.steering_angle.time, 0.0, end):
+            found.add(Input.STEERING)
+        if (wheels := self.signals.get(Sensor.WHEEL_SPEED)) is not None:
+            first = float(wheels.time[0]) if self.start.speed == 0.0 else 0.0
+            if _throughout(wheels.time, min(max(first, 0.0), UNTOLD_START), end):
+                found.add(Input.SPEED)
+        return frozenset(found)
+
 
 def read_measured_drive(
     bag: Path, vehicle: Vehicle, *, topics: TopicNames | None = None
@@ -362,14 +382,18 @@ def _truth(metadata: Mapping[str, str]) -> dict[str, float]:
 
 
 def _steering_angle(drive: RecordedDrive, end: float) -> Samples | None:
-    """Measured angle of the steering motor up to an end; None where it is not told throughout."""
+    """Measured angle of the steering motor up to an end."""
     if (joints := drive.joint_states) is None:
         return None
     there = (joints.time >= 0.0) & (joints.time <= end) & ~np.isnan(joints.steering_motor_angle)
     time, angle = joints.time[there], joints.steering_motor_angle[there]
-    samples = _samples(drive.bag, "steering angle", time, angle)
-    apart = np.diff(np.concatenate([[0.0], samples.time, [end]]))
-    return samples if apart.max() <= UNTOLD else None
+    return _samples(drive.bag, "steering angle", time, angle) if len(time) else None
+
+
+def _throughout(time: FloatArray, begin: float, end: float) -> bool:
+    """Whether there is no long gap between samples from a time to another one."""
+    there = time[(time >= begin) & (time <= end)]
+    return bool(np.diff(there, prepend=begin, append=end).max() <= UNTOLD)
 
 
 def _samples(bag: Path, what: str, stamps: FloatArray, values: FloatArray) -> Samples:

@@ -21,8 +21,19 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from parameter_identification.drives.following import measured_setpoints
-from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal, StartPose
+from parameter_identification.drives.following import (
+    has_gains,
+    measured_speed,
+    measured_steering,
+    with_stiff_loop,
+)
+from parameter_identification.drives.measured import (
+    Input,
+    MeasuredDrive,
+    Sensor,
+    Signal,
+    StartPose,
+)
 from parameter_identification.estimation.deviations import deviated
 from parameter_identification.estimation.instruments import CLOCKS, errors_of
 from parameter_identification.estimation.whiteness import resolution
@@ -58,12 +69,13 @@ It vanishes at the first and at the last.
 # Standard deviations of the nuisances' priors
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 TIME_OFFSET = 0.05  # s, of each clock against the commands'
-STEERING_OFFSET = 0.01  # s, of the steering's: mostly one computer stamps both
+INPUT_OFFSET = 0.01  # s, of a measured input's: mostly one computer stamps both
 LEAST_OFF = 5e-4  # rad, of a measured steering angle
 STEERING_DELAY, STEERING_ZERO, STEERING_GAIN = (
     f"{what} of the measured steering" for what in ("delay", "zero", "gain")
 )
-STEERING_STEPS = {STEERING_DELAY: 1e-3, STEERING_ZERO: 1e-4, STEERING_GAIN: 1e-3}
+SPEED_DELAY = "delay of the measured speed"
+INPUT_STEPS = {STEERING_DELAY: 1e-3, STEERING_ZERO: 1e-4, STEERING_GAIN: 1e-3, SPEED_DELAY: 1e-3}
 """Of the finite differences, in the nuisances' units."""
 
 
@@ -238,12 +250,14 @@ class DriveModel:
         Estimated beside the parameters.
     simulator : callable
         Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
-    measured_steering : bool
-        Whether the steering has the measured angle, where the drive tells one, instead of that
-        which its commands give.
+    measured : collection of Input
+        What moves as measured, where the drive tells it, instead of as commanded. A wheel that does
+        so is no sensor any more.
 
     Attributes
     ----------
+    measured : frozenset of Input
+        What does so here.
     shared : int
         Number of nuisances, the first ones, that all drives have in common.
     nuisances : tuple of Nuisance
@@ -257,12 +271,18 @@ class DriveModel:
         effects: Sequence[Effect] = (),
         simulator: Simulator = CommandedBatch,
         *,
-        measured_steering: bool = False,
+        measured: Collection[Input] = (),
     ) -> None:
-        self.simulator, self.measured_steering = simulator, measured_steering
+        self.simulator, self.measured = simulator, drive.told.intersection(measured)
         self.vehicle, self.effects = vehicle, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
+        self._speed: tuple[FloatArray, FloatArray] | None = None
+        if Input.SPEED in self.measured and has_gains(vehicle):
+            signals = dict(drive.signals)
+            wheels, vehicle = signals.pop(Sensor.WHEEL_SPEED), with_stiff_loop(vehicle)
+            self._speed = measured_speed(drive.commands, wheels, vehicle, drive.start.speed)
+            drive = dataclasses.replace(drive, signals=signals)
         simulated = with_effects(vehicle, effects)
         self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
         self._columns = _columns_of(drive)
@@ -284,8 +304,8 @@ class DriveModel:
         self.nuisances = self._effects(effects)
         self.shared = sum(not e.per_drive for e in effects)
         self._steering: tuple[FloatArray, FloatArray] | None = None
-        if measured_steering and drive.steering_angle is not None:
-            self._steering = measured_setpoints(drive.commands, drive.steering_angle, vehicle)
+        if Input.STEERING in self.measured and drive.steering_angle is not None:
+            self._steering = measured_steering(drive.commands, drive.steering_angle, vehicle)
         self.nuisances += self._start_and_sensors()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
         # by a simulation each: effects on constants, the start speed, dead times; by a distortion:
@@ -308,7 +328,7 @@ class DriveModel:
         self._stepped = [*self._by_simulation, *delay, *others]
         # by a simulation each, without being an effect; with its step
         self._varied = {self._at["start speed"]: SPEED_STEP}
-        for name, step in STEERING_STEPS.items():
+        for name, step in INPUT_STEPS.items():
             if name in self._at:
                 self._varied[self._at[name]] = step
         self._effect_steps = np.array(
@@ -340,10 +360,12 @@ class DriveModel:
             off = max(0.5 * resolution(self.drive.steering_angle.values), LEAST_OFF)
             share = off / max(float(np.abs(measured).max()), off)
             found += [
-                Nuisance(STEERING_DELAY, "s", 0.0, STEERING_OFFSET),
+                Nuisance(STEERING_DELAY, "s", 0.0, INPUT_OFFSET),
                 Nuisance(STEERING_ZERO, "rad", 0.0, off),
                 Nuisance(STEERING_GAIN, "1", 0.0, share),
             ]
+        if self._speed is not None:
+            found.append(Nuisance(SPEED_DELAY, "s", 0.0, INPUT_OFFSET))
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
         found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
         for errors in self._errors.values():
@@ -406,6 +428,11 @@ class DriveModel:
                 steered = self._steered(nuisances, *self._steering)
             if self._starting:
                 faster = _at_start(nuisances[:, self._starting], batch.time)
+        if self._speed is not None:
+            later = np.zeros(len(constants))
+            if nuisances is not None:
+                later = nuisances[:, self._at[SPEED_DELAY]]
+            faster = _sped(later, *self._speed) + (0.0 if faster is None else faster)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
         others = [name for columns in self._columns.values() for name in columns]
         run = batch.run(
@@ -710,6 +737,13 @@ def _columns_of(drive: MeasuredDrive) -> dict[Sensor, list[str]]:
     if (speeds := drive.signals.get(Sensor.WHEEL_SPEEDS)) is not None:
         found[Sensor.WHEEL_SPEEDS] = [f"wheel_speed_{wheel}" for wheel in speeds.wheels]
     return {sensor: names for sensor, names in found.items() if sensor in drive.signals}
+
+
+def _sped(later: FloatArray, setpoints: FloatArray, measured: FloatArray) -> FloatArray:
+    """Speeds (n, t) by which set-points (t - 1,) are others, that were measured so late (n,)."""
+    ticks = TICK * np.arange(len(setpoints))
+    rows = [np.interp(ticks + delay, ticks, measured) - setpoints for delay in later]
+    return np.pad(rows, ((0, 0), (0, 1)), mode="edge")
 
 
 def _at_start(knots: FloatArray, time: FloatArray) -> FloatArray:

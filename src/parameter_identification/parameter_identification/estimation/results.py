@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.measured import Input, Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import GaussianPrior
@@ -299,8 +299,8 @@ class Identification:
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
         10 drives. Far above 1 the drives contradict each other: the model lacks something.
-    measured_steering : bool
-        Whether the steering had the measured angle, not that which the commands give.
+    measured : frozenset of Input
+        What moved as measured, not as the commands say.
     friction_used : float
         Largest share of its friction limit that a wheel of the fitted vehicle used; NaN: not known.
     others : mapping of str to Estimate
@@ -326,7 +326,7 @@ class Identification:
     seconds: float
     effects: tuple[EffectEstimate, ...] = ()
     scatter: float = math.nan
-    measured_steering: bool = False
+    measured: frozenset[Input] = frozenset()
     friction_used: float = math.nan
     others: Mapping[str, Estimate] = field(default_factory=dict)
 

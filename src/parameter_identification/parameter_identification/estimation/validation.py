@@ -183,7 +183,7 @@ def predict_held_out(
     k, like = problem.k, problem.models[0]
     model = DriveModel(
         *(like.vehicle, drive, like.effects, like.simulator),
-        measured_steering=like.measured_steering,
+        measured=like.measured,
     )
     with LeastSquares([model], problem.mean, problem.information, loss) as alone:
         alone.noise |= {

@@ -91,11 +91,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="simulate with the FMU of this mapping file in place of our own model",
     )
     add(
-        "--steering",
+        "--inputs",
         choices=("either", "commands", "measured"),
         default="either",
-        help="which angle the steering has: that of the file's servo under the commands, the "
-        "measured one, or the measured one where no servo of this kind has it (default: either)",
+        help="how steering and wheels move: as servo and speed loop of the file do under the "
+        "commands, as measured, or as measured where they are of another kind (default: either)",
     )
     add("--robust", action="store_true", help="hold outliers back")
     add("--seed", type=seed, default=0, help="of the starts")
@@ -140,9 +140,9 @@ def run(args: argparse.Namespace) -> int:
         return _drive_by_drive(args)
     from rich.console import Console
 
+    from parameter_identification.estimation.inputs import Inputs
     from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
-    from parameter_identification.estimation.steering import Steering
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import save_identification
@@ -174,7 +174,7 @@ def run(args: argparse.Namespace) -> int:
             hold_others=args.hold_others,
             held_out=list(chain.from_iterable(drives[len(args.drives) :])),
             **effects,
-            steering=Steering(args.steering),
+            inputs=Inputs(args.inputs),
             simulator=simulator,
             loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,
@@ -219,7 +219,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         "--fmu": args.fmu,
         "--held-out": args.held_out,
         "--robust": args.robust,
-        "--steering": args.steering == "measured",
+        "--inputs": args.inputs == "measured",
     }
     if wrong := [name for name, given in others.items() if given]:
         raise IdentificationError(f"--drive-by-drive: not together with {', '.join(wrong)}")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
+from parameter_identification.drives.measured import Input
 from parameter_identification.judging.judgement import Anchor, Judgement
 from tricycle_sim.effects import TYRE_ROUNDING
 
@@ -241,8 +242,13 @@ def remarks(found: Identification) -> list[str]:
     if found.fixed:
         fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
         lines.append(f"taken as known: {fixed}. An error in them is in no interval")
-    if found.measured_steering:
-        lines.append("the steering moved as measured: no servo of the file's kind has its angle")
+    if Input.STEERING in found.measured:
+        lines.append("the steering moved as measured, not as the file's servo by its commands")
+    if Input.SPEED in found.measured:
+        lines.append(
+            "the wheels turned as measured, not as the file's speed loop by its commands; their "
+            "speed tells nothing else"
+        )
     lines += _not_asked_for(found)
     ends = {
         name: e

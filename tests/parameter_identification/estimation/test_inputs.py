@@ -1,4 +1,4 @@
-"""A steering that moves as measured, where its servo is of another kind than the file's."""
+"""Steering and wheels that move as measured, behind actuators of another kind than the file's."""
 
 import dataclasses
 from importlib import import_module
@@ -8,11 +8,16 @@ import numpy as np
 import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, shares
 
-from parameter_identification.drives.measured import Sensor, StartPose
+from parameter_identification.drives.measured import Input, Sensor, Signal, StartPose
 from parameter_identification.drives.simulated import SensorNoise
+from parameter_identification.estimation.inputs import (
+    Inputs,
+    measured_inputs,
+    servo_misfit,
+    speed_misfits,
+)
 from parameter_identification.estimation.model import DriveModel
-from parameter_identification.estimation.steering import servo_misfit, servo_of_another_kind
-from parameter_identification.identification import Steering, identify
+from parameter_identification.identification import identify
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.effects import EFFECTS
 
@@ -44,7 +49,7 @@ def test_a_servo_of_the_files_kind_has_the_angle(changes, limit):
         commands_of_pair()["lane"], vehicle=VEHICLE.replace(**changes), steering_step=STEP
     )
     assert servo_misfit(drive.commands, drive.steering_angle, VEHICLE) < limit
-    assert not servo_of_another_kind([drive], VEHICLE)
+    assert measured_inputs([drive], VEHICLE, Inputs.EITHER) == set()
 
 
 def test_a_noisy_angle_is_no_other_servo():
@@ -57,11 +62,60 @@ def test_a_noisy_angle_is_no_other_servo():
 
 def test_a_servo_of_another_kind_is_told_where_all_drives_tell_the_angle(worlds):
     drives = drives_in(worlds, "servo of another kind")
-    assert servo_of_another_kind(drives, VEHICLE)
+    assert measured_inputs(drives, VEHICLE, Inputs.EITHER) == {Input.STEERING}
+    assert measured_inputs(drives, VEHICLE, Inputs.COMMANDS) == set()
     untold = dataclasses.replace(drives[1], steering_angle=None)
-    assert not servo_of_another_kind([drives[0], untold], VEHICLE)
-    with pytest.raises(IdentificationError, match="lane: no steering angle is told throughout"):
-        identify([drives[0], untold], VEHICLE, steering=Steering.MEASURED)
+    assert measured_inputs([drives[0], untold], VEHICLE, Inputs.EITHER) == set()
+    assert measured_inputs([drives[0], untold], VEHICLE, Inputs.MEASURED) == {Input.SPEED}
+    poses = {Sensor.POSITION: untold.signals[Sensor.POSITION]}
+    blind = dataclasses.replace(untold, signals=poses)
+    with pytest.raises(IdentificationError, match="not all drives tell throughout"):
+        measured_inputs([drives[0], blind], VEHICLE, Inputs.MEASURED)
+
+
+def test_a_speed_loop_of_another_kind_is_told_by_the_wheels(worlds):
+    alike, other = (drives_in(worlds, name) for name in ("nothing", "speed loop of another kind"))
+    assert max(speed_misfits(alike, VEHICLE)) < 1.5
+    assert measured_inputs(alike, VEHICLE, Inputs.EITHER) == set()
+    assert measured_inputs(other, VEHICLE, Inputs.EITHER) == {Input.SPEED}
+
+
+@pytest.mark.parametrize(
+    "changes", [{"speed_gain_proportional": 10.0, "speed_gain_integral": 10.0}, {"mass": 53.0}]
+)
+def test_a_slow_speed_loop_and_a_heavy_vehicle_are_of_the_files_kind(changes):
+    drive = driven(
+        commands_of_pair()["lane"],
+        vehicle=VEHICLE.replace(**changes),
+        others={Sensor.WHEEL_SPEED: SensorNoise(0.003)},
+    )
+    assert max(speed_misfits([drive], VEHICLE)) < 1.5
+
+
+def test_wheels_that_are_not_heard_throughout_are_no_input():
+    drive = driven(commands_of_pair()["lane"], others={Sensor.WHEEL_SPEED: SensorNoise(0.003)})
+    wheels = drive.signals[Sensor.WHEEL_SPEED]
+    heard = (wheels.time < 3.0) | (wheels.time > 3.3)
+    signals = {
+        **drive.signals,
+        Sensor.WHEEL_SPEED: Signal(wheels.time[heard], wheels.values[heard]),
+    }
+    assert drive.told == {Input.SPEED}
+    assert dataclasses.replace(drive, signals=signals).told == set()
+
+
+def test_the_wheels_turn_as_measured(worlds):
+    drive = drives_in(worlds, "speed loop of another kind")[1]
+    start = dataclasses.replace(drive, start=StartPose(0.0, 0.0, 0.0))
+    model = DriveModel(VEHICLE, start, measured=[Input.SPEED])
+    assert Sensor.WHEEL_SPEED not in model.drive.signals
+    by_commands = DriveModel(VEHICLE, start)
+    off, off_by_commands = (
+        np.abs(m.predict(shares(TRUTH), np.zeros(len(m.nuisances)))[0].residual).max()
+        for m in (model, by_commands)
+    )
+    assert off < 0.1  # noise of 1 cm, and what two steps of the wheel's sensor make
+    assert off_by_commands > 1.0
 
 
 def test_the_steering_goes_where_it_was_measured():
@@ -69,7 +123,7 @@ def test_the_steering_goes_where_it_was_measured():
     drive = driven(commands_of_pair()["lane"], noise=0.0, steering_step=1e-6, start=start)
     off = dataclasses.replace(drive.steering_angle, values=drive.steering_angle.values + 0.02)
     drive = dataclasses.replace(drive, steering_angle=off)
-    model = DriveModel(VEHICLE, drive, measured_steering=True)
+    model = DriveModel(VEHICLE, drive, measured=[Input.STEERING])
     own = DriveModel(VEHICLE.replace(steering_offset=0.02), drive)
     found, expected = (
         m.predict(shares(TRUTH), np.zeros(len(m.nuisances)))[0].values for m in (model, own)
@@ -80,7 +134,7 @@ def test_the_steering_goes_where_it_was_measured():
 
 def test_derivatives_by_what_is_unknown_of_the_angle():
     drive = driven(commands_of_pair()["lane"], noise=0.0, others=SENSORS, steering_step=STEP)
-    model = DriveModel(VEHICLE, drive, measured_steering=True)
+    model = DriveModel(VEHICLE, drive, measured=[Input.STEERING])
     z, b = shares(TRUTH), np.zeros(len(model.nuisances))
     before = model.predict(z, b)
     names = [n.name for n in model.nuisances]
@@ -100,12 +154,25 @@ def test_derivatives_by_what_is_unknown_of_the_angle():
 def test_intervals_hold_behind_a_servo_of_another_kind_and_are_narrower(worlds):
     drives = drives_in(worlds, "servo of another kind")
     found, by_commands = (
-        identify(drives, VEHICLE, effects=EFFECTS, weighed=True, steering=steering)
-        for steering in (Steering.EITHER, Steering.COMMANDS)
+        identify(drives, VEHICLE, effects=EFFECTS, weighed=True, inputs=inputs)
+        for inputs in (Inputs.EITHER, Inputs.COMMANDS)
     )
-    assert found.measured_steering
+    assert found.measured == {Input.STEERING}
     assert not any(e.name.startswith("servo") for e in found.effects)
     for name in ("cornering_stiffness", "yaw_inertia"):
         e, other = (f.parameters[name] for f in (found, by_commands))
         assert e.low <= TRUTH[NAMES.index(name)] <= e.high
         assert e.high - e.low < other.high - other.low
+
+
+@pytest.mark.slow
+def test_intervals_hold_behind_a_speed_loop_of_another_kind(worlds):
+    found = identify(
+        drives_in(worlds, "speed loop of another kind"), VEHICLE, effects=EFFECTS, weighed=True
+    )
+    assert found.measured == {Input.SPEED}
+    assert not {"speed loop", "drive dead time"} & {e.name for e in found.effects}
+    for name in ("cornering_stiffness", "yaw_inertia"):
+        e = found.parameters[name]
+        assert e.low <= TRUTH[NAMES.index(name)] <= e.high
+        assert e.identifiable

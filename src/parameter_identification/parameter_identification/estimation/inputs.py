@@ -1,0 +1,168 @@
+"""Whether servo and speed loop are of the vehicle file's kind, by what drives tell of them."""
+
+import math
+from collections.abc import Collection, Sequence
+from enum import Enum
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from parameter_identification.drives.following import (
+    commanded_setpoints,
+    has_gains,
+    servo_response,
+)
+from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
+from parameter_identification.drives.samples import Samples
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.noise import white_level
+from parameter_identification.estimation.prior import prior_in_ranges
+from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.whiteness import resolution
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.effects import OF_SERVO, OF_SPEED_LOOP, effects_of
+from tricycle_sim.setpoints import delayed
+from tricycle_sim.vehicle import Vehicle
+
+FREQUENCY = "servo_natural_frequency"
+FASTER, LATER = 4.0, 0.2  # factor, and s, by which the servo may be faster or slower, and later
+OTHER_KIND = 4.5  # times what the sensor is off by, from which an actuator is of another kind
+READ = TICK / math.sqrt(12.0)  # s, standard deviation of when an angle or a speed was read
+LOADING = (
+    "speed-loop",
+    "drive-dead-time",
+    "wheel-radius",
+    "slope-or-wind-along",
+    "slope-or-wind-across",
+)
+"""Effects that act on the speed of the wheels, beside the parameters."""
+
+
+OF_INPUT = {Input.STEERING: OF_SERVO, Input.SPEED: OF_SPEED_LOOP}
+"""Names of the effects of how each input comes about; none where it is measured."""
+
+
+class Inputs(Enum):
+    """What moves the model."""
+
+    COMMANDS = "commands"  # through servo and speed loop of the vehicle file
+    MEASURED = "measured"  # the steering angle and the wheel speed that the drives tell
+    EITHER = "either"  # what was measured of an actuator of another kind, otherwise the commands
+
+
+def measured_inputs(
+    drives: Sequence[MeasuredDrive], vehicle: Vehicle, inputs: Inputs
+) -> frozenset[Input]:
+    """Return the inputs that are to be those measured.
+
+    Parameters
+    ----------
+    drives : sequence of MeasuredDrive
+        What one of them does not tell is commanded in all.
+    vehicle : Vehicle
+        The gains of its servo and speed loop, and their dead times, may be others.
+    inputs : Inputs
+        What is asked for.
+
+    Raises
+    ------
+    IdentificationError
+        If measured ones are asked for, and there is none that all drives tell.
+    """
+    if inputs is Inputs.COMMANDS:
+        return frozenset()
+    told = frozenset(Input).intersection(*(drive.told for drive in drives))
+    if not has_gains(vehicle):
+        told -= {Input.SPEED}
+    if inputs is Inputs.MEASURED:
+        if not told:
+            raise IdentificationError(
+                "not all drives tell throughout a steering angle, or a wheel speed: identify from "
+                "the commands"
+            )
+        return told
+    found: set[Input] = set()
+    if Input.STEERING in told and any(
+        servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_KIND
+        for drive in drives
+        if drive.steering_angle is not None
+    ):
+        found.add(Input.STEERING)
+    if Input.SPEED in told and max(speed_misfits(drives, vehicle, found)) > OTHER_KIND:
+        found.add(Input.SPEED)
+    return frozenset(found)
+
+
+def speed_misfits(
+    drives: Sequence[MeasuredDrive], vehicle: Vehicle, measured: Collection[Input] = ()
+) -> list[float]:
+    """Return how far the wheels of each drive are from those of the nearest vehicle of the model.
+
+    Root mean square in units of what the sensor is off by: its noise or rounding, and when it was
+    read. Only the speed of the wheels is fitted, with all that moves them.
+
+    Parameters
+    ----------
+    drives : sequence of MeasuredDrive
+        With the speed of the wheels.
+    vehicle : Vehicle
+        Its unknown parameters are varied, its speed loop, the wheels' radius and the slope.
+    measured : collection of Input
+        What moves as measured.
+    """
+    effects = effects_of(vehicle, LOADING)
+    models = [DriveModel(vehicle, drive, effects, measured=measured) for drive in drives]
+    with LeastSquares(models, *prior_in_ranges(vehicle, None), Loss.SQUARED) as problem:
+        problem.noise = {Sensor.WHEEL_SPEED: problem.noise[Sensor.WHEEL_SPEED]}
+        start = np.append(problem.mean, np.zeros(problem.n - problem.k))
+        predictions = problem.predictions(problem.minimise(start).at)
+    found = []
+    for p in (p for own in predictions for p in own if p.sensor is Sensor.WHEEL_SPEED):
+        measured_values = p.values[:, 0] + p.residual[:, 0]
+        noise = _sensor_noise(p.time, measured_values, np.gradient(p.values[:, 0], p.time))
+        found.append(float(np.sqrt(np.mean(p.residual**2))) / noise)
+    return found
+
+
+def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> float:
+    """Return how far the nearest servo of a law is from a measured angle (root mean square).
+
+    In units of what the sensor is off by: its noise or rounding, and when it was read.
+
+    Parameters
+    ----------
+    commands : Commands
+        Of a drive.
+    measured : Samples
+        Angle of the steering motor [rad], since the start event [s].
+    vehicle : Vehicle
+        Its servo is varied.
+    """
+    setpoints = commanded_setpoints(commands, vehicle)
+    ticks = TICK * np.arange(len(setpoints))
+
+    def off(point: FloatArray) -> FloatArray:
+        own = vehicle
+        if FREQUENCY in vehicle.values:
+            own = vehicle.replace(**{FREQUENCY: vehicle.values[FREQUENCY] * math.exp(point[0])})
+        response = servo_response(delayed(setpoints, point[1], setpoints[0]), own)
+        angle = np.interp(measured.time, ticks, response)
+        columns = np.column_stack([np.ones(len(angle)), angle])[:, : 1 + (np.ptp(angle) > 0.0)]
+        fitted: FloatArray = columns @ np.linalg.lstsq(columns, measured.values, rcond=None)[0]
+        return measured.values - fitted
+
+    bounds = [-math.log(FASTER), 0.0], [math.log(FASTER), LATER]
+    least = least_squares(off, [0.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=1e-3)
+    rates = np.gradient(servo_response(setpoints, vehicle), TICK)
+    noise = _sensor_noise(measured.time, measured.values, rates)
+    return float(np.sqrt(np.mean(least.fun**2))) / noise
+
+
+def _sensor_noise(time: FloatArray, values: FloatArray, rates: FloatArray) -> float:
+    """What a sensor is off by, when its values change at such rates."""
+    rounding = resolution(values) / math.sqrt(12.0)
+    white = max(white_level(time, values[:, np.newaxis]), rounding)
+    return max(math.hypot(white, READ * float(np.std(rates))), 1e-9)
