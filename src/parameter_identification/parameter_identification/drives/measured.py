@@ -226,7 +226,7 @@ class MeasuredDrive:
 
     @property
     def told(self) -> frozenset[Input]:
-        """Inputs that were measured throughout the commands, the speed but for a start from rest."""
+        """Inputs measured throughout the commands; the speed may begin to be after a start."""
         found, end = set(), self.commands.duration
         if self.steering_angle is not None and _throughout(self.steering_angle.time, 0.0, end):
             found.add(Input.STEERING)
