@@ -34,8 +34,13 @@ from threadpoolctl import threadpool_limits
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.doubt import Doubt, doubt_of
-from parameter_identification.estimation.inputs import OF_INPUT, Inputs, measured_inputs
-from parameter_identification.estimation.model import DriveModel, Simulator, restrict
+from parameter_identification.estimation.inputs import Inputs, measured_inputs
+from parameter_identification.estimation.model import (
+    OF_INPUT,
+    DriveModel,
+    Simulator,
+    restrict,
+)
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import Optimum, find_optimum, rough_minima
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges

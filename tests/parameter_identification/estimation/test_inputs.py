@@ -17,9 +17,11 @@ from parameter_identification.estimation.inputs import (
     speed_misfits,
 )
 from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.prior import prior_in_ranges
+from parameter_identification.estimation.shares import first_fit, share_of
 from parameter_identification.identification import identify
 from tricycle_core.errors import IdentificationError
-from tricycle_sim.effects import EFFECTS
+from tricycle_sim.effects import EFFECTS, effects_of
 
 STEP = 1.0 / 435  # rad, of the board's ADC
 SENSORS = {Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -176,3 +178,20 @@ def test_intervals_hold_behind_a_speed_loop_of_another_kind(worlds):
         e = found.parameters[name]
         assert e.low <= TRUTH[NAMES.index(name)] <= e.high
         assert e.identifiable
+
+
+def test_drives_one_by_one_turn_their_wheels_as_measured_too(worlds):
+    drives = drives_in(worlds, "speed loop of another kind")
+    effects = effects_of(VEHICLE, ["speed-loop", "wheel-radius"])
+    prior = prior_in_ranges(VEHICLE, None)
+    setting, at = first_fit(drives, VEHICLE, effects, prior, 0)
+    assert setting.measured == {Input.SPEED}
+    shares_found = [share_of(setting, drive, at) for drive in drives]
+    names = [*VEHICLE.unknown, *(e.name for e in setting.shared)]
+    idle, acting = names.index("speed loop"), names.index("wheel radius")
+    for share in shares_found:
+        assert not share.information[idle].any()
+        assert share.information[acting, acting] > 1.0
+    silent = {s: v for s, v in drives[0].signals.items() if s is not Sensor.WHEEL_SPEED}
+    with pytest.raises(IdentificationError, match="circle: does not tell throughout the speed"):
+        share_of(setting, dataclasses.replace(drives[0], signals=silent), at)

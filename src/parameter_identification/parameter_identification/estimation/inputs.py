@@ -23,7 +23,7 @@ from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
-from tricycle_sim.effects import OF_SERVO, OF_SPEED_LOOP, effects_of
+from tricycle_sim.effects import effects_of
 from tricycle_sim.setpoints import delayed
 from tricycle_sim.vehicle import Vehicle
 
@@ -39,10 +39,6 @@ LOADING = (
     "slope-or-wind-across",
 )
 """Effects that act on the speed of the wheels, beside the parameters."""
-
-
-OF_INPUT = {Input.STEERING: OF_SERVO, Input.SPEED: OF_SPEED_LOOP}
-"""Names of the effects of how each input comes about; none where it is measured."""
 
 
 class Inputs(Enum):

@@ -44,6 +44,8 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
+    OF_SERVO,
+    OF_SPEED_LOOP,
     SERVO_DEAD_TIME,
     SPEED_DEVIATION,
     START_DEVIATION,
@@ -60,6 +62,9 @@ SPEED_STEP = 1e-3  # m/s
 NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
 RESTING = 0.05  # m/s, below which a drive starts from rest
+OF_INPUT = {Input.STEERING: OF_SERVO, Input.SPEED: OF_SPEED_LOOP}
+"""Names of the effects of how each input comes about: without effect where it is measured."""
+
 START = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0])
 """Knots of the deviation of a start from rest [s]: boards and motor are known least at low speed.
 
@@ -252,7 +257,7 @@ class DriveModel:
         Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
     measured : collection of Input
         What moves as measured, where the drive tells it, instead of as commanded. A wheel that does
-        so is no sensor any more.
+        so is no sensor any more, and `OF_INPUT` has no effect.
 
     Attributes
     ----------
@@ -311,9 +316,11 @@ class DriveModel:
         # by a simulation each: effects on constants, the start speed, dead times; by a distortion:
         # the rest
         effect_of = enumerate(n.effect for n in self.nuisances)
-        effect_at = [(i, e) for i, e in effect_of if e is not None]
-        self._servo_delay = self._at.get(SERVO_DEAD_TIME)
-        self._drive_delay = self._at.get(DRIVE_DEAD_TIME)
+        idle = {name for one in self.measured for name in OF_INPUT[one]}
+        effect_at = [(i, e) for i, e in effect_of if e is not None and e.name not in idle]
+        acting = {e.name: i for i, e in effect_at}
+        self._servo_delay = acting.get(SERVO_DEAD_TIME)
+        self._drive_delay = acting.get(DRIVE_DEAD_TIME)
         self._starting = [i for i, e in effect_at if e.name == START_DEVIATION]
         simulated_too = (self._servo_delay, *self._starting)
         self._by_simulation = {i: e for i, e in effect_at if e.constants or i in simulated_too}

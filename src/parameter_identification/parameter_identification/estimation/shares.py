@@ -15,13 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
+from parameter_identification.estimation.inputs import Inputs, measured_inputs
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import find_optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.validation import whiteness_of_residuals
 from parameter_identification.estimation.whiteness import coloured
+from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
@@ -41,12 +43,15 @@ class Setting:
         Of every sensor that a drive has.
     sizes : mapping of str to float
         Of the deviations among the effects, in standard deviations of their priors.
+    measured : frozenset of Input
+        What moves as measured in all drives.
     """
 
     vehicle: Vehicle
     effects: tuple[Effect, ...]
     noise: Mapping[Sensor, NoiseLevel]
     sizes: Mapping[str, float]
+    measured: frozenset[Input] = frozenset()
 
     @property
     def shared(self) -> tuple[Effect, ...]:
@@ -118,17 +123,18 @@ def first_fit(
     """
     near = None
     with threadpool_limits(1, user_api="blas"):
+        measured = measured_inputs(drives, vehicle, Inputs.EITHER)
         if effects:  # without them a search takes a tenth of the time
-            models = [DriveModel(vehicle, drive) for drive in drives]
+            models = [DriveModel(vehicle, drive, measured=measured) for drive in drives]
             with LeastSquares(models, *prior, Loss.SQUARED) as without:
                 first = find_optimum(without, starts=4, seed=seed, level=0.95)
             near = [first.fit.at[: without.k], *first.rivals]
-        models = [DriveModel(vehicle, drive, effects) for drive in drives]
+        models = [DriveModel(vehicle, drive, effects, measured=measured) for drive in drives]
         with LeastSquares(models, *prior, Loss.SQUARED) as problem:
             best = find_optimum(problem, starts=4, seed=seed, level=0.95, near=near)
             common = problem.k + models[0].shared
             noise, sizes = dict(problem.noise), problem.sizes()
-    return Setting(vehicle, tuple(effects), noise, sizes), best.fit.at[:common]
+    return Setting(vehicle, tuple(effects), noise, sizes, measured), best.fit.at[:common]
 
 
 def share_of(
@@ -147,7 +153,12 @@ def share_of(
     own : ndarray of float, shape (q,), optional
         Where the search of its own variables begins. Default: the means of their priors.
     """
-    model = DriveModel(setting.vehicle, drive, setting.effects)
+    if untold := setting.measured - drive.told:
+        raise IdentificationError(
+            f"{drive.name}: does not tell throughout the {', the '.join(i.value for i in untold)}, "
+            "which moves otherwise than servo and speed loop of the vehicle file make it move"
+        )
+    model = DriveModel(setting.vehicle, drive, setting.effects, measured=setting.measured)
     k, c = len(model.low), len(common)
     with LeastSquares([model], common[:k], np.zeros((k, k)), Loss.SQUARED) as problem:
         problem.noise = {sensor: setting.noise[sensor] for sensor in problem.noise}
