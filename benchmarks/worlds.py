@@ -117,6 +117,16 @@ def slippery(commands, truth):
 
 def another_servo(commands, truth):
     """A servo of another kind: late, with a dead band, never faster than 0.6 rad/s."""
+    stiff = VEHICLE.replace(servo_natural_frequency=120.0)
+    return driven(stiff, behind_servo(commands), truth)
+
+
+def both_others(commands, truth):
+    stiff = VEHICLE.replace(servo_natural_frequency=120.0)
+    return driven(stiff, behind_loop(behind_servo(commands)), truth)
+
+
+def behind_servo(commands):
     time, wanted, speed = on_ticks(commands)
     late = round(0.04 / TICK)
     wanted = np.concatenate([np.full(late, wanted[0]), wanted[:-late]])
@@ -126,16 +136,19 @@ def another_servo(commands, truth):
         moves = abs(off) > (0.001 if moves else 0.015)
         rate = np.clip(12.0 * off, -0.6, 0.6) if moves else 0.0
         angle[i] = angle[i - 1] + rate * TICK
-    stiff = VEHICLE.replace(servo_natural_frequency=120.0)
-    return driven(stiff, Commands(time, angle, speed), truth)
+    return Commands(time, angle, speed)
 
 
 def another_loop(commands, truth):
     """A speed loop of another kind: without an integral part, 0.3 s late and 2 % slow."""
+    return driven(VEHICLE, behind_loop(commands), truth)
+
+
+def behind_loop(commands):
     time, angle, speed = on_ticks(commands)
     wanted, _ = slew_all(speed, VEHICLE.acceleration)
     behind = lfilter([TICK / 0.3], [1.0, TICK / 0.3 - 1.0], 0.98 * wanted)
-    return driven(VEHICLE, Commands(time, angle, behind), truth)
+    return Commands(time, angle, behind)
 
 
 def late_drive(commands, truth):
@@ -204,6 +217,7 @@ WORLDS = {  # motion, and the effects that act
     # no effect is quite of its kind
     "servo of another kind": (another_servo, ("turn-deviation",)),
     "speed loop of another kind": (another_loop, ("speed-deviation", "start-deviation")),
+    "both actuators of another kind": (both_others, ("turn-deviation", "speed-deviation")),
     "tyre of the magic formula": (magic, ("tyre-saturation", "tyre-rounding", "road-friction")),
 }
 
