@@ -11,6 +11,7 @@ from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, sh
 from parameter_identification.drives.measured import Input, Sensor, Signal, StartPose
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.inputs import (
+    LOADING,
     Inputs,
     measured_inputs,
     servo_misfit,
@@ -67,7 +68,7 @@ def test_a_servo_of_another_kind_is_told_where_all_drives_tell_the_angle(worlds)
     assert measured_inputs(drives, VEHICLE, Inputs.EITHER) == {Input.STEERING}
     assert measured_inputs(drives, VEHICLE, Inputs.COMMANDS) == set()
     untold = dataclasses.replace(drives[1], steering_angle=None)
-    assert measured_inputs([drives[0], untold], VEHICLE, Inputs.EITHER) == set()
+    assert Input.STEERING not in measured_inputs([drives[0], untold], VEHICLE, Inputs.EITHER)
     assert measured_inputs([drives[0], untold], VEHICLE, Inputs.MEASURED) == {Input.SPEED}
     poses = {Sensor.POSITION: untold.signals[Sensor.POSITION]}
     blind = dataclasses.replace(untold, signals=poses)
@@ -77,7 +78,7 @@ def test_a_servo_of_another_kind_is_told_where_all_drives_tell_the_angle(worlds)
 
 def test_a_speed_loop_of_another_kind_is_told_by_the_wheels(worlds):
     alike, other = (drives_in(worlds, name) for name in ("nothing", "speed loop of another kind"))
-    assert max(speed_misfits(alike, VEHICLE)) < 1.5
+    assert max(speed_misfits(alike, VEHICLE, LOADING)) < 1.5
     assert measured_inputs(alike, VEHICLE, Inputs.EITHER) == set()
     assert measured_inputs(other, VEHICLE, Inputs.EITHER) == {Input.SPEED}
 
@@ -91,7 +92,7 @@ def test_a_slow_speed_loop_and_a_heavy_vehicle_are_of_the_files_kind(changes):
         vehicle=VEHICLE.replace(**changes),
         others={Sensor.WHEEL_SPEED: SensorNoise(0.003)},
     )
-    assert max(speed_misfits([drive], VEHICLE)) < 1.5
+    assert max(speed_misfits([drive], VEHICLE, LOADING)) < 1.5
 
 
 def test_wheels_that_are_not_heard_throughout_are_no_input():

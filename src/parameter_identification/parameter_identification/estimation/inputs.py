@@ -23,14 +23,14 @@ from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
-from tricycle_sim.effects import effects_of
+from tricycle_sim.effects import EFFECTS, effects_of
 from tricycle_sim.setpoints import delayed
 from tricycle_sim.vehicle import Vehicle
 
 FREQUENCY = "servo_natural_frequency"
 FASTER, LATER = 4.0, 0.2  # factor, and s, by which the servo may be faster or slower, and later
-OTHER_KIND = 4.5  # times what the sensor is off by, from which an actuator is of another kind
-READ = TICK / math.sqrt(12.0)  # s, standard deviation of when an angle or a speed was read
+OTHER_SERVO, OTHER_LOOP = 4.5, 1.6  # times what a sensor is off by, from which they are of another
+READ = TICK / math.sqrt(12.0)  # s, standard deviation of when an angle was read
 LOADING = (
     "speed-loop",
     "drive-dead-time",
@@ -38,7 +38,7 @@ LOADING = (
     "slope-or-wind-along",
     "slope-or-wind-across",
 )
-"""Effects that act on the speed of the wheels, beside the parameters."""
+"""Effects that change the speed of the wheels most."""
 
 
 class Inputs(Enum):
@@ -82,43 +82,52 @@ def measured_inputs(
         return told
     found: set[Input] = set()
     if Input.STEERING in told and any(
-        servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_KIND
+        servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_SERVO
         for drive in drives
         if drive.steering_angle is not None
     ):
         found.add(Input.STEERING)
-    if Input.SPEED in told and max(speed_misfits(drives, vehicle, found)) > OTHER_KIND:
+    if Input.SPEED in told and all(
+        max(speed_misfits(drives, vehicle, effects, found)) > OTHER_LOOP
+        for effects in (LOADING, EFFECTS)  # the first ones mostly do, in a third of the time
+    ):
         found.add(Input.SPEED)
     return frozenset(found)
 
 
 def speed_misfits(
-    drives: Sequence[MeasuredDrive], vehicle: Vehicle, measured: Collection[Input] = ()
+    drives: Sequence[MeasuredDrive],
+    vehicle: Vehicle,
+    effects: Sequence[str],
+    measured: Collection[Input] = (),
 ) -> list[float]:
     """Return how far the wheels of each drive are from those of the nearest vehicle of the model.
 
     Root mean square in units of what the sensor is off by: its noise or rounding, and when it was
-    read. Only the speed of the wheels is fitted, with all that moves them.
+    read. Only the speed of the wheels is fitted.
 
     Parameters
     ----------
     drives : sequence of MeasuredDrive
         With the speed of the wheels.
     vehicle : Vehicle
-        Its unknown parameters are varied, its speed loop, the wheels' radius and the slope.
+        Its unknown parameters are varied.
+    effects : sequence of str
+        Of `EFFECTS`: those that vary, too. Deviations do not.
     measured : collection of Input
         What moves as measured.
     """
-    effects = effects_of(vehicle, LOADING)
-    models = [DriveModel(vehicle, drive, effects, measured=measured) for drive in drives]
+    varied = [e for e in effects_of(vehicle, effects) if not e.process]
+    models = [DriveModel(vehicle, drive, varied, measured=measured) for drive in drives]
     with LeastSquares(models, *prior_in_ranges(vehicle, None), Loss.SQUARED) as problem:
         problem.noise = {Sensor.WHEEL_SPEED: problem.noise[Sensor.WHEEL_SPEED]}
         start = np.append(problem.mean, np.zeros(problem.n - problem.k))
         predictions = problem.predictions(problem.minimise(start).at)
     found = []
-    for p in (p for own in predictions for p in own if p.sensor is Sensor.WHEEL_SPEED):
-        measured_values = p.values[:, 0] + p.residual[:, 0]
-        noise = _sensor_noise(p.time, measured_values, np.gradient(p.values[:, 0], p.time))
+    for drive, own in zip(drives, predictions, strict=True):
+        (p,) = (p for p in own if p.sensor is Sensor.WHEEL_SPEED)
+        wheels, rates = drive.signals[p.sensor], np.gradient(p.values[:, 0], p.time)
+        noise = _sensor_noise(p.time, wheels.values[:, 0], rates, wheels.jitter)
         found.append(float(np.sqrt(np.mean(p.residual**2))) / noise)
     return found
 
@@ -153,12 +162,12 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
     bounds = [-math.log(FASTER), 0.0], [math.log(FASTER), LATER]
     least = least_squares(off, [0.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=1e-3)
     rates = np.gradient(servo_response(setpoints, vehicle), TICK)
-    noise = _sensor_noise(measured.time, measured.values, rates)
+    noise = _sensor_noise(measured.time, measured.values, rates, READ)
     return float(np.sqrt(np.mean(least.fun**2))) / noise
 
 
-def _sensor_noise(time: FloatArray, values: FloatArray, rates: FloatArray) -> float:
-    """What a sensor is off by, when its values change at such rates."""
+def _sensor_noise(time: FloatArray, values: FloatArray, rates: FloatArray, jitter: float) -> float:
+    """What a sensor is off by, when its values change at such rates and stamps are off [s]."""
     rounding = resolution(values) / math.sqrt(12.0)
     white = max(white_level(time, values[:, np.newaxis]), rounding)
-    return max(math.hypot(white, READ * float(np.std(rates))), 1e-9)
+    return max(math.hypot(white, jitter * float(np.std(rates))), 1e-9)
