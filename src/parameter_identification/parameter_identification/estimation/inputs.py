@@ -29,7 +29,7 @@ from tricycle_sim.vehicle import Vehicle
 
 FREQUENCY = "servo_natural_frequency"
 FASTER, LATER = 4.0, 0.2  # factor, and s, by which the servo may be faster or slower, and later
-OTHER_SERVO, OTHER_LOOP = 4.5, 1.6  # times what a sensor is off by, from which they are of another
+OTHER_SERVO, OTHER_LOOP = 4.5, 1.3  # times what a sensor is off by, from which they are of another
 READ = TICK / math.sqrt(12.0)  # s, standard deviation of when an angle was read
 LOADING = (
     "speed-loop",
