@@ -5,6 +5,7 @@ from collections.abc import Collection, Sequence
 from enum import Enum
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
 from parameter_identification.drives.following import (
@@ -12,7 +13,7 @@ from parameter_identification.drives.following import (
     has_gains,
     servo_response,
 )
-from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
+from parameter_identification.drives.measured import PULSE_JITTER, Input, MeasuredDrive, Sensor
 from parameter_identification.drives.samples import Samples
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import white_level
@@ -128,7 +129,7 @@ def speed_misfits(
         (p,) = (p for p in own if p.sensor is Sensor.WHEEL_SPEED)
         wheels, rates = drive.signals[p.sensor], np.gradient(p.values[:, 0], p.time)
         noise = _sensor_noise(p.time, wheels.values[:, 0], rates, wheels.jitter)
-        found.append(float(np.sqrt(np.mean(p.residual**2))) / noise)
+        found.append(float(np.sqrt(np.mean((p.residual[:, 0] / noise) ** 2))))
     return found
 
 
@@ -162,12 +163,15 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
     bounds = [-math.log(FASTER), 0.0], [math.log(FASTER), LATER]
     least = least_squares(off, [0.0, 0.02], bounds=bounds, x_scale=[1.0, 0.1], diff_step=1e-3)
     rates = np.gradient(servo_response(setpoints, vehicle), TICK)
-    noise = _sensor_noise(measured.time, measured.values, rates, READ)
-    return float(np.sqrt(np.mean(least.fun**2))) / noise
+    noise = _sensor_noise(measured.time, measured.values, np.std(rates), READ)
+    return float(np.sqrt(np.mean((least.fun / noise) ** 2)))
 
 
-def _sensor_noise(time: FloatArray, values: FloatArray, rates: FloatArray, jitter: float) -> float:
+def _sensor_noise(
+    time: FloatArray, values: FloatArray, rates: ArrayLike, jitter: float
+) -> FloatArray:
     """What a sensor is off by, when its values change at such rates and stamps are off [s]."""
-    rounding = resolution(values) / math.sqrt(12.0)
+    # what pulses tell stays for several samples: they err by a step, and not anew in each
+    rounding = resolution(values) / (1.0 if jitter >= PULSE_JITTER else math.sqrt(12.0))
     white = max(white_level(time, values[:, np.newaxis]), rounding)
-    return max(math.hypot(white, jitter * float(np.std(rates))), 1e-9)
+    return np.maximum(np.hypot(white, jitter * np.asarray(rates)), 1e-9)
