@@ -96,7 +96,7 @@ reference: setup  ## write the reference pages and the firmware's header, which 
 	header=$$($(BIN)/python -m tricycle_bridge.protocol.firmware_header) && printf '%s\n' "$$header" > firmware/messages.h
 	$(BIN)/python docs/generate_reference.py
 	for vehicle in tricycle cargo_tadpole delta_tricycle car_1_10; do $(BIN)/tricycle vehicle check \
-	  src/tricycle_sim/tricycle_sim/$$vehicle.yaml --draw docs/figures/$$vehicle.png || exit 1; done
+	  src/tricycle_sim/tricycle_sim/$$vehicle.yaml --draw docs/figures/$$vehicle.png --overwrite || exit 1; done
 
 firmware: setup-run  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
 	$(MAKE) -C firmware avr simulator

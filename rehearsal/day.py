@@ -107,7 +107,7 @@ def brought_up(day: Path, vehicle: Path, firmware: Path) -> bool:
     """Run `tricycle plc check` with hands that do what it asks for; return whether all passed."""
     paths = {board: day / f"stand-{board.name.lower()}" for board in (Board.STEER, Board.DRIVE)}
     words = ["plc", "check", *paths.values(), "--engineer", "Rehearsal", "--vehicle", vehicle]
-    words += ["--record", day / "bring_up.json", "--boot-wait", "0"]
+    words += ["--record", day / "bring_up.json", "--overwrite", "--boot-wait", "0"]
     say("tricycle", *words)
     with (
         Stand(load_vehicle(vehicle), firmware, paths) as stand,

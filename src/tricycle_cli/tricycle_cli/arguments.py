@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import sys
-from argparse import ArgumentParser, ArgumentTypeError, Namespace
-from collections.abc import Callable, Mapping, Sequence
+from argparse import ArgumentParser, ArgumentTypeError, Namespace, _ArgumentGroup
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
 
 from trajectory_recorder.bag.location import bag_path
-from tricycle_core.errors import BagError, PlanError
+from tricycle_core.documents import check_folder
+from tricycle_core.errors import BagError, ExcitationError, PlanError
 
 if TYPE_CHECKING:
     from excitation_planner.design.noise import MeasurementNoise
@@ -59,6 +60,41 @@ def warn_about(vehicle: Vehicle, args: Namespace) -> None:
 
     for warning in () if args.vehicle is None else warnings_about(vehicle):
         print(f"warning: {warning}", file=sys.stderr)
+
+
+def add_overwrite_option(parser: ArgumentParser | _ArgumentGroup) -> None:
+    """Declare the option without which no file is replaced.
+
+    Parameters
+    ----------
+    parser : ArgumentParser or one of its groups
+        Of a subcommand that writes files.
+    """
+    parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
+
+
+def check_outputs(files: Iterable[Path], args: Namespace) -> None:
+    """Refuse files that cannot be written or may not be replaced; called before the work for them.
+
+    Parameters
+    ----------
+    files : iterable of Path
+        To be written.
+    args : Namespace
+        Parsed arguments, among them that of `add_overwrite_option`.
+
+    Raises
+    ------
+    ExcitationError
+        If a file is there already, without `--overwrite`; if a folder is in its place, or it
+        cannot be written where it shall be.
+    """
+    for file in files:
+        if file.is_dir():
+            raise ExcitationError(f"{file} is a folder; the name of a file is needed")
+        if file.exists() and not args.overwrite:
+            raise ExcitationError(f"{file}: exists already; --overwrite replaces it")
+        check_folder(file.parent)
 
 
 def add_range_options(parser: ArgumentParser) -> None:

@@ -58,7 +58,8 @@ def test_a_plan_is_replaced_only_when_asked(capsys, tmp_path):
         (tmp_path / name).write_text("{}")
     command = ["plan", "--at", "radius=3", "speed=0.8", "--samples", "20", "--output"]
     assert main([*command, str(tmp_path)]) == 2
-    assert f"{tmp_path / 'plan-1.json'} exists: --overwrite replaces" in capsys.readouterr().err
+    earlier = tmp_path / "plan-1.json"
+    assert f"{earlier}: exists already; --overwrite replaces it" in capsys.readouterr().err
     assert main([*command, str(tmp_path), "--overwrite"]) == 0
     assert {p.name for p in tmp_path.glob("*.json")} == {"plan.json", "notes.json"}
 

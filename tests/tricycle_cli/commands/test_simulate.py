@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tricycle_core.errors import CommandsError, PlanError, VehicleError
+from tricycle_core.errors import CommandsError, ExcitationError, PlanError, VehicleError
 from tricycle_sim.commands import Commands
 
 CARGO = Path(str(resources.files("tricycle_sim") / "cargo_tadpole.yaml"))
@@ -128,7 +128,7 @@ def test_the_commands_are_not_overwritten(tricycle, commands):
 def test_a_trajectory_is_replaced_only_when_asked(tricycle, commands, tmp_path):
     output = tmp_path / "o.csv"
     output.write_text("mine")
-    with pytest.raises(CommandsError, match="exists already; --overwrite replaces it"):
+    with pytest.raises(ExcitationError, match="exists already; --overwrite replaces it"):
         tricycle("simulate", "--commands", commands, "--output", output)
     assert output.read_text() == "mine"
     assert tricycle("simulate", "--commands", commands, "--output", output, "--overwrite") == 0

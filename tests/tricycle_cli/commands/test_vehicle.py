@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from tricycle_cli.new_vehicle import LAYOUTS, QUESTIONS, ask, from_answers
-from tricycle_core.errors import VehicleError
+from tricycle_core.errors import ExcitationError, VehicleError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle, warnings_about
 from tricycle_sim.vehicle.batch import simulate
@@ -197,7 +197,7 @@ def test_new_from_a_shipped_vehicle(tricycle, tmp_path):
 def test_a_file_that_is_there_is_kept(tricycle, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("precious")
-    with pytest.raises(VehicleError, match="exists already; --overwrite replaces it"):
+    with pytest.raises(ExcitationError, match="exists already; --overwrite replaces it"):
         tricycle("vehicle", "new", file, "--from", CARGO)
     assert file.read_text() == "precious"
     assert tricycle("vehicle", "new", file, "--from", CARGO, "--overwrite") == 0

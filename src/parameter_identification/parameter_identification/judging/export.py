@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from parameter_identification.judging.judgement import Judgement, TimeSeries
+from tricycle_core.documents import replacing
 from tricycle_core.palette import BLUE, GREEN, ORANGE
 from tricycle_core.quantities import FloatArray
 
@@ -20,6 +21,30 @@ class ExportFormat(Enum):
     CSV = "csv"  # one file with everything in `TimeSeries`, its names as header
 
 
+def exported_files(
+    bags: Sequence[Path], directory: Path, export_format: ExportFormat
+) -> list[tuple[Path, ...]]:
+    """Return the files of each drive: named after its bag, after the first of a name with a number.
+
+    Parameters
+    ----------
+    bags : sequence of Path
+        Of the drives.
+    directory : Path
+        Of the files.
+    export_format : ExportFormat
+        One file as CSV; in the format of TUM measured and reference.
+    """
+    names = [bag.resolve().stem for bag in bags]
+    files: list[tuple[Path, ...]] = []
+    for i, name in enumerate(names):
+        before = names[:i].count(name)
+        stem = f"{name}_{before + 1}" if before else name
+        endings = {ExportFormat.CSV: [".csv"], ExportFormat.TUM: [".tum", "_reference.tum"]}
+        files.append(tuple(directory / f"{stem}{end}" for end in endings[export_format]))
+    return files
+
+
 def export(
     judgements: Sequence[Judgement], directory: Path, export_format: ExportFormat
 ) -> list[Path]:
@@ -28,7 +53,7 @@ def export(
     Parameters
     ----------
     judgements : sequence of Judgement
-        The files are named after their bags; after the first of a name, with a number.
+        What the files of `exported_files` are made of.
     directory : Path
         Created if need be; files of the same name are replaced.
     export_format : ExportFormat
@@ -41,24 +66,20 @@ def export(
     """
     directory.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
-    names = [judgement.bag.resolve().stem for judgement in judgements]
-    for i, judgement in enumerate(judgements):
-        before = names[:i].count(names[i])
-        s, name = judgement.series, f"{names[i]}_{before + 1}" if before else names[i]
+    files = exported_files([judgement.bag for judgement in judgements], directory, export_format)
+    for paths, judgement in zip(files, judgements, strict=True):
+        s, header = judgement.series, ""
         if export_format is ExportFormat.CSV:
-            tables = {f"{name}.csv": (np.column_stack(list(vars(s).values())), ",".join(vars(s)))}
+            tables, header = [np.column_stack(list(vars(s).values()))], ",".join(vars(s))
         else:
-            tables = {
-                f"{name}.tum": (_tum(s.time, s.x, s.y, s.heading), ""),
-                f"{name}_reference.tum": (
-                    _tum(s.time, s.reference_x, s.reference_y, s.reference_heading),
-                    "",
-                ),
-            }
-        for file, (table, header) in tables.items():
-            path = directory / file
+            tables = [
+                _tum(s.time, s.x, s.y, s.heading),
+                _tum(s.time, s.reference_x, s.reference_y, s.reference_heading),
+            ]
+        for path, table in zip(paths, tables, strict=True):
             delimiter = "," if header else " "
-            np.savetxt(path, table, "%.17g", delimiter, header=header, comments="")
+            with replacing(path) as file:
+                np.savetxt(file, table, "%.17g", delimiter, header=header, comments="")
             written.append(path)
     return written
 
@@ -103,5 +124,5 @@ def plot(judgements: Sequence[Judgement], path: Path) -> None:
         deviation.set(xlabel="time since the start event / s", ylabel="deviation / mm")
         deviation.grid(alpha=0.3)
         deviation.legend()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(path, dpi=120)
+    with replacing(path) as file:
+        figure.savefig(file, dpi=120)

@@ -14,6 +14,8 @@ from excitation_planner.maneuver import family_by_name, family_names
 from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import (
     add_effects_option,
+    add_overwrite_option,
+    check_outputs,
     describe_later,
     effects_asked,
     real_time_factor,
@@ -32,6 +34,14 @@ if TYPE_CHECKING:
     from parameter_identification.identification import Identification
     from parameter_identification.judging.judgement import Judgement
     from tricycle_cli.reports.result_file import DemoResult
+
+WRITTEN = (
+    "plans/designed.json",
+    "plans/random.json",
+    "trajectories.png",
+    "result.json",
+    "report.html",
+)
 
 EXAMPLE = """\
 example:
@@ -78,7 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_effects_option(parser)
     add("--output", type=Path, default=Path("out/demo"), metavar="DIR")
-    add("--overwrite", action="store_true", help="replace the bags of an earlier demo")
+    add_overwrite_option(parser)
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -99,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive
     from tricycle_cli.operation.session import hidden_truth
-    from tricycle_cli.reports.identification_page import save_identification
+    from tricycle_cli.reports.identification_page import FILES, save_identification
     from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import run_page
     from tricycle_cli.reports.static_figures import plot_drives
@@ -115,6 +125,8 @@ def run(args: argparse.Namespace) -> int:
     if args.firmware:
         check_build(args.firmware)
     output: Path = args.output
+    earlier = (output / name for name in (*WRITTEN, *(f"identification/{name}" for name in FILES)))
+    check_outputs(earlier, args)
     _make_room(output, overwrite=args.overwrite)
 
     plans = _plans(request, output / "plans")

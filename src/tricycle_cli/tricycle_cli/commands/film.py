@@ -4,7 +4,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import BAG_HELP, add_topic_options, bag_argument, topics_of
+from tricycle_cli.arguments import (
+    BAG_HELP,
+    add_overwrite_option,
+    add_topic_options,
+    bag_argument,
+    check_outputs,
+    topics_of,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import PlantError
 from tricycle_core.optional import check_installed
@@ -39,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("bags", nargs="+", metavar="BAG", type=bag_argument, help=BAG_HELP)
     add("--output", type=_gif, default=Path("out/film.gif"), metavar="FILE", help="GIF")
+    add_overwrite_option(parser)
     add("--speed", type=_speed, default=3.0, help="seconds of the drive per second")
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add(
@@ -62,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.judging.judgement import judge
     from tricycle_cli.reports.film import write_film
 
+    check_outputs([args.output], args)
     vehicle, topics = load_vehicle(args.vehicle), topics_of(args)
     if args.plant:
         return _render(args, vehicle, topics)

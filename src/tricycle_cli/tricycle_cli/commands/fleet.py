@@ -9,7 +9,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tricycle_cli.arguments import BAG_HELP, add_topic_options, seed, topics_of
+from tricycle_cli.arguments import (
+    BAG_HELP,
+    add_overwrite_option,
+    add_topic_options,
+    check_outputs,
+    seed,
+    topics_of,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import BagError
 from tricycle_sim.vehicle import load_vehicle
@@ -105,6 +112,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="write report.html, fleet.json and fleet.png",
     )
+    add_overwrite_option(identify)
     add_topic_options(identify, sensors=True)
     identify.set_defaults(run=run)
 
@@ -128,7 +136,7 @@ def run(args: argparse.Namespace) -> int:
 
     from parameter_identification.fleet import identify_fleet
     from trajectory_recorder.bag.location import find_bags
-    from tricycle_cli.reports.fleet_page import save_fleet
+    from tricycle_cli.reports.fleet_page import FILES, save_fleet
     from tricycle_cli.reports.tables import population_table, remarks_on_fleet
     from tricycle_core.documents import check_folder
     from tricycle_sim.effects import named_effects
@@ -137,9 +145,10 @@ def run(args: argparse.Namespace) -> int:
         raise BagError(f"--workers {args.workers}: 1 or more are needed")
     effects = named_effects(args.effects)
     vehicle = load_vehicle(args.vehicle)
-    bags = _by_vehicle([bag for text in args.bags for bag in find_bags(text)], args.vehicles)
     if args.output is not None:
         check_folder(args.output)
+        check_outputs((args.output / name for name in FILES), args)
+    bags = _by_vehicle([bag for text in args.bags for bag in find_bags(text)], args.vehicles)
     with ExitStack() as stack:
         keep = args.keep or (args.output and args.output / "drives")
         folder = keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))

@@ -14,8 +14,10 @@ from trajectory_recorder.bag.location import is_remote
 from tricycle_cli.arguments import (
     BAG_HELP,
     add_effects_option,
+    add_overwrite_option,
     add_topic_options,
     bag_argument,
+    check_outputs,
     effects_asked,
     seed,
     topics_of,
@@ -30,6 +32,9 @@ if TYPE_CHECKING:
     from tricycle_sim.vehicle import Vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
+
+MANY_FILES = "vehicle.yaml", "identification.json"
+"""What it writes drive by drive."""
 
 EXAMPLE = """\
 examples:
@@ -106,6 +111,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="write vehicle.yaml with the estimates, identification.json, figures and report.html",
     )
+    add_overwrite_option(parser)
     add_topic_options(parser, sensors=True)
     add = parser.add_argument_group("tables (CSV), of which windows are taken").add_argument
     add("--columns", type=Path, metavar="FILE", help="mapping of their columns, YAML")
@@ -145,10 +151,12 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.estimation.problem import Loss
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
-    from tricycle_cli.reports.identification_page import save_identification
+    from tricycle_cli.reports.identification_page import FILES, save_identification
     from tricycle_cli.reports.tables import parameter_table, remarks
     from tricycle_sim.vehicle.batch import CommandedBatch
 
+    if args.output is not None:
+        check_outputs((args.output / name for name in FILES), args)
     effects = effects_asked(args, "none" if args.fmu or args.columns else "weighed")
     simulator: Simulator = CommandedBatch
     if args.fmu is not None:
@@ -226,6 +234,8 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     if args.workers is not None and args.workers < 1:
         raise IdentificationError(f"--workers {args.workers}: 1 or more are needed")
     effects = effects_asked(args, "none")
+    if args.output is not None:
+        check_outputs((args.output / name for name in MANY_FILES), args)
     vehicle = load_vehicle(args.vehicle)
     asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
     with (

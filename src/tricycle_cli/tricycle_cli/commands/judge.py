@@ -7,13 +7,22 @@ import json
 import math
 import sys
 from contextlib import nullcontext
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from parameter_identification.judging.export import PICTURES, ExportFormat
 from parameter_identification.judging.judgement import Anchor
-from tricycle_cli.arguments import BAG_HELP, add_topic_options, bag_argument, topics_of
+from tricycle_cli.arguments import (
+    BAG_HELP,
+    add_overwrite_option,
+    add_topic_options,
+    bag_argument,
+    check_outputs,
+    topics_of,
+)
 from tricycle_cli.progress import progress_bar
+from tricycle_core.documents import check_folder
 from tricycle_core.errors import BagError, JudgeError
 
 if TYPE_CHECKING:
@@ -51,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="save measured and reference trajectory at the points of Eq. 14",
     )
     add("--output", type=Path, default=Path(), metavar="DIR", help="directory for --export")
+    add_overwrite_option(parser)
     add(
         "--anchor",
         choices=[one.value for one in Anchor],
@@ -69,9 +79,15 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from parameter_identification.judging.export import export, plot
+    from parameter_identification.judging.export import export, exported_files, plot
     from parameter_identification.judging.judgement import judge
 
+    if args.plot:
+        check_outputs([args.plot], args)
+    if args.export:
+        check_folder(args.output)
+        files = exported_files(args.bags, args.output, ExportFormat(args.export))
+        check_outputs(chain.from_iterable(files), args)
     topics = topics_of(args)
     judgements, mistakes = [], []
     # one bag has no parts to tell of, and the bar takes longer to import than to judge it

@@ -17,7 +17,9 @@ from tricycle_cli.arguments import (
     add_area_option,
     add_lead_in_option,
     add_noise_options,
+    add_overwrite_option,
     add_range_options,
+    check_outputs,
     describe_later,
     families_of,
     noise_of,
@@ -96,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--budget", type=int, default=PlanRequest.budget, help="largest number of simulations")
     add_noise_options(parser, {"": SIMULATED})
     add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
-    add("--overwrite", action="store_true", help="replace the plans that are there")
+    add_overwrite_option(parser)
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -124,10 +126,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         request = _request(args)
         earlier = _earlier_plans(args.output)
-        if earlier and not args.overwrite:
-            raise PlanError(
-                f"{earlier[0]} exists: --overwrite replaces it, or give another --output"
-            )
+        check_outputs([*earlier, *_earlier_plans(args.output, ".png")], args)
         plans = _planned(request, args)
         for file in earlier:  # a set of fewer drives must not leave one of the last set behind
             file.unlink()
@@ -135,7 +134,8 @@ def run(args: argparse.Namespace) -> int:
         for file, plan in plans.items():
             save_plan(plan, file)
     for file, plan in plans.items():
-        plot_plan(plan, file.with_suffix(".png"))
+        if not args.show or args.overwrite or not file.with_suffix(".png").exists():
+            plot_plan(plan, file.with_suffix(".png"))
     first, *others = plans.values()
     if args.json:
         print(json.dumps(_as_json(first) | {"others": [_as_json(plan) for plan in others]}))
@@ -159,8 +159,8 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _earlier_plans(folder: Path) -> list[Path]:
-    return sorted([*folder.glob("plan.json"), *folder.glob("plan-[0-9].json")])
+def _earlier_plans(folder: Path, suffix: str = ".json") -> list[Path]:
+    return sorted([*folder.glob(f"plan{suffix}"), *folder.glob(f"plan-[0-9]{suffix}")])
 
 
 def _request(args: argparse.Namespace) -> PlanRequest:

@@ -19,6 +19,7 @@ from tricycle_bridge.protocol.messages import (
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
 from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
+from tricycle_cli.arguments import add_overwrite_option, check_outputs
 from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 
@@ -90,6 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     check.add_argument(
         "--vehicle", default="", metavar="FILE", help="vehicle file (default: the shipped tricycle)"
     )
+    add_overwrite_option(check)
     parser.set_defaults(run=run)
 
 
@@ -130,6 +132,8 @@ def _check(args: argparse.Namespace) -> int:
         raise LinkError("plc check takes two ports: that of the steer PLC, that of the drive PLC")
     if not (args.engineer or "").strip():
         raise LinkError("plc check needs --engineer NAME: somebody signs the record off")
+
+    check_outputs([args.record], args)
 
     from tricycle_bridge.commissioning.bring_up import STANDING, STEPS, bring_up
     from tricycle_bridge.commissioning.record import BringUpRecord, write_record

@@ -4,8 +4,9 @@ import argparse
 import json
 from pathlib import Path
 
+from tricycle_cli.arguments import add_overwrite_option, check_outputs
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import write_whole
+from tricycle_core.documents import check_folder, write_whole
 from tricycle_sim.vehicle import load_vehicle
 
 EXAMPLE = """\
@@ -35,6 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--figures", type=Path, metavar="FOLDER", help="write every figure to a file in it, too")
     add("--format", choices=["svg", "pdf", "png"], default="svg", help="of the figures")
+    add_overwrite_option(parser)
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -51,19 +53,23 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.reports.run_page import page_of, run_sections
 
     vehicle = load_vehicle(args.vehicle)
+    if args.figures is not None:
+        check_folder(args.figures)
     found = read_run(args.directory)
-    with progress_bar("reporting") as progress:
-        sections = run_sections(found, vehicle=vehicle, progress=progress)
-        page = page_of(found, sections)
     # identify keeps its own report beside its result
     name = "run.html" if (args.directory / IDENTIFIED).exists() else "report.html"
     output: Path = args.output or args.directory / name
-    write_whole(output, page)
+    check_outputs([output], args)
+    with progress_bar("reporting") as progress:
+        sections = run_sections(found, vehicle=vehicle, progress=progress)
+        page = page_of(found, sections)
     files = []
     if args.figures is not None:
-        from tricycle_cli.reports.figure_files import write_figures
+        from tricycle_cli.reports.figure_files import figures_by_file, write_figures
 
+        check_outputs(figures_by_file(sections, args.figures, args.format), args)
         files = write_figures(sections, args.figures, args.format)
+    write_whole(output, page)
     if args.json:
         said = {"report": str(output), "maneuvers": [m.name for m in found.maneuvers]}
         print(json.dumps(said | ({"figures": [str(file) for file in files]} if files else {})))

@@ -5,12 +5,14 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from paper_reproduction.published import ITEMS
+from tricycle_cli.arguments import add_overwrite_option, check_outputs
 from tricycle_cli.progress import progress_bar
-from tricycle_core.documents import check_folder, write_whole
+from tricycle_core.documents import check_folder, replacing, write_whole
 
 if TYPE_CHECKING:
     from paper_reproduction.comparison import Item
@@ -42,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("items", nargs="*", choices=[*ITEMS, "all"], default="all", metavar="ITEM",
         help=f"all (default), or some of: {', '.join(ITEMS)}")  # fmt: skip
     add("--output", type=Path, default=Path("out/reproduce"), metavar="DIR")
+    add_overwrite_option(parser)
     add(
         "--faithful",
         action="store_true",
@@ -68,7 +71,12 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.reports.comparison_page import comparison_page, comparison_table
 
     names = ITEMS if "all" in args.items else [name for name in ITEMS if name in args.items]
+    report = args.output / "report.html"
     check_folder(args.output)
+    pictures = {
+        name: [args.output / f"{name}.{suffix}" for suffix in ("png", "svg")] for name in names
+    }
+    check_outputs((report, *chain.from_iterable(pictures.values())), args)
     args.output.mkdir(parents=True, exist_ok=True)
     items, figures = [], []
     reproduction = Reproduction(process_pool(), budget=PaperBudget() if args.faithful else None)
@@ -78,9 +86,9 @@ def run(args: argparse.Namespace) -> int:
             progress(1, 1)
     for item in items:
         figures.append(draw(item))
-        for suffix in ("png", "svg"):
-            figures[-1].savefig(args.output / f"{item.name}.{suffix}", dpi=150)
-    report = args.output / "report.html"
+        for picture in pictures[item.name]:
+            with replacing(picture) as file:
+                figures[-1].savefig(file, dpi=150)
     write_whole(report, comparison_page(items, figures))
     if args.json:
         print(json.dumps({item.name: _as_json(item) for item in items}))

@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from excitation_planner.maneuver import family_by_name, family_names, operation_point
-from tricycle_cli.arguments import describe_later, parse_assignments, seed
+from tricycle_cli.arguments import (
+    add_overwrite_option,
+    check_outputs,
+    describe_later,
+    parse_assignments,
+    seed,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
@@ -85,7 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PICTURE",
         help="save a picture too",
     )
-    add("--overwrite", action="store_true", help="replace FILE and PICTURE if they are there")
+    add_overwrite_option(parser)
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -104,9 +110,7 @@ def run(args: argparse.Namespace) -> int:
     vehicle = nominal.replace(**parse_assignments(args.set))
     commands = _commands(args, nominal)
     picture = args.output.with_suffix(".png") if args.plot == Path() else args.plot
-    for file in filter(None, (args.output, picture)):
-        if file.exists() and not args.overwrite:
-            raise CommandsError(f"{file}: exists already; --overwrite replaces it")
+    check_outputs(filter(None, (args.output, picture)), args)
     _check_size(args.samples or 1, commands)
     parameters = None if args.samples is None else _draw(vehicle, args.samples, args.seed)
     steps = (args.samples or 1) * commands.duration / TICK

@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 
+from tricycle_cli.arguments import add_overwrite_option, check_outputs
 from tricycle_cli.completion import HelpFormatter
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
@@ -49,13 +50,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="take the numbers of this vehicle file, or of the shipped vehicle of this name, "
         "instead of asking",
     )
-    new.add_argument("--overwrite", action="store_true", help="replace OUTPUT if it is there")
+    add_overwrite_option(new)
     new.set_defaults(run=run_new)
     check = _verb(verbs, "check", "validate a vehicle file and warn about what is odd")
     _add_file(check)
     check.add_argument(
         "--draw", type=Path, metavar="PICTURE", help="draw it from above, to scale: SVG, PNG or PDF"
     )
+    add_overwrite_option(check)
     check.add_argument("--json", action="store_true", help="print one JSON object")
     check.set_defaults(run=run_check)
     show = _verb(verbs, "show", "print what follows from a vehicle file, for other programs")
@@ -69,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _add_file(export)
     export.add_argument("--output", type=Path, required=True, metavar="OUTPUT", help="FMU to write")
-    export.add_argument("--overwrite", action="store_true", help="replace OUTPUT if it is there")
+    add_overwrite_option(export)
     export.set_defaults(run=run_export_fmu)
 
 
@@ -101,8 +103,7 @@ def run_new(args: argparse.Namespace) -> int:
     """
     from tricycle_cli.new_vehicle import ask, from_answers, from_file
 
-    if args.output.exists() and not args.overwrite:
-        raise VehicleError(f"{args.output}: exists already; --overwrite replaces it")
+    check_outputs([args.output], args)
     if args.source is not None:
         text = from_file(args.source, args.output.stem)
     elif not sys.stdin.isatty():
@@ -132,8 +133,7 @@ def run_export_fmu(args: argparse.Namespace) -> int:
     """
     from tricycle_sim.fmi.export import export_fmu
 
-    if args.output.exists() and not args.overwrite:
-        raise VehicleError(f"{args.output}: exists already; --overwrite replaces it")
+    check_outputs([args.output], args)
     vehicle = load_vehicle(args.file)
     for name in export_fmu(vehicle, args.output):
         print(f"{name}: unknown, but no parameter of the FMU: it is compiled in", file=sys.stderr)
@@ -157,7 +157,7 @@ def run_check(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.file)
     check_step(vehicle, TICK)
     if args.draw is not None:
-        _draw(vehicle, args.draw)
+        _draw(vehicle, args)
     fastest, _ = fastest_mode(vehicle)
     warnings = (*warnings_about(vehicle), *_about_the_boards(vehicle))
     names = [wheel.name for wheel in vehicle.wheels]
@@ -190,11 +190,13 @@ def run_check(args: argparse.Namespace) -> int:
     return 0
 
 
-def _draw(vehicle: Vehicle, path: Path) -> None:
+def _draw(vehicle: Vehicle, args: argparse.Namespace) -> None:
     from tricycle_cli.reports.vehicle_drawing import SUFFIXES, draw_vehicle
 
+    path: Path = args.draw
     if path.suffix not in SUFFIXES:
         raise VehicleError(f"{path}: must end in {', '.join(SUFFIXES)}")
+    check_outputs([path], args)
     draw_vehicle(vehicle, path)
 
 

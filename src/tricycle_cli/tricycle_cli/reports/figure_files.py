@@ -22,6 +22,35 @@ _DASHES = {"dash": "--", "dot": ":", "solid": "-", None: "-"}
 _MARKERS = {"star": "*", "x-thin": "x"}
 
 
+def figures_by_file(
+    sections: Sequence[Section], folder: Path, suffix: str
+) -> dict[Path, tuple[go.Figure, float]]:
+    """Return every figure of a report and its width [inch], by the file that it is written to.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+        Of the report.
+    folder : Path
+        Of the files.
+    suffix : str
+        One of `FORMATS`.
+    """
+    found = {}
+    for title, block in ((s.title, b) for s in sections for b in s.blocks):
+        if not isinstance(block, PlotBlock):
+            continue
+        for k, plot in enumerate(block.plots, start=1):
+            number = f"_{k}" if len(block.plots) > 1 else ""
+            maneuver = title.partition(":")[0]
+            name = "".join(
+                c if c.isalnum() or c in "-_" else "_" for c in f"{maneuver}_{block.name}"
+            )
+            wide = WIDTH if len(block.plots) == 1 else WIDTH / 2
+            found[folder / f"{name}{number}.{suffix}"] = plot, wide
+    return found
+
+
 def write_figures(sections: Sequence[Section], folder: Path, suffix: str) -> list[Path]:
     """Write every figure of a report to a file of its own; return the files.
 
@@ -39,25 +68,14 @@ def write_figures(sections: Sequence[Section], folder: Path, suffix: str) -> lis
     OSError
         If something cannot be written.
     """
-    written = []
-    for title, block in ((s.title, b) for s in sections for b in s.blocks):
-        if not isinstance(block, PlotBlock):
-            continue
-        for k, plot in enumerate(block.plots, start=1):
-            number = f"_{k}" if len(block.plots) > 1 else ""
-            maneuver = title.partition(":")[0]
-            name = "".join(
-                c if c.isalnum() or c in "-_" else "_" for c in f"{maneuver}_{block.name}"
+    figures = figures_by_file(sections, folder, suffix)
+    for file, (plot, wide) in figures.items():
+        with replacing(file) as temporary, rc_context({"svg.hashsalt": "figure"}):
+            dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+            matplotlib_figure(plot, width=wide).savefig(
+                temporary, format=suffix, dpi=150, metadata=dates.get(suffix)
             )
-            file = folder / f"{name}{number}.{suffix}"
-            with replacing(file) as temporary, rc_context({"svg.hashsalt": "figure"}):
-                wide = WIDTH if len(block.plots) == 1 else WIDTH / 2
-                dates = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
-                matplotlib_figure(plot, width=wide).savefig(
-                    temporary, format=suffix, dpi=150, metadata=dates.get(suffix)
-                )
-            written.append(file)
-    return written
+    return list(figures)
 
 
 def matplotlib_figure(plot: go.Figure, *, width: float = WIDTH) -> Figure:

@@ -24,6 +24,12 @@ CONDITIONS = {
     "lateral acceleration / (m/s²)": "lateral_acceleration",
 }
 """Where on a drive the vehicle is: label of an axis, and what a `Lack` calls it."""
+FIGURES = "trajectories", "residuals", "lack", "profiles"
+FILES = (
+    *("identification.json", "vehicle.yaml", "report.html"),
+    *(f"{name}.png" for name in FIGURES),
+)
+"""What `save_identification` may write."""
 MOST_DRAWN = 6  # drives in a figure with a panel for each
 LACK = (
     "what the model lacks, once a second, with the noise's 95 % interval: how far the vehicle is "
@@ -281,6 +287,8 @@ def _block(figure: Figure, caption: str) -> FigureBlock:
 def save_identification(found: Identification, vehicle_file: Path | None, folder: Path) -> None:
     """Write `identification.json`, `vehicle.yaml` with the estimates, figures and `report.html`.
 
+    Figures of an earlier identification that this one has not are removed.
+
     Parameters
     ----------
     found : Identification
@@ -312,6 +320,10 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
     save_identification_file(document_of(found), folder / "identification.json")
     for name, text in texts.items():
         write_whole(folder / name, text)
-    for name, figure in figures.items():
-        with replacing(folder / f"{name}.png") as file:
-            figure.savefig(file, dpi=150)
+    for name in FIGURES:
+        picture = folder / f"{name}.png"
+        if name not in figures:
+            picture.unlink(missing_ok=True)
+            continue
+        with replacing(picture) as file:
+            figures[name].savefig(file, dpi=150)
