@@ -1,5 +1,6 @@
 """Tables of other systems: mapping, units, clocks, wraps, missing and repeated samples."""
 
+import dataclasses
 import gzip
 import math
 from pathlib import Path
@@ -16,6 +17,7 @@ from parameter_identification.drives.table import (
     read_recording,
 )
 from tricycle_core.errors import IdentificationError
+from tricycle_sim.vehicle import load_vehicle
 
 HEADER = "t,px,py,psi,cmd,ts,w"
 PLAIN = Columns(time="t", x="px", y="py", yaw="psi", steering="cmd")
@@ -45,6 +47,21 @@ def test_units_become_si_and_headings_continuous(name: str, tmp_path: Path) -> N
     np.testing.assert_allclose(found.time, [0.0, 0.01])
     np.testing.assert_allclose(found.poses, [[1.0, 0.0, 3.12414], [1.1, 0.05, 3.15905]], atol=1e-5)
     np.testing.assert_allclose(found.steering.values, np.radians([10.0, 20.0]))
+
+
+def test_wheel_speeds_in_m_s_become_rad_s_by_the_tyres_of_the_vehicle(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "0,0,0,0,0,3.6,1", "0.1,0,0,0,0,7.2,2")
+    vehicle = load_vehicle(None).replace(tyre_radius=0.25, **{"rear.tyre_radius": 0.2})
+    left = {"left": Column("w", unit="m/s")}
+    columns = dataclasses.replace(PLAIN, wheel_speed=Column("ts", "km/h"), wheel_speeds=left)
+    found = read_recording(path, columns, vehicle)
+    np.testing.assert_allclose(found.more["wheel_speed"].values, [5.0, 10.0])
+    np.testing.assert_allclose(found.more["wheel_speeds.left"].values, [4.0, 8.0])
+    with pytest.raises(IdentificationError, match=r"a\.csv: wheel_speed: km/h needs a vehicle"):
+        read_recording(path, columns)
+    wrong = dataclasses.replace(PLAIN, wheel_speeds={"lefft": Column("w", unit="m/s")})
+    with pytest.raises(IdentificationError, match=r"'lefft' is no entry; is left meant\?"):
+        read_recording(path, wrong, vehicle)
 
 
 def test_missing_and_repeated_samples_are_left_out(tmp_path: Path) -> None:

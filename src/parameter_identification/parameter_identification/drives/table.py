@@ -33,6 +33,7 @@ _LENGTH = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _ANGLE = {"rad": 1.0, "deg": math.pi / 180.0}
 _RATE = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0}
 _SPEED = {"m/s": 1.0, "km/h": 1.0 / 3.6}
+_WHEEL = {**_RATE, **_SPEED}  # m/s: of the tread, the speed that a wheel without slip rolls at
 _ACCELERATION = {"m/s^2": 1.0, "g": G}
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": _TIME,
@@ -42,7 +43,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "steering": {**_ANGLE, "1": 1.0},
     "steering_angle": {**_ANGLE, "1": 1.0},
     "speed_command": _SPEED,
-    "wheel_speed": _RATE,
+    "wheel_speed": _WHEEL,
     "yaw_rate": _RATE,
     "acceleration_x": _ACCELERATION,
     "acceleration_y": _ACCELERATION,
@@ -212,7 +213,7 @@ def units_of(name: str) -> Mapping[str, float]:
     name : str
         One of `UNITS`, or of a wheel.
     """
-    return _RATE if name.startswith(f"{WHEELS}.") else UNITS[name]
+    return _WHEEL if name.startswith(f"{WHEELS}.") else UNITS[name]
 
 
 def load_columns(path: Path) -> Columns:
@@ -320,7 +321,7 @@ class Recording:
         return found
 
 
-def read_recording(path: Path, columns: Columns) -> Recording:
+def read_recording(path: Path, columns: Columns, vehicle: Vehicle | None = None) -> Recording:
     """Read a table of numbers.
 
     Empty cells and `nan` are missing samples, which are left out; so are rows with the time of the
@@ -332,6 +333,8 @@ def read_recording(path: Path, columns: Columns) -> Recording:
         ``.csv`` or ``.csv.gz`` with a header.
     columns : Columns
         What is what.
+    vehicle : Vehicle, optional
+        That drove; its tyres' radii are needed where wheel speeds are in m/s or km/h.
 
     Raises
     ------
@@ -343,7 +346,10 @@ def read_recording(path: Path, columns: Columns) -> Recording:
     found = columns.entries()
     headings = {c.column for c in found.values()} | {c.clock for c in found.values() if c.clock}
     table = _read_table(path, headings)
-    si = {name: table[c.column] * units_of(name)[c.unit] for name, c in found.items()}
+    si = {
+        name: table[c.column] * units_of(name)[c.unit] / _radius(name, c, vehicle, str(path))
+        for name, c in found.items()
+    }
     clock = si.pop("time")
     rows = _new_times(clock, f"{path}: {found['time'].column}")
     start = float(clock[rows[0]])
@@ -376,6 +382,20 @@ def read_recording(path: Path, columns: Columns) -> Recording:
         more=samples,
         steering_measured=columns.steering_angle is not None,
     )
+
+
+def _radius(name: str, column: Column, vehicle: Vehicle | None, where: str) -> float:
+    """Radius [m] by which a wheel's speed in m/s becomes one in rad/s; 1 for all else."""
+    if column.unit not in _SPEED or not name.startswith("wheel_speed"):
+        return 1.0
+    if vehicle is None:
+        raise IdentificationError(f"{where}: {name}: {column.unit} needs a vehicle, for its tyres")
+    if name == "wheel_speed":
+        return vehicle.driven_radius
+    known = {wheel.name: wheel for wheel in vehicle.wheels}
+    wheel = name.removeprefix(f"{WHEELS}.")
+    _refuse_unknown({wheel: None}, [*known], f"{where}: {WHEELS}")
+    return float(vehicle.of(known[wheel]).tyre_radius)
 
 
 def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:

@@ -335,7 +335,7 @@ def read_windows(
     OSError
         If it cannot be read.
     """
-    recording = read_recording(path, columns)
+    recording = read_recording(path, columns, vehicle)
     return windows_of(recording, vehicle, steering_of(recording, vehicle, columns), windows)
 
 

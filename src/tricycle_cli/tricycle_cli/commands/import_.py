@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
     check_new(args.output)
     columns, vehicle = load_columns(args.columns), load_vehicle(args.vehicle)
-    recording = read_recording(args.table, columns)
+    recording = read_recording(args.table, columns, vehicle)
     start = write_bag(recording, vehicle, steering_of(recording, vehicle, columns), args.output)
     print(f"{len(recording.time)} poses in {args.output}")
     if start is None:
