@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 
+from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.table import (
     Column,
     Columns,
@@ -41,7 +42,6 @@ from parameter_identification.drives.table import (
 from parameter_identification.drives.windows import (
     RUN_IN,
     Windows,
-    motion_of,
     windows_of,
 )
 from parameter_identification.estimation.model import restrict

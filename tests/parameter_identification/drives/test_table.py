@@ -64,6 +64,28 @@ def test_wheel_speeds_in_m_s_become_rad_s_by_the_tyres_of_the_vehicle(tmp_path: 
         read_recording(path, wrong, vehicle)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "a.csv: is empty: a header and rows of numbers are needed"),
+        ("t,px,py,psy,cmd\n", "a.csv: column 'psi' is missing; is 'psy' meant?"),
+        ("t,px,py,psi,cmd,t\n", "a.csv: column 't' comes twice"),
+        ("t,px,py,psi,cmd\n0,inf,0,0,0\n", "a.csv: row 1: px: needs a number, not 'inf'"),
+        (
+            "t;px;py;psi;cmd\n0;0,1;0;0;0\n",
+            "a.csv: row 1: px: needs a number, with a point for its decimals, not '0,1'",
+        ),
+    ],
+)
+def test_a_wrong_table_is_told_with_what_would_be_right(
+    tmp_path: Path, text: str, message: str
+) -> None:
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(IdentificationError) as caught:
+        read_recording(tmp_path / "a.csv", PLAIN)
+    assert str(caught.value) == f"{tmp_path}/{message}"
+
+
 def test_missing_and_repeated_samples_are_left_out(tmp_path: Path) -> None:
     rows = ("0,0,0,0,1,,", "0.1,,0,0,2,,", "0.1,9,9,9,9,,", "0.2,2,0,0,nan,,", ",3,0,0,3,,")
     found = read_recording(write(tmp_path / "a.csv", *rows), PLAIN)

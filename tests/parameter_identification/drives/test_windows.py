@@ -114,7 +114,9 @@ def test_windows_have_their_own_start_and_do_not_share_samples(
 
 def test_windows_have_the_sensors_that_the_table_has(tmp_path: Path) -> None:
     def measured(rows: list[str]) -> None:
-        rows[:] = [f"{row},{0.01 * k},{k},{60 + k},0.1" for k, row in enumerate(rows)]
+        rows[:] = [
+            f"{row},{0.01 * k},{4 + 1e-3 * k},{40 + 0.01 * k},0.1" for k, row in enumerate(rows)
+        ]
 
     path = table(tmp_path / "drive.csv", measured)
     path.write_text(path.read_text().replace(",speed\n", ",speed,ay,left,right,torque\n", 1))
@@ -126,7 +128,7 @@ def test_windows_have_the_sensors_that_the_table_has(tmp_path: Path) -> None:
     assert signals[Sensor.MOTOR_TORQUE].values[0] == 0.1
     speeds = signals[Sensor.WHEEL_SPEEDS]
     assert speeds.wheels == ("right", "left")
-    assert speeds.values[0] == pytest.approx([(60 + row) * np.pi / 30.0, row])
+    assert speeds.values[0] == pytest.approx([(40 + 0.01 * row) * np.pi / 30.0, 4 + 1e-3 * row])
     other = load_columns(mapping(tmp_path / "other.yaml", "wheel_speeds: {lefd: left}\n"))
     with pytest.raises(IdentificationError, match="'lefd' is no entry; is left meant"):
         read_windows(path, VEHICLE, other)

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
-from parameter_identification.drives.windows import MEASURED, commands_of, motion_of
+from parameter_identification.drives.windows import MEASURED, commands_of
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT

@@ -408,13 +408,16 @@ def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
         lines = [line for line in csv.reader(text, delimiter=separator) if line]
     except csv.Error as error:
         raise IdentificationError(f"{path}: is not a CSV file: {error}") from error
-    header = [cell.strip() for cell in lines[0]] if lines else []
+    if not lines:
+        raise IdentificationError(f"{path}: is empty: a header and rows of numbers are needed")
+    header = [cell.strip() for cell in lines[0]]
     for heading in sorted(headings):
-        if header.count(heading) != 1:
-            what = "comes twice" if heading in header else "is missing"
-            raise IdentificationError(
-                f"{path}: column {heading!r} {what}; there are: {reprlib.repr(header)}"
-            )
+        if heading not in header:
+            near = difflib.get_close_matches(heading, header, 1)
+            hint = f"is {near[0]!r} meant?" if near else f"there are: {reprlib.repr(header)}"
+            raise IdentificationError(f"{path}: column {heading!r} is missing; {hint}")
+        if header.count(heading) > 1:
+            raise IdentificationError(f"{path}: column {heading!r} comes twice")
     at = {heading: header.index(heading) for heading in headings}
     table = {heading: np.empty(len(lines) - 1) for heading in headings}
     for row, line in enumerate(lines[1:], start=1):
@@ -425,11 +428,15 @@ def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
         for heading, place in at.items():
             cell = line[place].strip()
             try:
-                table[heading][row - 1] = float(cell) if cell else math.nan
+                value = float(cell) if cell else math.nan
             except ValueError:
+                value = math.inf
+            if math.isinf(value):
+                point = ", with a point for its decimals" if "," in cell else ""
                 raise IdentificationError(
-                    f"{path}: row {row}: {heading}: needs a number, not {reprlib.repr(cell)}"
-                ) from None
+                    f"{path}: row {row}: {heading}: needs a number{point}, not {reprlib.repr(cell)}"
+                )
+            table[heading][row - 1] = value
     return table
 
 

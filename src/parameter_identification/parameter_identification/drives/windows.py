@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from parameter_identification.drives.agreement import check_agreement
 from parameter_identification.drives.following import (
     FILTER,
     servo_response,
@@ -31,6 +32,7 @@ from parameter_identification.drives.measured import (
     of_wheels,
     usable,
 )
+from parameter_identification.drives.motion import SLOWEST, Motion, motion_of
 from parameter_identification.drives.table import (
     Columns,
     Recording,
@@ -53,7 +55,6 @@ MAX_GAP = 0.2  # s between poses
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
 FAR_OFF = 0.5  # of the usual speed, by which set-points may differ from it
-SLOWEST = 0.3  # m/s from which a turn shows the steering angle
 MEASURED = {
     "yaw_rate": Sensor.YAW_RATE,
     "wheel_speed": Sensor.WHEEL_SPEED,
@@ -93,58 +94,6 @@ class Windows:
     def __post_init__(self) -> None:
         if not (0 < self.length < math.inf and 0 < self.every < math.inf and self.above > 0):
             raise IdentificationError("windows: length, every and above must be positive")
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A recording on ticks of 10 ms.
-
-    Attributes
-    ----------
-    time, x, y, speed : ndarray of float, shape (t,)
-        Of the recording [s], position [m], forward speed of the COM [m/s].
-    yaw, yaw_rate : ndarray of float, shape (t,)
-        Of the body; of the course where the recording has no yaw [rad, rad/s].
-    """
-
-    time: FloatArray
-    x: FloatArray
-    y: FloatArray
-    speed: FloatArray
-    yaw: FloatArray
-    yaw_rate: FloatArray
-
-
-def motion_of(recording: Recording) -> Motion:
-    """Return smoothed position, speed and yaw rate of a recording.
-
-    Parameters
-    ----------
-    recording : Recording
-        With at least 0.2 s of poses.
-
-    Raises
-    ------
-    IdentificationError
-        If it is shorter.
-    """
-    time = np.arange(recording.time[0], recording.time[-1], TICK)
-    if len(time) < FILTER[0]:
-        raise IdentificationError(f"{recording.name}: less than 0.2 s of poses: nothing to drive")
-    x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
-    vx, vy = (savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y))
-    if recording.yaw is None:
-        yaw = np.unwrap(np.arctan2(vy, vx))
-    else:
-        yaw = np.interp(time, recording.time, recording.yaw)
-    return Motion(
-        time=time,
-        x=savgol_filter(x, *FILTER),
-        y=savgol_filter(y, *FILTER),
-        speed=vx * np.cos(yaw) + vy * np.sin(yaw),
-        yaw=savgol_filter(yaw, *FILTER),
-        yaw_rate=savgol_filter(yaw, *FILTER, deriv=1, delta=TICK),
-    )
 
 
 def estimate_map(recording: Recording, vehicle: Vehicle) -> SteeringMap:
@@ -369,6 +318,7 @@ def windows_of(
     windows = windows or Windows()
     motion = motion_of(recording)
     angle = _setpoints(recording, motion, vehicle, steering)
+    check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
     found = []
     signals = _signals(recording, vehicle)
     lead = round(_run_in(recording, vehicle) / TICK)

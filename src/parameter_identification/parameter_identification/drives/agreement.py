@@ -1,0 +1,133 @@
+"""Whether the columns of a recording can be of one drive: swapped columns, wrong units and signs.
+
+No model of the vehicle is asked, so that slow drives and gentle turns tell it too.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parameter_identification.drives.motion import SLOWEST, Motion
+from parameter_identification.drives.table import Recording
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.vehicle import Vehicle
+
+STEP = 0.2  # s of way that shows a course
+FASTEST = 30.0  # m/s over a step, beyond which the pose jumped
+ALONG = 0.5  # mean cosine of twice the angle between course and heading; no drift is 30 degrees
+ALIKE = 0.9  # cosine from which two quantities differ by a factor
+FACTOR = 2.0  # that is one of units; slip, roll and understeer explain less
+STEERING_FACTOR = 5.0  # likewise; a map may be a guess
+OPPOSITE = -0.7  # cosine from which a sign is wrong
+ENOUGH = 100  # ticks
+LEAST_TURN = 0.1  # rad/s (rms), far above the noise of a heading's change
+LEAST_PULL = 0.5  # m/s^2 (rms)
+LEAST_STEERING = 0.1  # rad (rms), above the error of a steering's zero
+
+
+def check_agreement(
+    recording: Recording,
+    motion: Motion,
+    vehicle: Vehicle,
+    steering: FloatArray,
+    turned: FloatArray,
+) -> None:
+    """Raise if a column contradicts the poses.
+
+    Parameters
+    ----------
+    recording : Recording
+        What was measured.
+    motion : Motion
+        Its poses on ticks.
+    vehicle : Vehicle
+        Its tyres' radius is used.
+    steering : ndarray of float, shape (t,)
+        Angle of the steering motor at the ticks, commanded or measured [rad].
+    turned : ndarray of float, shape (t,)
+        Angle of the steering motor by which the vehicle turns as the poses do [rad].
+
+    Raises
+    ------
+    IdentificationError
+        Naming the entry, and what may be wrong with it.
+    """
+    if recording.yaw is not None:
+        _check_heading(recording.name, motion)
+    moving = np.abs(motion.speed) > SLOWEST
+    moving &= np.abs(motion.speed) < FASTEST
+    for name, given, expected, least in _pairs(recording, motion, vehicle):
+        if problem := _contradiction(given[moving], expected[moving], least):
+            raise IdentificationError(
+                f"{recording.name}: {name} {problem} the poses give: mend its unit or sign in the "
+                "mapping, or theirs"
+            )
+    ahead = moving & (motion.speed > 0.0)
+    given, expected = steering[ahead], turned[ahead]
+    if problem := _contradiction(given, expected, LEAST_STEERING, STEERING_FACTOR):
+        raise IdentificationError(
+            f"{recording.name}: steering {problem} the turns of the poses need: positive is "
+            "to the left; mend its unit in the mapping, or the gain of steering_map"
+        )
+
+
+def _check_heading(name: str, motion: Motion) -> None:
+    step = round(STEP / TICK)
+    way_x, way_y = (v[step:] - v[:-step] for v in (motion.x, motion.y))
+    way = np.hypot(way_x, way_y)
+    moved = (way > SLOWEST * STEP) & (way < FASTEST * STEP)
+    if np.count_nonzero(moved) < ENOUGH:
+        return
+    apart = (np.arctan2(way_y, way_x) - motion.yaw[step // 2 :][: len(way)])[moved]
+    if np.mean(np.cos(2.0 * apart)) < ALONG:  # forward or backward
+        raise IdentificationError(
+            f"{name}: the vehicle does not move the way that yaw points: are x and y swapped, is "
+            "the unit of yaw another one, or is it not counted from the axis of x to the left?"
+        )
+
+
+def _pairs(
+    recording: Recording, motion: Motion, vehicle: Vehicle
+) -> Iterator[tuple[str, FloatArray, FloatArray, float]]:
+    """Of each entry its values on ticks, what the poses give, and how much of that is enough."""
+    rolling = motion.speed / vehicle.driven_radius
+    expected = {
+        "yaw_rate": (motion.yaw_rate, LEAST_TURN),
+        "wheel_speed": (rolling, SLOWEST / vehicle.driven_radius),
+        "acceleration_y": (motion.speed * motion.yaw_rate, LEAST_PULL),
+    }
+    for name, (values, least) in expected.items():
+        if name in recording.more:
+            yield name, recording.more[name].at(motion.time), values, least
+    for wheel in vehicle.wheels:
+        name = f"wheel_speeds.{wheel.name}"
+        if name in recording.more:
+            radius = float(vehicle.of(wheel).tyre_radius)
+            given = recording.more[name].at(motion.time)
+            yield name, given, motion.speed / radius, SLOWEST / radius
+
+
+def _contradiction(
+    given: FloatArray, expected: FloatArray, least: float, most: float = FACTOR
+) -> str:
+    cosine = _cosine(given, expected, least)
+    if cosine < OPPOSITE:
+        return "has the opposite sign of what"
+    if cosine > ALIKE:
+        factor = float(given @ expected) / float(expected @ expected)
+        if not 1.0 / most < factor < most:
+            return f"is {factor:.2g} times what"
+    return ""
+
+
+def _cosine(given: FloatArray, expected: FloatArray, least: float) -> float:
+    """Of the angle between both; 0 where too little is expected to tell."""
+    there: NDArray[np.bool_] = np.isfinite(given) & np.isfinite(expected)
+    given, expected = given[there], expected[there]
+    energy, own = float(expected @ expected), float(given @ given)
+    if len(given) < ENOUGH or energy < least**2 * len(given) or own == 0.0:
+        return 0.0
+    return float(given @ expected) / float(np.sqrt(energy * own))

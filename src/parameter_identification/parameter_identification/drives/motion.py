@@ -1,0 +1,66 @@
+"""How the body of a recording moved: its poses, smoothed, on ticks."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from parameter_identification.drives.following import FILTER
+from parameter_identification.drives.table import Recording
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+
+SLOWEST = 0.3  # m/s from which a turn shows the steering angle
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A recording on ticks of 10 ms.
+
+    Attributes
+    ----------
+    time, x, y, speed : ndarray of float, shape (t,)
+        Of the recording [s], position [m], forward speed of the COM [m/s].
+    yaw, yaw_rate : ndarray of float, shape (t,)
+        Of the body; of the course where the recording has no yaw [rad, rad/s].
+    """
+
+    time: FloatArray
+    x: FloatArray
+    y: FloatArray
+    speed: FloatArray
+    yaw: FloatArray
+    yaw_rate: FloatArray
+
+
+def motion_of(recording: Recording) -> Motion:
+    """Return smoothed position, speed and yaw rate of a recording.
+
+    Parameters
+    ----------
+    recording : Recording
+        With at least 0.2 s of poses.
+
+    Raises
+    ------
+    IdentificationError
+        If it is shorter.
+    """
+    time = np.arange(recording.time[0], recording.time[-1], TICK)
+    if len(time) < FILTER[0]:
+        raise IdentificationError(f"{recording.name}: less than 0.2 s of poses: nothing to drive")
+    x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
+    vx, vy = (savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y))
+    if recording.yaw is None:
+        yaw = np.unwrap(np.arctan2(vy, vx))
+    else:
+        yaw = np.interp(time, recording.time, recording.yaw)
+    return Motion(
+        time=time,
+        x=savgol_filter(x, *FILTER),
+        y=savgol_filter(y, *FILTER),
+        speed=vx * np.cos(yaw) + vy * np.sin(yaw),
+        yaw=savgol_filter(yaw, *FILTER),
+        yaw_rate=savgol_filter(yaw, *FILTER, deriv=1, delta=TICK),
+    )

@@ -1,0 +1,98 @@
+"""Columns of another quantity, unit or sign are told by the poses, in slow and steady turns too."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from parameter_identification.drives.table import Columns, read_recording
+from parameter_identification.drives.windows import windows_of
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle import load_vehicle
+
+VEHICLE = load_vehicle()
+RADIUS, SPEED, STEERING = 3.0, 0.8, 0.43
+COLUMNS = Columns(
+    **{name: name for name in ("time", "x", "y", "yaw", "steering", "yaw_rate")},
+    wheel_speed="wheel_speed",
+    acceleration_y="acceleration_y",
+    wheel_speeds={"right": "right"},
+)
+Edit = Callable[[dict[str, FloatArray]], dict[str, FloatArray]]
+
+
+def circle(edit: Edit, path: Path) -> Path:
+    """Ten seconds of a steady circle to the left, begun at a heading of 2 rad; no vehicle model."""
+    time = np.arange(0.0, 10.0, 0.02)
+    yaw = 2.0 + SPEED / RADIUS * time
+    rng = np.random.default_rng(1)
+    noise = {name: 0.002 * rng.standard_normal(len(time)) for name in "xy"}
+    table = {
+        "time": time,
+        "x": RADIUS * np.sin(yaw) + noise["x"],
+        "y": -RADIUS * np.cos(yaw) + noise["y"],
+        "yaw": yaw,
+        "steering": np.full(len(time), STEERING),
+        "yaw_rate": np.full(len(time), SPEED / RADIUS + 0.01),
+        "wheel_speed": np.full(len(time), SPEED / VEHICLE.driven_radius),
+        "acceleration_y": np.full(len(time), SPEED**2 / RADIUS),
+        "right": np.full(len(time), 1.2 * SPEED / VEHICLE.driven_radius),
+    }
+    table = edit(table)
+    rows = (",".join(map(repr, map(float, row))) for row in zip(*table.values(), strict=True))
+    path.write_text("\n".join([",".join(table), *rows]) + "\n")
+    return path
+
+
+def scaled(name: str, factor: float) -> Edit:
+    return lambda table: table | {name: factor * table[name]}
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (lambda t: t | {"x": t["y"], "y": t["x"]}, "not move the way that yaw points: are x and y"),
+        (scaled("yaw", 57.3), "does not move the way that yaw points"),
+        (scaled("yaw", -1.0), "does not move the way that yaw points"),
+        (scaled("yaw_rate", 57.3), "yaw_rate is 59 times what the poses give"),
+        (scaled("yaw_rate", -1.0), "yaw_rate has the opposite sign of what the poses give"),
+        (scaled("wheel_speed", VEHICLE.driven_radius), "wheel_speed is 0.33 times what the poses"),
+        (scaled("right", VEHICLE.driven_radius), "wheel_speeds.right is 0.4 times what the poses"),
+        (scaled("steering", 57.3), "steering is .* times what the turns of the poses need"),
+        (scaled("steering", -1.0), "steering has the opposite sign of what the turns"),
+    ],
+)
+def test_a_column_that_contradicts_the_poses_is_named(
+    tmp_path: Path, edit: Edit, message: str
+) -> None:
+    recording = read_recording(circle(edit, tmp_path / "drive.csv"), COLUMNS)
+    assert not isinstance(COLUMNS.steering_map, str)
+    with pytest.raises(IdentificationError, match=f"drive.csv: .*{message}"):
+        windows_of(recording, VEHICLE, COLUMNS.steering_map)
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda table: table,
+        scaled("steering", 0.6),  # a vehicle that understeers, or a map that is a guess
+        lambda table: table | {"yaw": table["yaw"] + 0.3},  # a sensor mounted askew, or sideslip
+    ],
+)
+def test_what_a_real_vehicle_may_do_is_let_through(tmp_path: Path, edit: Edit) -> None:
+    recording = read_recording(circle(edit, tmp_path / "drive.csv"), COLUMNS)
+    assert not isinstance(COLUMNS.steering_map, str)
+    assert windows_of(recording, VEHICLE, COLUMNS.steering_map)
+
+
+def test_a_vehicle_that_drives_backward_contradicts_nothing(tmp_path: Path) -> None:
+    def backward(table: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        names = ("wheel_speed", "right", "steering")
+        return table | {"yaw": table["yaw"] + np.pi} | {name: -table[name] for name in names}
+
+    recording = read_recording(circle(backward, tmp_path / "drive.csv"), COLUMNS)
+    assert not isinstance(COLUMNS.steering_map, str)
+    with pytest.raises(IdentificationError, match="no window"):  # those are driven forward
+        windows_of(recording, VEHICLE, COLUMNS.steering_map)
