@@ -83,6 +83,7 @@ def test_help_fits_a_terminal_of_80_columns(command, capsys, monkeypatch):
     ("line", "message"),
     [
         ("fly", "invalid choice: 'fly'"),
+        ("idnetify bag", "invalid choice: 'idnetify', did you mean identify?"),
         ("plan --targets mass", "tricycle plan: error: unrecognized arguments: --targets"),
         ("plan --targets mass", "did you mean --target? (see tricycle plan --help)"),
         ("demo --seed -4", "argument --seed: '-4' must be a whole number from 0"),

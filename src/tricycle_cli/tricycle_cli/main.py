@@ -79,6 +79,15 @@ class _Parser(argparse.ArgumentParser):
             self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
         return found, unknown
 
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse a value that is none of the choices, with the one that is meant perhaps."""
+        known = [str(choice) for choice in action.choices or ()]
+        if known and str(value) not in known and (close := get_close_matches(str(value), known, 1)):
+            raise argparse.ArgumentError(
+                action, f"invalid choice: {value!r}, did you mean {close[0]}?"
+            )
+        super()._check_value(action, value)
+
     def error(self, message: str) -> NoReturn:
         """End with one line in place of all options."""
         self.exit(2, f"{self.prog}: error: {message} (see {self.prog} --help)\n")

@@ -15,15 +15,19 @@ from parameter_identification.drives.measured import (
     MeasuredDrive,
     Sensor,
     Signal,
+    commands_of,
     measured_drive,
     read_measured_drive,
     resolved,
     usable,
 )
 from parameter_identification.drives.recorded import read_drive
+from trajectory_recorder.bag.topics import jazzy
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
+from tricycle_core.joints import JOINTS
 from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import load_vehicle
 
 USUAL = {Sensor.POSITION, Sensor.HEADING, Sensor.YAW_RATE, Sensor.WHEEL_SPEED}
 
@@ -127,6 +131,24 @@ def test_bad_bags_are_one_line_and_status_2(
     (line,) = [line for line in capsys.readouterr().err.splitlines() if "tricycle:" in line]
     assert expected in line
     assert not out.exists()
+
+
+def test_speeds_are_those_of_the_driven_tyres_where_others_have_another_radius() -> None:
+    vehicle = load_vehicle().replace(**{"front.tyre_radius": 0.2, "rear.tyre_radius": 0.3})
+    kind = "trajectory_msgs/msg/JointTrajectory"
+    types = jazzy().types
+    points = [
+        types["trajectory_msgs/msg/JointTrajectoryPoint"](
+            positions=np.array([0.1, 4.0]), velocities=np.array([0.0, 4.0]),
+            accelerations=np.zeros(0), effort=np.zeros(0),
+            time_from_start=types["builtin_interfaces/msg/Duration"](sec=second, nanosec=0),
+        )
+        for second in (0, 1)
+    ]  # fmt: skip
+    stamp = types["builtin_interfaces/msg/Time"](sec=0, nanosec=0)
+    header = types["std_msgs/msg/Header"](stamp=stamp, frame_id="")
+    message = types[kind](header=header, joint_names=list(JOINTS), points=points)
+    assert commands_of(message, vehicle, "bag").speed == pytest.approx([1.2, 1.2])
 
 
 @pytest.mark.slow

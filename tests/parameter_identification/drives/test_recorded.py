@@ -46,7 +46,10 @@ def test_sensors_are_left_out_where_they_are_not_wanted_or_not_there(tmp_path: P
     drive = read_drive(bag, sensors=False)
     assert drive.joint_states is None
     assert read_drive(bag).imu is None
-    assert read_drive(bag, topics=TopicNames(joint_states="arm/joint_states")).joint_states is None
+    asked = TopicNames(joint_states="arm/joint_states")
+    named = "holds no sensor_msgs/msg/JointState in arm/joint_states; it holds: /joint_states"
+    with pytest.raises(JudgeError, match=named):
+        read_drive(bag, topics=asked)
 
 
 @pytest.mark.slow

@@ -86,6 +86,16 @@ def test_a_wrong_table_is_told_with_what_would_be_right(
     assert str(caught.value) == f"{tmp_path}/{message}"
 
 
+@pytest.mark.parametrize(
+    "part", ["steering_map: {gain: .nan}", "steering_map: {offset: .inf}", "sensor: {x: .nan}"]
+)
+def test_numbers_of_a_mapping_are_finite(tmp_path: Path, part: str) -> None:
+    file = tmp_path / "m.yaml"
+    file.write_text(f"time: t\nx: px\ny: py\nyaw: psi\nsteering: cmd\n{part}\n")
+    with pytest.raises(IdentificationError, match=r"m\.yaml: (steering_map|sensor): .* finite"):
+        load_columns(file)
+
+
 def test_missing_and_repeated_samples_are_left_out(tmp_path: Path) -> None:
     rows = ("0,0,0,0,1,,", "0.1,,0,0,2,,", "0.1,9,9,9,9,,", "0.2,2,0,0,nan,,", ",3,0,0,3,,")
     found = read_recording(write(tmp_path / "a.csv", *rows), PLAIN)

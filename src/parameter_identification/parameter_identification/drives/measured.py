@@ -452,7 +452,7 @@ def commands_of(message: Any, vehicle: Vehicle, where: str) -> Commands:
         return Commands(
             [seconds_of(p.time_from_start) for p in message.points],
             [p.positions[steer] for p in message.points],
-            [p.velocities[wheel] * vehicle.tyre_radius for p in message.points],
+            [p.velocities[wheel] * vehicle.driven_radius for p in message.points],
         )
     except (ValueError, IndexError, CommandsError) as error:
         raise IdentificationError(f"{where}: commands: {error}") from error

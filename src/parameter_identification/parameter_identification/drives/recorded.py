@@ -394,7 +394,12 @@ class _Collector:
 
     def _sensor(self, name: str, type_name: str) -> str:
         """As `_name`, but of several the one in the namespace of the driver's state."""
-        return self._beside(name, type_name) or self._name(name, type_name=type_name)
+        found = self._beside(name, type_name) or self._name(name, type_name=type_name)
+        if not found and name not in (TopicNames.imu, TopicNames.joint_states):  # asked for
+            alike = [known for known, t in self.reader.topics.items() if t.type == type_name]
+            there = ", ".join(sorted(alike)) or "none"
+            raise JudgeError(f"{self.bag} holds no {type_name} in {name}; it holds: {there}")
+        return found
 
     def _beside(self, name: str, type_name: str) -> str:
         """Topic of this name and type in the namespace of the driver's state; "" if none."""

@@ -92,7 +92,7 @@ class SteeringMap:
     Raises
     ------
     IdentificationError
-        If a gain is 0 or a limit is not positive.
+        If a gain is 0 or a limit is not positive, or gain or offset is not finite.
     """
 
     gain: float = 1.0
@@ -104,7 +104,9 @@ class SteeringMap:
     def __post_init__(self) -> None:
         gains, limits = (self.gain, self.gain_right), (self.limit, self.limit_right)
         if 0.0 in gains or any(limit is not None and not limit > 0.0 for limit in limits):
-            raise IdentificationError("steering_map: needs a gain other than 0, a limit above 0")
+            raise IdentificationError("needs a gain other than 0, a limit above 0")
+        if not all(math.isfinite(value) for value in (*gains, self.offset) if value is not None):
+            raise IdentificationError("gain and offset must be finite numbers")
 
     def angle(self, command: FloatArray) -> FloatArray:
         """Return the angles (m,) [rad] of commands (m,).
@@ -132,11 +134,20 @@ class SensorPlace:
         Forward and to the left [m].
     yaw : float
         Of the sensor's axis, to the left [rad].
+
+    Raises
+    ------
+    IdentificationError
+        If a number is not finite.
     """
 
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not all(map(math.isfinite, (self.x, self.y, self.yaw))):
+            raise IdentificationError("x, y and yaw must be finite numbers")
 
 
 @dataclass(frozen=True)

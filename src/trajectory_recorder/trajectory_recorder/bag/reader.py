@@ -278,7 +278,9 @@ def _open_storages(
         for file in files:
             yield _McapFile(file, _LocalFile(file), damaged, part=len(files) > 1)
     else:
-        raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file")
+        inside = sorted(file.parent for file in path.glob("*/metadata.yaml"))
+        hint = f"; it holds bags, as {inside[0]}" if inside else ""
+        raise BagError(f"{path} is not a bag: it holds no metadata.yaml and no .mcap file{hint}")
 
 
 def _information(path: Path) -> dict[str, Any]:
