@@ -40,6 +40,7 @@ def test_unit_box_and_back(low, width, units):
         ({"p": (0.0, float("nan"))}, "finite"),
         ({"p": (0.0, float("inf"))}, "finite"),
         ({"p": (0.0,)}, r"p: a range is \(low, high\)"),
+        ({"p": ("low", "high")}, r"p: a range is \(low, high\), not \('low', 'high'\)"),
     ],
 )
 def test_impossible_boxes_are_refused(bounds, message):

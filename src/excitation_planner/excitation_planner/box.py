@@ -54,13 +54,15 @@ class Box:
         """Box from ``{name: (low, high), ...}``; a Box is returned as it is."""
         if isinstance(bounds, Box):
             return bounds
+        ranges = []
         for name, limits in bounds.items():
-            if len(tuple(limits)) != 2:
-                raise DesignError(f"{name}: a range is (low, high), not {limits!r}")
+            try:
+                low, high = map(float, limits)
+            except (TypeError, ValueError):
+                raise DesignError(f"{name}: a range is (low, high), not {limits!r}") from None
+            ranges.append((low, high))
         return cls(
-            tuple(bounds),
-            tuple(float(low) for low, _ in bounds.values()),
-            tuple(float(high) for _, high in bounds.values()),
+            tuple(bounds), tuple(low for low, _ in ranges), tuple(high for _, high in ranges)
         )
 
     def __len__(self) -> int:

@@ -156,9 +156,11 @@ def identify(
         drive was planned for another vehicle, or there is no measured input that shall be used.
     """
     begun = time.perf_counter()
+    if isinstance(drives, MeasuredDrive):
+        raise IdentificationError("drives: a list of drives is needed, as [drive]")
     if not drives:
         raise IdentificationError("no drive: nothing to identify from")
-    asked = restrict(vehicle, tuple(vehicle.unknown if parameters is None else parameters))
+    asked = restrict(vehicle, tuple(vehicle.unknown) if parameters is None else parameters)
     known = asked if hold_others else vehicle
     everything = [*drives, *held_out]
     check_drives(everything, vehicle)

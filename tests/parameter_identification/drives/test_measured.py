@@ -38,7 +38,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_bag_gives_commands_signals_and_truth(bag: Path) -> None:
-    drive = read_measured_drive(bag, VEHICLE)
+    drive = read_measured_drive(str(bag), VEHICLE)
     commands = SimulatedBag().commands()
     np.testing.assert_allclose(drive.commands.time, commands.time, atol=1e-9)
     np.testing.assert_allclose(drive.commands.speed, commands.speed, atol=1e-12)

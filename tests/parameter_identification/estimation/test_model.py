@@ -60,5 +60,7 @@ def test_a_vehicle_is_restricted_to_parameters_it_has():
     assert tuple(vehicle.unknown) == ("cornering_stiffness", "yaw_inertia")
     with pytest.raises(IdentificationError, match="'mass' is not an unknown parameter"):
         restrict(VEHICLE, ("mass",))
+    with pytest.raises(IdentificationError, match=r"a list .* as \['yaw_inertia'\]"):
+        restrict(VEHICLE, "yaw_inertia")
     with pytest.raises(IdentificationError, match="nothing to identify"):
         restrict(VEHICLE, ())

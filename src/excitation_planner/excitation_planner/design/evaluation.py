@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -129,11 +130,7 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
             f"{name} = {value:g}" for name, value in zip(problem.operation.names, x, strict=True)
         )
         raise DesignError(f"f raised {type(error).__name__}: {error}, at {where}") from error
-    # contiguous: sums over it must not depend on whether it comes from f, a chunk or a file
-    outputs = tuple(
-        np.ascontiguousarray(Y, dtype=float)
-        for Y in (returned if isinstance(returned, tuple) else (returned,))
-    )
+    outputs = tuple(map(_real, returned if isinstance(returned, tuple) else (returned,)))
     n, shapes = len(U), [Y.shape for Y in outputs]
     if problem.criterion is Criterion.H:
         if shapes != [(n,)]:
@@ -144,6 +141,16 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
             f"trajectories ({n}, time points, channels)"
         )
     return outputs
+
+
+def _real(returned: Any) -> FloatArray:
+    """Outputs as a contiguous array: sums over it must not depend on where it comes from."""
+    if np.iscomplexobj(returned):
+        raise DesignError("f must return real numbers, not complex ones")
+    try:
+        return np.ascontiguousarray(returned, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise DesignError(f"f must return real numbers: {error}") from error
 
 
 def joined(chunks: Sequence[Outcome]) -> Outcome:

@@ -11,6 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from excitation_planner.box import Box
 from excitation_planner.design.choice import Choice
 from excitation_planner.design.criteria import Criterion
@@ -170,6 +172,12 @@ class DesignProblem:
             raise DesignError(f"prior: must be about {self._names}")
         if self.criterion is Criterion.H and self.beside.steps:
             raise DesignError("criterion h counts nothing beside the parameters; c, d and a do")
+        for name in ("samples", "draws", "budget", "seed"):
+            value = getattr(self, name)
+            if not isinstance(value, int | np.integer) or isinstance(value, bool):
+                raise DesignError(f"{name} = {value!r}: a whole number is needed")
+        if self.seed < 0:
+            raise DesignError(f"seed = {self.seed}: must be 0 or more")
         if self.draws < 1:
             raise DesignError(f"draws = {self.draws}: at least one is needed")
         self.unknown.check_samples(self.samples)

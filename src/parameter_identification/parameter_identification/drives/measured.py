@@ -238,13 +238,13 @@ class MeasuredDrive:
 
 
 def read_measured_drive(
-    bag: Path, vehicle: Vehicle, *, topics: TopicNames | None = None
+    bag: Path | str, vehicle: Vehicle, *, topics: TopicNames | None = None
 ) -> MeasuredDrive:
     """Read a drive from a bag; `measured_drive` takes one that was read already.
 
     Parameters
     ----------
-    bag : Path
+    bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     vehicle : Vehicle
         Its tyre radius turns wheel rates into speeds.

@@ -222,13 +222,13 @@ class RecordedDrive:
 
 
 def read_drive(
-    bag: Path, *, topics: TopicNames | None = None, sensors: bool = True
+    bag: Path | str, *, topics: TopicNames | None = None, sensors: bool = True
 ) -> RecordedDrive:
     """Read the drive that a bag holds.
 
     Parameters
     ----------
-    bag : Path
+    bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     topics : TopicNames, optional
         Where names differ from the suite's.

@@ -227,12 +227,12 @@ def units_of(name: str) -> Mapping[str, float]:
     return _WHEEL if name.startswith(f"{WHEELS}.") else UNITS[name]
 
 
-def load_columns(path: Path) -> Columns:
+def load_columns(path: Path | str) -> Columns:
     """Read a mapping (YAML).
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         File.
 
     Raises
@@ -242,7 +242,7 @@ def load_columns(path: Path) -> Columns:
     OSError
         If the file cannot be read.
     """
-    content = read_bounded(path, MAX_MAPPING, "a mapping of columns", IdentificationError)
+    content = read_bounded(Path(path), MAX_MAPPING, "a mapping of columns", IdentificationError)
     values = parse_yaml(content, str(path), IdentificationError)
     if not isinstance(values, dict):
         raise IdentificationError(f"{path}: needs entries such as `time: HEADING`")
@@ -332,7 +332,7 @@ class Recording:
         return found
 
 
-def read_recording(path: Path, columns: Columns, vehicle: Vehicle | None = None) -> Recording:
+def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None = None) -> Recording:
     """Read a table of numbers.
 
     Empty cells and `nan` are missing samples, which are left out; so are rows with the time of the
@@ -340,7 +340,7 @@ def read_recording(path: Path, columns: Columns, vehicle: Vehicle | None = None)
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         ``.csv`` or ``.csv.gz`` with a header.
     columns : Columns
         What is what.
@@ -354,7 +354,7 @@ def read_recording(path: Path, columns: Columns, vehicle: Vehicle | None = None)
     OSError
         If the file cannot be read.
     """
-    found = columns.entries()
+    path, found = Path(path), columns.entries()
     headings = {c.column for c in found.values()} | {c.clock for c in found.values() if c.clock}
     table = _read_table(path, headings)
     si = {

@@ -262,13 +262,13 @@ def _behind_play(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
 
 
 def read_windows(
-    path: Path, vehicle: Vehicle, columns: Columns, windows: Windows | None = None
+    path: Path | str, vehicle: Vehicle, columns: Columns, windows: Windows | None = None
 ) -> list[MeasuredDrive]:
     """Read the windows of a table of numbers as drives.
 
     Parameters
     ----------
-    path : Path
+    path : Path or str
         ``.csv`` or ``.csv.gz`` with a header.
     vehicle : Vehicle
         That drove.

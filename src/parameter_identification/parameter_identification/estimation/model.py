@@ -786,14 +786,14 @@ def _interpolate(rows: FloatArray, time: FloatArray, held: bool) -> tuple[FloatA
     return values, slopes
 
 
-def restrict(vehicle: Vehicle, parameters: tuple[str, ...]) -> Vehicle:
+def restrict(vehicle: Vehicle, parameters: Sequence[str]) -> Vehicle:
     """Return the vehicle with only these parameters unknown, the others at their nominal values.
 
     Parameters
     ----------
     vehicle : Vehicle
         With at least these unknown parameters.
-    parameters : tuple of str
+    parameters : sequence of str
         Names.
 
     Raises
@@ -801,6 +801,8 @@ def restrict(vehicle: Vehicle, parameters: tuple[str, ...]) -> Vehicle:
     IdentificationError
         If one is not unknown, or none is left.
     """
+    if isinstance(parameters, str):  # a sequence, too: of letters
+        raise IdentificationError(f"parameters: a list of names is needed, as [{parameters!r}]")
     for name in parameters:
         if name not in vehicle.unknown:
             raise IdentificationError(

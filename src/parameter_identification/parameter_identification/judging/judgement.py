@@ -164,13 +164,13 @@ class Judgement:
 
 
 def judge(
-    bag: Path, *, topics: TopicNames | None = None, anchor: Anchor = Anchor.STANDSTILL
+    bag: Path | str, *, topics: TopicNames | None = None, anchor: Anchor = Anchor.STANDSTILL
 ) -> Judgement:
     """Compute the trajectory error of the drive in a bag.
 
     Parameters
     ----------
-    bag : Path
+    bag : Path or str
         rosbag2 directory, ``.mcap`` or ``.db3`` file.
     topics : TopicNames, optional
         Where names differ from the suite's.

@@ -26,7 +26,7 @@ from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
 
-from trajectory_recorder.bag.location import is_remote
+from trajectory_recorder.bag.location import bag_path, is_remote
 from trajectory_recorder.bag.metadata import one_line, read_metadata
 from trajectory_recorder.bag.records import (
     CHUNK,
@@ -126,8 +126,8 @@ class BagReader(Closing):
 
     Parameters
     ----------
-    path : Path
-        The bag.
+    path : Path or str
+        The bag, or its URL.
     damaged : callable, optional
         Called for each damaged chunk, which is then passed over. Default: damage raises.
 
@@ -156,7 +156,9 @@ class BagReader(Closing):
         If there is no bag, it holds nothing that can be read, or it cannot be fetched.
     """
 
-    def __init__(self, path: Path, *, damaged: Damaged | None = None) -> None:
+    def __init__(self, path: Path | str, *, damaged: Damaged | None = None) -> None:
+        if isinstance(path, str):
+            path = bag_path(path)
         self.path = path
         self.topics: dict[str, Topic] = {}
         information, files = remote_files(path) if is_remote(path) else (_information(path), [])
