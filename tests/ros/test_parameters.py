@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from pkgutil import resolve_name
 
@@ -65,3 +66,42 @@ def test_help_of_a_node_tells_its_parameters_and_starts_nothing(name, parameter)
     assert done.stdout.startswith(f"usage: {name} ")
     assert "parameters (default; range)" in done.stdout
     assert parameter in done.stdout
+
+
+def started(*arguments, seconds=20.0):
+    """What a node says, and its status; it is ended once it says that it runs."""
+    executable = Path(sys.executable).with_name("excitation_planner")
+    with subprocess.Popen(
+        [executable, *arguments], stderr=subprocess.STDOUT, stdout=subprocess.PIPE, text=True
+    ) as process:
+        guard = threading.Timer(seconds, process.kill)
+        guard.start()
+        said = []
+        for line in process.stdout:
+            said.append(line)
+            if "runs, version" in line:
+                process.terminate()
+        guard.cancel()
+    return "".join(said), process.returncode
+
+
+@pytest.mark.parametrize(
+    ("arguments", "unknown"),
+    [(["circle"], "circle"), (["-p", "target:=yaw_inertia"], "-p")],  # rcl takes a:=b for a remap
+)
+def test_arguments_that_are_none_of_ros_are_refused(ros_environment, arguments, unknown):
+    said, status = started(*arguments)
+    assert status == 2
+    line = said.splitlines()[-1]
+    assert f"unknown arguments: {unknown}; parameters are set by --ros-args -p" in line
+
+
+def test_parameters_that_are_none_of_the_node_are_warned_of(ros_environment, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    said, status = started(
+        *("--ros-args", "-p", "targt:=yaw_inertia", "-p", "criterion:=h", "-p", "target:=mass")
+    )
+    assert status == 0
+    assert "targt is no parameter of this node: did you mean target?" in said
+    assert "criterion is no" not in said
+    assert "no plan can be made: unknown target 'mass'" in said

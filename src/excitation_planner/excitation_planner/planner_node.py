@@ -141,6 +141,10 @@ class ExcitationPlanner(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # planning goes on without a /clock
         self.create_timer(POLL, self._watch, clock=steady)
         self.create_timer(DIAGNOSTICS_PERIOD, self._publish_diagnostics, clock=steady)
+        try:
+            _request(self._settings())
+        except (DesignError, PlanError, VehicleError, OSError) as error:  # a file is published
+            self.get_logger().warning(f"no plan can be made: {error}")
         if self._file.exists():
             try:
                 self._publish(self._load(self._file))

@@ -12,6 +12,7 @@ import logging
 import signal
 import sys
 from collections.abc import Callable
+from difflib import get_close_matches
 from functools import partial
 from importlib.resources import files
 from types import FrameType
@@ -32,6 +33,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from tricycle_core import __version__
@@ -63,11 +65,6 @@ class NotTheExecutors(CallbackGroup):
 
     def ending_execution(self, _entity: object) -> None:
         """Do nothing."""
-
-
-def _is_unknown(mistake: Exception) -> bool:
-    """Whether it is rclpy's about arguments, of which it says nothing but the list."""
-    return type(mistake).__name__ == "UnknownROSArgsError"
 
 
 def time_message(seconds: float) -> Time:
@@ -167,14 +164,43 @@ def _help(factory: Callable[[], Node]) -> str:
     return "\n".join([*lines, "", f"topics and services: ros2 node info {name}", ""])
 
 
+def _check_arguments() -> None:
+    """Refuse arguments that no node has; those of ROS follow `--ros-args`."""
+    if others := remove_ros_args(sys.argv)[1:]:
+        raise ValueError(
+            f"unknown arguments: {' '.join(others)}; parameters are set by "
+            "--ros-args -p NAME:=VALUE, --help lists them"
+        )
+
+
+def _warn_of_unknown_parameters(node: Node) -> None:
+    """Say which parameters that were given are none of the node's; rclpy passes over them."""
+    known = node.list_parameters([], 0).names
+    for name in node._parameter_overrides:  # noqa: SLF001 - rclpy tells them no other way
+        if not node.has_parameter(name):
+            close = get_close_matches(name, known, 1)
+            hint = f"did you mean {close[0]}?" if close else "--help lists those there are"
+            node.get_logger().warning(f"{name} is no parameter of this node: {hint}")
+
+
+def _told(mistake: Exception) -> str:
+    """What is wrong, in one line."""
+    if type(mistake).__name__ == "UnknownROSArgsError":  # rclpy says nothing but the list
+        return f"unknown ROS arguments: {mistake}"
+    if isinstance(mistake, OSError) and mistake.filename and mistake.strerror:
+        return f"{mistake.filename}: {mistake.strerror}"  # without its number
+    return " ".join(str(mistake).split())
+
+
 def run_node(factory: Callable[[], Node]) -> None:
     """Construct a node, spin it until SIGINT or SIGTERM, and leave no trace of the ending.
 
     With `--help` it says what the node is, and its parameters, and starts nothing.
 
-    Exits with status 2 and one logged line where the ROS arguments are wrong, or constructing the
-    node raises what a user's mistake raises: ValueError, OSError, a parameter of the wrong type or
-    out of range. A callback may end the process by raising SystemExit.
+    Exits with status 2 and one logged line where the arguments are wrong, or constructing the node
+    raises what a user's mistake raises: ValueError, OSError, a parameter of the wrong type or out
+    of range. Warns of given parameters that the node does not have. A callback may end the process
+    by raising SystemExit.
 
     Parameters
     ----------
@@ -200,14 +226,15 @@ def run_node(factory: Callable[[], Node]) -> None:
     try:
         try:
             rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+            _check_arguments()
             executor = SingleThreadedExecutor()
             node = factory()
+            _warn_of_unknown_parameters(node)
             node.get_logger().info(f"runs, version {__version__}")
             ignore_impossible_times(node)
         except _MISTAKES as mistake:
             name = getattr(factory, "__name__", "node")
-            what = f"unknown ROS arguments: {mistake}" if _is_unknown(mistake) else str(mistake)
-            rclpy.logging.get_logger(name).fatal(" ".join(what.split()))
+            rclpy.logging.get_logger(name).fatal(_told(mistake))
             raise SystemExit(2) from None
         executor.add_node(node)
         while not stopped:
