@@ -35,7 +35,7 @@ endif
 .PHONY: help setup setup-run demo test check lint format lock audit docs reference firmware bench rehearsal soak coverage mutation test-lower-bounds test-kilted clean
 
 help:  ## this list
-	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 20
 
 setup: .venv/ready  ## build .venv with everything in it
 .venv/ready: pyproject.toml
@@ -60,7 +60,7 @@ test: check  ## everything: lint, types, import contract, all tests
 check: setup lint  ## lint, types, import contract and the fast tests
 	$(BIN)/python -m pytest -m "not slow and not ros" -q -n 2 --dist worksteal
 
-lint: setup
+lint: setup  ## formatting, lint, types and import contract; of the firmware too where cppcheck is there
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
@@ -141,7 +141,7 @@ mutation: setup  ## do the tests notice changes of codec, limits and watchdog, i
 	$(BIN)/python tests/mutation.py
 
 LOWER_BOUNDS := .venv-lower-bounds
-test-lower-bounds: ## all tests without live nodes, with the oldest versions that pyproject.toml admits
+test-lower-bounds:  ## all tests without live nodes, with the oldest versions that pyproject.toml admits
 	test -x $(LOWER_BOUNDS)/bin/python || $(PYTHON) -m venv $(LOWER_BOUNDS)
 	$(LOWER_BOUNDS)/bin/python -m pip install --quiet --editable '.[dev,ros]' --constraint requirements/lower-bounds.txt
 	export NUMBA_CACHE_DIR=$(CURDIR)/$(LOWER_BOUNDS)/numba; \
@@ -149,7 +149,7 @@ test-lower-bounds: ## all tests without live nodes, with the oldest versions tha
 	$(LOWER_BOUNDS)/bin/python -m pytest -q -n 2 -m "slow and not ros"
 
 KILTED := .venv-kilted
-test-kilted: ## the fast tests of live nodes with the wheels of ROS 2 Kilted
+test-kilted:  ## the fast tests of live nodes with the wheels of ROS 2 Kilted
 	test -x $(KILTED)/bin/python || $(PYTHON) -m venv $(KILTED)
 	$(KILTED)/bin/python -m pip install --quiet --editable '.[dev]' 'ros-kilted-rclpy[fastrtps]' ros-kilted-common-interfaces
 	$(KILTED)/bin/python -m pytest -q -m "ros and not slow"
