@@ -84,7 +84,9 @@ class _Parser(argparse.ArgumentParser):
         known = [str(choice) for choice in action.choices or ()]
         if known and str(value) not in known and (close := get_close_matches(str(value), known, 1)):
             raise argparse.ArgumentError(
-                action, f"invalid choice: {value!r}, did you mean {close[0]}?"
+                action,
+                f"invalid choice: {value!r}, did you mean {close[0]}? (choose from "
+                f"{', '.join(known)})",
             )
         super()._check_value(action, value)
 
