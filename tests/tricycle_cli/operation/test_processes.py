@@ -87,6 +87,20 @@ def test_a_node_that_has_ended_is_told_with_its_last_words(node, tmp_path):
     assert '-p some_node:rate:=2.5 -p some_node:name:="on"' in ended
 
 
+def test_a_node_that_was_killed_is_told_with_the_signal(node, tmp_path):
+    (tmp_path / node).write_text("#!/bin/sh\necho all is well\nkill -9 $$\n")
+    log = tmp_path / "log"
+    with NodeProcesses({"PATH": "/usr/bin:/bin"}, log) as nodes:
+        nodes.start(node, config="nodes.yaml")
+        told = ""
+        while not told:
+            try:
+                nodes.check()
+            except NodeError as error:
+                told = str(error)
+    assert told == f"some_node was ended by the signal SIGKILL (see {log / 'some_node.log'})"
+
+
 def test_a_node_in_the_foreground_ends_with_its_own_status(node, capfd):
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -236,13 +236,16 @@ class NodeProcesses(Closing):
         Raises
         ------
         NodeError
-            Names the node, its exit status and the last line of its log.
+            Names the node, its exit status and the last line of its log, or the signal.
         """
         for name, process in self._running.items():
             if process.poll() is not None:
                 log = self._log_dir / f"{name}.log"
                 lines = log.read_text(errors="replace").strip().splitlines() or ["no output"]
                 status = process.returncode
+                if status < 0:  # its last line does not tell why
+                    number = signal.Signals(-status).name
+                    raise NodeError(f"{name} was ended by the signal {number} (see {log})")
                 raise NodeError(f"{name} ended with status {status}: {lines[-1]} (see {log})")
 
     def close(self) -> None:
