@@ -74,6 +74,21 @@ def test_an_impossible_inertia_is_warned_of_in_a_file_of_the_user_only(capsys, t
     assert "warning: yaw_inertia: 50 kg m^2 is larger than the sum" in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_a_plan_is_shown_where_nothing_can_be_drawn_and_its_picture_is_kept(plan, capsys, tmp_path):
+    file, picture = tmp_path / "mine.json", tmp_path / "mine.png"
+    save_plan(plan, file)
+    picture.mkdir()
+    assert main(["plan", "show", str(file), "--overwrite"]) == 2
+    assert "circle for cornering_stiffness" in capsys.readouterr().out
+    picture.rmdir()
+    picture.write_text("precious")
+    assert main(["plan", "show", str(file)]) == 0
+    assert picture.read_text() == "precious"
+    assert main(["plan", "show", str(file), "--overwrite"]) == 0
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
 def test_a_file_in_the_place_of_the_output_is_told_before_anything_is_planned(capsys, tmp_path):
     (tmp_path / "taken").touch()
     assert main(["plan", "--output", str(tmp_path / "taken" / "plans")]) == 2

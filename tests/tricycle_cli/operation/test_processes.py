@@ -91,7 +91,7 @@ def test_a_node_that_was_killed_is_told_with_the_signal(node, tmp_path):
     (tmp_path / node).write_text("#!/bin/sh\necho all is well\nkill -9 $$\n")
     log = tmp_path / "log"
     with NodeProcesses({"PATH": "/usr/bin:/bin"}, log) as nodes:
-        nodes.start(node, config="nodes.yaml")
+        nodes.start(node, config="nodes.yaml", parameters={})
         told = ""
         while not told:
             try:

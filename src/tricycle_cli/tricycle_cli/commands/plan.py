@@ -133,9 +133,6 @@ def run(args: argparse.Namespace) -> int:
             file.with_suffix(".png").unlink(missing_ok=True)
         for file, plan in plans.items():
             save_plan(plan, file)
-    for file, plan in plans.items():
-        if not args.show or args.overwrite or not file.with_suffix(".png").exists():
-            plot_plan(plan, file.with_suffix(".png"))
     first, *others = plans.values()
     if args.json:
         print(json.dumps(_as_json(first) | {"others": [_as_json(plan) for plan in others]}))
@@ -154,6 +151,9 @@ def run(args: argparse.Namespace) -> int:
         console.print(_search_summary(first))
         if first.verdict:
             console.print(first.verdict)
+    for file, plan in plans.items():
+        if not args.show or args.overwrite or not file.with_suffix(".png").exists():
+            plot_plan(plan, file.with_suffix(".png"))
     for file in plans:
         print(f"plan: {file}   figure: {file.with_suffix('.png')}", file=sys.stderr)
     return 0
