@@ -144,10 +144,14 @@ def another_loop(commands, truth):
     return driven(VEHICLE, behind_loop(commands), truth)
 
 
-def behind_loop(commands):
+def lagging_loop(commands, truth):
+    return driven(VEHICLE, behind_loop(commands, lag=0.06, share=1.0), truth)
+
+
+def behind_loop(commands, lag=0.3, share=0.98):
     time, angle, speed = on_ticks(commands)
     wanted, _ = slew_all(speed, VEHICLE.acceleration)
-    behind = lfilter([TICK / 0.3], [1.0, TICK / 0.3 - 1.0], 0.98 * wanted)
+    behind = lfilter([TICK / lag], [1.0, TICK / lag - 1.0], share * wanted)
     return Commands(time, angle, behind)
 
 
@@ -217,6 +221,7 @@ WORLDS = {  # motion, and the effects that act
     # no effect is quite of its kind
     "servo of another kind": (another_servo, ("turn-deviation",)),
     "speed loop of another kind": (another_loop, ("speed-deviation", "start-deviation")),
+    "speed loop lags by 60 ms": (lagging_loop, ("speed-deviation", "start-deviation")),
     "both actuators of another kind": (both_others, ("turn-deviation", "speed-deviation")),
     "tyre of the magic formula": (magic, ("tyre-saturation", "tyre-rounding", "road-friction")),
 }
