@@ -278,12 +278,13 @@ class DriveModel:
         *,
         measured: Collection[Input] = (),
     ) -> None:
-        self.simulator, self.measured = simulator, drive.told.intersection(measured)
+        can_follow = frozenset(Input) if has_gains(vehicle) else {Input.STEERING}
+        self.simulator, self.measured = simulator, drive.told & can_follow & frozenset(measured)
         self.vehicle, self.effects = vehicle, tuple(effects)
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
         self._speed: tuple[FloatArray, FloatArray] | None = None
-        if Input.SPEED in self.measured and has_gains(vehicle):
+        if Input.SPEED in self.measured:
             signals = dict(drive.signals)
             wheels, vehicle = signals.pop(Sensor.WHEEL_SPEED), with_stiff_loop(vehicle)
             self._speed = measured_speed(drive.commands, wheels, vehicle, drive.start.speed)

@@ -146,6 +146,7 @@ def run(args: argparse.Namespace) -> int:
         return _drive_by_drive(args)
     from rich.console import Console
 
+    from parameter_identification.drives.measured import Input, Sensor
     from parameter_identification.estimation.inputs import Inputs
     from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
@@ -198,7 +199,8 @@ def run(args: argparse.Namespace) -> int:
         if not drive.complete:
             console.print(f"{drive.name}: its bag was cut off; used as far as it goes")
     used = chain.from_iterable(drives[: len(args.drives)])
-    unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise}
+    inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
+    unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
     for sensor in sorted(unused, key=lambda sensor: sensor.value):
         console.print(f"{sensor.value}: measured, but not used: the model does not give it")
     if args.output is not None:
