@@ -22,7 +22,7 @@ from tricycle_sim.vehicle.stability import check_step
 FOLLOWING = 6  # iterations after which the model has the measured speed or steering angle
 SPEED_LAG = 0.2  # s, of a speed loop
 GAINS = "speed_gain_proportional", "speed_gain_integral"
-STIFFER = 10.0, 3.0  # times its gains: the stiffest loop that the simulation's steps allow
+STIFFER = 10.0, 3.0  # times as quick: the first one that the simulation's steps allow
 STIFF_LAG, STIFF_FOLLOWING = 0.015, 3  # s, of such a loop; iterations
 FILTER = 21, 2  # Savitzky-Golay at 100 Hz: samples, order
 
@@ -199,7 +199,9 @@ def with_stiff_loop(vehicle: Vehicle) -> Vehicle:
         If it is too stiff for the simulation's steps as it is.
     """
     for factor in STIFFER:
-        stiff = vehicle.replace(**{gain: factor * vehicle.values[gain] for gain in GAINS})
+        stiff = vehicle.replace(
+            **{gain: factor**i * vehicle.values[gain] for i, gain in enumerate(GAINS, start=1)}
+        )
         with suppress(VehicleError):
             check_step(stiff, TICK)
             return stiff

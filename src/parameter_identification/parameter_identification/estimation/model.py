@@ -75,12 +75,18 @@ It vanishes at the first and at the last.
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
 TIME_OFFSET = 0.05  # s, of each clock against the commands'
 INPUT_OFFSET = 0.01  # s, of a measured input's: mostly one computer stamps both
-LEAST_OFF = 5e-4  # rad, of a measured steering angle
+LEAST_OFF, LEAST_SPEED_OFF = 5e-4, 2e-4  # rad, of a measured steering angle; m/s
 STEERING_DELAY, STEERING_ZERO, STEERING_GAIN = (
     f"{what} of the measured steering" for what in ("delay", "zero", "gain")
 )
-SPEED_DELAY = "delay of the measured speed"
-INPUT_STEPS = {STEERING_DELAY: 1e-3, STEERING_ZERO: 1e-4, STEERING_GAIN: 1e-3, SPEED_DELAY: 1e-3}
+SPEED_DELAY, SPEED_ZERO = (f"{what} of the measured speed" for what in ("delay", "zero"))
+INPUT_STEPS = {
+    STEERING_DELAY: 1e-3,
+    STEERING_ZERO: 1e-4,
+    STEERING_GAIN: 1e-3,
+    SPEED_DELAY: 1e-3,
+    SPEED_ZERO: 1e-4,
+}
 """Of the finite differences, in the nuisances' units."""
 
 
@@ -284,10 +290,12 @@ class DriveModel:
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
         self._speed: tuple[FloatArray, FloatArray] | None = None
+        self._speed_step = 0.0
         if Input.SPEED in self.measured:
             signals = dict(drive.signals)
             wheels, vehicle = signals.pop(Sensor.WHEEL_SPEED), with_stiff_loop(vehicle)
             self._speed = measured_speed(drive.commands, wheels, vehicle, drive.start.speed)
+            self._speed_step = vehicle.driven_radius * resolution(wheels.values[:, 0])
             drive = dataclasses.replace(drive, signals=signals)
         simulated = with_effects(vehicle, effects)
         self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
@@ -373,7 +381,12 @@ class DriveModel:
                 Nuisance(STEERING_GAIN, "1", 0.0, share),
             ]
         if self._speed is not None:
-            found.append(Nuisance(SPEED_DELAY, "s", 0.0, INPUT_OFFSET))
+            # a steady speed is off by up to half a step of its sensor
+            off = max(0.5 * self._speed_step, LEAST_SPEED_OFF)
+            found += [
+                Nuisance(SPEED_DELAY, "s", 0.0, INPUT_OFFSET),
+                Nuisance(SPEED_ZERO, "m/s", 0.0, off),
+            ]
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
         found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
         for errors in self._errors.values():
@@ -437,10 +450,10 @@ class DriveModel:
             if self._starting:
                 faster = _at_start(nuisances[:, self._starting], batch.time)
         if self._speed is not None:
-            later = np.zeros(len(constants))
+            later, more = np.zeros((2, len(constants)))
             if nuisances is not None:
-                later = nuisances[:, self._at[SPEED_DELAY]]
-            faster = _sped(later, *self._speed) + (0.0 if faster is None else faster)
+                later, more = nuisances[:, [self._at[SPEED_DELAY], self._at[SPEED_ZERO]]].T
+            faster = _sped(later, more, *self._speed) + (0.0 if faster is None else faster)
         names = ("x", "y", "yaw", "yaw_rate", "drive_speed")
         others = [name for columns in self._columns.values() for name in columns]
         run = batch.run(
@@ -747,10 +760,16 @@ def _columns_of(drive: MeasuredDrive) -> dict[Sensor, list[str]]:
     return {sensor: names for sensor, names in found.items() if sensor in drive.signals}
 
 
-def _sped(later: FloatArray, setpoints: FloatArray, measured: FloatArray) -> FloatArray:
-    """Speeds (n, t) by which set-points (t - 1,) are others, that were measured so late (n,)."""
+def _sped(
+    later: FloatArray, more: FloatArray, setpoints: FloatArray, measured: FloatArray
+) -> FloatArray:
+    """Speeds (n, t) by which set-points (t - 1,) are others, measured so late, and so much less."""
     ticks = TICK * np.arange(len(setpoints))
-    rows = [np.interp(ticks + delay, ticks, measured) - setpoints for delay in later]
+    moving = np.abs(measured) > RESTING
+    rows = [
+        np.interp(ticks + delay, ticks, measured) + off * moving - setpoints
+        for delay, off in zip(later, more, strict=True)
+    ]
     return np.pad(rows, ((0, 0), (0, 1)), mode="edge")
 
 
