@@ -8,14 +8,14 @@ of local searches, which thus go along the limit.
 
 from __future__ import annotations
 
-import math
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import cobyqa
 import numpy as np
-from scipy.optimize import NonlinearConstraint
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
 
 from excitation_planner.area.placement import Placement
 from excitation_planner.area.room import ALLOWANCE, Room
@@ -42,29 +42,38 @@ from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.layout import LANES
 
-SCREENED = 24
+JUDGES = 16
+"""Simulations by which a maneuver is judged: as many vehicles as this allows, one at least."""
+
+SCREENED = 4
 """Maneuvers per operation parameter that are tried first, beside corners of the box."""
 
-LOCAL = 2
-"""Local searches from the best of these ..."""
+FEWEST = 20
+"""Maneuvers per operation parameter that are tried in all, whatever the budget ..."""
 
-SEARCH_APART = 0.25
-"""... that are this far apart on some axis, in ranges."""
+MOST = 400
+"""... and most of all; more teach little, and the surrogates' cost grows with their cube."""
 
-FIRST_RADIUS, LAST_RADIUS = 0.15, 5e-3
-"""Of their trust regions, in ranges."""
+CANDIDATES = 400
+"""Points among which the next ones are chosen, random in the box, and as many beside the best."""
+
+STEPS = (0.02, 0.06, 0.2)
+"""Standard deviations of the latter, in ranges."""
+
+MOVED = 0.6
+"""Share of the operation parameters in which they differ from the best."""
+
+DISTANCES = (0.3, 0.1, 0.03, 0.01)
+"""Of the next points from all others on some axis, in ranges: one for each is chosen."""
+
+LEARNT = 3
+"""Turns after which the spread of all vehicles of the ranges is looked at again."""
 
 STARTS = 4
 """Maneuvers from which the search proper begins."""
 
 APART = 0.03
 """Least distance between them on some axis, in ranges."""
-
-FARTHEST = 3.0
-"""Shortage beyond which one is as bad as another [m]."""
-
-STEEPNESS = 3.0
-"""Logarithm of the cost that a metre of shortage counts as, where a local search begins."""
 
 
 @dataclass
@@ -77,8 +86,8 @@ class _Tried:
     u: FloatArray
     commands: Commands
     cost: float  # on the scale that is searched
-    place: Placement | None = None
-    shortage: float = math.inf
+    place: Placement
+    shortage: float
     fits: bool | None = None  # None: it is not known of all vehicles of the ranges
 
 
@@ -105,7 +114,7 @@ class FittingSearch:
     effects : sequence of Effect
         Beside the parameters.
     seed : int
-        Of the maneuvers tried first, and of the vehicles that judge.
+        Of the maneuvers tried, and of the vehicles that judge.
     simulations : int
         Taken so far.
     """
@@ -120,7 +129,9 @@ class FittingSearch:
     effects: Sequence[Effect] = ()
     seed: int = 0
     simulations: int = field(default=0, init=False)
-    _tried: dict[bytes, _Tried | None] = field(default_factory=dict, init=False)
+    _points: list[FloatArray] = field(default_factory=list, init=False)  # all that were tried
+    _drivable: list[bool] = field(default_factory=list, init=False)  # which of them can be driven
+    _found: list[_Tried] = field(default_factory=list, init=False)  # those
     _spread: float = field(
         default=0.0, init=False
     )  # room for vehicles that a rough tube leaves out
@@ -133,127 +144,107 @@ class FittingSearch:
         budget : int
             About as many simulations are taken at most.
         """
-        dimensions = len(self.family.operation)
-        for u in [*corners(dimensions, seed=self.seed), *self._sobol(dimensions)]:
-            self._judged(u)
-        for one in self._by_cost():
-            self._place(one)
-            if self._fits(one):
+        dimensions, rng = len(self.family.operation), np.random.default_rng(self.seed)
+        screened = sobol_sequence(SCREENED * dimensions, dimensions, seed=self.seed)
+        new = np.vstack([corners(dimensions, seed=self.seed), screened])
+        for turn in itertools.count():
+            for u in new:
+                self._try(u)
+            if turn % LEARNT == 0:  # of the best so far
+                next(map(self._fits, filter(self._may_fit, self._by_cost())), None)
+            tried = len(self._points)
+            enough = self.simulations >= budget and tried >= FEWEST * dimensions
+            new = self._next(rng)
+            if enough or tried >= MOST or not len(new):
                 break
-        begun = list[FloatArray]()
-        each = (budget - self.simulations) // (LOCAL * self._runs)
-        for _ in range(LOCAL if each > dimensions + 1 else 0):
-            apart = [one for one in self._by_cost() if _apart(one.u, begun, SEARCH_APART)]
-            if not apart:
-                break
-            start = min(
-                apart, key=lambda o: o.cost + STEEPNESS * np.clip(self._lacks(o), 0, FARTHEST)
-            )
-            begun.append(start.u)
-            self._search_from(start.u, each)
-            next(filter(self._fits, self._by_cost()), None)  # learns the spread
         chosen = list[FloatArray]()
         for one in self._by_cost():
-            if self._lacks(one) <= 0.0 and _apart(one.u, chosen, APART) and len(chosen) < STARTS:
+            if len(chosen) < STARTS and _apart(one.u, chosen) and self._fits(one):
                 chosen.append(one.u)
         return np.array(chosen).reshape(-1, dimensions)
 
-    def _search_from(self, u: FloatArray, evaluations: int) -> None:
-        """Go on from a point by COBYQA, the shortage as a constraint."""
+    def _next(self, rng: np.random.Generator) -> FloatArray:
+        """Points (b, l) to be tried next."""
+        dimensions = len(self.family.operation)
+        U = np.array([one.u for one in self._found]).reshape(-1, dimensions)
+        random = rng.random((CANDIDATES, dimensions))
+        if np.linalg.matrix_rank(_linear(U)) <= dimensions:
+            return random[: len(DISTANCES)]
+        cost = np.array([one.cost for one in self._found])
+        shortage = np.array([self._lacks(one) for one in self._found])
+        best = U[_ranked(cost, shortage)[:STARTS]]
+        steps = rng.choice(STEPS, (CANDIDATES, 1)) * rng.standard_normal(random.shape)
+        steps *= rng.random(random.shape) < MOVED
+        beside = np.clip(best[rng.integers(len(best), size=CANDIDATES)] + steps, 0.0, 1.0)
+        candidates = np.vstack([random, beside])
+        distance = cdist(candidates, np.array(self._points), "chebyshev")
+        # beside what cannot be driven there is more of it
+        kept = np.array(self._drivable)[np.argmin(distance, axis=1)]
+        candidates, distance = candidates[kept], distance[kept].min(axis=1)
+        ranked = _ranked(*_interpolated(U, np.column_stack([cost, shortage]), candidates).T)
+        chosen = list[FloatArray]()
+        for least in DISTANCES:
+            far = ranked[distance[ranked] >= least]
+            if len(far):
+                chosen.append(candidates[far[0]])
+                distance = np.minimum(distance, np.abs(candidates - chosen[-1]).max(axis=1))
+        return np.array(chosen).reshape(-1, dimensions)
 
-        def tried(z: FloatArray) -> tuple[float, float]:
-            point = np.clip(z, 0.0, 1.0)
-            one = self._judged(point)
-            if one is not None:
-                self._place(one)
-            if one is not None and math.isfinite(one.shortage):
-                return one.cost, min(self._lacks(one), FARTHEST)
-            # a little worse than the nearest one that can be driven
-            others = [o for o in self._by_cost() if math.isfinite(o.shortage)]
-            if not others:
-                return 0.0, FARTHEST
-            near = min(others, key=lambda o: float(np.linalg.norm(o.u - point)))
-            return near.cost + 0.1, min(self._lacks(near) + 0.3, FARTHEST)
-
-        cobyqa.minimize(
-            lambda z: tried(z)[0],
-            u,
-            bounds=[(0.0, 1.0)] * len(u),
-            constraints=[NonlinearConstraint(lambda z: tried(z)[1], -np.inf, 0.0)],
-            options={
-                "radius_init": FIRST_RADIUS,
-                "radius_final": LAST_RADIUS,
-                "maxfev": evaluations,
-            },
-        )
+    def _try(self, u: FloatArray) -> None:
+        """Judge the maneuver at a point (l,), and find its room."""
+        one = self._judged(u)
+        self._points.append(u)
+        self._drivable.append(one is not None)
+        if one is not None:
+            self._found.append(one)
 
     def _judged(self, u: FloatArray) -> _Tried | None:
-        """The maneuver at a point (l,), with its cost; None if it cannot be driven or judged."""
-        key = u.tobytes()
-        if key not in self._tried:
-            self._tried[key] = self._judge(u)
-        return self._tried[key]
-
-    def _judge(self, u: FloatArray) -> _Tried | None:
+        """The maneuver at a point (l,); None if it cannot be driven or judged."""
+        U, P = self._draws
         try:
             x = self.family.operation.from_unit(u)
             commands = driven_commands(self.vehicle, self.family, x)
+            self.simulations += len(P) + LANES + 1  # one has tracked the path
+            Y = replayed(self.vehicle, commands, self.noise.channels, P, self.effects)
+            beside = beside_parameters(self.effects)
+            F = information(U, Y, self.noise.of_trajectory, beside)
+            if not np.isfinite(F).all():
+                return None
+            place = self.room.roughly_placed(self.vehicle, commands)
         except InfeasibleManeuver:
-            return None
-        U, P = self._draw
-        Y = replayed(self.vehicle, commands, self.noise.channels, P, self.effects)
-        self.simulations += len(P) + 1  # one has tracked the path
-        beside = beside_parameters(self.effects)
-        F = information(U, Y, self.noise.of_trajectory, beside)
-        if not np.isfinite(F).all():
             return None
         covariance = posterior_covariance(F, self.prior, beside)
         cost = float(information_costs(covariance, self.criterion, self.target).mean())
-        return _Tried(u, commands, self.criterion.search_scale(cost))
+        shortage = self.room.needed - place.clearance
+        return _Tried(u, commands, self.criterion.search_scale(cost), place, shortage)
 
     @cached_property
-    def _draw(self) -> tuple[FloatArray, FloatArray]:
-        """One vehicle of the ranges and a step in each parameter: in the unit box, and values."""
+    def _draws(self) -> tuple[FloatArray, FloatArray]:
+        """Vehicles of the ranges and steps in each parameter: in the unit box, and values."""
         unknown, beside = Box.of(dict(self.vehicle.unknown)), beside_parameters(self.effects)
         k = len(unknown)
-        U = difference_points(k, 1, seed=self.seed, prior=self.prior, beside=beside)
+        draws = max(1, JUDGES // (k + len(beside.steps) + 1))
+        U = difference_points(k, draws, seed=self.seed, prior=self.prior, beside=beside)
         return U, np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
 
-    @property
-    def _runs(self) -> int:
-        """Simulations of a maneuver."""
-        return len(self._draw[1]) + 1 + LANES
-
-    def _sobol(self, dimensions: int) -> FloatArray:
-        return sobol_sequence(SCREENED * dimensions, dimensions, seed=self.seed)
-
     def _by_cost(self) -> list[_Tried]:
-        found = [one for one in self._tried.values() if one is not None]
-        return sorted(found, key=lambda one: one.cost)
+        return sorted(self._found, key=lambda one: one.cost)
 
     def _lacks(self, one: _Tried) -> float:
-        """Shortage of all vehicles, as far as it is known [m]; infinite where nothing is."""
+        """Shortage of all vehicles, as far as it is known [m]."""
         return one.shortage + (self._spread if one.fits is None else 0.0)
 
-    def _place(self, one: _Tried) -> None:
-        """Find the shortage, if that is not known; it stays infinite if it cannot be driven."""
-        if one.place is not None:
-            return
-        self.simulations += LANES
-        try:
-            one.place = self.room.roughly_placed(self.vehicle, one.commands)
-        except InfeasibleManeuver:
-            one.place = Placement(0.0, 0.0, 0.0, -math.inf)
-        one.shortage = self.room.needed - one.place.clearance
+    def _may_fit(self, one: _Tried) -> bool:
+        return self._lacks(one) <= 0.0
 
     def _fits(self, one: _Tried) -> bool:
         """Whether all vehicles of the ranges fit; where they do not, the spread is learnt."""
-        if one.fits is None and one.place is not None and self._lacks(one) <= 0.0:
+        if one.fits is None and self._may_fit(one):
             self.simulations += VEHICLES
             try:
                 shortage = self.room.lacks(self.vehicle, one.commands, one.place)
             except InfeasibleManeuver:
-                shortage = math.inf
+                shortage = one.shortage + ALLOWANCE
             one.fits = shortage <= 0.0
             if not one.fits:
                 # no more room than that is looked for
@@ -262,5 +253,23 @@ class FittingSearch:
         return bool(one.fits)
 
 
-def _apart(u: FloatArray, others: Sequence[FloatArray], distance: float) -> bool:
-    return all(np.abs(u - other).max() >= distance for other in others)
+def _ranked(cost: FloatArray, shortage: FloatArray) -> NDArray[np.intp]:
+    """Order (n,) of maneuvers: those that fit by cost, then the others by shortage."""
+    return np.lexsort((cost, np.maximum(shortage, 0.0)))
+
+
+def _interpolated(X: FloatArray, Y: FloatArray, Z: FloatArray) -> FloatArray:
+    """Values (m, c) at Z (m, l) of cubic radial basis functions through Y (n, c) at X (n, l)."""
+    P = _linear(X)
+    A = np.block([[cdist(X, X) ** 3, P], [P.T, np.zeros((P.shape[1],) * 2)]])
+    weights = np.linalg.solve(A, np.vstack([Y, np.zeros((P.shape[1], Y.shape[1]))]))
+    values: FloatArray = np.hstack([cdist(Z, X) ** 3, _linear(Z)]) @ weights
+    return values
+
+
+def _linear(X: FloatArray) -> FloatArray:
+    return np.column_stack([np.ones(len(X)), X])
+
+
+def _apart(u: FloatArray, others: Sequence[FloatArray]) -> bool:
+    return all(np.abs(u - other).max() >= APART for other in others)

@@ -46,7 +46,7 @@ from tricycle_sim.vehicle.layout import LANES
 LEAST_DRAWS = 6
 """Vehicles over which a criterion is averaged, however many effects each is simulated with."""
 
-FITTING = 0.6
+FITTING = 0.55
 """Share of a search's simulations that goes into finding maneuvers that fit an area."""
 
 ROOM_RUNS = LANES + 1 + VEHICLES
@@ -138,7 +138,8 @@ def _searched(
             progress=progress,
         )
         return (_Maneuver(design.x, design.sensitivity, design.cost),), design
-    maneuvers = ManeuverSet(_trajectories(request), tuple(f.operation for f in request.families))
+    operations = tuple(family.operation for family in request.families)
+    maneuvers = ManeuverSet(_trajectories(request, _room(request)), operations)
     beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
     unknown = Box.of(dict(request.vehicle.unknown))
     # as many simulations of a maneuver as without effects, but a few vehicles at least
@@ -176,7 +177,11 @@ def _searched(
             )
             starts = fitting.starts(round(FITTING * spare))
             taken = fitting.simulations
-            budget = verification + runs * max(1, (spare - taken) // with_room)
+            if len(starts):  # they fit, and nothing else is evaluated
+                maneuvers = ManeuverSet(_trajectories(request, None), operations)
+                budget = verification + runs * len(starts)
+            else:
+                budget = verification + runs * max(1, (spare - taken) // with_room)
     design = design_excitation(
         maneuvers,
         maneuvers.operation,
@@ -270,11 +275,11 @@ def _effects(request: PlanRequest) -> tuple[Effect, ...]:
     return planned_effects(request.vehicle, request.effects, request.known_effects)
 
 
-def _trajectories(request: PlanRequest) -> tuple[ReplayedTrajectories, ...]:
-    """What is measured of each maneuver, as a function of x and p."""
+def _trajectories(request: PlanRequest, room: Room | None) -> tuple[ReplayedTrajectories, ...]:
+    """What is measured of each maneuver, as a function of x and p; it has to fit the room."""
     vehicle, channels = request.vehicle, request.noise.channels
     return tuple(
-        ReplayedTrajectories(vehicle, family, channels, _room(request), _effects(request))
+        ReplayedTrajectories(vehicle, family, channels, room, _effects(request))
         for family in request.families
     )
 
@@ -307,7 +312,7 @@ def _predicted_std(request: PlanRequest, maneuvers: tuple[_Maneuver, ...]) -> di
         return {}
     unknown = Box.of(dict(request.vehicle.unknown))
     covariance = predicted_covariance(
-        _trajectories(request),
+        _trajectories(request, None),  # they fit
         tuple(maneuver.x for maneuver in maneuvers),
         unknown,
         request.noise.of_trajectory,
