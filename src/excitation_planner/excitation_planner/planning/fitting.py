@@ -1,9 +1,13 @@
-"""Where a search on an area begins: the best maneuvers that fit it, found by few simulations each.
+"""The search on an area: the best maneuvers that fit it, found by few simulations each.
 
 The most informative maneuvers that fit lie at the limit of what does, and on a small area most of
-an operation box does not fit. Here a maneuver is judged, and its room is found, by eight vehicles
-each; the search proper takes ten times as many. By how much a maneuver does not fit is a constraint
-of local searches, which thus go along the limit.
+an operation box does not fit. Here a maneuver is judged by two vehicles, and its room is found by
+eight. Cost and shortage are interpolated between all maneuvers tried so far; tried next are the
+cheapest that should fit, at several distances from those.
+
+Source: Regis (2014), Constrained optimization by radial basis function interpolation for
+high-dimensional expensive black-box problems with infeasible initial points; Regis and Shoemaker
+(2013) for the candidates.
 """
 
 from __future__ import annotations
@@ -42,8 +46,8 @@ from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.layout import LANES
 
-JUDGES = 16
-"""Simulations by which a maneuver is judged: as many vehicles as this allows, one at least."""
+JUDGING = 16
+"""Simulations that judge a maneuver: of as many vehicles as this allows, one at least."""
 
 SCREENED = 4
 """Maneuvers per operation parameter that are tried first, beside corners of the box."""
@@ -63,14 +67,20 @@ STEPS = (0.02, 0.06, 0.2)
 MOVED = 0.6
 """Share of the operation parameters in which they differ from the best."""
 
-DISTANCES = (0.3, 0.1, 0.03, 0.01)
+DISTANCES = (0.2, 0.1, 0.03, 0.01)
 """Of the next points from all others on some axis, in ranges: one for each is chosen."""
 
+EXPLORING = 0.1
+"""Distance from which on they may also lie beside what cannot be driven, in ranges."""
+
 LEARNT = 3
-"""Turns after which the spread of all vehicles of the ranges is looked at again."""
+"""Turns after which the spread of all vehicles of the ranges is looked at again ..."""
+
+SHRINKING = 0.8
+"""... and its factor where they fit."""
 
 STARTS = 4
-"""Maneuvers from which the search proper begins."""
+"""Maneuvers that are handed out, and those beside which candidates lie."""
 
 APART = 0.03
 """Least distance between them on some axis, in ranges."""
@@ -154,8 +164,7 @@ class FittingSearch:
                 next(map(self._fits, filter(self._may_fit, self._by_cost())), None)
             tried = len(self._points)
             enough = self.simulations >= budget and tried >= FEWEST * dimensions
-            new = self._next(rng)
-            if enough or tried >= MOST or not len(new):
+            if enough or tried >= MOST or not len(new := self._next(rng)):
                 break
         chosen = list[FloatArray]()
         for one in self._by_cost():
@@ -168,7 +177,7 @@ class FittingSearch:
         dimensions = len(self.family.operation)
         U = np.array([one.u for one in self._found]).reshape(-1, dimensions)
         random = rng.random((CANDIDATES, dimensions))
-        if np.linalg.matrix_rank(_linear(U)) <= dimensions:
+        if not len(U) or np.linalg.matrix_rank(_linear(U)) <= dimensions:
             return random[: len(DISTANCES)]
         cost = np.array([one.cost for one in self._found])
         shortage = np.array([self._lacks(one) for one in self._found])
@@ -179,12 +188,13 @@ class FittingSearch:
         candidates = np.vstack([random, beside])
         distance = cdist(candidates, np.array(self._points), "chebyshev")
         # beside what cannot be driven there is more of it
-        kept = np.array(self._drivable)[np.argmin(distance, axis=1)]
-        candidates, distance = candidates[kept], distance[kept].min(axis=1)
+        drivable = np.array(self._drivable)[np.argmin(distance, axis=1)]
+        distance = distance.min(axis=1)
         ranked = _ranked(*_interpolated(U, np.column_stack([cost, shortage]), candidates).T)
         chosen = list[FloatArray]()
         for least in DISTANCES:
-            far = ranked[distance[ranked] >= least]
+            allowed = (distance >= least) & (drivable | (least >= EXPLORING))
+            far = ranked[allowed[ranked]]
             if len(far):
                 chosen.append(candidates[far[0]])
                 distance = np.minimum(distance, np.abs(candidates - chosen[-1]).max(axis=1))
@@ -203,8 +213,9 @@ class FittingSearch:
         U, P = self._draws
         try:
             x = self.family.operation.from_unit(u)
+            self.simulations += LANES  # to track the path takes as long
             commands = driven_commands(self.vehicle, self.family, x)
-            self.simulations += len(P) + LANES + 1  # one has tracked the path
+            self.simulations += len(P) + LANES
             Y = replayed(self.vehicle, commands, self.noise.channels, P, self.effects)
             beside = beside_parameters(self.effects)
             F = information(U, Y, self.noise.of_trajectory, beside)
@@ -223,7 +234,7 @@ class FittingSearch:
         """Vehicles of the ranges and steps in each parameter: in the unit box, and values."""
         unknown, beside = Box.of(dict(self.vehicle.unknown)), beside_parameters(self.effects)
         k = len(unknown)
-        draws = max(1, JUDGES // (k + len(beside.steps) + 1))
+        draws = max(1, JUDGING // (k + len(beside.steps) + 1))
         U = difference_points(k, draws, seed=self.seed, prior=self.prior, beside=beside)
         return U, np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
 
@@ -246,7 +257,9 @@ class FittingSearch:
             except InfeasibleManeuver:
                 shortage = one.shortage + ALLOWANCE
             one.fits = shortage <= 0.0
-            if not one.fits:
+            if one.fits:
+                self._spread *= SHRINKING
+            else:
                 # no more room than that is looked for
                 self._spread = min(max(self._spread, shortage - one.shortage), ALLOWANCE)
                 one.shortage = shortage
@@ -259,7 +272,10 @@ def _ranked(cost: FloatArray, shortage: FloatArray) -> NDArray[np.intp]:
 
 
 def _interpolated(X: FloatArray, Y: FloatArray, Z: FloatArray) -> FloatArray:
-    """Values (m, c) at Z (m, l) of cubic radial basis functions through Y (n, c) at X (n, l)."""
+    """Values (m, c) at Z (m, l) of cubic radial basis functions through Y (n, c) at X (n, l).
+
+    With a linear tail, which makes them unique.
+    """
     P = _linear(X)
     A = np.block([[cdist(X, X) ** 3, P], [P.T, np.zeros((P.shape[1],) * 2)]])
     weights = np.linalg.solve(A, np.vstack([Y, np.zeros((P.shape[1], Y.shape[1]))]))
@@ -268,6 +284,7 @@ def _interpolated(X: FloatArray, Y: FloatArray, Z: FloatArray) -> FloatArray:
 
 
 def _linear(X: FloatArray) -> FloatArray:
+    """The tail's functions (n, l + 1) at X (n, l)."""
     return np.column_stack([np.ones(len(X)), X])
 
 
