@@ -67,17 +67,11 @@ STEPS = (0.02, 0.06, 0.2)
 MOVED = 0.6
 """Share of the operation parameters in which they differ from the best."""
 
-DISTANCES = (0.2, 0.1, 0.03, 0.01)
+DISTANCES = (0.3, 0.1, 0.03, 0.01)
 """Of the next points from all others on some axis, in ranges: one for each is chosen."""
 
-EXPLORING = 0.1
-"""Distance from which on they may also lie beside what cannot be driven, in ranges."""
-
 LEARNT = 3
-"""Turns after which the spread of all vehicles of the ranges is looked at again ..."""
-
-SHRINKING = 0.8
-"""... and its factor where they fit."""
+"""Turns after which the spread of all vehicles of the ranges is looked at again."""
 
 STARTS = 4
 """Maneuvers that are handed out, and those beside which candidates lie."""
@@ -188,13 +182,12 @@ class FittingSearch:
         candidates = np.vstack([random, beside])
         distance = cdist(candidates, np.array(self._points), "chebyshev")
         # beside what cannot be driven there is more of it
-        drivable = np.array(self._drivable)[np.argmin(distance, axis=1)]
-        distance = distance.min(axis=1)
+        kept = np.array(self._drivable)[np.argmin(distance, axis=1)]
+        candidates, distance = candidates[kept], distance[kept].min(axis=1)
         ranked = _ranked(*_interpolated(U, np.column_stack([cost, shortage]), candidates).T)
         chosen = list[FloatArray]()
         for least in DISTANCES:
-            allowed = (distance >= least) & (drivable | (least >= EXPLORING))
-            far = ranked[allowed[ranked]]
+            far = ranked[distance[ranked] >= least]
             if len(far):
                 chosen.append(candidates[far[0]])
                 distance = np.minimum(distance, np.abs(candidates - chosen[-1]).max(axis=1))
@@ -213,9 +206,8 @@ class FittingSearch:
         U, P = self._draws
         try:
             x = self.family.operation.from_unit(u)
-            self.simulations += LANES  # to track the path takes as long
             commands = driven_commands(self.vehicle, self.family, x)
-            self.simulations += len(P) + LANES
+            self.simulations += len(P) + LANES + 1  # one has tracked the path
             Y = replayed(self.vehicle, commands, self.noise.channels, P, self.effects)
             beside = beside_parameters(self.effects)
             F = information(U, Y, self.noise.of_trajectory, beside)
@@ -257,9 +249,7 @@ class FittingSearch:
             except InfeasibleManeuver:
                 shortage = one.shortage + ALLOWANCE
             one.fits = shortage <= 0.0
-            if one.fits:
-                self._spread *= SHRINKING
-            else:
+            if not one.fits:
                 # no more room than that is looked for
                 self._spread = min(max(self._spread, shortage - one.shortage), ALLOWANCE)
                 one.shortage = shortage

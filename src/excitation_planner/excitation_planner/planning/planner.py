@@ -20,7 +20,7 @@ from excitation_planner.design.problem import VERIFICATION, VERIFIED, Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.maneuver import LedInFamily, ManeuverFamily, lead_in_of
 from excitation_planner.plan import Index, Plan, SearchHistory
-from excitation_planner.planning.fitting import STARTS, FittingSearch
+from excitation_planner.planning.fitting import FittingSearch
 from excitation_planner.planning.prediction import (
     ReplayedTrajectories,
     beside_parameters,
@@ -45,6 +45,9 @@ from tricycle_sim.vehicle.layout import LANES
 
 LEAST_DRAWS = 6
 """Vehicles over which a criterion is averaged, however many effects each is simulated with."""
+
+FITTING = 0.55
+"""Share of a search's simulations that goes into finding maneuvers that fit an area."""
 
 ROOM_RUNS = LANES + 1 + VEHICLES
 """Simulations by which it is found whether a maneuver fits."""
@@ -172,7 +175,7 @@ def _searched(
                 _effects(request),
                 request.seed,
             )
-            starts = fitting.starts(spare - STARTS * runs)
+            starts = fitting.starts(round(FITTING * spare))
             taken = fitting.simulations
             if len(starts):  # they fit, and nothing else is evaluated
                 maneuvers = ManeuverSet(_trajectories(request, None), operations)
