@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from tricycle_sim.vehicle import Vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
+EXACT = 1e-4  # m, noise of positions below which no sensor has told them
 
 MANY_FILES = "vehicle.yaml", "identification.json"
 """What it writes drive by drive."""
@@ -203,6 +204,13 @@ def run(args: argparse.Namespace) -> int:
     unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
     for sensor in sorted(unused, key=lambda sensor: sensor.value):
         console.print(f"{sensor.value}: measured, but not used: the model does not give it")
+    if args.columns is not None and found.noise[Sensor.POSITION].white < EXACT:
+        console.print(
+            f"the positions are exact to {1e3 * found.noise[Sensor.POSITION].white:.2g} mm, as of a "
+            "simulation: the inputs that are found in a table err by more, and the intervals do "
+            "NOT count it; add the noise of a sensor",
+            soft_wrap=True,
+        )
     if args.output is not None:
         save_identification(found, args.vehicle, args.output)
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
