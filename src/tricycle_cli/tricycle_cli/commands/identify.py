@@ -204,10 +204,11 @@ def run(args: argparse.Namespace) -> int:
     unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
     for sensor in sorted(unused, key=lambda sensor: sensor.value):
         console.print(f"{sensor.value}: measured, but not used: the model does not give it")
-    if args.columns is not None and found.noise[Sensor.POSITION].white < EXACT:
+    white = found.noise[Sensor.POSITION].white
+    if args.columns is not None and white < EXACT:
         console.print(
-            f"the positions are exact to {1e3 * found.noise[Sensor.POSITION].white:.2g} mm, as of a "
-            "simulation: the inputs that are found in a table err by more, and the intervals do "
+            f"the positions are exact to {1e3 * white:.2g} mm, as of a simulation: the "
+            " inputs that are found in a table err by more, and the intervals do "
             "NOT count it; add the noise of a sensor",
             soft_wrap=True,
         )
