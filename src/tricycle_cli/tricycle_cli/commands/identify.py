@@ -208,7 +208,7 @@ def run(args: argparse.Namespace) -> int:
     if args.columns is not None and white < EXACT:
         console.print(
             f"the positions are exact to {1e3 * white:.2g} mm, as of a simulation: the "
-            " inputs that are found in a table err by more, and the intervals do "
+            "inputs that are found in a table err by more, and the intervals do "
             "NOT count it; add the noise of a sensor",
             soft_wrap=True,
         )
