@@ -30,7 +30,8 @@ from tricycle_sim.vehicle import Vehicle
 
 FREQUENCY = "servo_natural_frequency"
 FASTER, LATER = 4.0, 0.2  # factor, and s, by which the servo may be faster or slower, and later
-OTHER_SERVO, OTHER_LOOP = 4.5, 1.3  # times what a sensor is off by, from which they are of another
+OTHER_SERVO, OTHER_LOOP = 4.5, 1.3  # times what a sensor is off by: of another kind
+FITTED = 6  # drives whose wheels are fitted together; more take long and show hardly more
 READ = TICK / math.sqrt(12.0)  # s, standard deviation of when an angle was read
 LOADING = (
     "speed-loop",
@@ -89,7 +90,7 @@ def measured_inputs(
     ):
         found.add(Input.STEERING)
     if Input.SPEED in told and all(
-        max(speed_misfits(drives, vehicle, effects, found)) > OTHER_LOOP
+        max(speed_misfits(drives[:FITTED], vehicle, effects, found)) > OTHER_LOOP
         for effects in (LOADING, EFFECTS)  # the first ones mostly do, in a third of the time
     ):
         found.add(Input.SPEED)
