@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
 from scipy.spatial.distance import cdist
 
 from excitation_planner.area.placement import Placement
@@ -171,7 +172,7 @@ class FittingSearch:
         dimensions = len(self.family.operation)
         U = np.array([one.u for one in self._found]).reshape(-1, dimensions)
         random = rng.random((CANDIDATES, dimensions))
-        if not len(U) or np.linalg.matrix_rank(_linear(U)) <= dimensions:
+        if not len(U) or np.linalg.matrix_rank(U - U[0]) < dimensions:
             return random[: len(DISTANCES)]
         cost = np.array([one.cost for one in self._found])
         shortage = np.array([self._lacks(one) for one in self._found])
@@ -184,7 +185,8 @@ class FittingSearch:
         # beside what cannot be driven there is more of it
         kept = np.array(self._drivable)[np.argmin(distance, axis=1)]
         candidates, distance = candidates[kept], distance[kept].min(axis=1)
-        ranked = _ranked(*_interpolated(U, np.column_stack([cost, shortage]), candidates).T)
+        surrogates = RBFInterpolator(U, np.column_stack([cost, shortage]), kernel="cubic")
+        ranked = _ranked(*surrogates(candidates).T)
         chosen = list[FloatArray]()
         for least in DISTANCES:
             far = ranked[distance[ranked] >= least]
@@ -259,23 +261,6 @@ class FittingSearch:
 def _ranked(cost: FloatArray, shortage: FloatArray) -> NDArray[np.intp]:
     """Order (n,) of maneuvers: those that fit by cost, then the others by shortage."""
     return np.lexsort((cost, np.maximum(shortage, 0.0)))
-
-
-def _interpolated(X: FloatArray, Y: FloatArray, Z: FloatArray) -> FloatArray:
-    """Values (m, c) at Z (m, l) of cubic radial basis functions through Y (n, c) at X (n, l).
-
-    With a linear tail, which makes them unique.
-    """
-    P = _linear(X)
-    A = np.block([[cdist(X, X) ** 3, P], [P.T, np.zeros((P.shape[1],) * 2)]])
-    weights = np.linalg.solve(A, np.vstack([Y, np.zeros((P.shape[1], Y.shape[1]))]))
-    values: FloatArray = np.hstack([cdist(Z, X) ** 3, _linear(Z)]) @ weights
-    return values
-
-
-def _linear(X: FloatArray) -> FloatArray:
-    """The tail's functions (n, l + 1) at X (n, l)."""
-    return np.column_stack([np.ones(len(X)), X])
 
 
 def _apart(u: FloatArray, others: Sequence[FloatArray]) -> bool:
