@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from excitation_planner.area.polygons import Rings, contains, placed, seen_from
-from excitation_planner.area.stops import longest_stop
+from excitation_planner.area.stops import RUN_OUT
 from excitation_planner.way_back.dubins import WORDS, Arc, Pose, dubins_arcs, dubins_lengths
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import FloatArray
@@ -23,9 +23,6 @@ APPROACHES = (1.5, 3.0, 5.0)
 
 CLEARANCES = (0.15, 0.05)
 """Kept from the border of the ground, for what the pursuit deviates [m]; the second if need be."""
-
-RUN_OUT = float(longest_stop(np.array(0.25)))
-"""Room beyond the end of each arc: a stop while the vehicle creeps there [m]."""
 
 CHANGE = 2.0
 """Length that a stop between two paths counts for [m]."""
