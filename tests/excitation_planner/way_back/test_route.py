@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
+from excitation_planner.area.stops import RUN_OUT, longest_stop
+from excitation_planner.way_back.pursuit import CREEPING_SPEED, DECELERATION, WALKING_SPEED
 from excitation_planner.way_back.route import RouteRequest, find_route
 from tricycle_core.errors import PlanError
 
@@ -64,3 +66,9 @@ def test_where_there_is_no_room_to_turn_it_says_so() -> None:
     alley = Area(np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 3.0], [0.0, 3.0]]))
     with pytest.raises(PlanError, match=r"no way back to the start: .* no room to turn"):
         find_route(request((6.0, 1.5, 0.0), (15.0, 1.5, math.pi), alley))
+
+
+def test_the_run_out_is_enough_from_every_speed_that_the_pursuit_has_before_an_end():
+    speed = np.linspace(CREEPING_SPEED, WALKING_SPEED, 100)
+    left = np.where(speed > CREEPING_SPEED, speed**2 / (2.0 * DECELERATION), 0.0)
+    assert np.max(longest_stop(speed) - left) <= RUN_OUT

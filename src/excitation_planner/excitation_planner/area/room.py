@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 import shapely
@@ -11,7 +10,6 @@ import shapely
 from excitation_planner.area.area import Area
 from excitation_planner.area.fence import START_POSITION_TOLERANCE
 from excitation_planner.area.placement import Placement, at_pose, best_placement, clearance_of
-from excitation_planner.area.stops import RUN_OUT
 from excitation_planner.area.tube import BEYOND, TOLERANCE, tube_of
 from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.errors import InfeasibleManeuver
@@ -112,13 +110,7 @@ class Room:
             If a vehicle of the ranges rolls over.
         """
         tube = tube_of(vehicle, commands, self.footprint)
-        # where there is room for it, a way back may end backwards at the start
-        behind = self.footprint - [RUN_OUT, 0.0]
-        hull = shapely.MultiPoint(np.vstack([self.footprint, behind])).convex_hull
-        both = cast("shapely.Polygon", tube.whole.union(hull))  # the footprint is in both
-        best = best_placement(both, self.area)
-        if best.clearance < self.needed:
-            best = best_placement(tube.whole, self.area)
+        best = best_placement(tube.whole, self.area)
         if best.clearance < self.needed:
             # another search finds a pose that this one has missed, now and then
             place = self.roughly_placed(vehicle, commands)

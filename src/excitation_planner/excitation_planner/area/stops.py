@@ -22,8 +22,8 @@ def longest_stop(speed: FloatArray) -> FloatArray:
     return longest
 
 
-RUN_OUT = float(longest_stop(np.array(0.25)))
-"""Room beyond the end of a way back: a stop while the vehicle creeps there [m]."""
+RUN_OUT = float(longest_stop(np.array(0.12)))
+"""Room beyond the end of a way back: a stop while the vehicle creeps to it [m]."""
 
 
 def stopping_path(

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from excitation_planner.area.fence import START_HEADING_TOLERANCE
 from excitation_planner.area.polygons import placed
-from excitation_planner.area.stops import longest_stop, stopping_path
+from excitation_planner.area.stops import RUN_OUT, longest_stop, stopping_path
 from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
@@ -84,7 +84,8 @@ class Tube:
         Covered by the footprint of any of the vehicles in the undisturbed maneuver, piece by piece,
         begun with any heading within `START_HEADING_TOLERANCE`.
     stops : ndarray of shapely.Polygon, shape (s,)
-        Where the vehicles come to rest when they are stopped at any time, and the way there.
+        Where the vehicles come to rest when they are stopped at any time, and the way there; also
+        when they come to the start backwards.
     """
 
     drives: NDArray[np.object_]
@@ -164,11 +165,13 @@ def tube_of(
         placed(footprint, *stopping_path(x, y, yaw, slip, way, curvature))
         for curvature in curvatures
     ]
+    behind = np.vstack([footprint, footprint - [RUN_OUT, 0.0]])
+    back = _hulls(behind[np.newaxis, np.newaxis])
     if rough:
         ends = np.concatenate([arc[:, :, part] for arc in arcs for part in (2, -1)], axis=1)
-        return Tube(_hulls(poses), _hulls(ends))
+        return Tube(_hulls(poses), np.append(_hulls(ends), back))
     stops = _hulls(*(arc[:, :, part] for arc in arcs for part in (slice(None, -1), slice(1, None))))
-    return Tube(_hulls(poses[:, :-1], poses[:, 1:]), stops.ravel())
+    return Tube(_hulls(poses[:, :-1], poses[:, 1:]), np.append(stops, back))
 
 
 def _vehicles(vehicle: Vehicle, seed: int) -> FloatArray:
