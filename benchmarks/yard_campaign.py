@@ -48,7 +48,9 @@ def main():
         ],
         check=False,  # the tolerance is out of reach
     )
-    report = json.loads((output / "campaign" / "report.json").read_text())
+    if not (file_of_report := output / "campaign" / "report.json").exists():
+        sys.exit("the campaign ended before its report")
+    report = json.loads(file_of_report.read_text())
     area, footprint = load_area(file), footprint_of(load_vehicle())
     inside = shapely.Polygon(area.keep_in)
     closest = []
