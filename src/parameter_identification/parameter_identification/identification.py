@@ -70,19 +70,8 @@ from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
 __all__ = [
-    "EFFECTS",
-    "Combination",
-    "DriveFit",
-    "EffectEstimate",
-    "Estimate",
-    "GaussianPrior",
-    "HeldOut",
-    "Identification",
-    "IdentificationError",
-    "Inputs",
-    "Loss",
-    "NuisanceEstimate",
-    "Profile",
+    "EFFECTS", "Combination", "DriveFit", "EffectEstimate", "Estimate", "GaussianPrior", "HeldOut",
+    "Identification", "IdentificationError", "Inputs", "Loss", "NuisanceEstimate", "Profile",
     "identify",
 ]  # fmt: skip
 

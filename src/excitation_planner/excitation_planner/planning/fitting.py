@@ -137,9 +137,8 @@ class FittingSearch:
     _points: list[FloatArray] = field(default_factory=list, init=False)  # all that were tried
     _drivable: list[bool] = field(default_factory=list, init=False)  # which of them can be driven
     _found: list[_Tried] = field(default_factory=list, init=False)  # those
-    _spread: float = field(
-        default=0.0, init=False
-    )  # room for vehicles that a rough tube leaves out
+    # room for vehicles that a rough tube leaves out
+    _spread: float = field(default=0.0, init=False)
 
     def starts(self, budget: int) -> FloatArray:
         """Return the best maneuvers found, (s, l) in the unit box; none where nothing fits.
