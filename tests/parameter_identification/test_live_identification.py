@@ -86,6 +86,27 @@ def test_a_drive_is_known_at_its_end_as_it_is_afterwards():
     assert np.log(stds[-1] / stds[0]).sum() < -3.0
 
 
+def test_a_drive_is_complete_when_every_sensor_has_passed_its_end_or_tells_no_more():
+    live, commands = LiveIdentification(VEHICLE), commands_of_pair()["circle"]
+
+    def sense(sensor, time):
+        live.sense(sensor, START + round(time * SECOND), (0.0, 0.0))
+
+    assert live.complete()  # there is no drive
+    live.begin(commands, START)
+    sense(Sensor.POSITION, commands.duration - 0.02)
+    sense(Sensor.YAW_RATE, 1.0)
+    assert not live.complete()
+    sense(Sensor.YAW_RATE, 1.01)
+    sense(Sensor.POSITION, commands.duration)
+    assert not live.complete()  # more of the yaw rate may wait
+    assert live.complete()
+    live.begin(commands, START)
+    assert not live.complete(3.0)  # nothing is known of the yaw rate
+    sense(Sensor.YAW_RATE, 3.0)
+    assert live.complete(3.0)
+
+
 @pytest.mark.slow
 def test_the_prediction_for_the_end_is_the_plans(plan, planned):
     at, std = predicted_progress(plan, VEHICLE)

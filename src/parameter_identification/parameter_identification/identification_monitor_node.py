@@ -36,6 +36,7 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 
 PERIOD = 1.0  # s of wall time between updates
+LATE = 0.2  # s of wall time in which a sensor that has more samples tells one
 TOPIC = "identification/estimates"
 SENSORS = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT
@@ -79,6 +80,7 @@ class IdentificationMonitor(Node):
         self._lead_ins: dict[int, float] = {}  # the newest by stamp: its end
         self._planned: Planned | None = None  # of these commands
         self._running: int | None = None  # start of the drive under way, ns
+        self._ended = math.inf  # when the newest drive ended early, s since its start
         self._plan_id = ""  # of the newest drive
         self._estimates = self.create_publisher(DiagnosticStatus, TOPIC, **overridable(LATCHED))
         topics = TopicNames()
@@ -94,6 +96,7 @@ class IdentificationMonitor(Node):
             self.create_subscription(kind, topic, callback, **overridable(qos))
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a simulation may be fast
         self.create_timer(PERIOD, self._update, clock=steady)
+        self._late = self.create_timer(LATE, self._end, clock=steady, autostart=False)
 
     def _on_odom(self, message: Odometry) -> None:
         x, y, heading = planar(message.pose.pose)
@@ -104,6 +107,9 @@ class IdentificationMonitor(Node):
     def _on_imu(self, message: Imu) -> None:
         if message.angular_velocity_covariance[0] != -1.0:  # there is one (REP-145)
             self._live.sense(Sensor.YAW_RATE, stamp_of(message), (message.angular_velocity.z,))
+        if message.linear_acceleration_covariance[0] != -1.0:
+            sideways = message.linear_acceleration.y
+            self._live.sense(Sensor.LATERAL_ACCELERATION, stamp_of(message), (sideways,))
 
     def _on_joints(self, message: JointState) -> None:
         angle = dict(zip(message.name, message.position, strict=False)).get(STEERING_JOINT)
@@ -161,7 +167,14 @@ class IdentificationMonitor(Node):
         elif state.state.ended and self._running is not None:
             self._running = None
             whole = state.state is PlaybackState.DONE and not state.reason
-            self._tell(lambda: self._live.end(math.inf if whole else state.elapsed))
+            self._ended = math.inf if whole else state.elapsed
+            self._late.reset()
+
+    def _end(self) -> None:
+        """Tell what the drive has shown, once its last samples have come."""
+        if self._live.complete(self._ended):
+            self._late.cancel()
+            self._tell(lambda: self._live.end(self._ended))
 
     def _begin(self, state: ManeuverState) -> None:
         commands = self._commands.get(state.plan_id)
@@ -171,6 +184,7 @@ class IdentificationMonitor(Node):
                 throttle_duration_sec=10.0,
             )
             return
+        self._late.cancel()
         self._running, self._plan_id = state.start_time, state.plan_id
         lead_in = self._lead_ins.get(self._stamp, 0.0)
         self._live.begin(commands, state.start_time, self._planned, self._prior(), lead_in)

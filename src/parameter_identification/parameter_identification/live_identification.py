@@ -4,7 +4,8 @@
     live.sense(Sensor.POSITION, stamp, (x, y))     # as they come, before the start event too
     live.begin(commands, start, Planned.of(plan, vehicle))
     live.update()                                  # once a second: estimates and deviations
-    live.end()                                     # the same after the drive, and the verdict
+    live.complete()                                # after the drive: whether all samples have come
+    live.end()                                     # estimates from all of them, and the verdict
 
 Every update fits all samples so far by the model, noise and prior of `identify`, from where the
 last one ended: a step or two; the last one goes on until noise and fit belong together. Intervals
@@ -28,6 +29,7 @@ from parameter_identification.drives.measured import (
     MeasuredDrive,
     Sensor,
     Signal,
+    resolved,
 )
 from parameter_identification.drives.recorded import LeadIn
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
@@ -216,6 +218,7 @@ class _Drive:
     steered: float | None = None  # largest angle of the steering motor either way, rad
     lead_in: float = 0.0  # its end, s
     led: list[tuple[float, float]] = field(default_factory=list)  # set-points until then: s, rad
+    newest: dict[Sensor, int] = field(default_factory=dict)  # stamps when last asked, ns
 
     @property
     def played(self) -> Commands:
@@ -340,6 +343,25 @@ class LiveIdentification:
         """
         return None if self._drive is None else self._update(self._drive, math.inf, last=False)
 
+    def complete(self, elapsed: float = math.inf) -> bool:
+        """Return whether the samples until the end of the drive have come.
+
+        They have where each sensor told one from then on, or none since the last call: the end may
+        be heard before samples that wait in a queue.
+
+        Parameters
+        ----------
+        elapsed : float
+            Since the start event, where it was ended before the commands did [s].
+        """
+        drive = self._drive
+        if drive is None:
+            return True
+        end = drive.start + round(min(elapsed, drive.commands.duration) * SECOND)
+        before = drive.newest
+        drive.newest = {sensor: s[-1][0] for sensor, s in self._samples.items() if s}
+        return all(at >= end or at == before.get(sensor) for sensor, at in drive.newest.items())
+
     def end(self, elapsed: float = math.inf) -> tuple[Moment | None, Verdict | None]:
         """End the drive.
 
@@ -384,6 +406,8 @@ class LiveIdentification:
                 signal = Signal(time, rows, jitter).between(-STANDSTILL, end)
                 if len(signal.time) >= MIN_POSITIONS:
                     signals[sensor] = signal
+        if Sensor.WHEEL_SPEED in signals:
+            signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
         return signals
 
     def _reasons(self, drive: "_Drive", moment: Moment) -> Iterator[str]:
