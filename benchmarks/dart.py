@@ -40,6 +40,7 @@ from parameter_identification.drives.table import (
     read_recording,
 )
 from parameter_identification.drives.windows import (
+    APPROACH,
     RUN_IN,
     Windows,
     windows_of,
@@ -56,7 +57,7 @@ FRICTION = {f"{axle}.friction_coefficient": (0.6, 1.2) for axle in ("front", "re
 FITTED = ("front.cornering_stiffness", "rear.cornering_stiffness", *FRICTION, "yaw_inertia")
 HORIZONS = (0.5, 1.0, 2.0)  # s
 STEPS = np.round(np.array(HORIZONS) / TICK).astype(int)
-LEAD = round(RUN_IN / TICK)
+LEAD = round((APPROACH + RUN_IN) / TICK)
 SLIPS = (0.02, 0.04, 0.06, 0.08, 0.10, 0.12)  # rad
 COLUMNS = Columns(
     time="vicon time",

@@ -20,6 +20,7 @@ from parameter_identification.drives.table import (
     read_recording,
 )
 from parameter_identification.drives.windows import (
+    APPROACH,
     RUN_IN,
     Windows,
     estimate_map,
@@ -101,8 +102,8 @@ def test_windows_have_their_own_start_and_do_not_share_samples(
     assert np.diff(begin).min() > 3.0
     for drive in drives:
         position = drive.signals[Sensor.POSITION]
-        assert position.time[0] >= RUN_IN
-        assert position.time[-1] == pytest.approx(RUN_IN + 3.0, abs=0.03)
+        assert position.time[0] >= APPROACH + RUN_IN - 1e-9
+        assert position.time[-1] == pytest.approx(APPROACH + RUN_IN + 3.0, abs=0.03)
         run = simulate(
             VEHICLE, drive.commands, VEHICLE.nominal_point()[None],
             speed=drive.start.speed, setpoint=drive.start.speed, threads=1,
@@ -153,9 +154,11 @@ def test_the_servo_of_the_model_has_the_steering_angle_that_was_measured(tmp_pat
         run = simulate(
             VEHICLE, drive.commands, VEHICLE.nominal_point()[None], speed=drive.start.speed
         )
-        begin = float(drive.name.split()[1]) - RUN_IN
+        begin = float(drive.name.split()[1]) - RUN_IN - APPROACH
         measured = np.interp(begin + run.time, motion.time, motion.steering_motor_angle[0])
-        errors[name] = np.abs(run.steering_motor_angle[0] - measured)[run.time > 0.5 * RUN_IN]
+        errors[name] = np.abs(run.steering_motor_angle[0] - measured)[
+            run.time > APPROACH + 0.5 * RUN_IN
+        ]
     assert errors["steering"].max() > 0.08
     assert errors["steering_angle"].max() < 0.02
     assert np.sqrt(np.mean(errors["steering_angle"] ** 2)) < 0.004
@@ -296,3 +299,47 @@ def test_windows_with_set_points_of_the_speed_hold_what_is_true(tmp_path: Path) 
     rolling = "rolling_coefficient_1"  # a loop that has not settled lacks the torque against it
     for name, true in {**TRUTH, rolling: VEHICLE.values[rolling]}.items():
         assert found.parameters[name].low <= true <= found.parameters[name].high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("position", "yaw_rate"), [(0.0, 0.0), (0.002, 0.001)])
+def test_parameters_of_a_vehicle_unlike_the_file_are_found_from_a_table(
+    tmp_path: Path, position: float, yaw_rate: float
+) -> None:
+    """Its speed is not that of the file's vehicle under the same set-points, nor is its start."""
+    time = np.arange(0.0, 40.0, 0.01)
+    angle = 0.3 * np.sin(0.35 * time) + 0.25 * np.sin(0.9 * time + 1.0)
+    commands = Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(0.9, time))
+    truth = VEHICLE.nominal | {
+        "cornering_stiffness": 1400.0,
+        "camber_stiffness": 40.0,
+        "yaw_inertia": 32.0,
+        "rolling_coefficient_1": 0.0125,
+    }
+    motion = simulate(VEHICLE, commands, np.array([list(truth.values())]))
+    every = slice(None, None, 2)
+    rng = np.random.default_rng(3)
+    noises = (0.0, position, position, 0.2 * position, yaw_rate, 2.0 * yaw_rate)
+    columns = [
+        values[every] + noise * rng.standard_normal(len(motion.time[every]))
+        for values, noise in zip(
+            (
+                *(motion.time, motion.x[0], motion.y[0], motion.yaw[0], motion.yaw_rate[0]),
+                motion.steering_motor_angle[0],
+            ),
+            noises,
+            strict=True,
+        )
+    ]
+    path = tmp_path / "drive.csv"
+    head = "t,x,y,yaw,rate,angle"
+    rows = np.column_stack(columns)
+    np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=head, comments="")
+    mapping = Columns(time="t", x="x", y="y", yaw="yaw", yaw_rate="rate", steering_angle="angle")
+    found = identify(read_windows(path, VEHICLE, mapping), VEHICLE).parameters
+    for name in ("cornering_stiffness", "camber_stiffness", "yaw_inertia"):
+        low, high = VEHICLE.unknown[name]
+        assert found[name].estimate == pytest.approx(truth[name], abs=0.12 * (high - low)), name
+        assert found[name].low - 0.01 * (high - low) < truth[name], name
+        assert truth[name] < found[name].high + 0.01 * (high - low), name
+    assert not found["rolling_coefficient_1"].identifiable  # the speed is an input

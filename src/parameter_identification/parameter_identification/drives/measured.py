@@ -199,6 +199,13 @@ class MeasuredDrive:
         When it was recorded [s since 1970]; NaN: not known.
     steering_angle : Samples, optional
         Measured angle of the steering motor, left positive [rad], since the start event [s].
+    speed : ndarray of float, shape (t,), optional
+        Forward, of the COM, at each tick of the commands [m/s]: the vehicle has it, whatever its
+        speed loop would make of them.
+    speed_std : float
+        Standard deviation of it [m/s].
+    turn_std : float
+        Standard deviation of the curvature that the commanded steering gives [1/m].
 
     Raises
     ------
@@ -215,6 +222,9 @@ class MeasuredDrive:
     complete: bool = True
     began: float = math.nan
     steering_angle: Samples | None = None
+    speed: FloatArray | None = None
+    speed_std: float = 0.0
+    turn_std: float = 0.0
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:

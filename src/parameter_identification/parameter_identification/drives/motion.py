@@ -6,6 +6,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 
 from parameter_identification.drives.following import FILTER
+from parameter_identification.drives.smoothing import LEAST, smooth
 from parameter_identification.drives.table import Recording
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -22,6 +23,12 @@ class Motion:
     ----------
     time, x, y, speed : ndarray of float, shape (t,)
         Of the recording [s], position [m], forward speed of the COM [m/s].
+    speed_std : float
+        Standard deviation of the speed [m/s].
+    missed : ndarray of float, shape (t,)
+        Distance of the positions, hardly smoothed, from those that the speed belongs to [m].
+    jolt : ndarray of float, shape (t,)
+        Acceleration [m/s^2] of positions that are hardly smoothed: where they jump, no vehicle's.
     yaw, yaw_rate : ndarray of float, shape (t,)
         Of the body; of the course where the recording has no yaw [rad, rad/s].
     """
@@ -30,12 +37,18 @@ class Motion:
     x: FloatArray
     y: FloatArray
     speed: FloatArray
+    speed_std: float
+    missed: FloatArray
+    jolt: FloatArray
     yaw: FloatArray
     yaw_rate: FloatArray
 
 
 def motion_of(recording: Recording) -> Motion:
     """Return smoothed position, speed and yaw rate of a recording.
+
+    The speed is that of splines which are as smooth as the noise of the positions asks for: a drive
+    that is identified from it follows it.
 
     Parameters
     ----------
@@ -48,10 +61,14 @@ def motion_of(recording: Recording) -> Motion:
         If it is shorter.
     """
     time = np.arange(recording.time[0], recording.time[-1], TICK)
-    if len(time) < FILTER[0]:
+    if len(time) < FILTER[0] or len(recording.time) < LEAST:
         raise IdentificationError(f"{recording.name}: less than 0.2 s of poses: nothing to drive")
     x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
-    vx, vy = (savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y))
+    rough = np.hypot(*(savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y)))
+    positions = smooth(recording.time, recording.poses[:, :2])
+    vx, vy = positions.spline.derivative()(time).T
+    off = recording.poses[:, :2] - positions.spline(recording.time)
+    missed = np.hypot(*(savgol_filter(np.interp(time, recording.time, v), *FILTER) for v in off.T))
     if recording.yaw is None:
         yaw = np.unwrap(np.arctan2(vy, vx))
     else:
@@ -60,6 +77,9 @@ def motion_of(recording: Recording) -> Motion:
         time=time,
         x=savgol_filter(x, *FILTER),
         y=savgol_filter(y, *FILTER),
+        speed_std=positions.slope_std,
+        missed=missed,
+        jolt=np.gradient(rough, TICK),
         speed=vx * np.cos(yaw) + vy * np.sin(yaw),
         yaw=savgol_filter(yaw, *FILTER),
         yaw_rate=savgol_filter(yaw, *FILTER, deriv=1, delta=TICK),

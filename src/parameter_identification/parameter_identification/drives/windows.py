@@ -14,11 +14,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
 from parameter_identification.drives.agreement import check_agreement
 from parameter_identification.drives.following import (
-    FILTER,
     servo_response,
     speed_followed,
     steering_setpoints,
@@ -33,6 +31,7 @@ from parameter_identification.drives.measured import (
     usable,
 )
 from parameter_identification.drives.motion import SLOWEST, Motion, motion_of
+from parameter_identification.drives.smoothing import smooth
 from parameter_identification.drives.table import (
     Columns,
     Recording,
@@ -49,9 +48,11 @@ from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.parts import steering_constants
 from tricycle_sim.vehicle.wheels import AXLES
 
-RUN_IN = 1.0  # s before a window: some time constants of servo and tyres
+APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it is steered alike
+RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
 SETTLED = 4.0  # integral times of a speed loop before it, where the set-points are recorded
 MAX_GAP = 0.2  # s between poses
+MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
 FAR_OFF = 0.5  # of the usual speed, by which set-points may differ from it
@@ -239,17 +240,23 @@ def _followed(recording: Recording, steering: FloatArray, vehicle: Vehicle) -> F
 
 def _setpoints(
     recording: Recording, motion: Motion, vehicle: Vehicle, steering: SteeringMap
-) -> FloatArray:
-    """Set-points (t,) of the steering: those recorded, or those by which the angle was reached."""
-    angle = steering.angle(_steering(recording, motion))
+) -> tuple[FloatArray, float]:
+    """Set-points (t,) of the steering: those recorded, or those by which the angle was reached.
+
+    With the standard deviation of the curvature that they give [1/m].
+    """
     if not recording.steering_measured:
-        return angle
-    angle = savgol_filter(angle, *FILTER)
+        return steering.angle(_steering(recording, motion)), 0.0
+    time, told = recording.steering.time, recording.steering.values
+    angles = smooth(time, steering.angle(told)[:, np.newaxis])
+    angle = angles.spline(np.clip(motion.time, time[0], time[-1]))[:, 0]
+    road_angle = functions_for(vehicle).road_angle
+    turned = road_angle(angles.value_std, steering_constants(vehicle, TICK))
     wanted = steering_setpoints(angle, vehicle)
     # what is told ahead of an angle near the stop may lie beyond it
     within = np.abs(angle) <= STEERING_END_STOP
     wanted[within] = np.clip(wanted[within], -STEERING_END_STOP, STEERING_END_STOP)
-    return wanted
+    return wanted, abs(turned) / vehicle.wheelbase
 
 
 def _behind_play(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
@@ -317,7 +324,7 @@ def windows_of(
     """
     windows = windows or Windows()
     motion = motion_of(recording)
-    angle = _setpoints(recording, motion, vehicle, steering)
+    angle, turn_std = _setpoints(recording, motion, vehicle, steering)
     check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
     found = []
     signals = _signals(recording, vehicle)
@@ -325,7 +332,8 @@ def windows_of(
     for first in _beginnings(recording, motion, windows, lead):
         rows = slice(first - lead, first + round(windows.length / TICK) + 1)
         if np.abs(angle[rows]).max() <= STEERING_END_STOP:
-            found.append(_drive(recording, signals, vehicle, motion, angle, rows, lead))
+            drive = _drive(recording, signals, vehicle, motion, angle, rows, lead)
+            found.append(dataclasses.replace(drive, turn_std=turn_std))
     if not found:
         raise IdentificationError(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
@@ -356,7 +364,8 @@ def _beginnings(recording: Recording, motion: Motion, windows: Windows, lead: in
     lost = np.zeros(len(motion.time), dtype=bool)
     for begin, end in zip(recording.time[:-1][gaps], recording.time[1:][gaps], strict=True):
         lost |= (motion.time > begin) & (motion.time < end)
-    lost |= np.abs(np.gradient(motion.speed, TICK)) > JUMP
+    lost |= np.abs(motion.jolt) > JUMP
+    lost |= motion.missed > max(MISSED * float(np.median(motion.missed)), LEAST_MISSED)
     unusable = np.append(0, np.cumsum(lost | (np.abs(motion.speed) > MAX_SPEED)))
     step, free = max(1, round(windows.every / TICK)), 0
     for first in range(0, len(motion.time) - length, step):
@@ -392,14 +401,27 @@ def _drive(
     lead: int,
 ) -> MeasuredDrive:
     time = motion.time[rows]
-    start, begin = time[0], time[lead]
-    speed = motion.speed[rows]
-    commands = _commands(recording, vehicle, motion, angle, rows)
+    start, begin = time[0] - APPROACH, time[lead]
+    before = TICK * np.arange(round(APPROACH / TICK))
+    turned = 0.5 - 0.5 * np.cos(np.pi * np.minimum(before / TURN_IN, 1.0))
+    angle = np.concatenate([turned * angle[rows.start], angle[rows]])
+    speed = np.concatenate([np.full(len(before), motion.speed[rows.start]), motion.speed[rows]])
+    recorded = _recorded_setpoints(recording, vehicle, motion, rows)
+    if recorded is None:
+        commands = speed_followed(vehicle, angle, speed)
+    else:
+        driven = np.concatenate([speed[: len(before)], recorded])
+        commands = Commands(TICK * np.arange(len(angle)), angle, driven)
     within = {sensor: signal.between(begin, time[-1]) for sensor, signal in signals.items()}
     own = {s: dataclasses.replace(v, time=v.time - start) for s, v in within.items()}
     name = recording.name.removesuffix(".gz").removesuffix(".csv")
     return MeasuredDrive(
-        f"{name} {begin:.1f} s", commands, usable(own, vehicle), StartPose(speed=float(speed[0]))
+        f"{name} {begin:.1f} s",
+        commands,
+        usable(own, vehicle),
+        StartPose(speed=float(speed[0])),
+        speed=speed if recorded is None else None,
+        speed_std=motion.speed_std,
     )
 
 
@@ -425,22 +447,25 @@ def commands_of(
         If they are beyond what the model takes.
     """
     motion = motion_of(recording)
-    angle = _setpoints(recording, motion, vehicle, steering)
+    angle, _ = _setpoints(recording, motion, vehicle, steering)
     rows = slice(int(np.searchsorted(motion.time, start)), len(motion.time))
-    return _commands(recording, vehicle, motion, angle, rows)
+    speed = _recorded_setpoints(recording, vehicle, motion, rows)
+    if speed is None:
+        return speed_followed(vehicle, angle[rows], motion.speed[rows])
+    return Commands(TICK * np.arange(len(speed)), angle[rows], speed)
 
 
-def _commands(
-    recording: Recording, vehicle: Vehicle, motion: Motion, angle: FloatArray, rows: slice
-) -> Commands:
-    """Commands on ticks, timed from the first of the rows."""
+def _recorded_setpoints(
+    recording: Recording, vehicle: Vehicle, motion: Motion, rows: slice
+) -> FloatArray | None:
+    """Set-points of the speed at the ticks; None where the speed of the poses is to be followed."""
     if "speed_command" not in recording.more:
         if not vehicle.has_speed_loop:
             raise IdentificationError(
                 f"{recording.name}: needs speed_command, the set-points of the motor: parts.motor: "
                 f"{vehicle.parts['motor']} follows no measured speed"
             )
-        return speed_followed(vehicle, angle[rows], motion.speed[rows])
+        return None
     time = motion.time[rows]
     speed = recording.more["speed_command"].at(time, held=True)
     usual = float(np.median(np.abs(motion.speed[rows])))
@@ -452,4 +477,4 @@ def _commands(
             "speed loop, not a throttle, in the unit of the mapping; without it the model is given "
             "the speed of the poses"
         )
-    return Commands(np.arange(len(time)) * TICK, angle[rows], speed)
+    return speed

@@ -1,0 +1,105 @@
+"""Identification from tables of other people's loggers: how many intervals hold the truth.
+
+    python benchmarks/tables.py [--vehicles 20] [--position NOISE ...]
+
+Random vehicles are driven for a minute at 0.7 to 1.1 m/s, steered by three sines. The tables come
+at 50 Hz: the pose, with each noise of the positions in turn and 0.2 rad per m of it of the heading,
+and the gyro (1 mrad/s); the angle of the steering motor (2 mrad) or its set-points. Where the
+positions are exact, all is. Windows of 2 s are identified as `tricycle identify FILE --columns
+MAPPING` does it. Printed, of each parameter: in how many vehicles it is shown, how many 95 %
+intervals hold the truth there, and their median width in % of the range; then the cells whose
+coverage an exact binomial test rejects (held_intervals.py).
+"""
+
+import argparse
+import itertools
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from held_intervals import Tally
+from identification import VEHICLE, draw
+
+from parameter_identification.drives.table import Columns
+from parameter_identification.drives.windows import read_windows
+from parameter_identification.identification import identify
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle.batch import simulate
+
+DURATION, EVERY = 60.0, 0.02
+STEERING = {"angle": "steering_angle", "set-points": "steering"}
+
+
+def drive(rng):
+    """Commands of a drive."""
+    time = np.arange(0.0, DURATION, TICK)
+    angle = np.zeros(len(time))
+    for size, rate in ((0.3, 0.35), (0.25, 0.9), (0.1, 2.2)):
+        angle += size * np.sin(rate * time + rng.uniform(0.0, 2.0 * np.pi))
+    speed = 0.9 + 0.2 * np.sin(0.3 * time)
+    return Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(speed, time))
+
+
+def identified(seed, position, steering):
+    """Truth and parameters found of a vehicle."""
+    rng, truth = np.random.default_rng([seed, 1]), draw(seed)
+    commands = drive(rng)
+    motion = simulate(VEHICLE, commands, truth[None], threads=1)
+    exact = position == 0.0
+    time = np.arange(0.0, commands.duration - EVERY, EVERY)
+    columns = {"t": time}
+    for name, values, noise in (
+        ("x", motion.x[0], position),
+        ("y", motion.y[0], position),
+        ("yaw", motion.yaw[0], 0.2 * position),
+        ("yaw_rate", motion.yaw_rate[0], 0.0 if exact else 1e-3),
+        ("steering_angle", motion.steering_motor_angle[0], 0.0 if exact else 2e-3),
+    ):
+        columns[name] = np.interp(time, motion.time, values)
+        columns[name] += noise * rng.standard_normal(len(time))
+    held = np.searchsorted(commands.time, time + 1e-9, side="right") - 1
+    columns["steering"] = commands.steering_motor_angle[held]
+    mapping = {"time": "t", "x": "x", "y": "y", "yaw": "yaw", "yaw_rate": "yaw_rate"}
+    entry = STEERING[steering]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drive.csv"
+        rows = np.column_stack(list(columns.values()))
+        np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=",".join(columns), comments="")
+        drives = read_windows(path, VEHICLE, Columns(**mapping, **{entry: entry}))
+    return truth, identify(drives, VEHICLE).parameters
+
+
+def main():
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--vehicles", type=int, default=20)
+    parser.add_argument("--position", type=float, nargs="+", default=[0.01, 0.001, 0.0])
+    args = parser.parse_args()
+    tally = Tally()
+    with ProcessPoolExecutor() as pool:
+        for position, steering in itertools.product(args.position, STEERING):
+            seeds = range(args.vehicles)
+            every = [itertools.repeat(value) for value in (position, steering)]
+            found = list(pool.map(identified, seeds, *every))
+            print(f"positions {1e3 * position:g} mm, steering {steering}", flush=True)
+            for i, name in enumerate(VEHICLE.unknown):
+                own = [(truth[i], parameters[name]) for truth, parameters in found]
+                shown = [(t, e) for t, e in own if e.identifiable]
+                low, high = VEHICLE.unknown[name]
+                width = np.median([e.high - e.low for _, e in own]) / (high - low)
+                held = [e.low <= t <= e.high for t, e in shown]
+                for one in held:
+                    tally.count(f"{1e3 * position:g} mm, {steering}, {name}", one)
+                print(
+                    f"  {name:24s} shown in {len(shown):3d} of {len(own)}, {sum(held):3d} hold; "
+                    f"width {100.0 * width:5.1f} %",
+                    flush=True,
+                )
+    print(tally.summary())
+
+
+if __name__ == "__main__":
+    main()

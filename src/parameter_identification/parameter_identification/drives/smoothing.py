@@ -1,0 +1,86 @@
+"""Splines that are as smooth as the noise of samples asks for, and what they are off by."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tricycle_core.quantities import FloatArray
+
+LEAST, MOST = 10, 1000  # samples that a smoothness can be found from, and that it is found from
+CUTOFFS = np.geomspace(0.2, 5.5, 12)  # Hz, of the splines that are tried
+
+
+@dataclass(frozen=True, eq=False)
+class Smooth:
+    """A smoothing spline of samples.
+
+    Attributes
+    ----------
+    spline : BSpline
+        Of the values, by time [s].
+    white : float
+        Standard deviation of the noise of a sample, in the unit of the values.
+    step : float
+        Between samples [s].
+    cutoff : float
+        Of an oscillation of this frequency it passes half [Hz].
+    """
+
+    spline: Any
+    white: float
+    step: float
+    cutoff: float
+
+    @property
+    def value_std(self) -> float:
+        """Standard deviation of a value: noise that is left, and as much taken off the motion."""
+        rate = 2.0 * math.pi * self.cutoff
+        return self.white * math.sqrt(2.0 * self.step * rate * 3.0 / (8.0 * math.sqrt(2.0)))
+
+    @property
+    def slope_std(self) -> float:
+        """Standard deviation of a derivative by time, likewise."""
+        rate = 2.0 * math.pi * self.cutoff
+        return self.white * math.sqrt(2.0 * self.step * rate**3 / (8.0 * math.sqrt(2.0)))
+
+
+def smooth(time: FloatArray, values: FloatArray) -> Smooth:
+    """Return the smoothing spline that predicts samples best.
+
+    It is fitted to every other sample and predicts those between (two-fold cross-validation), where
+    half of all changes have been. Errors of sensors are not quite white: there is a least
+    smoothness.
+
+    Parameters
+    ----------
+    time : ndarray of float, shape (m,)
+        Increasing, m of at least `LEAST` [s].
+    values : ndarray of float, shape (m, c)
+        Of one unit.
+    """
+    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
+
+    changes = np.cumsum(np.linalg.norm(np.diff(values, axis=0), axis=1))
+    middle = int(np.searchsorted(changes, 0.5 * changes[-1]))
+    begin = max(0, min(middle - MOST // 2, len(time) - MOST))
+    t, v = time[begin : begin + MOST], values[begin : begin + MOST]
+    step = float(np.median(np.diff(time)))
+
+    def penalty(cutoff: float) -> float:
+        """Of the second derivative; for every other sample it is half of that."""
+        return float(1.0 / (step * (2.0 * math.pi * cutoff) ** 4))
+
+    def error(cutoff: float) -> float:
+        """Mean error of samples that were left out."""
+        total = 0.0
+        for first in (0, 1):
+            fitted, between = slice(first, None, 2), slice(first + 1, -1, 2)
+            spline = make_smoothing_spline(t[fitted], v[fitted], lam=0.5 * penalty(cutoff))
+            total += float(np.abs(spline(t[between]) - v[between]).sum())
+        return total / v.size
+
+    cutoff = min(CUTOFFS.tolist(), key=error)
+    spline = make_smoothing_spline(time, values, lam=penalty(cutoff))
+    return Smooth(spline, error(cutoff) * math.sqrt(0.5 * math.pi), step, cutoff)
