@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from excitation_planner.box import Box
+from excitation_planner.indices.direction_numbers import AXES, BITS, direction_numbers
 from tricycle_core.quantities import FloatArray
 
 
@@ -23,7 +24,27 @@ def sobol_sequence(n: int, k: int, *, seed: int | None = 0) -> FloatArray:
     seed : int, optional
         Scrambles the sequence (0 is a seed); ``None`` gives the unscrambled one of the paper.
     """
-    from scipy.stats import qmc  # takes half a second, and workers do without
+    if k > AXES:
+        return _by_scipy(n, k, seed)
+    digits, first = direction_numbers(k), np.zeros(k, dtype=np.int64)
+    weights = 1 << np.arange(BITS, dtype=np.int64)
+    if seed is not None:  # Matousek's linear scrambling and a digital shift
+        rng = np.random.default_rng(seed)
+        first = rng.integers(2, size=(k, BITS), dtype=np.uint32) @ weights
+        mixing = np.tril(rng.integers(2, size=(k, BITS, BITS), dtype=np.uint32), -1)
+        mixing += np.eye(BITS, dtype=np.uint32)
+        digits = digits @ mixing.swapaxes(1, 2) & 1
+    numbers = digits @ weights[::-1]
+    # in the order of the reflected Gray code: each power of two mirrors those before it
+    points = first[None]
+    for number in numbers.T[: max(0, math.ceil(math.log2(n)))]:
+        points = np.concatenate([points, points[::-1] ^ number])
+    found: FloatArray = points[:n] * 0.5**BITS
+    return found
+
+
+def _by_scipy(n: int, k: int, seed: int | None) -> FloatArray:
+    from scipy.stats import qmc  # takes half a second to import
 
     # a power of two is drawn because scipy warns of anything else; its first n points are the same
     exponent = max(0, math.ceil(math.log2(n)))
