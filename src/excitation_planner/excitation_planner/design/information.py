@@ -101,15 +101,16 @@ def information(
     draws, (t, c) = len(U) // (axes + 1), Y.shape[1:]
     Y = Y.reshape(draws, axes + 1, t, c)
     steps = _steps(U.reshape(draws, axes + 1, axes)[:, 0], axes - len(beside.steps), beside)
-    J = np.moveaxis((Y[:, 1:] - Y[:, :1]) / steps[:, :, None, None], 1, -1)  # (draws, t, c, k)
-
     nuisances, nuisance_std = _nuisances(Y[:, 0], noise)
     nuisance_std = np.append(np.ones(beside.own), nuisance_std)
-    J = np.concatenate([J, nuisances], axis=-1)
 
+    J = np.empty((draws, t, axes + nuisances.shape[-1]))  # of a channel
     F = np.zeros((draws, J.shape[-1], J.shape[-1]))
     for channel, std in enumerate(np.broadcast_to(np.asarray(noise.std, dtype=float), c)):
-        whitened = J[:, :, channel] / std
+        differences = Y[:, 1:, :, channel] - Y[:, :1, :, channel]
+        J[:, :, :axes] = np.moveaxis(differences / steps[:, :, None], 1, -1)
+        J[:, :, axes:] = nuisances[:, :, channel]
+        whitened = J / std
         if noise.drift_std > 0 and channel < 2:
             lag = np.abs(np.subtract.outer(np.arange(t), np.arange(t))) * noise.period
             drift = (noise.drift_std / std) ** 2 * np.exp(-lag / noise.drift_time)

@@ -39,7 +39,7 @@ def sobol_sequence(n: int, k: int, *, seed: int | None = 0) -> FloatArray:
     points = first[None]
     for number in numbers.T[: max(0, math.ceil(math.log2(n)))]:
         points = np.concatenate([points, points[::-1] ^ number])
-    found: FloatArray = points[:n] * 0.5**BITS
+    found: FloatArray = points[:n].astype(np.float64) * 0.5**BITS
     return found
 
 

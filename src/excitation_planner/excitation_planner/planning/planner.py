@@ -1,8 +1,9 @@
 """The planner: searches maneuver families, and makes the plans of the maneuvers that it finds."""
 
 import dataclasses
+import os
 import time
-from concurrent.futures import Executor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,6 +50,9 @@ LEAST_DRAWS = 6
 FITTING = 0.55
 """Share of a search's simulations that goes into finding maneuvers that fit an area."""
 
+SIDE_BY_SIDE = 4
+"""Threads at least: as many as maneuvers that the search asks for at a time share few cores evenly."""
+
 ROOM_RUNS = LANES + 1 + VEHICLES
 """Simulations by which it is found whether a maneuver fits."""
 
@@ -75,7 +79,7 @@ def plan_maneuver(
     request : PlanRequest
         What is to be planned.
     executor : Executor, optional
-        Where simulations run; processes of this machine by default.
+        Where simulations run; threads of this process by default.
     progress : callable, optional
         Called with (simulations so far, budget).
     """
@@ -93,7 +97,7 @@ def plan_set(
     request : PlanRequest
         What is to be planned.
     executor : Executor, optional
-        Where simulations run; processes of this machine by default.
+        Where simulations run; threads of this process by default.
     progress : callable, optional
         Called with (simulations so far, budget).
 
@@ -109,8 +113,11 @@ def plan_set(
         If the request cannot be met.
     """
     began = time.monotonic()
+    # the vehicle's compiled code runs beside other threads, and processes take seconds to start
+    threads = ThreadPoolExecutor(max(SIDE_BY_SIDE, os.cpu_count() or 1))
     try:
-        judged, design = _searched(request, executor, progress)
+        with threads:
+            judged, design = _searched(request, executor or threads, progress)
     except DesignError as error:
         if (room := _room(request)) is None:
             raise
@@ -120,7 +127,7 @@ def plan_set(
 
 
 def _searched(
-    request: PlanRequest, executor: Executor | None, progress: Progress | None
+    request: PlanRequest, executor: Executor, progress: Progress | None
 ) -> tuple[tuple[_Maneuver, ...], Design]:
     """The maneuvers that the search found, and the design."""
     if request.criterion is Criterion.H:

@@ -177,9 +177,10 @@ def replayed(
                 of_rows = {name: value[rows] for name, value in values.items()}
                 x, y, yaw = (seen[name] for name in SENSED)
                 seen |= dict(zip(SENSED, as_sensed(x, y, yaw, of_rows), strict=True))
-            Y = np.stack([seen[name] for name in columns], axis=-1)
-            Y[run.feasibility.rolled_over.happened] = np.nan
-            found[rows] = np.concatenate([np.repeat(Y[:, :1], rest, axis=1), Y], axis=1)
+            for channel, name in enumerate(columns):
+                found[rows, rest:, channel] = seen[name]
+            found[rows[run.feasibility.rolled_over.happened], rest:] = np.nan
+    found[:, :rest] = found[:, rest : rest + 1]
     return found
 
 

@@ -1,6 +1,7 @@
 """Replay, open loop: the trajectory error of perturbed vehicles driving one command history."""
 
 from collections import OrderedDict
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -251,8 +252,10 @@ class ReplayedTrajectoryError:
     def nominal(self, x: FloatArray) -> NominalRun:
         """The nominal run at x, kept for the next calls."""
         key = np.asarray(x, dtype=float).tobytes()
-        if key not in self._runs:
-            self._runs[key] = nominal_run(self.vehicle, self.family, x, self.room)
-            if len(self._runs) > KEPT_RUNS:
-                self._runs.popitem(last=False)
-        return self._runs[key]
+        run = self._runs.get(key)
+        if run is None:
+            run = self._runs[key] = nominal_run(self.vehicle, self.family, x, self.room)
+            with suppress(KeyError):  # another thread may have dropped them
+                while len(self._runs) > KEPT_RUNS:
+                    self._runs.popitem(last=False)
+        return run

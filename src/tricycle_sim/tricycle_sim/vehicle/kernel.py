@@ -8,6 +8,7 @@ functions compiled for the wheels and laws of a vehicle. `docs/model.md` derives
 import functools
 import hashlib
 import math
+import threading
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -57,6 +58,8 @@ Speed mode 1: `demand` is a speed set-point [m/s]; 0: it is a motor torque [N m]
 """
 NO_ROWS, NO_OUTPUT = np.empty(0, dtype=np.int64), np.empty((0, LANES, 2))
 """`rows` and `out` of `advance` where nothing is to be recorded."""
+
+_ONCE = threading.Lock()  # threads that ask at the same time get the same functions
 
 _C = numbered(BODY, step=LANES)
 _P = numbered(PLACE, step=LANES)
@@ -564,7 +567,8 @@ def functions_for(vehicle: Vehicle, *, own_commands: bool = False) -> Functions:
         Whether each vehicle of a group has its own table of the steering and of what is added to
         the motor's demand.
     """
-    return _compile(structure_of(vehicle), own_commands)
+    with _ONCE:
+        return _compile(structure_of(vehicle), own_commands)
 
 
 def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
@@ -577,7 +581,8 @@ def compiled_for(vehicle: Vehicle, function: Callable[..., Any]) -> Any:
     function : callable
         At the top level of a module; names of `Functions` are global names in it.
     """
-    return _compile_caller(structure_of(vehicle), function)
+    with _ONCE:
+        return _compile_caller(structure_of(vehicle), function)
 
 
 def laws_of(
