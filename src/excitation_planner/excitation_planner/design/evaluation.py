@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,9 +31,11 @@ from excitation_planner.design.problem import (
 from excitation_planner.indices.sampling import parameter_samples
 from excitation_planner.indices.sensitivity import (
     Sensitivity,
+    check_outputs,
     fit_metamodel,
     half_width,
     sensitivity_of_model,
+    sensitivity_of_outputs,
 )
 from excitation_planner.indices.sobol import sobol_indices
 from tricycle_core.errors import DesignError, InfeasibleManeuver
@@ -246,20 +249,20 @@ def _assess_trajectories(
         # mean squared deviation from the middle of the box: Eq. 14 on the time points given
         m = np.sum([((Y[rows + 1 :] - Y[rows]) ** 2).sum(axis=(1, 2)) for Y in outputs], axis=0)
         m /= sum(Y.shape[1] for Y in outputs)
+        samples = U[rows + 1 :, :k]
         try:
-            model = fit_metamodel(U[rows + 1 :, :k], m)
+            check_outputs(samples, m)
         except DesignError as error:
             return _rejected(problem, x, str(error), simulations=n, failed=failed)
-        bad = int(np.sum(~np.isfinite(m)))
-        sensitivity = sensitivity_of_model(problem.unknown, model, sobol_indices(model), failed=bad)
+        sensitivity = partial(sensitivity_of_outputs, problem.unknown, samples, m)
     evaluation = Evaluation(
         x=x,
         cost=cost,
-        main=nothing if sensitivity is None else sensitivity.main,
-        total=nothing if sensitivity is None else sensitivity.total,
-        variance=math.nan if sensitivity is None else sensitivity.variance,
+        main=nothing,
+        total=nothing,
+        variance=math.nan,
         noise_share=math.nan,
-        leave_one_out_q2=math.nan if sensitivity is None else sensitivity.leave_one_out_q2,
+        leave_one_out_q2=math.nan,
         posterior_std=np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0)),
         simulations=n,
         failed=failed,

@@ -8,8 +8,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -72,9 +73,6 @@ class Design:
         95 % interval of `cost`.
     predicted_cost : float
         What the search had found at x with fewer, other samples.
-    sensitivity : Sensitivity
-        Indices at x with intervals, from the verification: fresh samples, unseen by the search.
-        For the criteria C, D and A of the mean squared deviation from the middle of the box.
     posterior_std : ndarray (k,)
         Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
     verdict : Verdict
@@ -94,13 +92,13 @@ class Design:
     cost: float
     cost_interval: tuple[float, float]
     predicted_cost: float
-    sensitivity: Sensitivity
     posterior_std: FloatArray
     verdict: Verdict
     explanation: str
     history: tuple[Evaluation, ...]
     simulations: int
     failed: int
+    _sensitivity: Sensitivity | Callable[[], Sensitivity] = field(repr=False)
 
     def __repr__(self) -> str:
         low, high = self.cost_interval
@@ -167,6 +165,16 @@ class Design:
         axes.legend(fontsize="small")
         axes.grid(alpha=0.3)
         return axes
+
+    @cached_property
+    def sensitivity(self) -> Sensitivity:
+        """Indices at x with intervals, from the verification: fresh samples, unseen by the search.
+
+        For the criteria C, D and A of the mean squared deviation from the middle of the box; they
+        are found when they are asked for.
+        """
+        found = self._sensitivity
+        return found if isinstance(found, Sensitivity) else found()
 
     @property
     def main(self) -> FloatArray:
@@ -353,13 +361,13 @@ def search_design(
         cost=at_x.cost,
         cost_interval=verified[best].cost_interval,
         predicted_cost=candidates[best].cost,
-        sensitivity=sensitivity,
         posterior_std=at_x.posterior_std,
         verdict=verdict,
         explanation=explanation,
         history=tuple(history),
         simulations=sum(e.simulations for e in everything),
         failed=sum(e.failed for e in everything),
+        _sensitivity=sensitivity,
     )
 
 

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
-from loky import get_reusable_executor
-
 from excitation_planner.design.evaluation import (
     joined,
     judge_outcome,
@@ -274,6 +272,8 @@ def process_pool(workers: int | None = None) -> Executor:
 
 
 def _pool(workers: int | None) -> Any:
+    from loky import get_reusable_executor  # threads and clusters do without
+
     # an idle process that ends just when work comes is replaced; loky warns of it
     warnings.filterwarnings("ignore", "A worker stopped while some jobs", UserWarning)
     return get_reusable_executor(

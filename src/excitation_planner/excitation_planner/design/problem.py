@@ -93,7 +93,7 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class Verified:
-    """An evaluation on fresh samples, with the metamodel's sensitivity.
+    """An evaluation on fresh samples, with the sensitivity of the output.
 
     Attributes
     ----------
@@ -101,13 +101,13 @@ class Verified:
         On the fresh samples.
     cost_interval : (float, float)
         95 % interval of its cost.
-    sensitivity : Sensitivity or None
-        None where the maneuver is infeasible.
+    sensitivity : Sensitivity, callable or None
+        What finds it, where nothing else needs it; None where the maneuver is infeasible.
     """
 
     evaluation: Evaluation
     cost_interval: tuple[float, float]
-    sensitivity: Sensitivity | None
+    sensitivity: Sensitivity | Callable[[], Sensitivity] | None
 
 
 @dataclass(frozen=True)

@@ -220,6 +220,23 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
     return m
 
 
+def sensitivity_of_outputs(unknown: Box, U: FloatArray, m: FloatArray) -> Sensitivity:
+    """Return the sensitivity from outputs.
+
+    Parameters
+    ----------
+    unknown : Box
+        Unknown parameters.
+    U : ndarray of float, shape (n, k)
+        Points of the unit box.
+    m : ndarray of float, shape (n,)
+        Outputs there; NaN where failed.
+    """
+    with THREADPOOLS.limit(limits=1):
+        model, failed = fit_metamodel(U, m), int(np.sum(~np.isfinite(m)))
+        return sensitivity_of_model(unknown, model, sobol_indices(model), failed=failed)
+
+
 def fit_metamodel(U: FloatArray, m: FloatArray, *, start: Kriging | None = None) -> Kriging:
     """Return the Kriging model of outputs, failed ones left out.
 
@@ -231,6 +248,31 @@ def fit_metamodel(U: FloatArray, m: FloatArray, *, start: Kriging | None = None)
         Outputs there; NaN where failed.
     start : Kriging, optional
         Model of some of them, whose hyperparameters the fit may start from.
+
+    Raises
+    ------
+    DesignError
+        As `check_outputs`.
+    """
+    check_outputs(U, m)
+    valid = np.isfinite(m)
+    return Kriging().fit(U[valid], m[valid], start=start)
+
+
+def check_outputs(U: FloatArray, m: FloatArray) -> None:
+    """Refuse outputs that no metamodel can be fitted to.
+
+    Parameters
+    ----------
+    U : ndarray of float, shape (n, k)
+        Points of the unit box.
+    m : ndarray of float, shape (n,)
+        Outputs there; NaN where failed.
+
+    Raises
+    ------
+    DesignError
+        Too many failed simulations, a constant output.
     """
     valid = np.isfinite(m)
     if valid.sum() < U.shape[1] + 2:
@@ -242,7 +284,6 @@ def fit_metamodel(U: FloatArray, m: FloatArray, *, start: Kriging | None = None)
         raise DesignError(
             f"the output is constant ({m[valid][0]:g}): none of the unknown parameters moves it"
         )
-    return Kriging().fit(U[valid], m[valid], start=start)
 
 
 def sensitivity_of_model(

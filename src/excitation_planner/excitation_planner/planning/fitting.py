@@ -19,8 +19,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RBFInterpolator
-from scipy.spatial.distance import cdist
 
 from excitation_planner.area.placement import Placement
 from excitation_planner.area.room import ALLOWANCE, Room
@@ -168,6 +166,9 @@ class FittingSearch:
 
     def _next(self, rng: np.random.Generator) -> FloatArray:
         """Points (b, l) to be tried next."""
+        from scipy.interpolate import RBFInterpolator  # most plans do without
+        from scipy.spatial.distance import cdist
+
         dimensions = len(self.family.operation)
         U = np.array([one.u for one in self._found]).reshape(-1, dimensions)
         random = rng.random((CANDIDATES, dimensions))

@@ -5,6 +5,7 @@ import os
 import time
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_
 from excitation_planner.design.information import ManeuverSet
 from excitation_planner.design.problem import VERIFICATION, VERIFIED, Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
+from excitation_planner.indices.threads import THREADPOOLS
 from excitation_planner.maneuver import LedInFamily, ManeuverFamily, lead_in_of
 from excitation_planner.plan import Index, Plan, SearchHistory
 from excitation_planner.planning.fitting import FittingSearch
@@ -51,7 +53,7 @@ FITTING = 0.55
 """Share of a search's simulations that goes into finding maneuvers that fit an area."""
 
 SIDE_BY_SIDE = 4
-"""Threads at least: as many as maneuvers that the search asks for at a time share few cores evenly."""
+"""Threads at least: the maneuvers that the search asks for at a time share the cores evenly."""
 
 ROOM_RUNS = LANES + 1 + VEHICLES
 """Simulations by which it is found whether a maneuver fits."""
@@ -113,23 +115,34 @@ def plan_set(
         If the request cannot be met.
     """
     began = time.monotonic()
-    # the vehicle's compiled code runs beside other threads, and processes take seconds to start
+    # threads: compiled code does not hold the interpreter, and processes take seconds to start; one
+    # BLAS thread each, also beside the search
     threads = ThreadPoolExecutor(max(SIDE_BY_SIDE, os.cpu_count() or 1))
-    try:
-        with threads:
-            judged, design = _searched(request, executor or threads, progress)
-    except DesignError as error:
-        if (room := _room(request)) is None:
-            raise
-        remedies = (closest_fit(request.vehicle, family, room) for family in request.families)
-        raise PlanError("; ".join(filter(None, dict.fromkeys([str(error), *remedies])))) from error
-    return _plans(request, judged, design, began)
+    with THREADPOOLS.limit(limits=1), threads:
+        try:
+            design, points = _searched(request, executor or threads, progress)
+            predicted_std = threads.submit(_predicted_std, request, points)
+            if request.criterion is Criterion.H:
+                judged = [_Maneuver(design.x, design.sensitivity, design.cost)]
+            else:
+                # samples that the search has not seen, three times as many: as H is verified
+                fresh = dataclasses.replace(
+                    request, samples=3 * request.samples, seed=request.seed + 1
+                )
+                judged = list(threads.map(partial(_judge, fresh), request.families, points))
+        except DesignError as error:
+            if (room := _room(request)) is None:
+                raise
+            remedies = (closest_fit(request.vehicle, family, room) for family in request.families)
+            reasons = filter(None, dict.fromkeys([str(error), *remedies]))
+            raise PlanError("; ".join(reasons)) from error
+        return _plans(request, judged, predicted_std.result(), design, began)
 
 
 def _searched(
     request: PlanRequest, executor: Executor, progress: Progress | None
-) -> tuple[tuple[_Maneuver, ...], Design]:
-    """The maneuvers that the search found, and the design."""
+) -> tuple[Design, list[FloatArray]]:
+    """The design, and the operation parameters (l,) of each of its maneuvers."""
     if request.criterion is Criterion.H:
         design = design_excitation(
             ReplayedTrajectoryError(request.vehicle, request.family, _room(request)),
@@ -144,7 +157,7 @@ def _searched(
             executor=executor,
             progress=progress,
         )
-        return (_Maneuver(design.x, design.sensitivity, design.cost),), design
+        return design, [design.x]
     operations = tuple(family.operation for family in request.families)
     maneuvers = ManeuverSet(_trajectories(request, _room(request)), operations)
     beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
@@ -208,13 +221,7 @@ def _searched(
         progress=progress,
     )
     design = dataclasses.replace(design, simulations=design.simulations + taken)
-    # samples that the search has not seen, three times as many: as H is verified
-    fresh = dataclasses.replace(request, samples=3 * request.samples, seed=request.seed + 1)
-    judged = tuple(
-        _judge(fresh, family, x)
-        for family, x in zip(request.families, maneuvers.split(design.x), strict=True)
-    )
-    return judged, design
+    return design, maneuvers.split(design.x)
 
 
 def _room(request: PlanRequest) -> Room | None:
@@ -247,7 +254,8 @@ def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
         if isinstance(error, DoesNotFit) and (room := _room(request)) is not None:
             reason = nearest_that_fits(request.vehicle, request.family, room, x)
         raise PlanError(f"{request.family.name}: {reason}") from error
-    (plan,) = _plans(dataclasses.replace(request, others=()), (judged,), None, began)
+    request = dataclasses.replace(request, others=())
+    (plan,) = _plans(request, [judged], _predicted_std(request, [x]), None, began)
     return plan
 
 
@@ -313,14 +321,14 @@ def _judge(request: PlanRequest, family: ManeuverFamily, x: FloatArray) -> _Mane
     return _Maneuver(x, result, cost)
 
 
-def _predicted_std(request: PlanRequest, maneuvers: tuple[_Maneuver, ...]) -> dict[str, float]:
-    """Standard deviations after the drives, in the parameters' units; nothing without noise."""
+def _predicted_std(request: PlanRequest, points: list[FloatArray]) -> dict[str, float]:
+    """Standard deviations after drives with operation parameters (l,); none without noise."""
     if request.noise.noise_std == 0.0:
         return {}
     unknown = Box.of(dict(request.vehicle.unknown))
     covariance = predicted_covariance(
         _trajectories(request, None),  # they fit
-        tuple(maneuver.x for maneuver in maneuvers),
+        tuple(points),
         unknown,
         request.noise.of_trajectory,
         seed=request.seed + 2,
@@ -332,10 +340,13 @@ def _predicted_std(request: PlanRequest, maneuvers: tuple[_Maneuver, ...]) -> di
 
 
 def _plans(
-    request: PlanRequest, maneuvers: tuple[_Maneuver, ...], design: Design | None, began: float
+    request: PlanRequest,
+    maneuvers: list[_Maneuver],
+    predicted_std: dict[str, float],
+    design: Design | None,
+    began: float,
 ) -> tuple[Plan, ...]:
     """A plan per maneuver of a set; `design` is how they were found, None if they were given."""
-    predicted_std = _predicted_std(request, maneuvers)
     vehicle = request.vehicle
     room = _room(request)
     columns = np.cumsum([0, *(len(maneuver.x) for maneuver in maneuvers)])

@@ -6,7 +6,9 @@ import argparse
 import json
 import math
 import sys
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 from excitation_planner.design.criteria import Criterion
@@ -31,6 +33,7 @@ from tricycle_cli.arguments import (
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
 from tricycle_core.errors import PlanError
+from tricycle_core.optional import check_installed
 from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 
@@ -114,9 +117,9 @@ def run(args: argparse.Namespace) -> int:
     from rich.console import Console
 
     from excitation_planner.plan import load_plan, save_plan
-    from tricycle_cli.reports.static_figures import plot_plan
     from tricycle_cli.reports.tables import plan_table, prediction_table
 
+    check_installed("matplotlib", "the figure of a plan")
     if args.show:
         if args.show[0] != "show" or len(args.show) != 2:
             raise PlanError(
@@ -151,6 +154,8 @@ def run(args: argparse.Namespace) -> int:
         console.print(_search_summary(first))
         if first.verdict:
             console.print(first.verdict)
+    from tricycle_cli.reports.static_figures import plot_plan
+
     for file, plan in plans.items():
         if not args.show or args.overwrite or not file.with_suffix(".png").exists():
             plot_plan(plan, file.with_suffix(".png"))
@@ -203,6 +208,8 @@ def _planned(request: PlanRequest, args: argparse.Namespace) -> dict[Path, Plan]
     warn_about(request.vehicle, args)
     if x is not None:
         return {args.output / "plan.json": plan_at(request, x)}
+    # half a second of imports, while the compiled vehicle leaves the interpreter to others
+    Thread(target=import_module, args=("tricycle_cli.reports.static_figures",)).start()
     names = ", ".join(family.name for family in request.families)
     with progress_bar(f"planning {names} for {request.target}") as progress:
         plans = plan_set(request, progress=progress)

@@ -1,8 +1,11 @@
 """Figures of plans and drives as image files, readable in print and by the colour-blind."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,10 +17,12 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
 from excitation_planner.indices.figure import Spread, draw_indices
 from excitation_planner.plan import Index, Plan
-from parameter_identification.fleet import Fleet
-from parameter_identification.judging.judgement import Judgement
 from tricycle_core.palette import BLUE, VERMILLION
 from tricycle_core.quantities import FloatArray
+
+if TYPE_CHECKING:
+    from parameter_identification.fleet import Fleet
+    from parameter_identification.judging.judgement import Judgement
 
 REFERENCE, MEASURED = BLUE, VERMILLION
 MARKS = 5.0  # s between the lines that join equal times
