@@ -35,6 +35,7 @@ from excitation_planner.planning.replay import (
     ReplayedTrajectoryError,
     nominal_commands,
     nominal_run,
+    replayed_errors,
 )
 from excitation_planner.planning.request import PlanRequest
 from excitation_planner.planning.shaping import shaping_constants
@@ -301,11 +302,10 @@ def _trajectories(request: PlanRequest, room: Room | None) -> tuple[ReplayedTraj
 
 def _judge(request: PlanRequest, family: ManeuverFamily, x: FloatArray) -> _Maneuver:
     """Indices of TE and H of the maneuver x (l,), which is known to fit."""
-    simulate = ReplayedTrajectoryError(request.vehicle, family)
-    outputs: list[FloatArray] = []
+    run, outputs = nominal_run(request.vehicle, family, x), list[FloatArray]()
 
     def simulate_and_keep(parameters: FloatArray) -> FloatArray:
-        outputs.append(simulate(x, parameters))
+        outputs.append(replayed_errors(request.vehicle, run, parameters, threads=None))
         return outputs[-1]
 
     result = sensitivity(

@@ -52,7 +52,9 @@ class NominalRun:
     nominal: NominalTrajectory
 
 
-def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: FloatArray) -> FloatArray:
+def replayed_errors(
+    vehicle: Vehicle, run: NominalRun, parameters: FloatArray, *, threads: int | None = 1
+) -> FloatArray:
     """Return TE (n,) [m²] of perturbed vehicles that replay the commands of a run.
 
     NaN where a vehicle rolled over.
@@ -65,6 +67,8 @@ def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: FloatArray) -
         Has the commands.
     parameters : ndarray of float, shape (n, k)
         Unknown parameters.
+    threads : int, optional
+        None: one for each processor; a search drives maneuvers side by side with one each.
     """
     errors = np.empty(len(parameters))
 
@@ -73,8 +77,7 @@ def replayed_errors(vehicle: Vehicle, run: NominalRun, parameters: FloatArray) -
         te[block.feasibility.rolled_over.happened] = np.nan
         errors[first : first + len(te)] = te
 
-    # the planner runs operating points side by side in processes: one thread each
-    simulate_planar(vehicle, run.commands, parameters, reduce, threads=1)
+    simulate_planar(vehicle, run.commands, parameters, reduce, threads=threads)
     return errors
 
 

@@ -266,14 +266,24 @@ def motor_angle_of(linkage: Any, angle: float, constants: FloatArray) -> float:
         Of the steering.
     """
     limit = constants[BLOCK.geometry + _G.limit]
-    low, high = -limit, limit
-    for _ in range(50):  # road_angle_of rises with the motor angle: halve to round-off
-        middle = 0.5 * (low + high)
-        if road_angle_of(linkage, middle, constants) < angle:
-            low = middle
+    low, high = -limit, limit  # road_angle_of rises with the motor angle
+    below = road_angle_of(linkage, low, constants) - angle
+    above = road_angle_of(linkage, high, constants) - angle
+    if below >= 0.0 or above <= 0.0:
+        return float(low if below >= 0.0 else high)
+    middle, side = low, 0
+    for _ in range(50):  # Illinois method, to round-off
+        middle = (low * above - high * below) / (above - below)
+        off = road_angle_of(linkage, middle, constants) - angle
+        if abs(off) < 1e-15:
+            break
+        if off < 0.0:
+            above *= 0.5 if side < 0 else 1.0
+            low, below, side = middle, off, -1
         else:
-            high = middle
-    return float(0.5 * (low + high))
+            below *= 0.5 if side > 0 else 1.0
+            high, above, side = middle, off, 1
+    return float(middle)
 
 
 @inlined
