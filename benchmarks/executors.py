@@ -5,8 +5,9 @@
 Tasks of 100 and of 10 ms of processor time go through `JobsOfExecutor`, as simulations do: on
 processes of this machine (loky, the default), on concurrent.futures and on dask with a scheduler
 over TCP. The same tasks one after the other in this process are timed before each, so that both
-see the same load; the speed-up is the median of these pairs. Empty tasks give the overhead, with
-the processor time that this process, dask's scheduler and a worker spend on each.
+see the same load; the speed-up is the median of these pairs. Empty tasks, sent one by one, give the
+overhead, with the processor time that this process, dask's scheduler and a worker spend on each;
+tasks of less than 0.1 s are otherwise sent several at a time.
 
 Bars: speed-up of at least 1.8 for 100 ms and of 1.5 for 10 ms. They need two idle cores: the load
 of the machine is printed, and the status is 1 where one is missed. "By processor time" is what two
@@ -102,8 +103,8 @@ def clocks(client):
 
 
 def overhead(executor, client):
-    """Wall time of an empty task, and processor time of each party, each per task [s]."""
-    jobs = JobsOfExecutor(partial(busy, 0.0), executor)
+    """Wall time of an empty task sent alone, and processor time of each party, per task [s]."""
+    jobs = JobsOfExecutor(partial(busy, 0.0), executor, together=0.0)
     timed(jobs, 50)
     before = clocks(client)
     wall, workers = timed(jobs, EMPTY)

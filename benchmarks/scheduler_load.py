@@ -155,7 +155,8 @@ def validate():
         executor = client.get_executor(pure=False)
 
         def real(cost, count):
-            return executors.timed(JobsOfExecutor(partial(idle, cost), executor), count)[0]
+            jobs = JobsOfExecutor(partial(idle, cost), executor, together=0.0)
+            return executors.timed(jobs, count)[0]
 
         real(0.2, 4)
         wall, used = executors.overhead(executor, client)

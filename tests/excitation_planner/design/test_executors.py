@@ -188,6 +188,77 @@ def test_each_job_returns_once_whichever_copy_comes_first():
     assert sorted(tasks.results()) == [(1, "1"), (2, "2"), (3, "3")]
 
 
+class Counted(Executor):
+    """Two workers, and how many jobs each task held that they were given."""
+
+    _max_workers = 2
+
+    def __init__(self):
+        self.sizes, self.dies_with = [], None
+
+    def submit(self, do, expected, work, several, sent):
+        self.sizes.append(len(several))
+        future = Future()
+        if self.dies_with == len(several):
+            future.set_exception(BrokenExecutor())
+        else:
+            future.set_result(do(expected, work, several, sent))
+        return future
+
+
+def results_of(tasks, count):
+    for job in range(count):
+        tasks.add(job)
+    found = list(tasks.results())
+    assert sorted(found) == [(job, str(job)) for job in range(count)]
+
+
+def test_short_jobs_are_sent_together():
+    """After a few alone, fewer and fewer, so that all workers end at about the same time."""
+    executor = Counted()
+    results_of(JobsOfExecutor(str, executor), 200)
+    assert executor.sizes[:4] == [1] * 4
+    assert executor.sizes[4:] == sorted(executor.sizes[4:], reverse=True)
+    assert executor.sizes[4] == 196 // 4
+    assert executor.sizes[-1] == 1
+
+
+@pytest.mark.parametrize(("count", "together"), [(200, 0.0), (200, 1e-9), (7, 10.0)])
+def test_jobs_are_sent_alone(count, together):
+    """Where that is asked for, where they are long, or where there are few for the workers."""
+    executor = Counted()
+    results_of(JobsOfExecutor(str, executor, together=together), count)
+    assert executor.sizes == [1] * count
+
+
+def test_jobs_wait_for_the_first_result_for_a_while_only():
+    held = []
+
+    class Waits(Counted):
+        def submit(self, *arguments):
+            held.append((Future(), partial(super().submit, *arguments)))
+            if len(held) == 10:
+                for future, work in held:
+                    future.set_result(work().result())
+            return held[-1][0]
+
+    executor = Waits()
+    results_of(JobsOfExecutor(str, executor, together=0.05), 10)
+    assert executor.sizes == [1] * 10
+
+
+def test_jobs_that_were_lost_together_are_done_again_alone(caplog):
+    first, second = Counted(), Counted()
+    first.dies_with = 24
+    results_of(JobsOfExecutor(str, first, replaced=lambda: second), 100)
+    assert first.sizes[4] == 24
+    assert set(second.sizes) == {1}
+    assert caplog.messages == [
+        "a worker process died: memory was short, or f crashed it; "
+        f"{len(second.sizes)} tasks are sent again"
+    ]
+
+
 def test_another_worker_takes_over_from_one_that_hangs(caplog):
     """On an executor of one's own, which nobody but its owner can end."""
     freed, calls = threading.Event(), []

@@ -1,7 +1,7 @@
 """Jobs done in this process or by workers that may die, hang, disagree in version, or come and go.
 
 Each job returns once. A job whose worker is lost is done again by another one, which one line of
-the log says; where that does not help, one line says why.
+the log says; where that does not help, one line says why. Short jobs are sent several at a time.
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ from __future__ import annotations
 import logging
 import os
 import platform
+import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import lru_cache
@@ -28,6 +29,9 @@ _LOGGER = logging.getLogger(__name__)
 
 TRIES = 3
 """Times that jobs are sent again in a row without a result in between."""
+
+TOGETHER = 0.2
+"""Time that short jobs sent together take [s]; sending takes up to some ms."""
 
 JobT = TypeVar("JobT")
 ResultT = TypeVar("ResultT")
@@ -90,6 +94,9 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
     timeout : float, optional
         Time without any result [s] after which all open jobs are sent again. Longer than any job
         takes; what it costs to be wrong is that jobs are done twice.
+    together : float
+        Time that jobs sent together take at least [s], if there are enough of them for all
+        workers; 0: each is sent alone.
 
     Raises
     ------
@@ -104,6 +111,7 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
         *,
         replaced: Callable[[], Executor] | None = None,
         timeout: float | None = None,
+        together: float = TOGETHER,
     ) -> None:
         if timeout is not None and not timeout > 0:
             raise DesignError(f"timeout = {timeout:g} s must be positive")
@@ -119,13 +127,23 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
         self._executor, self._replaced, self._timeout = executor, replaced, timeout
         self._listening = _LostWorkers(executor)
         self._round = self._in_vain = 0
-        self._open: dict[JobT, list[Future[ResultT]]] = {}
-        self._returned: SimpleQueue[tuple[JobT, int, Future[ResultT]]] = SimpleQueue()
+        self._together = together if timeout is None else min(together, timeout / 4)
+        self._workers = _workers_of(executor)
+        self._seconds: float | None = None  # that a job takes, as far as one has returned
+        self._open: dict[JobT, None] = {}
+        self._waiting: deque[JobT] = deque()  # those of them that are not sent yet
+        self._sent: set[Future[_Done[ResultT]]] = set()
+        self._returned: SimpleQueue[_Returned[JobT, ResultT]] = SimpleQueue()
 
     def add(self, job: JobT) -> None:
-        """Send a job, which must be hashable."""
-        self._open[job] = []
-        self._send(job)
+        """Take a job, which must be hashable."""
+        self._open[job] = None
+        self._waiting.append(job)
+        # alone, unless jobs may be short, and there are enough for all workers already
+        if not self._may_be_short or (
+            self._seconds is None and len(self._sent) < 2 * self._workers
+        ):
+            self._send_waiting(alone=True)
 
     def results(self) -> Iterator[tuple[JobT, ResultT]]:
         """Each job with its result, as soon as it is known.
@@ -136,15 +154,23 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
             Workers that die or hang again and again, or have other versions than this process.
         """
         while self._open:
+            if not self._may_be_short or self._seconds is not None:
+                self._send_waiting()
             try:
-                job, sent, future = self._returned.get(timeout=self._timeout)
+                jobs, sent, future = self._returned.get(
+                    timeout=self._together if self._waiting else self._timeout
+                )
             except Empty:
-                self._send_again(f"no result for {self._timeout:g} s")
+                if self._waiting:  # no job is so short that they were better sent together
+                    self._send_waiting(alone=True)
+                else:
+                    self._send_again(f"no result for {self._timeout:g} s")
                 continue
-            if job not in self._open:
-                continue  # a copy of it came first
+            self._sent.discard(future)
+            if not any(job in self._open for job in jobs):
+                continue  # copies of them came first
             try:
-                result = future.result()
+                results, seconds = future.result()
             except ExcitationError:
                 raise
             except Exception as error:
@@ -152,28 +178,51 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
                     self._failed(error)
                 continue
             self._in_vain = 0
-            del self._open[job]
-            yield job, result
+            took = seconds / len(jobs)
+            self._seconds = took if self._seconds is None else 0.5 * (self._seconds + took)
+            for job, result in zip(jobs, results, strict=True):
+                if job in self._open:
+                    del self._open[job]
+                    yield job, result
 
     def close(self) -> None:
         """Drop the jobs that are left."""
-        for futures in self._open.values():
-            for future in futures:
-                future.cancel()
+        for future in self._sent:
+            future.cancel()
+        self._sent.clear()
         self._open.clear()
+        self._waiting.clear()
         self._listening.close()
 
-    def _send(self, job: JobT) -> None:
+    @property
+    def _may_be_short(self) -> bool:
+        """Whether jobs may be better sent together, as far as is known."""
+        short = self._seconds is None or self._seconds <= 0.5 * self._together
+        return short and self._workers > 0 and self._together > 0.0
+
+    def _send_waiting(self, *, alone: bool = False) -> None:
+        """Send the jobs that wait: fewer and fewer together, so that workers end together."""
+        if not alone and len(self._waiting) >= 4:
+            self._workers = _workers_of(self._executor)  # they come and go
+        while self._waiting:
+            size = 1
+            if not alone and self._may_be_short and self._seconds is not None:
+                size = int(self._together / max(self._seconds, 1e-6))
+                size = max(1, min(size, len(self._waiting) // (2 * self._workers)))
+            self._send([self._waiting.popleft() for _ in range(size)])
+
+    def _send(self, jobs: Sequence[JobT]) -> None:
         sent = self._round
+        future: Future[_Done[ResultT]]
         try:
-            future: Future[ResultT] = self._executor.submit(do, versions(), self._work, job, sent)
+            future = self._executor.submit(do, versions(), self._work, jobs, sent)
         except BrokenExecutor as error:
             future = Future()
             future.set_exception(error)
         except RuntimeError as error:
             raise DesignError(f"the executor takes no work: {error}") from error
-        self._open[job].append(future)
-        future.add_done_callback(lambda done: self._returned.put((job, sent, done)))
+        self._sent.add(future)
+        future.add_done_callback(lambda done: self._returned.put((jobs, sent, done)))
 
     def _failed(self, error: Exception) -> None:
         """Go on after an error of the executor; those of f are DesignErrors already."""
@@ -195,7 +244,7 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
         self._send_again(died)
 
     def _send_again(self, reason: str) -> None:
-        """Send every open job again; whichever copy returns first counts."""
+        """Send every open job again, alone; whichever copy returns first counts."""
         self._round += 1
         self._in_vain += 1
         if self._replaced is not None:
@@ -203,8 +252,21 @@ class JobsOfExecutor(Generic[JobT, ResultT]):
         if self._in_vain > TRIES:
             raise DesignError(f"{reason}; {TRIES} more tries ended alike")
         _LOGGER.warning("%s; %d tasks are sent again", reason, len(self._open))
-        for job in list(self._open):
-            self._send(job)
+        self._waiting = deque(self._open)
+        self._send_waiting(alone=True)
+
+
+_Done = tuple[list[ResultT], float]
+_Returned = tuple[Sequence[JobT], int, Future[_Done[ResultT]]]
+
+
+def _workers_of(executor: Executor) -> int:
+    """Return how many workers an executor has; 0: it does not tell, or they are threads."""
+    if isinstance(executor, ThreadPoolExecutor):
+        return 0  # to which nothing is sent
+    if _is_of_dask(executor):
+        return sum(executor._client.nthreads().values())  # type: ignore[attr-defined]  # noqa: SLF001
+    return int(getattr(executor, "_max_workers", 0))
 
 
 def _is_of_dask(executor: Executor) -> bool:
@@ -245,19 +307,26 @@ def versions() -> tuple[tuple[str, str], ...]:
     return (("tricycle-excitation", __version__), ("Python", python), *packages)
 
 
-def do(expected: tuple[tuple[str, str], ...], work: Any, job: Any, sent: int) -> Any:  # noqa: ARG001
-    """Do a job on a worker, whose versions are compared before the work is unpacked.
+def do(
+    expected: tuple[tuple[str, str], ...],
+    work: Any,
+    jobs: Sequence[Any],
+    sent: int,  # noqa: ARG001
+) -> tuple[list[Any], float]:
+    """Return the results of jobs on a worker, and the time that they took [s].
+
+    Its versions are compared before the work is unpacked.
 
     Parameters
     ----------
     expected : tuple of (str, str)
         `versions` of the process that sent the job.
     work : bytes or callable
-        Function of the job, as bytes by cloudpickle.
-    job : object
-        For it.
+        Function of a job, as bytes by cloudpickle.
+    jobs : sequence of object
+        For it, one after the other.
     sent : int
-        Differs between copies of a job, which dask would otherwise take for one.
+        Differs between copies of jobs, which dask would otherwise take for one.
 
     Raises
     ------
@@ -275,7 +344,10 @@ def do(expected: tuple[tuple[str, str], ...], work: Any, job: Any, sent: int) ->
             f"worker {platform.node()}, process {os.getpid()}, has {', '.join(different)}: install "
             "the same there, or leave it out"
         )
-    return (_loaded(work) if isinstance(work, bytes) else work)(job)
+    done = _loaded(work) if isinstance(work, bytes) else work
+    began = time.perf_counter()
+    results = [done(job) for job in jobs]
+    return results, time.perf_counter() - began
 
 
 @lru_cache(maxsize=2)
