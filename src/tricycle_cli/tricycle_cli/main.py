@@ -1,6 +1,8 @@
 """The `tricycle` command: one subcommand per step, each a module of `commands`."""
 
 import argparse
+import atexit
+import gc
 import logging
 import signal
 import sys
@@ -128,6 +130,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     status : int
         Exit status: 0, 2 for a mistake of the user, 130 after Ctrl-C, or the subcommand's.
     """
+    if argv is None:  # the process is ours
+        gc.set_threshold(50_000)  # imports make many objects, and hardly any garbage
+        atexit.register(gc.freeze)  # what is left at the end need not be looked through
     words = sys.argv[1:] if argv is None else list(argv)
     logging.basicConfig(format="%(message)s")
     logging.getLogger("tricycle_sim").setLevel(logging.INFO)  # says when it compiles the vehicle
