@@ -1,6 +1,7 @@
 """Planning: indices against a second method, predictions, and searches against chance."""
 
 import dataclasses
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -106,6 +107,19 @@ def test_two_different_maneuvers_teach_more_than_the_best_single_one(request_, t
     assert second.predicted_std[target] < 0.5 * single.predicted_std[target]
     save_plan(second, tmp_path / "plan.json")
     assert load_plan(tmp_path / "plan.json").predicted_std == second.predicted_std
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("criterion", [Criterion.C, Criterion.H])
+def test_a_plan_is_the_same_on_any_number_of_workers(request_, criterion):
+    small = dataclasses.replace(request_, criterion=criterion, samples=20, budget=2500)
+    with ThreadPoolExecutor(1) as one:
+        alone = plan_maneuver(small, executor=one)
+    beside = plan_maneuver(small)
+    assert beside.id == alone.id
+    assert beside.criterion_cost == alone.criterion_cost
+    assert beside.predicted_std == alone.predicted_std
+    assert np.array_equal(beside.search.cost, alone.search.cost)
 
 
 @pytest.mark.slow
