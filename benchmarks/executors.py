@@ -7,7 +7,7 @@ processes of this machine (loky, the default), on concurrent.futures and on dask
 over TCP. The same tasks one after the other in this process are timed before each, so that both
 see the same load; the speed-up is the median of these pairs. Empty tasks, sent one by one, give the
 overhead, with the processor time that this process, dask's scheduler and a worker spend on each;
-tasks of less than 0.1 s are otherwise sent several at a time.
+tasks of less than 0.25 s are otherwise sent several at a time.
 
 Bars: speed-up of at least 1.8 for 100 ms and of 1.5 for 10 ms. They need two idle cores: the load
 of the machine is printed, and the status is 1 where one is missed. "By processor time" is what two

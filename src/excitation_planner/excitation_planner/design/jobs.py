@@ -30,7 +30,7 @@ _LOGGER = logging.getLogger(__name__)
 TRIES = 3
 """Times that jobs are sent again in a row without a result in between."""
 
-TOGETHER = 0.2
+TOGETHER = 0.5
 """Time that short jobs sent together take [s]; sending takes up to some ms."""
 
 JobT = TypeVar("JobT")
