@@ -42,12 +42,7 @@ def assert_joined(route, start, goal):
     assert route[-1].curvature == 0.0
 
 
-@given(start=LEFT, goal=RIGHT)
-@settings(max_examples=12)
-def test_the_footprint_stays_on_the_ground_all_along(start, goal):
-    route = find_route(request(start, goal))
-    assert_joined(route, start, goal)
-    assert route == find_route(request(start, goal))
+def assert_on_the_ground(route):
     ground = shapely.Polygon(YARD.keep_in).difference(shapely.Polygon(YARD.keep_out[0]))
     for arc in route:
         for s in np.linspace(0.0, arc.length, 50):
@@ -56,16 +51,55 @@ def test_the_footprint_stays_on_the_ground_all_along(start, goal):
             assert ground.buffer(-YARD.margin).contains(footprint)
 
 
+@given(start=LEFT, goal=RIGHT)
+@settings(max_examples=12)
+def test_the_footprint_stays_on_the_ground_all_along(start, goal):
+    route = find_route(request(start, goal))
+    assert_joined(route, start, goal)
+    assert_on_the_ground(route)
+    assert route == find_route(request(start, goal))
+
+
+CORNER = 23.6, 3.5, math.radians(-111.0)
+"""Where 1.5 m straight in, forwards or backwards, are not on the ground."""
+
+BESIDE_THE_BORDER = 23.6, 3.2, math.radians(-90.0)
+"""Out of here the vehicle has to turn in several moves."""
+
+
+@pytest.mark.parametrize("start", [(4.0, 7.5, 2.2), BESIDE_THE_BORDER])
+@pytest.mark.parametrize("goal", [CORNER, (9.0, 6.5, 1.5)])
+def test_out_of_a_corner_and_into_one(start, goal):
+    route = find_route(request(start, goal))
+    assert_joined(route, start, goal)
+    assert_on_the_ground(route)
+    assert all(abs(arc.length) > 0.01 for arc in route), "for none of them does it turn its wheels"
+
+
 def test_without_a_ground_it_goes_anywhere() -> None:
     start, goal = (0.0, 0.0, 0.0), (0.0, 1.0, math.pi)
     assert_joined(find_route(RouteRequest(start, goal, RADIUS)), start, goal)
 
 
+ALLEY = Area(np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 3.0], [0.0, 3.0]]))
+
+
 @pytest.mark.slow
 def test_where_there_is_no_room_to_turn_it_says_so() -> None:
-    alley = Area(np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 3.0], [0.0, 3.0]]))
     with pytest.raises(PlanError, match=r"no way back to the start: .* no room to turn"):
-        find_route(request((6.0, 1.5, 0.0), (15.0, 1.5, math.pi), alley))
+        find_route(request((6.0, 1.5, 0.0), (15.0, 1.5, math.pi), ALLEY))
+
+
+@pytest.mark.parametrize(
+    ("start", "goal", "lack"),
+    [
+        ((6.0, 1.5, 0.0), (15.0, 1.5, 0.4), r"no 0.75 m straight ahead of it or behind it"),
+        ((6.0, 1.03, 0.0), (15.0, 1.5, 0.0), r"the vehicle is not 0.05 m inside the ground"),
+    ],
+)
+def test_what_is_lacking_at_an_end_is_said_at_once(start, goal, lack):
+    with pytest.raises(PlanError, match=rf"no way back to the start: .*{lack}"):
+        find_route(request(start, goal, ALLEY))
 
 
 def test_the_run_out_is_enough_from_every_speed_that_the_pursuit_has_before_an_end():

@@ -20,6 +20,9 @@ Pose = tuple[float, float, float]
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 """Left arc, straight line, right arc: the kinds of Dubins paths."""
 
+ROUND_OFF = 3e-7
+"""Length below which an arc is none [m]: for it the vehicle would stand and turn its wheels."""
+
 _SIGN = {"L": 1.0, "S": 0.0, "R": -1.0}
 
 
@@ -116,7 +119,7 @@ def dubins_lengths(start: FloatArray, goal: FloatArray, radius: float) -> FloatA
 
 
 def dubins_arcs(start: Pose, word: str, lengths: FloatArray, radius: float) -> tuple[Arc, ...]:
-    """Return the arcs of a Dubins path from its start on, those without length left out.
+    """Return the arcs of a Dubins path from its start on, those shorter than `ROUND_OFF` left out.
 
     Parameters
     ----------
@@ -131,7 +134,7 @@ def dubins_arcs(start: Pose, word: str, lengths: FloatArray, radius: float) -> t
     """
     arcs = []
     for letter, length in zip(word, lengths.tolist(), strict=True):
-        if length:
+        if abs(length) > ROUND_OFF:
             arcs.append(Arc(start, _SIGN[letter] / radius, length))
             start = arcs[-1].end
     return tuple(arcs)

@@ -2,7 +2,10 @@
 
 Poses are drawn on the ground, each is tied to each by its Dubins paths, and the shortest chain is
 looked for; whether the vehicle has room on a path is looked at only where the chain takes it (lazy
-probabilistic roadmap: R. Bohlin, L. E. Kavraki, "Path planning using lazy PRM", ICRA 2000).
+probabilistic roadmap: R. Bohlin, L. E. Kavraki, "Path planning using lazy PRM", ICRA 2000). Where
+that finds none, poses are added that arcs lead to from both ends, in many turns out of a corner
+(expansive trees: D. Hsu, J.-C. Latombe, R. Motwani, "Path planning in expansive configuration
+spaces", ICRA 1997).
 """
 
 from __future__ import annotations
@@ -21,6 +24,9 @@ from tricycle_core.quantities import FloatArray
 APPROACHES = (1.5, 3.0, 5.0)
 """Lengths of the straight line into the goal, along which deviations die out [m]."""
 
+SHORT_APPROACH = 0.75
+"""Length of one where these lead to no route [m]; a shorter one would leave deviations."""
+
 CLEARANCES = (0.15, 0.05)
 """Kept from the border of the ground, for what the pursuit deviates [m]; the second if need be."""
 
@@ -28,13 +34,13 @@ CHANGE = 2.0
 """Length that a stop between two paths counts for [m]."""
 
 POSES = 60
-"""Poses drawn on the ground in the first round, and in each further one."""
+"""Poses drawn on the ground, and arcs tried from each end."""
 
-ROUNDS = 2
-"""Rounds until no route is found."""
+ARCS = (0.3, 5.0)
+"""Shortest and longest of these arcs [m]."""
 
 PATHS = 400
-"""Paths that are looked at in each round."""
+"""Paths that are looked at in each search."""
 
 SPACING = 0.2
 """Between the poses of a path that are looked at [m]."""
@@ -76,19 +82,21 @@ def find_route(request: RouteRequest) -> tuple[Arc, ...]:
     PlanError
         If there is none.
     """
-    goal = np.array(request.goal)
-    entries = np.array([_along(goal, -way) for a in APPROACHES for way in (a, -a)])
+    none = "no way back to the start:"
+    if not Room(request, CLEARANCES[-1]).holds(*np.array([request.start]).T):
+        raise PlanError(
+            f"{none} the vehicle is not {CLEARANCES[-1]:g} m inside the ground less its margin; "
+            "drive it there by hand"
+        )
     for clearance in CLEARANCES:
-        rng, room = np.random.default_rng(0), Room(request, clearance)
-        poses = np.vstack([request.start, entries])
-        for _ in range(ROUNDS):
-            poses = np.vstack([poses, room.draw(rng, POSES)])
-            if route := _chain(poses, room, request):
+        room = Room(request, clearance)
+        for approaches, arcs in ((APPROACHES, 0), ((*APPROACHES, SHORT_APPROACH), POSES)):
+            legs = [_into(request.goal, way) for a in approaches for way in (a, -a)]
+            legs = [leg for leg in legs if room.free((leg,))]
+            if route := _search(room, request, legs, arcs):
                 return route
-    raise PlanError(
-        "no way back to the start: the ground less its margin leaves no room to turn; drive it by "
-        "hand"
-    )
+    lacks = "room to turn" if legs else f"{SHORT_APPROACH:g} m straight ahead of it or behind it"
+    raise PlanError(f"{none} the ground less its margin leaves no {lacks}; drive it by hand")
 
 
 class Room:
@@ -180,34 +188,71 @@ class Room:
         poses[::2, 2] = lined[::2]
         return poses[self.holds(*poses.T)][:number]
 
+    def grow(self, rng: np.random.Generator, root: Pose, number: int) -> FloatArray:
+        """Return poses to and from which free arcs lead, from one pose and from one another.
 
-def _chain(poses: FloatArray, room: Room, request: RouteRequest) -> tuple[Arc, ...]:
-    """Shortest chain of free paths from the first pose over an entry to the goal; empty: none."""
+        Parameters
+        ----------
+        rng : Generator
+            Of the arcs.
+        root : (float, float, float)
+            The first pose [m, m, rad].
+        number : int
+            Arcs that are tried.
+
+        Returns
+        -------
+        poses : ndarray of float, shape (n, 3)
+            x, y, heading, the first one too [m, m, rad].
+        """
+        poses = [root]
+        for _ in range(number):
+            start = poses[rng.integers(len(poses))]
+            curvature = float(rng.integers(-1, 2)) / self._request.radius
+            there = Arc(start, curvature, float(rng.choice([-1.0, 1.0]) * rng.uniform(*ARCS)))
+            if self.free((there, Arc(there.end, curvature, -there.length))):
+                poses.append(there.end)
+        return np.array(poses)
+
+
+def _into(goal: Pose, way: float) -> Arc:
+    """Straight line into the goal."""
+    return Arc(Arc(goal, 0.0, -way).end, 0.0, way)
+
+
+def _search(room: Room, request: RouteRequest, legs: list[Arc], arcs: int) -> tuple[Arc, ...]:
+    """Shortest chain of free paths over one of the legs to the goal; empty: none."""
+    if not legs:
+        return ()
+    rng = np.random.default_rng(0)
+    begins = np.array([request.start, *(leg.start for leg in legs)])
+    poses = [begins, room.draw(rng, POSES)]
+    if arcs:
+        poses += [room.grow(rng, end, arcs) for end in (request.start, request.goal)]
+    return _chain(np.vstack(poses), legs, room, request)
+
+
+def _chain(
+    poses: FloatArray, legs: list[Arc], room: Room, request: RouteRequest
+) -> tuple[Arc, ...]:
+    """Shortest chain of free paths from the first pose, over a leg from one of the next."""
     from scipy.sparse.csgraph import dijkstra
 
-    n, entries = len(poses), 2 * len(APPROACHES)
+    n = len(poses)
     forwards = dubins_lengths(poses, poses, request.radius)
     lengths = np.concatenate([forwards, -forwards[:, ::-1].transpose(0, 1, 3, 2)])  # (12, 3, n, n)
     words = WORDS + tuple(word[::-1] for word in WORDS)
     cost = np.abs(lengths).sum(axis=1) + CHANGE  # (12, n, n)
     cost[:, np.arange(n), np.arange(n)] = np.inf
-    into = np.repeat(APPROACHES, 2)
-    legs = [
-        (Arc(tuple(poses[1 + k].tolist()), 0.0, float(np.copysign(way, 1 - 2 * (k % 2)))),)
-        for k, way in enumerate(into)
-    ]
-    for k, leg in enumerate(legs):
-        if not room.free(leg):
-            into[k] = np.inf
     graph = np.full((n + 1, n + 1), np.inf)
     graph[:n, :n] = cost.min(axis=0)
-    graph[1 : 1 + entries, n] = into
+    graph[1 : 1 + len(legs), n] = [abs(leg.length) for leg in legs]
     for _ in range(PATHS):
         distance, before = dijkstra(graph, indices=0, return_predecessors=True)
         if not np.isfinite(distance[n]):
             break
-        route: tuple[Arc, ...] = legs[before[n] - 1]
         node = int(before[n])
+        route: tuple[Arc, ...] = (legs[node - 1],)
         while node != 0:
             last = int(before[node])
             word = int(np.argmin(cost[:, last, node]))
@@ -222,9 +267,3 @@ def _chain(poses: FloatArray, room: Room, request: RouteRequest) -> tuple[Arc, .
         else:
             return route
     return ()
-
-
-def _along(pose: FloatArray, way: float) -> FloatArray:
-    """Pose moved along its heading."""
-    x, y, heading = pose
-    return np.array([x + way * np.cos(heading), y + way * np.sin(heading), heading])
