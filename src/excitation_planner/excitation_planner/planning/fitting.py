@@ -70,7 +70,7 @@ DISTANCES = (0.3, 0.1, 0.03, 0.01)
 """Of the next points from all others on some axis, in ranges: one for each is chosen."""
 
 LEARNT = 3
-"""Turns after which the spread of all vehicles of the ranges is looked at again."""
+"""Turns after which it is looked whether all vehicles of the ranges fit the best maneuver."""
 
 STARTS = 4
 """Maneuvers that are handed out, and those beside which candidates lie."""
@@ -152,8 +152,8 @@ class FittingSearch:
         for turn in itertools.count():
             for u in new:
                 self._try(u)
-            if turn % LEARNT == 0:  # of the best so far
-                next(map(self._fits, filter(self._may_fit, self._by_cost())), None)
+            if turn % LEARNT == 0 and (best := next(filter(self._may_fit, self._by_cost()), None)):
+                self._fits(best)
             tried = len(self._points)
             enough = self.simulations >= budget and tried >= FEWEST * dimensions
             if enough or tried >= MOST or not len(new := self._next(rng)):
@@ -240,7 +240,8 @@ class FittingSearch:
         return one.shortage + (self._spread if one.fits is None else 0.0)
 
     def _may_fit(self, one: _Tried) -> bool:
-        return self._lacks(one) <= 0.0
+        # whatever the spread: that of another maneuver may be larger
+        return one.shortage <= 0.0
 
     def _fits(self, one: _Tried) -> bool:
         """Whether all vehicles of the ranges fit; where they do not, the spread is learnt."""
@@ -249,7 +250,7 @@ class FittingSearch:
             try:
                 shortage = self.room.lacks(self.vehicle, one.commands, one.place)
             except InfeasibleManeuver:
-                shortage = one.shortage + ALLOWANCE
+                shortage = ALLOWANCE
             one.fits = shortage <= 0.0
             if not one.fits:
                 # no more room than that is looked for

@@ -50,7 +50,7 @@ from tricycle_sim.vehicle.layout import LANES
 LEAST_DRAWS = 6
 """Vehicles over which a criterion is averaged, however many effects each is simulated with."""
 
-FITTING = 0.55
+FITTING = 0.75
 """Share of a search's simulations that goes into finding maneuvers that fit an area."""
 
 SIDE_BY_SIDE = 4
