@@ -95,7 +95,8 @@ class SearchHistory:
     x : ndarray of float, shape (s, l)
         Operation parameters.
     cost : ndarray of float, shape (s,)
-        Criterion there; infinite where the maneuver cannot be driven or judged.
+        Criterion there; infinite where the maneuver cannot be driven or judged, or does not fit the
+        area. On an area that of most is an estimate by a few vehicles.
 
     Raises
     ------

@@ -88,7 +88,8 @@ class _Tried:
 
     u: FloatArray
     commands: Commands
-    cost: float  # on the scale that is searched
+    criterion: float  # its value
+    cost: float  # that on the scale that is searched
     place: Placement
     shortage: float
     fits: bool | None = None  # None: it is not known of all vehicles of the ranges
@@ -133,8 +134,8 @@ class FittingSearch:
     seed: int = 0
     simulations: int = field(default=0, init=False)
     _points: list[FloatArray] = field(default_factory=list, init=False)  # all that were tried
-    _drivable: list[bool] = field(default_factory=list, init=False)  # which of them can be driven
-    _found: list[_Tried] = field(default_factory=list, init=False)  # those
+    # what was found of them; None: they cannot be driven
+    _tried: list[_Tried | None] = field(default_factory=list, init=False)
     # room for vehicles that a rough tube leaves out
     _spread: float = field(default=0.0, init=False)
 
@@ -164,18 +165,30 @@ class FittingSearch:
                 chosen.append(one.u)
         return np.array(chosen).reshape(-1, dimensions)
 
+    def history(self) -> tuple[FloatArray, FloatArray]:
+        """Return operation parameters (s, l) and criterion (s,) of all maneuvers tried so far.
+
+        The criterion, of a few vehicles, is infinite where a maneuver cannot be driven or does not
+        fit.
+        """
+        fit = [one is not None and self._may_fit(one) for one in self._tried]
+        values = [one.criterion if one is not None else np.inf for one in self._tried]
+        points = np.array(self._points).reshape(-1, len(self.family.operation))
+        return self.family.operation.from_unit(points), np.where(fit, values, np.inf)
+
     def _next(self, rng: np.random.Generator) -> FloatArray:
         """Points (b, l) to be tried next."""
         from scipy.interpolate import RBFInterpolator  # most plans do without
         from scipy.spatial.distance import cdist
 
         dimensions = len(self.family.operation)
-        U = np.array([one.u for one in self._found]).reshape(-1, dimensions)
+        found = self._found
+        U = np.array([one.u for one in found]).reshape(-1, dimensions)
         random = rng.random((CANDIDATES, dimensions))
         if not len(U) or np.linalg.matrix_rank(U - U[0]) < dimensions:
             return random[: len(DISTANCES)]
-        cost = np.array([one.cost for one in self._found])
-        shortage = np.array([self._lacks(one) for one in self._found])
+        cost = np.array([one.cost for one in found])
+        shortage = np.array([self._lacks(one) for one in found])
         best = U[_ranked(cost, shortage)[:STARTS]]
         steps = rng.choice(STEPS, (CANDIDATES, 1)) * rng.standard_normal(random.shape)
         steps *= rng.random(random.shape) < MOVED
@@ -183,7 +196,8 @@ class FittingSearch:
         candidates = np.vstack([random, beside])
         distance = cdist(candidates, np.array(self._points), "chebyshev")
         # beside what cannot be driven there is more of it
-        kept = np.array(self._drivable)[np.argmin(distance, axis=1)]
+        drivable = np.array([one is not None for one in self._tried])
+        kept = drivable[np.argmin(distance, axis=1)]
         candidates, distance = candidates[kept], distance[kept].min(axis=1)
         surrogates = RBFInterpolator(U, np.column_stack([cost, shortage]), kernel="cubic")
         ranked = _ranked(*surrogates(candidates).T)
@@ -197,11 +211,8 @@ class FittingSearch:
 
     def _try(self, u: FloatArray) -> None:
         """Judge the maneuver at a point (l,), and find its room."""
-        one = self._judged(u)
         self._points.append(u)
-        self._drivable.append(one is not None)
-        if one is not None:
-            self._found.append(one)
+        self._tried.append(self._judged(u))
 
     def _judged(self, u: FloatArray) -> _Tried | None:
         """The maneuver at a point (l,); None if it cannot be driven or judged."""
@@ -221,7 +232,7 @@ class FittingSearch:
         covariance = posterior_covariance(F, self.prior, beside)
         cost = float(information_costs(covariance, self.criterion, self.target).mean())
         shortage = self.room.needed - place.clearance
-        return _Tried(u, commands, self.criterion.search_scale(cost), place, shortage)
+        return _Tried(u, commands, cost, self.criterion.search_scale(cost), place, shortage)
 
     @cached_property
     def _draws(self) -> tuple[FloatArray, FloatArray]:
@@ -231,6 +242,11 @@ class FittingSearch:
         draws = max(1, JUDGING // (k + len(beside.steps) + 1))
         U = difference_points(k, draws, seed=self.seed, prior=self.prior, beside=beside)
         return U, np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
+
+    @property
+    def _found(self) -> list[_Tried]:
+        """Those that can be driven."""
+        return [one for one in self._tried if one is not None]
 
     def _by_cost(self) -> list[_Tried]:
         return sorted(self._found, key=lambda one: one.cost)

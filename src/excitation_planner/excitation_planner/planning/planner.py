@@ -121,7 +121,7 @@ def plan_set(
     threads = ThreadPoolExecutor(max(SIDE_BY_SIDE, os.cpu_count() or 1))
     with THREADPOOLS.limit(limits=1), threads:
         try:
-            design, points = _searched(request, executor or threads, progress)
+            design, points, tried = _searched(request, executor or threads, progress)
             predicted_std = threads.submit(_predicted_std, request, points)
             if request.criterion is Criterion.H:
                 judged = [_Maneuver(design.x, design.sensitivity, design.cost)]
@@ -137,13 +137,13 @@ def plan_set(
             remedies = (closest_fit(request.vehicle, family, room) for family in request.families)
             reasons = filter(None, dict.fromkeys([str(error), *remedies]))
             raise PlanError("; ".join(reasons)) from error
-        return _plans(request, judged, predicted_std.result(), design, began)
+        return _plans(request, judged, predicted_std.result(), design, began, tried)
 
 
 def _searched(
     request: PlanRequest, executor: Executor, progress: Progress | None
-) -> tuple[Design, list[FloatArray]]:
-    """The design, and the operation parameters (l,) of each of its maneuvers."""
+) -> tuple[Design, list[FloatArray], SearchHistory]:
+    """The design, the operation parameters (l,) of each maneuver, and what was tried on the way."""
     if request.criterion is Criterion.H:
         design = design_excitation(
             ReplayedTrajectoryError(request.vehicle, request.family, _room(request)),
@@ -158,14 +158,14 @@ def _searched(
             executor=executor,
             progress=progress,
         )
-        return design, [design.x]
+        return design, [design.x], _history(design)
     operations = tuple(family.operation for family in request.families)
     maneuvers = ManeuverSet(_trajectories(request, _room(request)), operations)
     beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
     unknown = Box.of(dict(request.vehicle.unknown))
     # as many simulations of a maneuver as without effects, but a few vehicles at least
     draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
-    starts, taken, budget = None, 0, request.budget
+    starts, taken, budget, fitting = None, 0, request.budget, None
     if request.search is Search.ADAPTIVE and request.others:
         starts, taken = best_combinations(
             maneuvers,
@@ -222,7 +222,18 @@ def _searched(
         progress=progress,
     )
     design = dataclasses.replace(design, simulations=design.simulations + taken)
-    return design, maneuvers.split(design.x)
+    tried = _history(design)
+    if fitting is not None:
+        x, cost = fitting.history()
+        tried = SearchHistory(np.vstack([x, tried.x]), np.append(cost, tried.cost))
+    return design, maneuvers.split(design.x), tried
+
+
+def _history(design: Design) -> SearchHistory:
+    return SearchHistory(
+        np.array([evaluation.x for evaluation in design.history]),
+        np.array([evaluation.cost for evaluation in design.history]),
+    )
 
 
 def _room(request: PlanRequest) -> Room | None:
@@ -345,6 +356,7 @@ def _plans(
     predicted_std: dict[str, float],
     design: Design | None,
     began: float,
+    tried: SearchHistory | None = None,
 ) -> tuple[Plan, ...]:
     """A plan per maneuver of a set; `design` is how they were found, None if they were given."""
     vehicle = request.vehicle
@@ -354,11 +366,9 @@ def _plans(
     for number, (family, maneuver) in enumerate(zip(request.families, maneuvers, strict=True)):
         run, result = nominal_run(vehicle, family, maneuver.x), maneuver.sensitivity
         searched = None
-        if design is not None:
-            tried = np.array([evaluation.x for evaluation in design.history])
-            searched = SearchHistory(
-                tried[:, columns[number] : columns[number + 1]],
-                np.array([evaluation.cost for evaluation in design.history]),
+        if tried is not None:
+            searched = dataclasses.replace(
+                tried, x=tried.x[:, columns[number] : columns[number + 1]]
             )
         plans.append(
             Plan(

@@ -183,12 +183,13 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
             ),
         ]
         if plan.search is not None:
+            on_area = " On an area most costs are of a few vehicles; what does not fit has none."
             blocks.append(
                 PlotBlock(
                     "search",
                     (figures.search_path(plan, plan.search),),
                     "Cost of the maneuvers that the search tried, and the best so far. Axes are in "
-                    "m, m/s, rad or Hz.",
+                    "m, m/s, rad or Hz." + (on_area if plan.area is not None else ""),
                 )
             )
     return blocks
