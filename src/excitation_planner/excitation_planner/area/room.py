@@ -112,11 +112,12 @@ class Room:
         tube = tube_of(vehicle, commands, self.footprint)
         best = best_placement(tube.whole, self.area)
         if best.clearance < self.needed:
-            # another search finds a pose that this one has missed, now and then
+            # other searches find a pose that this one has missed, now and then: those of `lacks`
             place = self.roughly_placed(vehicle, commands)
             there = at_pose(tube.whole, place.x, place.y, place.heading)
             other = replace(place, clearance=clearance_of(np.array([there]), self.area))
-            best = max(best, other, key=lambda placement: placement.clearance)
+            enough = best_placement(tube.whole, self.area, enough=self.needed)
+            best = max(best, other, enough, key=lambda placement: placement.clearance)
         x, y, heading = best.x, best.y, best.heading
         return Fit(
             best,
