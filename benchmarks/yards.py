@@ -77,7 +77,7 @@ YARDS = {
         start=StartRegion(heading=(-0.2, 0.2)),
     ),
 }
-# the search's constants were chosen without these
+# these decided between variants of the search only
 OTHER_YARDS = {
     "15 x 18 m, a pillar": Area(
         np.array([[0.0, 0.0], [18.0, 0.0], [18.0, 15.0], [0.0, 15.0]]),
