@@ -53,7 +53,7 @@ def motion_of(recording: Recording) -> Motion:
     Parameters
     ----------
     recording : Recording
-        With at least 0.2 s of poses.
+        With at least 0.2 s and `LEAST` poses.
 
     Raises
     ------
@@ -62,7 +62,9 @@ def motion_of(recording: Recording) -> Motion:
     """
     time = np.arange(recording.time[0], recording.time[-1], TICK)
     if len(time) < FILTER[0] or len(recording.time) < LEAST:
-        raise IdentificationError(f"{recording.name}: less than 0.2 s of poses: nothing to drive")
+        raise IdentificationError(
+            f"{recording.name}: less than 0.2 s or {LEAST} poses: nothing to drive"
+        )
     x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
     rough = np.hypot(*(savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y)))
     positions = smooth(recording.time, recording.poses[:, :2])

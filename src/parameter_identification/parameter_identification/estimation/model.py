@@ -645,7 +645,8 @@ class DriveModel:
                 np.pad(values[:, own], ((0, 0), (knots - len(own), 0)))
                 for own in self._input_errors_at
             )
-            faster /= self.drive.speed[np.linspace(0, len(self.drive.speed) - 1, knots).astype(int)]
+            speed = self.drive.speed[np.linspace(0, len(self.drive.speed) - 1, knots).astype(int)]
+            faster *= np.where(np.abs(speed) > RESTING, 1.0 / np.where(speed, speed, 1.0), 0.0)
             motions = deviated(motions, faster, turning)
         deviations = (SPEED_DEVIATION, TURN_DEVIATION)
         if any(f"{name} 0" in self._at for name in deviations):
