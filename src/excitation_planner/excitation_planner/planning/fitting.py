@@ -13,6 +13,7 @@ high-dimensional expensive black-box problems with infeasible initial points; Re
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -71,6 +72,12 @@ DISTANCES = (0.3, 0.1, 0.03, 0.01)
 
 LEARNT = 3
 """Turns after which it is looked whether all vehicles of the ranges fit the best maneuver."""
+
+PATIENCE = 12
+"""Turns without a better maneuver after which the search ends."""
+
+BETTER = 0.01
+"""Difference on the scale that is searched from which a maneuver is better."""
 
 STARTS = 4
 """Maneuvers that are handed out, and those beside which candidates lie."""
@@ -150,13 +157,18 @@ class FittingSearch:
         dimensions, rng = len(self.family.operation), np.random.default_rng(self.seed)
         screened = sobol_sequence(SCREENED * dimensions, dimensions, seed=self.seed)
         new = np.vstack([corners(dimensions, seed=self.seed), screened])
+        least, since = math.inf, 0
         for turn in itertools.count():
             for u in new:
                 self._try(u)
-            if turn % LEARNT == 0 and (best := next(filter(self._may_fit, self._by_cost()), None)):
+            best = next(filter(self._may_fit, self._by_cost()), None)
+            if best is not None and best.cost < least - BETTER:
+                least, since = best.cost, turn
+            if best is not None and turn % LEARNT == 0:
                 self._fits(best)
             tried = len(self._points)
             enough = self.simulations >= budget and tried >= FEWEST * dimensions
+            enough |= best is not None and turn - since >= PATIENCE
             if enough or tried >= MOST or not len(new := self._next(rng)):
                 break
         chosen = list[FloatArray]()
