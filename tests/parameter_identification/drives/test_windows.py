@@ -343,3 +343,12 @@ def test_parameters_of_a_vehicle_unlike_the_file_are_found_from_a_table(
         assert found[name].low - 0.01 * (high - low) < truth[name], name
         assert truth[name] < found[name].high + 0.01 * (high - low), name
     assert not found["rolling_coefficient_1"].identifiable  # the speed is an input
+
+
+def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> None:
+    rows = [f"{0.02 * i:.2f},{0.02 * i:.3f},0,0,{'0.1' if i < 5 else ''}" for i in range(300)]
+    path = tmp_path / "drive.csv"
+    path.write_text("\n".join(["t,x,y,yaw,angle", *rows]) + "\n")
+    mapping = Columns(time="t", x="x", y="y", yaw="yaw", steering_angle="angle")
+    with pytest.raises(IdentificationError, match="5 steering angles: at least 10"):
+        read_windows(path, VEHICLE, mapping)

@@ -191,10 +191,7 @@ def sensitivity(
             )
             U = np.vstack([U, new])
             m = np.concatenate([m, call_simulator(f, unknown.from_unit(new))])
-        model = fit_metamodel(U, m, start=model)
-        return sensitivity_of_model(
-            unknown, model, sobol_indices(model), failed=int(np.sum(~np.isfinite(m)))
-        )
+        return sensitivity_of_outputs(unknown, U, m, start=model)
 
 
 def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> FloatArray:
@@ -220,7 +217,9 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
     return m
 
 
-def sensitivity_of_outputs(unknown: Box, U: FloatArray, m: FloatArray) -> Sensitivity:
+def sensitivity_of_outputs(
+    unknown: Box, U: FloatArray, m: FloatArray, *, start: Kriging | None = None
+) -> Sensitivity:
     """Return the sensitivity from outputs.
 
     Parameters
@@ -231,9 +230,16 @@ def sensitivity_of_outputs(unknown: Box, U: FloatArray, m: FloatArray) -> Sensit
         Points of the unit box.
     m : ndarray of float, shape (n,)
         Outputs there; NaN where failed.
+    start : Kriging, optional
+        As of `fit_metamodel`.
+
+    Raises
+    ------
+    DesignError
+        As `check_outputs`.
     """
     with THREADPOOLS.limit(limits=1):
-        model, failed = fit_metamodel(U, m), int(np.sum(~np.isfinite(m)))
+        model, failed = fit_metamodel(U, m, start=start), int(np.sum(~np.isfinite(m)))
         return sensitivity_of_model(unknown, model, sobol_indices(model), failed=failed)
 
 

@@ -31,7 +31,7 @@ from parameter_identification.drives.measured import (
     usable,
 )
 from parameter_identification.drives.motion import SLOWEST, Motion, motion_of
-from parameter_identification.drives.smoothing import smooth
+from parameter_identification.drives.smoothing import LEAST, smooth
 from parameter_identification.drives.table import (
     Columns,
     Recording,
@@ -248,6 +248,10 @@ def _setpoints(
     if not recording.steering_measured:
         return steering.angle(_steering(recording, motion)), 0.0
     time, told = recording.steering.time, recording.steering.values
+    if len(time) < LEAST:
+        raise IdentificationError(
+            f"{recording.name}: {len(time)} steering angles: at least {LEAST} are needed"
+        )
     angles = smooth(time, steering.angle(told)[:, np.newaxis])
     angle = angles.spline(np.clip(motion.time, time[0], time[-1]))[:, 0]
     road_angle = functions_for(vehicle).road_angle
