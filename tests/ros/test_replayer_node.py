@@ -28,7 +28,7 @@ from tricycle_core.nodes import LATCHED
 
 pytestmark = pytest.mark.ros
 TYPE = "std_msgs/msg/String"
-EVERY_ONE = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+EVERY_ONE = QoSProfile(depth=100)  # reliable: the replayer waits for it before it ends
 
 
 @pytest.fixture
@@ -37,7 +37,8 @@ def bag(tmp_path: Path) -> Path:
         latched = (OfferedQos(history="unknown", depth=0, durability="transient_local"),)
         sensor = (OfferedQos(history="unknown", depth=0, reliability="best_effort"),)
         plan = writer.add_topic(Topic.of_type("/plan", TYPE, qos=latched))
-        odom = writer.add_topic(Topic.of_type("/odom", TYPE, qos=sensor))
+        odom = writer.add_topic(Topic.of_type("/odom", TYPE))
+        writer.add_topic(Topic.of_type("/imu", TYPE, qos=sensor))
         writer.add_topic(Topic("/foreign", "no_such_msgs/msg/Thing"))
         for i in range(100):
             data = jazzy().serialize_cdr(jazzy().types[TYPE](data=str(i)), TYPE)
@@ -96,7 +97,9 @@ def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
         Clock, "/clock", lambda m: clock.append(m.clock.sec + m.clock.nanosec * 1e-9), 100
     )
     r = replayer("-p", f"bag:={bag}", "-p", "paused:=true", "-r", "/odom:=/moved")
-    r.wait(lambda: ros_node.count_publishers("/moved") == 1)
+    r.wait(lambda: ros_node.count_publishers("/moved") == ros_node.count_publishers("/imu") == 1)
+    (sensor,) = ros_node.get_publishers_info_by_topic("/imu")
+    assert sensor.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT
     assert not heard
     assert r.call("step").success  # the plan
     assert r.call("step").success
