@@ -57,3 +57,11 @@ def test_a_wheel_that_the_vehicle_lacks_is_refused(drive, tmp_path):
             dataclasses.replace(recording, more=more), VEHICLE, SteeringMap(), tmp_path / "bag"
         )
     assert not (tmp_path / "bag").exists()
+
+
+def test_speeds_made_from_the_poses_are_not_identified_from(drive, tmp_path):
+    recording = recording_of(drive)
+    del recording.more["speed_command"]
+    assert write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag") is not None
+    with pytest.raises(IdentificationError, match="identify from the table"):
+        read_measured_drive(tmp_path / "bag", VEHICLE)

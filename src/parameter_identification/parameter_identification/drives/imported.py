@@ -1,8 +1,8 @@
 """A recording of another system as a bag, with the topics that the suite's own recorder has.
 
 Where the vehicle stands before it drives, the moment when it starts is the start event, and the
-reference is what the nominal vehicle does with the recorded commands: such a bag can be judged and
-identified from as a drive of a plan.
+reference is what the nominal vehicle does with the recorded commands: such a bag can be judged and,
+where the set-points of the speed were recorded, identified from as a drive of a plan.
 """
 
 import math
@@ -12,7 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.drives.measured import (
+    FROM_POSES,
+    SPEED_SOURCE,
+    MeasuredDrive,
+    Sensor,
+)
 from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
@@ -110,7 +115,10 @@ def write_bag(
         rows += _driven(recording, vehicle, steering, start)
     rows.sort(key=lambda row: row[0])
     names = [name for name in KINDS if any(row[1] == name for row in rows)]
-    with BagWriter(output, metadata={"imported_from": recording.name}) as bag:
+    metadata = {"imported_from": recording.name}
+    if "speed_command" not in recording.more:
+        metadata[SPEED_SOURCE] = FROM_POSES
+    with BagWriter(output, metadata=metadata) as bag:
         ids = {
             name: bag.add_topic(
                 Topic.of_type(name, KINDS[name], qos=LATCHED if "maneuver" in name else ())

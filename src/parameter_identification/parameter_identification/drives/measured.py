@@ -29,6 +29,7 @@ from tricycle_sim.vehicle import Vehicle
 FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
 STANDSTILL = 1.0  # s before the start event that are used
 UNTOLD = 0.2  # s between samples from which an input is not known throughout
+SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag
 UNTOLD_START = 1.5  # s, likewise before the first speed from rest: pulses do not tell slow ones
 
 
@@ -288,8 +289,14 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
     JudgeError
         If a sensor's value is infinite. NaN is none (a sensor may not measure all the time).
     IdentificationError
-        If it holds no commands.
+        If it holds no commands, or its set-points of the speed were made from its poses.
     """
+    if drive.metadata.get(SPEED_SOURCE) == FROM_POSES:
+        raise IdentificationError(
+            f"{drive.bag}: its table has no speed_command: the set-points were made from its "
+            "poses, for the nominal vehicle, and would be taken for knowledge of the one that "
+            "drove; identify from the table: `tricycle identify TABLE --columns MAPPING`"
+        )
     if drive.commands is None:
         raise IdentificationError(
             f"{drive.bag} holds no topic {drive.topics.commands}: without commands there is no "

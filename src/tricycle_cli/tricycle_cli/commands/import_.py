@@ -24,8 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.description = (
         "Writes a table (CSV) as a bag (MCAP) with the suite's topics. Where the vehicle stands "
-        "before it drives, the bag can be judged and identified from: its reference is what the "
-        "nominal vehicle does with the recorded commands."
+        "before it drives, the bag can be judged: its reference is what the nominal vehicle does "
+        "with the recorded commands. With a speed_command it can be identified from, too."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
@@ -60,6 +60,8 @@ def run(args: argparse.Namespace) -> int:
             "be judged, identify from the table instead",
             file=sys.stderr,
         )
+    elif columns.speed_command is None:
+        print("no speed_command: the bag can be judged; identify from the table", file=sys.stderr)
     elif recording.time[-1] - start > LONG:
         print(
             f"a drive of {recording.time[-1] - start:.0f} s: a model without feedback loses its "
