@@ -1,7 +1,8 @@
 """Plans in yards: room that random vehicles leave, what a yard costs, and faults on the way.
 
     python benchmarks/yards.py [--vehicles 1000] [--drives 5] [--part plans|seeds|limits|faults]
-                               [--families ...] [--yards ...] [--seeds 1] [--evaluations 600]
+                               [--families ...] [--yards usual|other|NAME]
+                               [--seeds 1] [--evaluations 600]
 
 plans   each family is planned without a yard and in some of them, by criterion c for the cornering
         stiffness. Printed: what share of the information is kept (variance free over variance in
@@ -140,40 +141,41 @@ def planned(family, area, budget, seed=0):
     return found, time.process_time() - begun
 
 
-def compile_all(budget):
-    """Plan once, so that no plan that is timed compiles."""
+def cells(families, yards, budget):
+    """Label, family and area of each table row; plan without a yard, and the time it took [s]."""
+    # no plan that is timed compiles
     planned(family_by_name("circle"), YARDS["30 x 30 m, two posts"], budget)
+    for name in families:
+        family = family_by_name(name)
+        free, free_time = planned(family, None, budget)
+        (smaller,) = with_ranges([family], {}, smaller=True)  # as `tricycle plan --area` does
+        for yard, area in yards.items():
+            yield f"{name:20s}{yard:22s}", smaller, area, free, free_time
 
 
 def try_plans(families, yards, count, budget):
     """Print the table of plans; returns those that fit, with their area."""
     found = []
     print(f"{'family':20s}{'yard':22s} information   time   in margin   closest")
-    compile_all(budget)
-    for name in families:
-        family = family_by_name(name)
-        free, free_time = planned(family, None, budget)
-        for yard, area in yards.items():
-            (smaller,) = with_ranges([family], {}, smaller=True)  # as `tricycle plan --area` does
-            plan, seconds = planned(smaller, area, budget)
-            if isinstance(plan, str):
-                print(f"{name:20s}{yard:22s} {plan[:90]}", flush=True)
-                continue
-            kept = free.criterion_cost / plan.criterion_cost
-            least = closest(area, plan, count)
-            print(
-                f"{name:20s}{yard:22s}{kept:11.0%} {seconds / free_time:6.1f}"
-                f"{np.sum(least < area.margin):6d} of {count}{least.min():8.2f} m",
-                flush=True,
-            )
-            found.append((f"{name} in {yard}", area, plan))
+    for label, family, area, free, free_time in cells(families, yards, budget):
+        plan, seconds = planned(family, area, budget)
+        if isinstance(plan, str):
+            print(f"{label} {plan[:90]}", flush=True)
+            continue
+        kept = free.criterion_cost / plan.criterion_cost
+        least = closest(area, plan, count)
+        print(
+            f"{label}{kept:11.0%} {seconds / free_time:6.1f}"
+            f"{np.sum(least < area.margin):6d} of {count}{least.min():8.2f} m",
+            flush=True,
+        )
+        found.append((area, plan))
     return found
 
 
 def kept_with_seeds(family, area, budget, seeds, free):
     """Information (n,) of plans with several seeds over that without a yard; mean time [s]."""
-    (smaller,) = with_ranges([family], {}, smaller=True)
-    found = (planned(smaller, area, budget, seed) for seed in range(seeds))
+    found = (planned(family, area, budget, seed) for seed in range(seeds))
     plans, times = zip(*found, strict=True)
     kept = [0.0 if isinstance(p, str) else free.criterion_cost / p.criterion_cost for p in plans]
     return np.array(kept), float(np.mean(times))
@@ -182,18 +184,14 @@ def kept_with_seeds(family, area, budget, seeds, free):
 def try_seeds(families, yards, budget, seeds):
     print(f"{'':42s}information     of the best")
     print(f"{'family':20s}{'yard':22s}least   mean    least   mean    time")
-    compile_all(budget)
-    for name in families:
-        family = family_by_name(name)
-        free, free_time = planned(family, None, budget)
-        for yard, area in yards.items():
-            kept, seconds = kept_with_seeds(family, area, budget, seeds, free)
-            best = kept / kept.max() if kept.any() else kept
-            print(
-                f"{name:20s}{yard:22s}{kept.min():5.0%}{kept.mean():7.0%}{best.min():9.0%}"
-                f"{best.mean():7.0%}{seconds / free_time:8.1f}",
-                flush=True,
-            )
+    for label, family, area, free, free_time in cells(families, yards, budget):
+        kept, seconds = kept_with_seeds(family, area, budget, seeds, free)
+        best = kept / kept.max() if kept.any() else kept
+        print(
+            f"{label}{kept.min():5.0%}{kept.mean():7.0%}{best.min():9.0%}"
+            f"{best.mean():7.0%}{seconds / free_time:8.1f}",
+            flush=True,
+        )
 
 
 def best_that_fits(family, area, evaluations, seed=0):
@@ -229,17 +227,13 @@ def best_that_fits(family, area, evaluations, seed=0):
 
 def try_limits(families, yards, budget, seeds, evaluations):
     print(f"{'family':20s}{'yard':22s}    plan    best   plan / best")
-    for name in families:
-        family = family_by_name(name)
-        free, _ = planned(family, None, budget)
-        (smaller,) = with_ranges([family], {}, smaller=True)
-        for yard, area in yards.items():
-            kept, _ = kept_with_seeds(family, area, budget, seeds, free)
-            best = free.criterion_cost / best_that_fits(smaller, area, evaluations)
-            # what a plan has found can be found
-            best = max(best, kept.max())
-            share = kept.min() / best if best else 1.0
-            print(f"{name:20s}{yard:22s}{kept.min():8.0%}{best:8.0%}{share:14.0%}", flush=True)
+    for label, family, area, free, _ in cells(families, yards, budget):
+        kept, _ = kept_with_seeds(family, area, budget, seeds, free)
+        best = free.criterion_cost / best_that_fits(family, area, evaluations)
+        # what a plan has found can be found
+        best = max(best, kept.max())
+        share = kept.min() / best if best else 1.0
+        print(f"{label}{kept.min():8.0%}{best:8.0%}{share:14.0%}", flush=True)
 
 
 def disturbed(fault, state, since, frozen):
@@ -311,9 +305,7 @@ def driven(area, plan, fault, seed):
 def try_faults(plans, drives):
     print(f"\n{'fault':20s}{'drives':>7s}{'out':>5s}{'closest':>10s}  ended")
     for fault in FAULTS:
-        ends = [
-            driven(area, plan, fault, seed) for _, area, plan in plans for seed in range(drives)
-        ]
+        ends = [driven(area, plan, fault, seed) for area, plan in plans for seed in range(drives)]
         least = np.array([least for least, _ in ends])
         reasons = collections.Counter(
             re.sub(r"[\d.]+", "…", reason.split(":")[0]) for _, reason in ends
@@ -334,12 +326,14 @@ def main():
     parser.add_argument("--vehicles", type=int, default=1000)
     parser.add_argument("--drives", type=int, default=5, help="of each plan and fault")
     parser.add_argument("--seeds", type=int, default=1, help="of the plans of seeds and limits")
-    parser.add_argument("--yards", choices=("usual", "other"), default="usual")
+    one = {name: {name: area} for name, area in (YARDS | OTHER_YARDS).items()}
+    sets = {"usual": YARDS, "other": OTHER_YARDS, **one}
+    parser.add_argument("--yards", choices=sets, default="usual")
     parser.add_argument("--part", choices=("plans", "seeds", "limits", "faults"), default="faults")
     parser.add_argument("--evaluations", type=int, default=600, help="of the search of a limit")
     arguments = parser.parse_args()
     families, budget, seeds = arguments.families.split(","), arguments.budget, arguments.seeds
-    yards = YARDS if arguments.yards == "usual" else OTHER_YARDS
+    yards = sets[arguments.yards]
     if arguments.part == "limits":
         try_limits(families, yards, budget, seeds, arguments.evaluations)
         return
