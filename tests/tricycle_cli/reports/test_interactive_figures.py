@@ -7,6 +7,7 @@ import numpy as np
 from excitation_planner.plan import SearchHistory
 from parameter_identification.identification_file import IdentificationDocument
 from tricycle_cli.reports import interactive_figures
+from tricycle_cli.reports.figure_files import matplotlib_figure
 from tricycle_core.documents import decode
 from tricycle_core.errors import IdentificationError
 
@@ -27,8 +28,24 @@ def test_a_search_over_three_parameters_is_drawn_over_each(plan):
     search = SearchHistory(np.random.default_rng(0).random((5, 3)), np.arange(1.0, 6.0))
     wide = dataclasses.replace(plan, operation={"a": 0.1, "b": 0.2, "c": 0.3}, search=search)
     figure = interactive_figures.search_path(wide, search)
-    assert len(figure.data) == 3
+    assert [trace.name for trace in figure.data] == ["tried"] * 3 + ["the plan"]
     assert [axis.title.text for axis in figure.select_xaxes()] == ["a", "b", "c"]
+
+
+def test_maneuvers_without_a_cost_are_drawn_above_the_others(plan):
+    search = SearchHistory(np.eye(3), np.array([1.0, np.inf, 4.0]))
+    wide = dataclasses.replace(plan, operation={"a": 0.1, "b": 0.2, "c": 0.3}, search=search)
+    tried, left_out, *_ = interactive_figures.search_path(wide, search).data
+    assert list(tried.x) == [1.0, 0.0]
+    assert list(left_out.x) == [0.0]
+    assert left_out.y[0] > max(tried.y)
+
+
+def test_all_maneuvers_tried_lie_within_the_axes_of_the_file(plan):
+    drawn = matplotlib_figure(interactive_figures.search_path(plan, plan.search))
+    axes = drawn.axes[0]
+    low, high = np.transpose([axes.get_xlim(), axes.get_ylim()])
+    assert np.all((plan.search.x > low) & (plan.search.x < high))
 
 
 def test_a_profile_is_drawn_as_it_was_computed(identified):

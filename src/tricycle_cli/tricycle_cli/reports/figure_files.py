@@ -91,7 +91,7 @@ def matplotlib_figure(plot: go.Figure, *, width: float = WIDTH) -> Figure:
     figure = Figure(figsize=(width, (plot.layout.height or 400) / PX), layout="constrained")
     rows = sorted({_domain(plot, "y", k) for k in _axes(plot)}, reverse=True)
     columns = sorted({_domain(plot, "x", k) for k in _axes(plot)})
-    grid = figure.subplots(len(rows), len(columns), squeeze=False, sharex="col")
+    grid = figure.subplots(len(rows), len(columns), squeeze=False, sharex="col", sharey="row")
     axes = {
         k: grid[rows.index(_domain(plot, "y", k))][columns.index(_domain(plot, "x", k))]
         for k in _axes(plot)
@@ -106,6 +106,8 @@ def matplotlib_figure(plot: go.Figure, *, width: float = WIDTH) -> Figure:
                 "", (note.x, note.y), (note.ax, note.ay),
                 arrowprops={"color": _colour(note.arrowcolor), "arrowstyle": "-|>", "lw": 1.5},
             )  # fmt: skip
+    # a legend would hide a part of narrow or filled axes
+    full = len(columns) > 1 or any(trace.type == "contour" for trace in plot.data)
     for k, one in axes.items():
         x, y = plot.layout[f"xaxis{k}"], plot.layout[f"yaxis{k}"]
         one.set(xlabel=_text(x.title.text), ylabel=_text(y.title.text))
@@ -124,8 +126,12 @@ def matplotlib_figure(plot: go.Figure, *, width: float = WIDTH) -> Figure:
         if y.scaleanchor:
             one.set_aspect("equal", adjustable="datalim")
         one.grid(alpha=0.3)
-        if plot.layout.showlegend is not False and one.get_legend_handles_labels()[0]:
-            one.legend(fontsize="small")
+        if plot.layout.showlegend is not False and (named := one.get_legend_handles_labels())[0]:
+            if full:
+                place = {"loc": "outside upper left", "ncols": len(named[0])}
+                figure.legend(*named, fontsize="small", **place)
+            else:
+                one.legend(fontsize="small")
     return figure
 
 
@@ -154,6 +160,8 @@ def _draw(axes: Axes, trace: Any, figure: Figure) -> None:
     elif trace.type == "contour":
         z = np.ma.masked_invalid(np.asarray(trace.z, dtype=float))
         drawn = axes.contourf(trace.x, trace.y, z, cmap="cividis_r", alpha=0.8)
+        axes.use_sticky_edges = False  # marks on its edge are seen whole
+        axes.margins(0.02, tight=False)
         figure.colorbar(drawn, ax=axes, label=_text(trace.colorbar.title.text))
     else:
         mode = trace.mode or "lines"

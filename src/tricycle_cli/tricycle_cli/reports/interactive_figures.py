@@ -241,8 +241,9 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
     texts = np.array(
         [f"no. {i}, {cost_name} = {cost:.4g}" for i, cost in zip(order, search.cost, strict=True)]
     )
+    left_out = "cannot be driven" + (" or does not fit" if plan.area is not None else "")
     if len(names) != 2:
-        return _cost_by_axis(search, names, chosen, texts, cost_name)
+        return _cost_by_axis(search, names, chosen, texts, cost_name, left_out)
     figure = _figure(height=520)
     x, y = search.x.T
     cost = search.cost[drivable]
@@ -271,7 +272,7 @@ def search_path(plan: Plan, search: SearchHistory) -> go.Figure:
     )  # fmt: skip
     if not drivable.all():
         figure.add_scatter(
-            x=x[~drivable], y=y[~drivable], name="cannot be driven", mode="markers",
+            x=x[~drivable], y=y[~drivable], name=left_out, mode="markers",
             marker={"size": 8, "symbol": "x-thin", "line": {"width": 2, "color": GREY}},
         )  # fmt: skip
     figure.add_scatter(
@@ -328,19 +329,40 @@ def _around(parameter: ParameterEntry) -> tuple[float, float]:
 
 
 def _cost_by_axis(
-    search: SearchHistory, names: list[str], chosen: list[float], texts: NDArray[np.str_], cost: str
+    search: SearchHistory,
+    names: list[str],
+    chosen: list[float],
+    texts: NDArray[np.str_],
+    cost: str,
+    left_out: str,
 ) -> go.Figure:
     figure = make_subplots(rows=1, cols=len(names), shared_yaxes=True, horizontal_spacing=0.03)
     figure.update_layout(_layout(HEIGHT))
+    found = np.isfinite(search.cost)
+    known = search.cost[found]
+    by_decades = bool(np.all(known > 0.0))  # D is a logarithm already
+    the_plan = {"color": PURPLE, "dash": "dash"}
+    above = np.max(
+        known * (known / known.min()) ** 0.1 if by_decades else known + 0.1 * np.ptp(known)
+    )
     for column, name in enumerate(names):
         where = {"row": 1, "col": column + 1}
         figure.add_scatter(
-            x=search.x[:, column], y=search.cost, name="tried", mode="markers",
-            marker={"size": 6, "color": VERMILLION}, text=texts, showlegend=column == 0, **where,
+            x=search.x[found, column], y=known, name="tried", mode="markers",
+            marker={"size": 6, "color": VERMILLION}, text=texts[found], showlegend=column == 0,
+            **where,
         )  # fmt: skip
-        figure.add_vline(chosen[column], line={"color": PURPLE, "dash": "dash"}, **where)
+        if not found.all():
+            figure.add_scatter(
+                x=search.x[~found, column], y=np.full(np.sum(~found), above), name=left_out,
+                mode="markers", hoverinfo="x", showlegend=column == 0,
+                marker={"size": 8, "symbol": "x-thin", "line": {"width": 1, "color": GREY}},
+                **where,
+            )  # fmt: skip
+        figure.add_vline(chosen[column], line=the_plan, **where)
         figure.update_xaxes(title=name, **where)
-    if np.all(search.cost > 0.0):
+    figure.add_scatter(x=[None], y=[None], name="the plan", mode="lines", line=the_plan)
+    if by_decades:
         figure.update_yaxes(type="log")
     figure.update_yaxes(title=cost, row=1, col=1)
     return figure

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -49,15 +49,18 @@ def plot_plan(plan: Plan, path: Path) -> None:
     values = ", ".join(f"{name} {value:.3g}" for name, value in plan.operation.items())
     place = f", drive {plan.number} of {plan.drives}" if plan.drives > 1 else ""
     figure.suptitle(f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}{place}")
+    legend: dict[str, Any] = {}
     if plan.area is None or plan.start_pose is None:
         track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
         track.plot(plan.reference.x, plan.reference.y, color=REFERENCE, label="nominal trajectory")
         _draw_lead_in(track, plan, np.column_stack([plan.reference.x, plan.reference.y]))
     else:
         _draw_on_area(track, plan, plan.area, plan.start_pose)
+        # above the ground, of which it would hide a part
+        legend = {"loc": "lower left", "bbox_to_anchor": (0, 1), "ncols": 2, "columnspacing": 1}
     track.set(xlabel="x / m", ylabel="y / m")
     track.set_aspect("equal", adjustable="datalim")
-    track.legend(fontsize="small")
+    track.legend(fontsize="small", **legend)
     draw_indices(indices, list(plan.main), _spread(plan.main), _spread(plan.total))
     indices.set(xlabel="share of the variance of TE", title=f"H = {plan.cost:.3g}")
     commands = plan.commands
@@ -101,7 +104,7 @@ def _draw_on_area(
         outline = MatplotlibPath.make_compound_path(*map(MatplotlibPath, closed))
         axes.add_patch(PathPatch(outline, facecolor=color, edgecolor="none", label=label))
 
-    fill(plan.stopping_zone, "0.87", "with stops from any point")
+    fill(plan.stopping_zone, "0.87", f"their stops, {plan.clearance:.2f} m to the border")
     fill(plan.tube, "0.72", "vehicles of the ranges")
     draw_borders(axes, area)
     x, y, heading = start_pose
@@ -111,7 +114,7 @@ def _draw_on_area(
     _draw_lead_in(axes, plan, driven)
     tip = (x + 1.5 * math.cos(heading), y + 1.5 * math.sin(heading))
     axes.annotate("", tip, (x, y), arrowprops={"arrowstyle": "-|>", "color": REFERENCE})
-    axes.plot(x, y, "o", color=REFERENCE, label=f"start; {plan.clearance:.2f} m to the border")
+    axes.plot(x, y, "o", color=REFERENCE, label="start")
 
 
 def _draw_lead_in(axes: Axes, plan: Plan, driven: FloatArray) -> None:
