@@ -38,6 +38,8 @@ SLOW = 0.8  # m/s of cruise speed below which it grows again, by 1 m per m/s: th
 AT_LOCK = 0.1  # m from the path, steering as far as it may, at which the steering does not suffice
 OFF_PATH = 1.0  # m from the path at which tracking has failed
 
+ARRIVED, SATURATED, LOST = range(3)  # how a drive ends
+
 
 @dataclass(frozen=True)
 class Tracking:
@@ -46,7 +48,7 @@ class Tracking:
     Attributes
     ----------
     commands : Commands
-        50 Hz, from rest to the end of the path.
+        50 Hz, from rest to the end of the path, or to where the vehicle could not follow it.
     infeasible : str
         Why the vehicle could not drive the path, with time and place; empty when it could.
     """
@@ -74,11 +76,10 @@ def _track(
     acceleration: float,
     lock: float,
     commands: FloatArray,
-) -> tuple[int, int, int]:
-    """Drive the path.
+) -> tuple[int, int]:
+    """Drive the path, as far as the vehicle can follow it.
 
-    Returns the number of rows written, and the rows where the steering ran out and where the path
-    was lost, or -1.
+    Returns the number of rows written, and how it ended: `ARRIVED`, `SATURATED` or `LOST`.
 
     Parameters
     ----------
@@ -92,7 +93,6 @@ def _track(
     near = 0
     angle, target = 0.0, 0.0
     angle_setpoint, speed_setpoint = 0.0, 0.0
-    saturated, lost = -1, -1
     for row in range(commands.shape[0]):
         heading = yaw(vehicle)
         c, s = math.cos(heading), math.sin(heading)
@@ -106,16 +106,16 @@ def _track(
                 break
             near, distance = near + 1, following
         if near * PATH_SPACING >= length:
-            return row, saturated, lost
+            return row, ARRIVED
         if distance > OFF_PATH:
-            return row, saturated, row
+            return row, LOST
         ahead = LOOK_AHEAD + LOOK_AHEAD_TIME * target + max(SLOW - speed, 0.0)
         goal = min(near + int(ahead / PATH_SPACING), path_x.shape[0] - 1)
         dx, dy = path_x[goal] - own_x, path_y[goal] - own_y
         lateral = -s * dx + c * dy
         wanted = math.atan(wheelbase * 2.0 * lateral / (dx * dx + dy * dy))
-        if distance > AT_LOCK and abs(angle) > lock - 0.5 * ANGLE_UNIT and saturated < 0:
-            saturated = row
+        if distance > AT_LOCK and abs(angle) > lock - 0.5 * ANGLE_UNIT:
+            return row, SATURATED
         reach = slew_rate * COMMAND_TICKS * TICK
         turned = min(max(motor_angle_for(wanted, steering), -lock), lock)
         angle += min(max(turned - angle, -reach), reach)
@@ -128,7 +128,7 @@ def _track(
             angle_setpoint = slew(angle_setpoint, angle, slew_rate)
             speed_setpoint = slew(speed_setpoint, commands[row, 1], acceleration)
             advance_tick(vehicle, servo, steering, angle_setpoint, (1.0, speed_setpoint, 0.0), 1)
-    return commands.shape[0], saturated, commands.shape[0]
+    return commands.shape[0], LOST
 
 
 def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
@@ -146,7 +146,7 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
     period = COMMAND_TICKS * TICK
     rows = np.empty((math.ceil(1.5 * duration / period), 2))
     steering = steering_constants(vehicle, 0.5 * TICK)
-    n, saturated, lost = compiled_for(vehicle, _track)(
+    n, end = compiled_for(vehicle, _track)(
         pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle)),
         servo_at_rest(vehicle),
         steering,
@@ -161,12 +161,10 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
         steering_lock(vehicle),
         rows,
     )
-    reasons = []
-    if saturated >= 0:
-        reasons.append(
-            f"the steering saturates at {saturated * period:.2f} s: {kept_margin(vehicle)}"
-        )
-    if lost >= 0:
-        reasons.append(f"the path was lost at {lost * period:.2f} s")
+    infeasible = {
+        ARRIVED: "",
+        SATURATED: f"the steering saturates at {n * period:.2f} s: {kept_margin(vehicle)}",
+        LOST: f"the path was lost at {n * period:.2f} s",
+    }[end]
     held = np.vstack([rows[:n], rows[n - 1 : n]])  # the last row is the end
-    return Tracking(Commands(period * np.arange(n + 1), *held.T), "; ".join(reasons))
+    return Tracking(Commands(period * np.arange(n + 1), *held.T), infeasible)

@@ -128,8 +128,8 @@ def matplotlib_figure(plot: go.Figure, *, width: float = WIDTH) -> Figure:
         one.grid(alpha=0.3)
         if plot.layout.showlegend is not False and (named := one.get_legend_handles_labels())[0]:
             if full:
-                place = {"loc": "outside upper left", "ncols": len(named[0])}
-                figure.legend(*named, fontsize="small", **place)
+                entries = len(named[0])
+                figure.legend(*named, fontsize="small", loc="outside upper left", ncols=entries)
             else:
                 one.legend(fontsize="small")
     return figure
