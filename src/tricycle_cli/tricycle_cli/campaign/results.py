@@ -1,11 +1,13 @@
 """What a campaign has found: as JSON, as a table for the terminal and as a figure."""
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
@@ -123,7 +125,8 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
     axes = figure.subplots()
     draw_borders(axes, area)
     families = [family.name for family in campaign.request.families]
-    returned = False
+    returned, starts = False, list[tuple[tuple[float, float], list[str]]]()
+    near = 0.03 * np.ptp(area.keep_in, axis=0).max()  # labels would lie on each other
     for number, step in enumerate(campaign.steps, start=1):
         if not step.driven:
             continue
@@ -132,13 +135,20 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
         color = FAMILIES[families.index(step.maneuver) % len(FAMILIES)]
         for way in (bag, campaign.folder / WAY_BACK / bag.name):
             if way.exists() and (back := read_way_back(way)) is not None:
-                axes.plot(back.x, back.y, "--", color="0.6", linewidth=0.8)
+                thin = max(1, len(back.x) // 300)  # the noise of all poses would fill the dashes
+                axes.plot(back.x[::thin], back.y[::thin], "--", color="0.6", linewidth=0.8)
                 returned = True
         axes.plot(poses.x, poses.y, color=color, linewidth=1.0)
         axes.plot(poses.x[0], poses.y[0], "o", color=color)
-        axes.annotate(
-            str(number), (poses.x[0], poses.y[0]), xytext=(5, 5), textcoords="offset points"
-        )
+        start = (float(poses.x[0]), float(poses.y[0]))
+        for place, numbers in starts:
+            if math.dist(place, start) < near:
+                numbers.append(str(number))
+                break
+        else:
+            starts.append((start, [str(number)]))
+    for place, numbers in starts:
+        axes.annotate(", ".join(numbers), place, xytext=(5, 5), textcoords="offset points")
     driven = {step.maneuver for step in campaign.steps if step.driven}
     for name, color in zip(families, FAMILIES, strict=False):
         if name in driven:
@@ -148,7 +158,9 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
     axes.set(xlabel=f"x in {area.frame} / m", ylabel=f"y in {area.frame} / m")
     axes.set_aspect("equal")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize="small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    axes.legend(
+        fontsize="small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, columnspacing=1.0
+    )
     figure.savefig(path, dpi=150, bbox_inches="tight")
 
 
@@ -185,7 +197,9 @@ def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: P
         below.plot(drives[1:], expected, "x", color=VERMILLION, label="expected when planned")
         below.axhline(100.0 * campaign.request.tolerance, color="0.2", label="tolerance")
         below.set_yscale("log")
-        below.set_xticks(drives, ["the range", *(s.maneuver.replace("_", "\n") for s in steps)])
+        names = (f"{n}: {s.maneuver.replace('_', ' ')}" for n, s in enumerate(steps, start=1))
+        slanted = {"rotation": 45.0, "ha": "right", "rotation_mode": "anchor"}
+        below.set_xticks(drives, ["the range", *names], **slanted)
         for axis in (above, below):
             axis.grid(alpha=0.3)
             axis.legend(fontsize="small")
