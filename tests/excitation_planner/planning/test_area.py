@@ -59,7 +59,11 @@ def test_a_lane_change_for_a_small_yard_is_shorter_and_fits() -> None:
     asked = PlanRequest(
         load_vehicle(), family, "cornering_stiffness", Criterion.C, budget=6000, area=area
     )
-    plan = plan_maneuver(asked)
+    told = list[tuple[int, int]]()
+    plan = plan_maneuver(asked, progress=lambda done, total: told.append((done, total)))
+    assert told == sorted(told)  # from the first maneuver tried to the last verified
+    assert told[0][0] < 0.2 * told[-1][0]
+    assert told[-1] == (plan.simulations, asked.budget)
     assert plan.operation["length"] < 16.0
     assert plan.clearance is not None
     assert plan.clearance >= Room.measured(area, plan.footprint, plan.noise).needed

@@ -40,7 +40,7 @@ from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.prediction import beside_parameters, replayed
 from excitation_planner.planning.replay import driven_commands
 from tricycle_core.errors import InfeasibleManeuver
-from tricycle_core.quantities import FloatArray
+from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
@@ -146,13 +146,15 @@ class FittingSearch:
     # room for vehicles that a rough tube leaves out
     _spread: float = field(default=0.0, init=False)
 
-    def starts(self, budget: int) -> FloatArray:
+    def starts(self, budget: int, *, progress: Progress | None = None) -> FloatArray:
         """Return the best maneuvers found, (s, l) in the unit box; none where nothing fits.
 
         Parameters
         ----------
         budget : int
             About as many simulations are taken at most.
+        progress : callable, optional
+            Called with (simulations so far, budget).
         """
         dimensions, rng = len(self.family.operation), np.random.default_rng(self.seed)
         screened = sobol_sequence(SCREENED * dimensions, dimensions, seed=self.seed)
@@ -161,6 +163,8 @@ class FittingSearch:
         for turn in itertools.count():
             for u in new:
                 self._try(u)
+            if progress is not None:
+                progress(self.simulations, budget)
             best = next(filter(self._may_fit, self._by_cost()), None)
             if best is not None and best.cost < least - BETTER:
                 least, since = best.cost, turn

@@ -166,6 +166,11 @@ def _searched(
     # as many simulations of a maneuver as without effects, but a few vehicles at least
     draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
     starts, taken, budget, fitting = None, 0, request.budget, None
+
+    def report(done: int, _: int) -> None:
+        if progress is not None:
+            progress(taken + done, request.budget)
+
     if request.search is Search.ADAPTIVE and request.others:
         starts, taken = best_combinations(
             maneuvers,
@@ -196,7 +201,7 @@ def _searched(
                 _effects(request),
                 request.seed,
             )
-            starts = fitting.starts(round(FITTING * spare))
+            starts = fitting.starts(round(FITTING * spare), progress=report)
             taken = fitting.simulations
             if len(starts):  # they fit, and nothing else is evaluated
                 maneuvers = ManeuverSet(_trajectories(request, None), operations)
@@ -219,7 +224,7 @@ def _searched(
         search=request.search,
         starts=starts,
         executor=executor,
-        progress=progress,
+        progress=report,
     )
     design = dataclasses.replace(design, simulations=design.simulations + taken)
     tried = _history(design)
