@@ -1,7 +1,7 @@
 """Plans for an area: they fit, or the refusal names a change with which they do."""
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +12,17 @@ from excitation_planner import Criterion
 from excitation_planner.area.area import Area
 from excitation_planner.area.room import Room
 from excitation_planner.area.tube import footprint_of
+from excitation_planner.box import Box
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import Circle, family_by_name, with_ranges
+from excitation_planner.maneuver.family import DrivenPath
 from excitation_planner.plan import load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver
 from excitation_planner.planning.fitting import FittingSearch
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import PlanError
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle import Vehicle, load_vehicle
 
 
 def yard(width: float, height: float, margin: float = 0.5) -> Area:
@@ -100,6 +103,33 @@ def test_a_search_by_a_few_simulations_ends_with_what_fits() -> None:
     # nothing fits a yard that is as wide as the vehicle
     room = replace(room, area=yard(3.0, 3.0))
     assert len(replace(search, room=room).starts(0)) == 0
+
+
+@dataclass(frozen=True)
+class Laden:
+    """A circle with five parameters, three of which change nothing."""
+
+    name: str = "laden"
+    operation: Box = field(
+        default_factory=lambda: Box.of(
+            Circle().operation.bounds() | dict.fromkeys("abc", (0.0, 1.0))
+        )
+    )
+
+    def drive(self, x: FloatArray, vehicle: Vehicle) -> DrivenPath:
+        return Circle().drive(x[:2], vehicle)
+
+
+@pytest.mark.slow
+def test_a_family_of_five_parameters_is_searched_too() -> None:
+    # corners of its box are drawn, some of them twice
+    vehicle, area = load_vehicle(), yard(12.0, 25.0)
+    room = Room.measured(area, footprint_of(vehicle), MeasurementNoise())
+    search = FittingSearch(vehicle, Laden(), room, Criterion.C, 0, MeasurementNoise())
+    starts = search.starts(0)
+    assert len(starts) > 0
+    for u in starts:
+        assert shortage(area, Laden().operation.from_unit(u)[:2]) <= 0.0
 
 
 @pytest.mark.slow
