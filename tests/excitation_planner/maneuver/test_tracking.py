@@ -97,15 +97,6 @@ def test_a_circle_that_the_steering_cannot_hold_is_infeasible():
     assert " s: it may turn to 0.7461 rad, 5 % before its end stop" in tracking.infeasible
 
 
-def test_what_is_in_excess_grows_from_what_can_be_driven_to_what_cannot():
-    radii = (6.0, 2.2, 2.0, 1.8, 1.5)
-    found = [tracked(Circle(), (radius, 1.0))[1] for radius in radii]
-    excess = [tracking.excess for tracking in found]
-    assert excess == sorted(excess)
-    assert excess[0] < excess[-1]
-    assert [tracking.excess > 0.0 for tracking in found] == [bool(t.infeasible) for t in found]
-
-
 @pytest.mark.parametrize(("margin", "most"), [(0.0, 0.7854), (0.05, 0.7461), (0.1, 0.7068)])
 def test_the_steering_keeps_its_margin_before_the_end_stop(margin, most):
     vehicle = VEHICLE.replace(steering_margin=margin)

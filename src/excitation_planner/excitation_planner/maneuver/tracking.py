@@ -51,14 +51,10 @@ class Tracking:
         50 Hz, from rest to the end of the path, or to where the vehicle could not follow it.
     infeasible : str
         Why the vehicle could not drive the path, with time and place; empty when it could.
-    excess : float
-        By how much more than allowed the vehicle leaves the path where it steers as far as it may
-        [m]; above 0 where it cannot drive it.
     """
 
     commands: Commands
     infeasible: str
-    excess: float
 
 
 # `compiled_for` puts the functions of the vehicle in place of these names.
@@ -80,11 +76,10 @@ def _track(
     acceleration: float,
     lock: float,
     commands: FloatArray,
-) -> tuple[int, int, float]:
+) -> tuple[int, int]:
     """Drive the path, as far as the vehicle can follow it.
 
-    Returns the number of rows of use, how it ended (`ARRIVED`, `SATURATED` or `LOST`), and the
-    largest distance from the path while it steered as far as it may [m].
+    Returns the number of rows written, and how it ended: `ARRIVED`, `SATURATED` or `LOST`.
 
     Parameters
     ----------
@@ -98,7 +93,6 @@ def _track(
     near = 0
     angle, target = 0.0, 0.0
     angle_setpoint, speed_setpoint = 0.0, 0.0
-    saturated, farthest = -1, 0.0
     for row in range(commands.shape[0]):
         heading = yaw(vehicle)
         c, s = math.cos(heading), math.sin(heading)
@@ -111,22 +105,17 @@ def _track(
             if following > distance:
                 break
             near, distance = near + 1, following
-        at_end, off_path = near * PATH_SPACING >= length, distance > OFF_PATH
-        if saturated >= 0 and (at_end or off_path or distance < farthest):
-            return saturated, SATURATED, farthest
-        if at_end:
-            return row, ARRIVED, farthest
-        if off_path:
-            return row, LOST, OFF_PATH
+        if near * PATH_SPACING >= length:
+            return row, ARRIVED
+        if distance > OFF_PATH:
+            return row, LOST
         ahead = LOOK_AHEAD + LOOK_AHEAD_TIME * target + max(SLOW - speed, 0.0)
         goal = min(near + int(ahead / PATH_SPACING), path_x.shape[0] - 1)
         dx, dy = path_x[goal] - own_x, path_y[goal] - own_y
         lateral = -s * dx + c * dy
         wanted = math.atan(wheelbase * 2.0 * lateral / (dx * dx + dy * dy))
-        if abs(angle) > lock - 0.5 * ANGLE_UNIT:
-            farthest = max(farthest, distance)
-            if saturated < 0 and distance > AT_LOCK:
-                saturated = row
+        if distance > AT_LOCK and abs(angle) > lock - 0.5 * ANGLE_UNIT:
+            return row, SATURATED
         reach = slew_rate * COMMAND_TICKS * TICK
         turned = min(max(motor_angle_for(wanted, steering), -lock), lock)
         angle += min(max(turned - angle, -reach), reach)
@@ -139,7 +128,7 @@ def _track(
             angle_setpoint = slew(angle_setpoint, angle, slew_rate)
             speed_setpoint = slew(speed_setpoint, commands[row, 1], acceleration)
             advance_tick(vehicle, servo, steering, angle_setpoint, (1.0, speed_setpoint, 0.0), 1)
-    return commands.shape[0], LOST, OFF_PATH
+    return commands.shape[0], LOST
 
 
 def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
@@ -157,7 +146,7 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
     period = COMMAND_TICKS * TICK
     rows = np.empty((math.ceil(1.5 * duration / period), 2))
     steering = steering_constants(vehicle, 0.5 * TICK)
-    n, end, farthest = compiled_for(vehicle, _track)(
+    n, end = compiled_for(vehicle, _track)(
         pack(vehicle, vehicle.nominal_point()[np.newaxis], equilibrium(vehicle)),
         servo_at_rest(vehicle),
         steering,
@@ -178,4 +167,4 @@ def track(vehicle: Vehicle, path: DrivenPath) -> Tracking:
         LOST: f"the path was lost at {n * period:.2f} s",
     }[end]
     held = np.vstack([rows[:n], rows[n - 1 : n]])  # the last row is the end
-    return Tracking(Commands(period * np.arange(n + 1), *held.T), infeasible, farthest - AT_LOCK)
+    return Tracking(Commands(period * np.arange(n + 1), *held.T), infeasible)

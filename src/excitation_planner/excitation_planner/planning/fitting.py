@@ -2,9 +2,8 @@
 
 The most informative maneuvers that fit lie at the limit of what does, and on a small area most of
 an operation box does not fit. Here a maneuver is judged by two vehicles, and its room is found by
-eight. Cost and shortage are interpolated between all maneuvers tried so far, and by how much the
-vehicle leaves paths that it cannot follow; tried next are the cheapest that should fit, at several
-distances from those.
+eight. Cost and shortage are interpolated between all maneuvers tried so far; tried next are the
+cheapest that should fit, at several distances from those.
 
 Source: Regis (2014), Constrained optimization by radial basis function interpolation for
 high-dimensional expensive black-box problems with infeasible initial points; Regis and Shoemaker
@@ -39,7 +38,7 @@ from excitation_planner.design.search import corners
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.prediction import beside_parameters, replayed
-from excitation_planner.planning.replay import CannotFollow, driven_commands
+from excitation_planner.planning.replay import driven_commands
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.commands import Commands
@@ -74,7 +73,7 @@ DISTANCES = (0.3, 0.1, 0.03, 0.01)
 LEARNT = 3
 """Turns after which it is looked whether all vehicles of the ranges fit the best maneuver."""
 
-PATIENCE = 8
+PATIENCE = 12
 """Turns without a better maneuver after which the search ends."""
 
 BETTER = 0.01
@@ -144,8 +143,6 @@ class FittingSearch:
     _points: list[FloatArray] = field(default_factory=list, init=False)  # all that were tried
     # what was found of them; None: they cannot be driven
     _tried: list[_Tried | None] = field(default_factory=list, init=False)
-    # by how much more than allowed the vehicle leaves the paths [m]; NaN of what is not tracked
-    _excess: list[float] = field(default_factory=list, init=False)
     # room for vehicles that a rough tube leaves out
     _spread: float = field(default=0.0, init=False)
 
@@ -219,10 +216,6 @@ class FittingSearch:
         # beside what cannot be driven there is more of it
         drivable = np.array([one is not None for one in self._tried])
         kept = drivable[np.argmin(distance, axis=1)]
-        if np.isfinite(self._excess).all() and not drivable.all():
-            points = np.array(self._points)
-            excess = RBFInterpolator(points, np.array(self._excess), kernel="linear")
-            kept &= excess(candidates) <= 0.0
         candidates, distance = candidates[kept], distance[kept].min(axis=1)
         surrogates = RBFInterpolator(U, np.column_stack([cost, shortage]), kernel="cubic")
         ranked = _ranked(*surrogates(candidates).T)
@@ -237,7 +230,6 @@ class FittingSearch:
     def _try(self, u: FloatArray) -> None:
         """Judge the maneuver at a point (l,), and find its room."""
         self._points.append(u)
-        self._excess.append(math.nan)
         self._tried.append(self._judged(u))
 
     def _judged(self, u: FloatArray) -> _Tried | None:
@@ -245,7 +237,7 @@ class FittingSearch:
         U, P = self._draws
         try:
             x = self.family.operation.from_unit(u)
-            commands, self._excess[-1] = driven_commands(self.vehicle, self.family, x)
+            commands = driven_commands(self.vehicle, self.family, x)
             self.simulations += len(P) + LANES + 1  # one has tracked the path
             Y = replayed(self.vehicle, commands, self.noise.channels, P, self.effects)
             beside = beside_parameters(self.effects)
@@ -253,9 +245,6 @@ class FittingSearch:
             if not np.isfinite(F).all():
                 return None
             place = self.room.roughly_placed(self.vehicle, commands)
-        except CannotFollow as error:
-            self._excess[-1] = error.excess
-            return None
         except InfeasibleManeuver:
             return None
         covariance = posterior_covariance(F, self.prior, beside)

@@ -1,6 +1,5 @@
 """Replay, open loop: the trajectory error of perturbed vehicles driving one command history."""
 
-import math
 from collections import OrderedDict
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -29,20 +28,6 @@ from tricycle_sim.vehicle.feasibility import Feasibility
 
 KEPT_RUNS = 4
 """Nominal runs that are kept: the search asks for the same x once per batch of samples."""
-
-
-class CannotFollow(InfeasibleManeuver):
-    """The nominal vehicle cannot follow a path.
-
-    Attributes
-    ----------
-    excess : float
-        Of the `Tracking` [m].
-    """
-
-    def __init__(self, reason: str, excess: float) -> None:
-        super().__init__(reason)
-        self.excess = excess
 
 
 @dataclass(frozen=True)
@@ -119,7 +104,7 @@ def nominal_run(
     PlanError
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
-    drive, commands, _ = _driven(vehicle, family, x)
+    drive, commands = _driven(vehicle, family, x)
     motion = simulate(vehicle, commands, threads=1)
     _check(vehicle, commands, motion.feasibility, room)
     reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
@@ -154,18 +139,14 @@ def nominal_commands(
     InfeasibleManeuver, PlanError
         As of `nominal_run`.
     """
-    _, commands, _ = _driven(vehicle, family, x)
+    _, commands = _driven(vehicle, family, x)
     nominal = CommandedBatch(vehicle, commands).run(vehicle.nominal_point()[np.newaxis], ("x",))
     _check(vehicle, commands, nominal.feasibility, room)
     return commands
 
 
-def driven_commands(
-    vehicle: Vehicle, family: ManeuverFamily, x: FloatArray
-) -> tuple[Commands, float]:
+def driven_commands(vehicle: Vehicle, family: ManeuverFamily, x: FloatArray) -> Commands:
     """Return the commands of a maneuver, whether or not the nominal vehicle can drive them.
-
-    With them comes the excess of the `Tracking` [m], NaN of what is not tracked.
 
     Parameters
     ----------
@@ -178,20 +159,18 @@ def driven_commands(
 
     Raises
     ------
-    CannotFollow
-        If the vehicle cannot follow the path.
     InfeasibleManeuver
-        If its steering does not reach.
+        If there are none: the vehicle cannot follow the path, or its steering does not reach.
     PlanError
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
-    return _driven(vehicle, family, x)[1:]
+    return _driven(vehicle, family, x)[1]
 
 
 def _driven(
     vehicle: Vehicle, family: ManeuverFamily, x: FloatArray
-) -> tuple[DrivenPath | Commands, Commands, float]:
-    """Path or commands of a family, the commands that are sent, and the tracking's excess [m]."""
+) -> tuple[DrivenPath | Commands, Commands]:
+    """Path or commands of a family, and the commands that are sent."""
     check_motor(vehicle)
     try:
         drive = family.drive(x, vehicle)
@@ -199,11 +178,13 @@ def _driven(
         raise InfeasibleManeuver(str(error)) from error
     if isinstance(drive, Commands):
         _check_angles(vehicle, drive)
-        return drive, _as_sent(drive), math.nan
-    tracking = track(vehicle, drive)
-    if tracking.infeasible:
-        raise CannotFollow(tracking.infeasible, tracking.excess)
-    return drive, tracking.commands, tracking.excess
+        commands = _as_sent(drive)
+    else:
+        tracking = track(vehicle, drive)
+        if tracking.infeasible:
+            raise InfeasibleManeuver(tracking.infeasible)
+        commands = tracking.commands
+    return drive, commands
 
 
 def _check(
