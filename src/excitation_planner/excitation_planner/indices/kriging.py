@@ -121,7 +121,7 @@ class Kriging:
         starts = [np.clip(theta, low, high) for theta in starts]
         theta = minimize(
             _objective,
-            min(starts, key=lambda theta: _objective(theta, X, standardised)[0]),
+            min(starts, key=lambda theta: _likelihood(theta, X, standardised) + _prior(theta, k)),
             args=(X, standardised),
             jac=True,
             method="L-BFGS-B",
@@ -193,7 +193,7 @@ class Kriging:
         self.X_train_ = X
         shift, scale = y.mean(), y.std()
         self.L_, mean, variance, weights = _profile(
-            _covariance_matrix(X, length_scale, amplitude) + nugget * np.eye(len(X)),
+            _with_nugget(_covariance_matrix(X, length_scale, amplitude), nugget),
             (y - shift) / scale,
         )
         self.inverse_ = _inverse(self.L_)
@@ -277,7 +277,9 @@ def _covariance_matrix(
     X: FloatArray, length_scale: FloatArray, amplitude: FloatArray
 ) -> FloatArray:
     """Covariances (n, n) of points X (n, k) with each other."""
-    matrix: FloatArray = squareform(np.exp(-0.5 * pdist(X / length_scale, "sqeuclidean")))
+    exponents = pdist(X / length_scale, "sqeuclidean")
+    exponents *= -0.5
+    matrix: FloatArray = squareform(np.exp(exponents, out=exponents), checks=False)
     np.fill_diagonal(matrix, 1.0)
     a = amplitudes(X, amplitude)
     matrix *= a[:, None]
@@ -285,12 +287,20 @@ def _covariance_matrix(
     return matrix
 
 
+def _with_nugget(R: FloatArray, nugget: float) -> FloatArray:
+    """Covariances (n, n) with a nugget, in a new array as LAPACK stores it."""
+    K = R.copy(order="F")
+    K.reshape(-1, order="F")[:: len(K) + 1] += nugget
+    return K
+
+
 def _profile(K: FloatArray, y: FloatArray) -> tuple[FloatArray, float, float, FloatArray]:
     """Cholesky factor of K (n, n); mean, variance and K^-1 (y - mean) (n,), profiled for y (n,).
 
-    By triangular solves: the explicit inverse of an ill-conditioned K would not reproduce y.
+    By triangular solves: the explicit inverse of an ill-conditioned K would not reproduce y. K is
+    overwritten.
     """
-    factor, failed = lapack.dpotrf(K, lower=1, clean=1)
+    factor, failed = lapack.dpotrf(K, lower=1, clean=1, overwrite_a=1)
     if failed:
         raise np.linalg.LinAlgError("correlation matrix is not positive definite")
     solved, _ = lapack.dpotrs(factor, np.stack([np.ones_like(y), y], axis=1), lower=1)
@@ -301,18 +311,24 @@ def _profile(K: FloatArray, y: FloatArray) -> tuple[FloatArray, float, float, Fl
 
 def _inverse(factor: FloatArray) -> FloatArray:
     """Inverse of the matrix with this lower Cholesky factor (n, n)."""
-    triangle, _ = lapack.dpotri(factor, lower=1)
-    inverse: FloatArray = triangle + np.tril(triangle, -1).T
+    triangle, _ = lapack.dpotri(factor, lower=1)  # zeros above the diagonal, as in the factor
+    inverse: FloatArray = np.add(triangle, triangle.T, order="F")
+    inverse.reshape(-1, order="F")[:: len(inverse) + 1] *= 0.5
     return inverse
+
+
+def _prior(theta: FloatArray, k: int) -> float:
+    """Negative logarithm of the amplitude's prior density, without its constant."""
+    coefficients = theta[k : 3 * k]
+    return 0.5 * float(coefficients @ coefficients) / _AMPLITUDE_PRIOR**2
 
 
 def _objective(theta: FloatArray, X: FloatArray, y: FloatArray) -> tuple[float, FloatArray]:
     """Negative profiled log-likelihood less the log of the amplitude's prior, and its gradient."""
     value, gradient = profiled_likelihood(theta, X, y)
     k = X.shape[1]
-    coefficients = theta[k : 3 * k]
-    gradient[k : 3 * k] += coefficients / _AMPLITUDE_PRIOR**2
-    return value + 0.5 * float(coefficients @ coefficients) / _AMPLITUDE_PRIOR**2, gradient
+    gradient[k : 3 * k] += theta[k : 3 * k] / _AMPLITUDE_PRIOR**2
+    return value + _prior(theta, k), gradient
 
 
 def profiled_likelihood(
@@ -329,26 +345,46 @@ def profiled_likelihood(
     y : ndarray of float, shape (n,)
         Outputs.
     """
-    n, k = X.shape
-    length_scale, nugget = np.exp(theta[:k]), np.exp(theta[3 * k])
-    R = _covariance_matrix(X, length_scale, theta[k : 3 * k].reshape(2, k))
-    try:
-        factor, _, variance, b = _profile(R + nugget * np.eye(n), y)
-    except np.linalg.LinAlgError:
+    k = X.shape[1]
+    found = _evaluated(theta, X, y)
+    if found is None:
         return _IMPOSSIBLE, np.zeros(3 * k + 1)
-    if not variance > 0:  # lost to round-off
-        return _IMPOSSIBLE, np.zeros(3 * k + 1)
-    value = 0.5 * n * np.log(variance) + np.log(np.diag(factor)).sum()
+    value, R, factor, variance, b = found
     # d(-log L) = 1/2 tr[(K^-1 - b b'/s²) dK] with b = K^-1 (y - mean)   (R&W Eq. 5.9)
     W = _inverse(factor) - np.outer(b, b / variance)
     gradient = np.empty(3 * k + 1)
-    gradient[3 * k] = 0.5 * nugget * np.trace(W)
+    gradient[3 * k] = 0.5 * np.exp(theta[3 * k]) * np.trace(W)
     W *= R
     sums, t = W.sum(axis=1), 2.0 * X - 1.0
     # dR/d log l_j = R (x_i - x_i')²/l_j²; the sum over i, i' needs no (n, n, k) array
-    Z = (X - X.mean(axis=0)) / length_scale
+    Z = (X - X.mean(axis=0)) / np.exp(theta[:k])
     gradient[:k] = sums @ Z**2 - np.einsum("ij,ij->j", Z, W @ Z)
     # dR/dc_j = R (t_i + t_i'), dR/dd_j = R (t_i² + t_i'²)
     gradient[k : 2 * k] = sums @ t
     gradient[2 * k : 3 * k] = sums @ t**2
-    return float(value), gradient
+    return value, gradient
+
+
+def _likelihood(theta: FloatArray, X: FloatArray, y: FloatArray) -> float:
+    """`profiled_likelihood` without its gradient, which takes most of the time."""
+    found = _evaluated(theta, X, y)
+    return _IMPOSSIBLE if found is None else found[0]
+
+
+def _evaluated(
+    theta: FloatArray, X: FloatArray, y: FloatArray
+) -> tuple[float, FloatArray, FloatArray, float, FloatArray] | None:
+    """Negative profiled log-likelihood, correlations without nugget, and of `_profile` the rest.
+
+    None where the matrix cannot be factorised.
+    """
+    n, k = X.shape
+    R = _covariance_matrix(X, np.exp(theta[:k]), theta[k : 3 * k].reshape(2, k))
+    try:
+        factor, _, variance, b = _profile(_with_nugget(R, np.exp(theta[3 * k])), y)
+    except np.linalg.LinAlgError:
+        return None
+    if not variance > 0:  # lost to round-off
+        return None
+    value = 0.5 * n * np.log(variance) + np.log(np.diag(factor)).sum()
+    return float(value), R, factor, variance, b

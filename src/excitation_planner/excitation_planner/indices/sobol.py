@@ -113,13 +113,22 @@ def _half(model: Kriging, axes: range) -> _Half:
         # how much of each degree the kernel holds bounds what the mean can hold of it
         share = np.minimum(np.abs(C).max(axis=1) / np.abs(C[0]).max(), 1.0)
         products = np.outer(size, share).ravel()
-        # dropping the smallest after each axis keeps the overall largest: shares are at most 1;
-        # ties keep the lower degree, and so always the constant
-        kept = np.sort(np.argsort(-products, kind="stable")[:_TERMS])
+        # dropping the smallest after each axis keeps the overall largest: shares are at most 1
+        kept = _largest(products, _TERMS)
         parent, degree = np.divmod(kept, len(share))
         degrees, size, E = degrees[parent], products[kept], E[parent] * C[degree]
         degrees[:, j] = degree
     return _Half(degrees, E)
+
+
+def _largest(values: FloatArray, count: int) -> NDArray[np.intp]:
+    """Indices of the largest values in ascending order; of equal values the first are kept."""
+    if len(values) <= count:
+        return np.arange(len(values))
+    smallest = np.partition(values, -count)[-count]
+    above = np.flatnonzero(values > smallest)
+    equal = np.flatnonzero(values == smallest)[: count - len(above)]
+    return np.sort(np.concatenate([above, equal]))
 
 
 @lru_cache(maxsize=1)
