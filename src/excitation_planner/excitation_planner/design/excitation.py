@@ -331,13 +331,19 @@ def search_design(
         Points of the unit box that an adaptive search begins with.
     """
     history: list[Evaluation] = []
+    known: dict[bytes, Evaluation] = {}  # searches ask again for their start, and at the faces
     steps = search_steps(problem, starts)
     try:
         X = next(steps)
         while True:
-            found = evaluate_all(list(problem.operation.from_unit(X)), False)
-            history += [verified.evaluation for verified in found]
-            X = steps.send([verified.evaluation for verified in found])
+            points = [(x.tobytes(), x) for x in problem.operation.from_unit(X)]
+            new = {key: x for key, x in points if key not in known}
+            if new:
+                judged = evaluate_all(list(new.values()), False)
+                known |= zip(new, (verified.evaluation for verified in judged), strict=True)
+            found = [known[key] for key, _ in points]
+            history += found
+            X = steps.send(found)
     except StopIteration:
         pass
     finally:
@@ -352,7 +358,7 @@ def search_design(
     if sensitivity is None:
         raise DesignError(f"the verification failed: {at_x.infeasible}")
     verdict, explanation = _judge(problem, at_x, history)
-    everything = history + [v.evaluation for v in verified]
+    everything = [*known.values(), *(v.evaluation for v in verified)]
     return Design(
         operation=problem.operation,
         target=problem.target,

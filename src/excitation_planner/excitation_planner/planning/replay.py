@@ -23,7 +23,7 @@ from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import CommandedBatch, PlanarBlock, simulate, simulate_planar
+from tricycle_sim.vehicle.batch import CommandedBatch, PlanarBlock, simulate_planar
 from tricycle_sim.vehicle.feasibility import Feasibility
 
 KEPT_RUNS = 4
@@ -105,23 +105,25 @@ def nominal_run(
         If no maneuver can be planned for the vehicle: its motor holds no speed.
     """
     drive, commands = _driven(vehicle, family, x)
-    motion = simulate(vehicle, commands, threads=1)
-    _check(vehicle, commands, motion.feasibility, room)
-    reference = Reference(motion.time, motion.x[0], motion.y[0], motion.yaw[0])
+    batch = CommandedBatch(vehicle, commands)
+    run = batch.run(vehicle.nominal_point()[np.newaxis], ("x", "y", "yaw", "vx_world", "vy_world"))
+    _check(vehicle, commands, run.feasibility, room)
+    own_x, own_y, own_yaw, vx, vy = (column[0] for column in run.columns.values())
+    reference = Reference(batch.time, own_x, own_y, own_yaw)
     return NominalRun(
         commands=commands,
         path=_driven_path(vehicle, reference)
         if isinstance(drive, Commands)
         else np.column_stack([drive.x, drive.y]),
         reference=reference,
-        nominal=_nominal_trajectory(vehicle, commands),
+        nominal=NominalTrajectory(batch.time, own_x, own_y, vx, vy),
     )
 
 
 def nominal_commands(
     vehicle: Vehicle, family: ManeuverFamily, x: FloatArray, room: Room | None = None
 ) -> Commands:
-    """Return the commands of a maneuver: those of `nominal_run`, which takes twice as long.
+    """Return the commands of a maneuver: those of `nominal_run`, which takes longer.
 
     Parameters
     ----------
@@ -221,15 +223,6 @@ def _driven_path(vehicle: Vehicle, motion: Reference) -> FloatArray:
     b = path_point(vehicle)
     path = np.column_stack([motion.x + b * np.cos(motion.yaw), motion.y + b * np.sin(motion.yaw)])
     return path[::10]
-
-
-def _nominal_trajectory(vehicle: Vehicle, commands: Commands) -> NominalTrajectory:
-    blocks: list[PlanarBlock] = []
-    simulate_planar(vehicle, commands, None, lambda _, block: blocks.append(block), threads=1)
-    (block,) = blocks
-    return NominalTrajectory(
-        block.time, block.x[0], block.y[0], block.vx_world[0], block.vy_world[0]
-    )
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import dataclasses
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -514,11 +515,12 @@ def _run_blocks(
     workers = threads or len(os.sched_getaffinity(0))
     groups = -(-n // LANES)
     # several blocks per thread level out their loads; 16 groups bound the memory
-    size = LANES * max(1, min(16, groups // (4 * workers)))
+    size = LANES * max(1, min(16, groups // (4 * workers) if workers > 1 else groups))
     bounds = [(first, min(first + size, n)) for first in range(0, n, size)]
     done = 0
-    with ThreadPoolExecutor(workers) as pool:
-        for (first, last), _ in zip(bounds, pool.map(lambda b: run(*b), bounds), strict=True):
+    with ThreadPoolExecutor(workers) if workers > 1 else nullcontext() as pool:
+        each = map if pool is None else pool.map
+        for (first, last), _ in zip(bounds, each(lambda b: run(*b), bounds), strict=True):
             done += last - first
             if progress is not None:
                 progress(done, n)
