@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from excitation_planner import Box, Design, Search, Verdict, design_excitation
+from excitation_planner.design.problem import VERIFIED
 from excitation_planner.indices.analytic import (
     MATH_MODEL_OPERATION,
     MATH_MODEL_UNKNOWN,
@@ -151,6 +152,21 @@ def test_mistakes_are_named(f, arguments, message):
 def test_unknown_target_lists_the_parameters_there_are():
     with pytest.raises(DesignError, match="unknown parameter 'z'; one of: p, q, r"):
         best(interior, "z")
+
+
+@pytest.mark.slow
+def test_a_maneuver_that_is_asked_for_again_is_not_simulated_again():
+    simulated = []
+
+    def noted(x, P):
+        simulated.append((tuple(x), len(P)))
+        return interior(x, P)
+
+    design = best(noted, "p", workers=1)
+    assert len(set(simulated)) == len(simulated) < len(design.history) + VERIFIED
+    assert design.simulations == sum(runs for _, runs in simulated)
+    costs = {tuple(e.x): e.cost for e in design.history}
+    assert all(costs[tuple(e.x)] == e.cost for e in design.history)
 
 
 @pytest.mark.slow
