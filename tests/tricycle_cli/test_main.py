@@ -32,6 +32,8 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
         ("plan --at radius=3 speed=fast", "'speed=fast': want name=number"),
         ("plan --at radius=2 speed=1", "circle: the steering saturates at"),
         ("plan --noise-std -1", "noise_std = -1 m must be from 0 to 10"),
+        ("plan --noise-std -1e-3", "noise_std = -0.001 m must be from 0 to 10"),
+        ("plan --noise-std -inf", "noise_std = -inf m must be from 0 to 10"),
         ("plan --samples 3", "samples = 3"),
         ("plan --vehicle nowhere.yaml", "nowhere.yaml"),
         ("plan --target camber_stiffness --vehicle camber_known.yaml", "'camber_stiffness'"),
@@ -46,7 +48,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
         ("judge nowhere", "nowhere"),
         (
             "simulate --maneuver circle radius=9 speed=0.8 --output a.csv",
-            "outside its range 2 to 6",
+            "outside its range 2 to 6; --range radius=LOW:HIGH sets another",
         ),
         ("vehicle check upside_down.yaml", "[1500, 500] is upside down"),
     ],
@@ -87,6 +89,8 @@ def test_help_fits_a_terminal_of_80_columns(command, capsys, monkeypatch):
         ("plan --targets mass", "tricycle plan: error: unrecognized arguments: --targets"),
         ("plan --targets mass", "did you mean --target? (see tricycle plan --help)"),
         ("demo --seed -4", "argument --seed: '-4' must be a whole number from 0"),
+        ("plan --budget 1.5", "argument --budget: '1.5': needs a whole number (see"),
+        ("plan --noise-std -1cm", "argument --noise-std: '-1cm': needs a number (see"),
         ("demo --real-time-factor fast", "'fast' must be from 0 (as fast as it runs) to 1000"),
     ],
 )

@@ -118,6 +118,25 @@ def add_range_options(parser: ArgumentParser) -> None:
     )
 
 
+def ranges_of(args: Namespace) -> dict[str, tuple[float, float]]:
+    """Return the ranges of the options by the name of the operation parameter.
+
+    Parameters
+    ----------
+    args : Namespace
+        Parsed arguments, among them those of `add_range_options`.
+
+    Raises
+    ------
+    PlanError
+        If one is wrong.
+    """
+    from excitation_planner.maneuver import load_ranges, parse_ranges
+
+    given = {} if args.ranges is None else load_ranges(args.ranges)
+    return given | parse_ranges(args.range)
+
+
 def add_area_option(parser: ArgumentParser) -> None:
     """Declare the option of the ground that plans stay on.
 
@@ -211,19 +230,12 @@ def families_of(names: str, args: Namespace) -> tuple[ManeuverFamily, ...]:
     PlanError
         If a name, a range or the lead-in is wrong.
     """
-    from excitation_planner.maneuver import (
-        family_by_name,
-        load_ranges,
-        parse_ranges,
-        with_lead_in,
-        with_ranges,
-    )
+    from excitation_planner.maneuver import family_by_name, with_lead_in, with_ranges
 
-    ranges = {} if args.ranges is None else load_ranges(args.ranges)
     families = tuple(family_by_name(name) for name in names.split(","))
-    ranges |= parse_ranges(args.range)
     searched = not getattr(args, "at", None)  # a given maneuver has the usual speed
-    families = with_ranges(families, ranges, smaller=searched and args.area is not None)
+    smaller = searched and args.area is not None
+    families = with_ranges(families, ranges_of(args), smaller=smaller)
     return families if args.lead_in is None else with_lead_in(families, args.lead_in)
 
 

@@ -4,6 +4,7 @@ import argparse
 import atexit
 import gc
 import logging
+import re
 import signal
 import sys
 from collections.abc import Collection, Sequence
@@ -72,6 +73,11 @@ def parser(complete: Collection[str] = tuple(COMMANDS)) -> argparse.ArgumentPars
 class _Parser(argparse.ArgumentParser):
     """Says a mistake in one line, with the options that are meant perhaps."""
 
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        # -5%, -1e-3 and -1cm are values, and wrong ones are told as such
+        self._negative_number_matcher = re.compile(r"-(\.?\d|inf|nan)")
+
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Refuse what is unknown here: the parser above would not know whose options to name."""
         found, unknown = super().parse_known_args(args, namespace)
@@ -80,6 +86,16 @@ class _Parser(argparse.ArgumentParser):
             hint = f", did you mean {close[0]}?" if close else ""
             self.error(f"unrecognized arguments: {' '.join(unknown)}{hint}")
         return found, unknown
+
+    def _get_value(self, action: argparse.Action, text: str) -> Any:
+        """Return the value of an argument, or refuse it in words that say what would be right."""
+        kinds = {int: "a whole number", float: "a number"}
+        if (kind := action.type) in kinds:
+            try:
+                return kind(text)
+            except ValueError:
+                raise argparse.ArgumentError(action, f"{text!r}: needs {kinds[kind]}") from None
+        return super()._get_value(action, text)
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Refuse a value that is none of the choices, with the one that is meant perhaps."""

@@ -17,7 +17,7 @@ from parameter_identification.identification_file import load_identification_fil
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.results import campaign_report
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import ExcitationError, PlanError
 from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
@@ -160,6 +160,8 @@ def test_a_foreign_folder_or_a_damaged_state_is_left_alone(tmp_path):
     (tmp_path / "mine.txt").write_text("mine")
     with pytest.raises(PlanError, match="holds something else"):
         Campaign(tmp_path, request())
+    with pytest.raises(ExcitationError, match=r"mine\.txt is a file; a folder is needed"):
+        Campaign(tmp_path / "mine.txt", request())
     state = tmp_path / "c" / "campaign.json"
     Campaign(state.parent, request())
     for text in ("{", "[]", json.dumps({"schema": 9}), json.dumps({"schema": 1, "settings": {}})):

@@ -53,6 +53,17 @@ def test_makes_the_commands_of_a_maneuver(tricycle, tmp_path, capsys):
     assert "rows of 1 vehicle" in capsys.readouterr().out
 
 
+def test_a_maneuver_outside_the_usual_ranges_has_a_range_of_its_own(tricycle, tmp_path):
+    output = tmp_path / "circle.csv"
+    maneuver = ("--maneuver", "circle", "radius=9", "speed=0.8")
+    with pytest.raises(PlanError, match="outside its range 2 to 6; --range radius=LOW:HIGH"):
+        tricycle("simulate", *maneuver, "--output", output)
+    tricycle("simulate", *maneuver, "--range", "radius=6:12", "--output", output)
+    late = read(output)[-500:]
+    radius = np.hypot(late["vx"], late["vy"]).mean() / late["yaw_rate"].mean()
+    assert radius == pytest.approx(9.0, rel=0.05)
+
+
 @pytest.mark.slow
 def test_set_changes_the_vehicle_and_samples_spread_it(tricycle, commands, tmp_path):
     base, soft, many = (tmp_path / name for name in ("a.csv", "b.csv", "c.csv"))

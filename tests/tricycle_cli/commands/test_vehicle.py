@@ -188,9 +188,10 @@ def test_new_from_a_file_is_the_same_vehicle(tricycle, tmp_path):
     assert "# road_grade: {value: 0.0" in file.read_text()
 
 
-def test_new_from_a_shipped_vehicle(tricycle, tmp_path):
-    file = tmp_path / "mine.yaml"
+def test_new_from_a_shipped_vehicle(tricycle, tmp_path, capsys):
+    file = tmp_path / "all mine.yaml"
     assert tricycle("vehicle", "new", file, "--from", "tricycle") == 0
+    assert f"tricycle vehicle check '{file}'" in capsys.readouterr().out  # as a shell needs it
     assert load_vehicle(file).values == load_vehicle().values
 
 

@@ -218,6 +218,7 @@ def operation_point(family: ManeuverFamily, values: Mapping[str, float]) -> Floa
     for name, low, high in zip(names, family.operation.low, family.operation.high, strict=True):
         if not low <= values[name] <= high:
             raise PlanError(
-                f"{family.name}: {name} = {values[name]:g} is outside its range {low:g} to {high:g}"
+                f"{family.name}: {name} = {values[name]:g} is outside its range {low:g} to "
+                f"{high:g}; --range {name}=LOW:HIGH sets another"
             )
     return np.array([values[name] for name in names], dtype=float)

@@ -82,10 +82,12 @@ class Campaign:
         self.left_out: tuple[str, ...] = ()
         if self._state.exists():
             self.steps = self._read()
-        elif folder.exists() and any(folder.iterdir()):
-            raise PlanError(f"{folder}: holds something else; give a new folder for the campaign")
         else:
             check_folder(folder)
+            if folder.exists() and any(folder.iterdir()):
+                raise PlanError(
+                    f"{folder}: holds something else; give a new folder for the campaign"
+                )
             folder.mkdir(parents=True, exist_ok=True)
             self._keep(())
 

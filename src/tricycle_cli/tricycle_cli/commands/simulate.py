@@ -13,12 +13,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from excitation_planner.maneuver import family_by_name, family_names, operation_point
+from excitation_planner.maneuver import (
+    family_by_name,
+    family_names,
+    operation_point,
+    with_ranges,
+)
 from tricycle_cli.arguments import (
     add_overwrite_option,
+    add_range_options,
     check_outputs,
     describe_later,
     parse_assignments,
+    ranges_of,
     seed,
 )
 from tricycle_cli.progress import progress_bar
@@ -72,6 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
 
     describe_later(parser, describe)
+    add_range_options(parser)
     add = parser.add_argument
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--set", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="constants")
@@ -143,7 +151,7 @@ def _commands(args: argparse.Namespace, vehicle: Vehicle) -> Commands:
     from excitation_planner.planning.replay import nominal_run
 
     name, *values = args.maneuver
-    family = family_by_name(name)
+    (family,) = with_ranges([family_by_name(name)], ranges_of(args))
     point = operation_point(family, parse_assignments(values))
     try:
         return nominal_run(vehicle, family, point).commands

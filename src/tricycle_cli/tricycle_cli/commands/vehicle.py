@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -114,7 +115,8 @@ def run_new(args: argparse.Namespace) -> int:
         except EOFError:
             raise VehicleError("the questions were not answered: nothing is written") from None
     write_whole(args.output, text)
-    print(f"{args.output}: written; look at it with: tricycle vehicle check {args.output}")
+    command = shlex.join(["tricycle", "vehicle", "check", str(args.output)])
+    print(f"{args.output}: written; look at it with: {command}")
     return 0
 
 
