@@ -17,6 +17,7 @@ from tricycle_core.documents import (
     decode,
     encode,
     parse_json,
+    parse_yaml,
     read_bounded,
     replacing,
     write_whole,
@@ -90,6 +91,28 @@ GOOD = {
 def test_what_does_not_fit_is_named(change, place):
     with pytest.raises(PlanError, match=rf"^plan\.json: .*{place}"):
         decode(Document, GOOD | change, "plan.json", PlanError)
+
+
+def test_a_value_of_another_type_is_told_in_the_words_of_a_file():
+    with pytest.raises(PlanError, match=r"^f: kind: needs a text, not a number; in quotes it is"):
+        decode(Document, GOOD | {"kind": 2.5}, "f", PlanError)
+    with pytest.raises(PlanError, match=r"^f: intervals: needs entries by name, not a list$"):
+        decode(Document, GOOD | {"intervals": [1]}, "f", PlanError)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"a: \xf6", r"f: is not a text in UTF-8 \(byte 3\)"),
+        (b"a: 1\n\tb: 2", r"f:2: is not valid YAML: found character '\\t' that cannot start"),
+        (b"a: &b 1\nc: *b", "f: is not valid YAML: aliases are not read"),
+        (b"a: \0", "f: is not valid YAML: special characters are not allowed"),
+    ],
+)
+def test_what_is_not_yaml_is_told_with_the_reason(content, message):
+    with pytest.raises(PlanError, match=message) as refusal:
+        parse_yaml(content, "f", PlanError)
+    assert "\n" not in str(refusal.value)
 
 
 def test_entries_of_a_newer_version_are_ignored():

@@ -441,6 +441,25 @@ def not_negative(text: str) -> float:
     return value
 
 
+def positive(text: str) -> float:
+    """Return a finite number above 0.
+
+    Parameters
+    ----------
+    text : str
+        Argument.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If it is another text.
+    """
+    value = _number(text)
+    if not 0.0 < value < math.inf:
+        raise ArgumentTypeError(f"{text!r}: needs a number above 0")
+    return value
+
+
 def parse_assignments(pairs: Sequence[str]) -> dict[str, float]:
     """Return numbers by name.
 

@@ -171,7 +171,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # what files say of themselves may hold line breaks or terminal escapes
         text = str(error)
         if isinstance(error, OSError) and error.filename and error.strerror:
-            text = f"{error.filename}: {error.strerror}"  # without its number
+            folder = isinstance(error, IsADirectoryError)
+            why = "is a folder; a file is needed" if folder else error.strerror
+            text = f"{error.filename}: {why}"  # without its number
         line = "".join(c if c.isprintable() else " " for c in text)
         print(f"tricycle: {line}", file=sys.stderr)
         return 2

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -125,7 +126,9 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
         Of the type `error`, if it is not JSON.
     """
     try:
-        return json.loads(content.decode(), parse_constant=_infinity)
+        return json.loads(_text(content, where, error), parse_constant=_infinity)
+    except error:  # a ValueError, too
+        raise
     except (ValueError, RecursionError) as problem:
         raise error(f"{where}: is not JSON: {problem}") from problem
 
@@ -166,16 +169,24 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
             return super().construct_mapping(node, deep)
 
     try:
-        return yaml.load(content.decode(), Loader=Loader)  # noqa: S506 - a safe loader
+        return yaml.load(_text(content, where, error), Loader=Loader)  # noqa: S506 - a safe loader
     except error:  # a ValueError, too
         raise
     except yaml.YAMLError as problem:
         mark = getattr(problem, "problem_mark", None)
         line = f":{mark.line + 1}" if mark else ""
-        raise error(f"{where}{line}: is not valid YAML, or has aliases") from problem
+        fault = getattr(problem, "problem", None) or getattr(problem, "reason", None) or problem
+        raise error(f"{where}{line}: is not valid YAML: {fault}") from problem
     # numbers beyond all bounds, dates that do not exist, lists a thousand deep
     except (ValueError, OverflowError, RecursionError) as problem:
         raise error(f"{where}: is not valid YAML: {problem}") from problem
+
+
+def _text(content: bytes, where: str, error: type[ExcitationError]) -> str:
+    try:
+        return content.decode()
+    except UnicodeDecodeError as problem:
+        raise error(f"{where}: is not a text in UTF-8 (byte {problem.start})") from problem
 
 
 def check_texts(values: object, where: str, error: type[ExcitationError]) -> None:
@@ -262,12 +273,41 @@ def decode(
 
 
 def _plain_words(message: str) -> str:
-    """Return msgspec's message with the place first: "reference: lacks `yaw`"."""
+    """Return msgspec's message in the words of a file, with the place first.
+
+    Examples
+    --------
+    >>> _plain_words("Expected `float`, got `str` - at `$.sensor.x`")
+    'sensor.x: needs a number, not a text'
+    """
     text, _, place = message.partition(" - at `$")
     text = text.replace("Object missing required field", "lacks")
-    text = text.replace("Expected ", "expected ", 1) if text.startswith("Expected ") else text
+    if fault := re.fullmatch(r"Expected `([^`]*)`( of length \d+)?, got `?([^`]*)`?", text):
+        wanted = [kind for kind in fault[1].split(" | ") if kind != "null"]
+        found = fault[3]
+        text = f"needs {' or '.join(map(_kind, wanted))}{fault[2] or ''}, not {_kind(found)}"
+        if "str" in wanted and found in ("int", "float", "bool", "date", "datetime"):
+            text += "; in quotes it is a text"
     place = place.rstrip("`").lstrip(".")
     return f"{place}: {text}" if place else text
+
+
+_KINDS = {
+    "str": "a text",
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "entries by name",
+    "date": "a date",
+    "datetime": "a date",
+    "null": "nothing",
+}
+"""Kinds of values as a user knows them, by msgspec's names."""
+
+
+def _kind(name: str) -> str:
+    return _KINDS.get(name, name)
 
 
 def _infinity(text: str) -> float:
@@ -292,5 +332,5 @@ def _special(kind: type, value: object) -> object:
             array = None
         if isinstance(value, list) and array is not None:
             return array
-        raise ValueError("Expected a list of numbers")
+        raise ValueError("needs a list of numbers")
     raise NotImplementedError(f"{kind} has no JSON form")

@@ -41,7 +41,7 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
     [
         ("", "needs keep_in"),
         ("keep_in: [[0, 0], [1, 0]]", "keep_in: needs three corners or more"),
-        ("keep_in: [[0, 0], [1, 0], [a, 1]]", "keep_in: expected a list of numbers"),
+        ("keep_in: [[0, 0], [1, 0], [a, 1]]", "keep_in: needs a list of numbers"),
         ("keep_in: [[0, 0], [4, 4], [4, 0], [0, 4]]", "keep_in: crosses or touches itself"),
         ("keep_in: [[0, 0], [1, 0], [.inf, 1]]", "keep_in[2]: needs metres within 100 km"),
         ("keep_in: [[0, 0], [1, 0], [500000, 1]]", "keep_in[2]: needs metres within 100 km"),
@@ -54,8 +54,8 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
         (YARD + "start: {x: [3, 2]}", "start.x: needs [low, high], not [3, 2]"),
         (YARD + "start: {x: 13, y: 1}", "start: (13, 1) m is outside of keep_in"),
         (YARD + "datum: [200, 11]", "datum: needs [latitude, longitude] in degrees"),
-        (YARD + "frame: [odom]", "frame: expected `str`"),
-        ("keep_in: &a [[0, 0]]\nkeep_out: [*a]", "is not valid YAML, or has aliases"),
+        (YARD + "frame: [odom]", "frame: needs a text, not a list"),
+        ("keep_in: &a [[0, 0]]\nkeep_out: [*a]", "is not valid YAML: aliases are not read"),
         ("keep_in: [", "is not valid YAML"),
     ],
 )

@@ -56,6 +56,8 @@ def scaled(name: str, factor: float) -> Edit:
         (lambda t: t | {"x": t["y"], "y": t["x"]}, "not move the way that yaw points: are x and y"),
         (scaled("yaw", 57.3), "does not move the way that yaw points"),
         (scaled("yaw", -1.0), "does not move the way that yaw points"),
+        (lambda t: t | {"x": 100 * t["x"], "y": 100 * t["y"]}, "the poses move at 8.* m/s: mend"),
+        (lambda t: t | {"time": t["time"] * 1e6}, "lasts 9.98e.06 s, of which 2e.04 s are between"),
         (scaled("yaw_rate", 57.3), "yaw_rate is 59 times what the poses give"),
         (scaled("yaw_rate", -1.0), "yaw_rate has the opposite sign of what the poses give"),
         (scaled("wheel_speed", VEHICLE.driven_radius), "wheel_speed is 0.33 times what the poses"),

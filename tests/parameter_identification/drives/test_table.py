@@ -176,12 +176,13 @@ BAD_MAPPINGS = {
     NEEDED + "steering: c\nsteering_map: guess": r"steering_map: needs `estimate`",
     NEEDED + "steering: c\nsteering_map: {gain: 0}": r"a gain other than 0",
     NEEDED + "steering: c\nsensor: {z: 1}": r"sensor: 'z' is no entry",
-    NEEDED + "steering: [c]": r"steering: expected",
+    NEEDED + "steering: [c]": r"steering: needs a text or entries by name, not a list",
     NEEDED + "steering: c\nwheel_speeds: {left: {column: l, unit: m}}": (
         r"wheel_speeds.left: unit 'm' is not known; use one of rad/s"
     ),
     NEEDED + "steering: c\nwheel_speeds: {left: {colum: l}}": r"wheel_speeds.left: 'colum' is no",
-    NEEDED + "steering: c\nwheel_speeds: 3": r"wheel_speeds: expected",
+    NEEDED
+    + "steering: c\nwheel_speeds: 3": r"wheel_speeds: needs entries by name, not a whole number",
 }
 
 

@@ -240,7 +240,9 @@ def test_the_commands_identify_a_table_and_a_bag_of_it(
     drive, columns = table(tmp_path / "drive.csv"), mapping(tmp_path / "mapping.yaml", known)
     ask = ["--parameters", "cornering_stiffness,camber_stiffness", "--json"]
     assert main(["identify", str(drive), "--columns", str(columns), "--window", "4", *ask]) == 0
-    windows = json.loads(capsys.readouterr().out)["parameters"]
+    printed = capsys.readouterr()
+    assert re.search(r"drive\.csv: \d windows of 4 s are \d+ of its \d+ s; the others", printed.err)
+    windows = json.loads(printed.out)["parameters"]
     bag = tmp_path / "bag"
     assert main(["import", str(drive), "--columns", str(columns), "--output", str(bag)]) == 0
     assert main(["judge", str(bag), "--json"]) == 0

@@ -41,6 +41,26 @@ def test_what_drive_by_drive_cannot_do_is_refused(tricycle, tmp_path, more, mess
     assert not (tmp_path / "work").exists()
 
 
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        (["--window", "3"], "--window: only with --columns"),
+        (["--leave-out"], "--leave-out: only with --drive-by-drive"),
+        (["--workers", "2"], "--workers: only with --drive-by-drive"),
+    ],
+)
+def test_an_option_that_would_do_nothing_is_refused(tricycle, tmp_path, more, message):
+    with pytest.raises(IdentificationError, match=message):
+        tricycle("identify", tmp_path / "bag", *more)
+
+
+def test_a_table_of_another_ending_is_not_taken_for_a_bag(tricycle, tmp_path):
+    (tmp_path / "m.yaml").write_text("time: t\nx: x\ny: y\nsteering: s\n")
+    (tmp_path / "drive.txt").write_text("t,x,y,s\n")
+    with pytest.raises(IdentificationError, match=r"drive\.txt: a table ends in \.csv or"):
+        tricycle("identify", tmp_path / "drive.txt", "--columns", tmp_path / "m.yaml")
+
+
 @pytest.mark.slow
 def test_drive_by_drive_writes_what_it_found(tricycle, tmp_path, capsys):
     sensors = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}

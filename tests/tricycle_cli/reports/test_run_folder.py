@@ -27,10 +27,10 @@ def test_no_directory_is_told(tmp_path):
 @pytest.mark.parametrize(
     ("name", "value", "message"),
     [
-        ("estimate", "x", r"\.estimate: expected `float`, got `str`"),
-        ("range", [1, 2, 3], r"\.range: expected `array` of length 2, got 3"),
+        ("estimate", "x", r"\.estimate: needs a number, not a text"),
+        ("range", [1, 2, 3], r"\.range: needs a list of length 2, not 3"),
         ("profile", {"values": [1, 2], "rise": [0]}, "a profile must be two lists of one length"),
-        ("low", None, r"\.low: expected `float`, got `null`"),
+        ("low", None, r"\.low: needs a number, not nothing"),
     ],
 )
 def test_a_damaged_identification_is_told(name, value, message, identified, tmp_path):

@@ -55,8 +55,7 @@ def check_agreement(
     IdentificationError
         Naming the entry, and what may be wrong with it.
     """
-    if recording.yaw is not None:
-        _check_heading(recording.name, motion)
+    _check_way(recording.name, motion, headed=recording.yaw is not None)
     moving = np.abs(motion.speed) > SLOWEST
     moving &= np.abs(motion.speed) < FASTEST
     for name, given, expected, least in _pairs(recording, motion, vehicle):
@@ -74,12 +73,21 @@ def check_agreement(
         )
 
 
-def _check_heading(name: str, motion: Motion) -> None:
+def _check_way(name: str, motion: Motion, *, headed: bool) -> None:
     step = round(STEP / TICK)
     way_x, way_y = (v[step:] - v[:-step] for v in (motion.x, motion.y))
     way = np.hypot(way_x, way_y)
-    moved = (way > SLOWEST * STEP) & (way < FASTEST * STEP)
+    moved = way > SLOWEST * STEP
     if np.count_nonzero(moved) < ENOUGH:
+        return
+    usual = float(np.median(way[moved])) / STEP
+    if usual > FASTEST:
+        raise IdentificationError(
+            f"{name}: the poses move at {usual:.3g} m/s: mend the unit of x and y, or of time, in "
+            "the mapping"
+        )
+    moved &= way < FASTEST * STEP
+    if not headed or np.count_nonzero(moved) < ENOUGH:
         return
     apart = (np.arctan2(way_y, way_x) - motion.yaw[step // 2 :][: len(way)])[moved]
     if np.mean(np.cos(2.0 * apart)) < ALONG:  # forward or backward

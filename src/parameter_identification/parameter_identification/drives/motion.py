@@ -16,6 +16,7 @@ from tricycle_core.timing import TICK
 SLOWER = 0.5  # cutoff of the speed to that of the positions: its errors shall be slow, too
 WIDER = 3.0  # than its error is the prior of a speed: the positions that it is from count, too
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
+LONGEST = 86_400.0  # s that are taken to ticks
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +63,16 @@ def motion_of(recording: Recording) -> Motion:
     Raises
     ------
     IdentificationError
-        If it is shorter.
+        If it is shorter, or longer than a day.
     """
+    if (length := recording.time[-1] - recording.time[0]) > LONGEST:
+        gaps = np.diff(recording.time)
+        longest = int(np.argmax(gaps))
+        raise IdentificationError(
+            f"{recording.name}: lasts {length:.3g} s, of which {gaps[longest]:.3g} s are between "
+            f"two poses, {recording.time[longest]:.3g} s after the first one; at most "
+            f"{LONGEST:g} s are read: mend the unit of time in the mapping, or the clock"
+        )
     time = np.arange(recording.time[0], recording.time[-1], TICK)
     if len(time) < FILTER[0] or len(recording.time) < LEAST:
         raise IdentificationError(

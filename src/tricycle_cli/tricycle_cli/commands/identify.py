@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trajectory_recorder.bag.location import is_remote
+from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_cli.arguments import (
     BAG_HELP,
     add_effects_option,
@@ -19,6 +20,7 @@ from tricycle_cli.arguments import (
     bag_argument,
     check_outputs,
     effects_asked,
+    positive,
     seed,
     topics_of,
 )
@@ -29,6 +31,8 @@ from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from parameter_identification.drives.measured import MeasuredDrive
+    from parameter_identification.drives.table import Recording
+    from parameter_identification.drives.windows import Windows
     from tricycle_sim.vehicle import Vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
@@ -36,6 +40,8 @@ EXACT = 1e-4  # m, noise of positions below which no sensor has told them
 
 MANY_FILES = "vehicle.yaml", "identification.json"
 """What it writes drive by drive."""
+
+TABLES, BAG_FILES = (".csv", ".csv.gz"), (".mcap", ".db3")
 
 EXAMPLE = """\
 examples:
@@ -116,9 +122,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topic_options(parser, sensors=True)
     add = parser.add_argument_group("tables (CSV), of which windows are taken").add_argument
     add("--columns", type=Path, metavar="FILE", help="mapping of their columns, YAML")
-    add("--window", type=float, default=2.0, metavar="S", help="length of a window")
-    add("--every", type=float, default=0.5, metavar="S", help="grid on which windows begin")
-    add("--above", type=float, default=0.4, metavar="M/S", help="speed of the vehicle in a window")
+    add("--window", type=positive, metavar="S", help="length of a window (default: 2)")
+    add("--every", type=positive, metavar="S", help="grid on which windows begin (default: 0.5)")
+    add("--above", type=positive, metavar="M/S", help="speed in a window (default: 0.4)")
     add = parser.add_argument_group("hundreds of bags").add_argument
     add(
         "--drive-by-drive",
@@ -143,6 +149,7 @@ def run(args: argparse.Namespace) -> int:
     """
     if args.output is not None:
         check_folder(args.output)
+    _refuse_what_has_no_effect(args)
     if args.drive_by_drive is not None:
         return _drive_by_drive(args)
     from rich.console import Console
@@ -166,7 +173,8 @@ def run(args: argparse.Namespace) -> int:
 
         simulator = FmuSimulator(args.fmu)
     vehicle = load_vehicle(args.vehicle)
-    read, paths = _reader(args, vehicle), [*args.drives, *args.held_out]
+    remarks_on_tables: list[str] = []
+    read, paths = _reader(args, vehicle, remarks_on_tables), [*args.drives, *args.held_out]
     alike = len({path.stem for path in paths}) < len(paths)
     drives: list[list[MeasuredDrive]] = []
     with progress_bar("reading drives") as progress:
@@ -194,7 +202,7 @@ def run(args: argparse.Namespace) -> int:
     console = Console(stderr=args.json, highlight=False)
     console.width = max(console.width, TABLE_WIDTH)
     console.print(parameter_table(found))
-    for remark in remarks(found):
+    for remark in (*remarks(found), *remarks_on_tables):
         console.print(remark, soft_wrap=True)
     for drive in chain.from_iterable(drives):
         if not drive.complete:
@@ -278,18 +286,35 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     return 0
 
 
-def _reader(args: argparse.Namespace, vehicle: Vehicle) -> Callable[[Path], list[MeasuredDrive]]:
-    """Return what reads a bag as one drive, a table as several."""
+def _refuse_what_has_no_effect(args: argparse.Namespace) -> None:
+    """Refuse options of tables without one, and those of many drives for a few."""
+    needed = {
+        "--columns": (args.columns, ("window", "every", "above")),
+        "--drive-by-drive": (args.drive_by_drive, ("workers", "leave_out")),
+    }
+    for option, (given, depending) in needed.items():
+        for name in depending:
+            if given is None and getattr(args, name) not in (None, False):
+                raise IdentificationError(f"--{name.replace('_', '-')}: only with {option}")
+
+
+def _reader(
+    args: argparse.Namespace, vehicle: Vehicle, remarks: list[str]
+) -> Callable[[Path], list[MeasuredDrive]]:
+    """Return what reads a bag as one drive, a table as several; it adds how much of a table."""
     from parameter_identification.drives.measured import read_measured_drive
-    from parameter_identification.drives.table import load_columns
-    from parameter_identification.drives.windows import Windows, read_windows
+    from parameter_identification.drives.table import load_columns, read_recording
+    from parameter_identification.drives.windows import Windows, steering_of, windows_of
 
     topics = topics_of(args)
-    windows = Windows(args.window, args.every, args.above)
+    asked = {"length": args.window, "every": args.every, "above": args.above}
+    windows = Windows(**{name: value for name, value in asked.items() if value is not None})
     columns = None if args.columns is None else load_columns(args.columns)
 
     def read(path: Path) -> list[MeasuredDrive]:
-        if not path.name.endswith((".csv", ".csv.gz")):
+        if not path.name.endswith(TABLES):
+            if columns is not None and path.suffix not in BAG_FILES and path.is_file():
+                raise IdentificationError(f"{path}: a table ends in {' or '.join(TABLES)}")
             return [read_measured_drive(path, vehicle, topics=topics)]
         if is_remote(path):
             raise IdentificationError(f"{path}: only bags are read from a URL: download the table")
@@ -297,6 +322,19 @@ def _reader(args: argparse.Namespace, vehicle: Vehicle) -> Callable[[Path], list
             raise IdentificationError(
                 f"{path}: a table needs --columns, the mapping of its columns"
             )
-        return read_windows(path, vehicle, columns, windows)
+        recording = read_recording(path, columns, vehicle)
+        drives = windows_of(recording, vehicle, steering_of(recording, vehicle, columns), windows)
+        remarks.append(_used(recording, len(drives), windows))
+        return drives
 
     return read
+
+
+def _used(recording: Recording, count: int, windows: Windows) -> str:
+    """How much of a table the windows are."""
+    used, whole = count * windows.length, recording.time[-1] - recording.time[0]
+    return (
+        f"{recording.name}: {count} windows of {windows.length:g} s are {used:.3g} of its "
+        f"{whole:.3g} s; the others are slower than {windows.above:g} m/s or faster than "
+        f"{MAX_SPEED:g} m/s, lead into a window, or have gaps or jumps of the poses"
+    )
