@@ -165,6 +165,23 @@ def test_an_interrupted_drive_leaves_a_readable_bag_and_no_process(
         assert sum(1 for _ in reader.messages()) > 0
 
 
+def test_an_interruption_of_the_maneuver_says_what_it_waits_for(
+    ros_environment, plan, tmp_path, capfd
+):
+    def interrupt(elapsed, _duration):
+        if elapsed > 0:
+            raise KeyboardInterrupt
+
+    with (
+        pytest.raises(KeyboardInterrupt),
+        simulated_session(
+            vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path
+        ) as drive,
+    ):
+        drive(plan, tmp_path / "bag", interrupt)
+    assert "the vehicle is stopped and recorded for 5 s more" in capfd.readouterr().err
+
+
 def _processes_of(folder):
     """Command lines of the processes that work in a folder."""
     lines = [_command_line(p) for p in Path("/proc").iterdir() if p.name.isdigit()]

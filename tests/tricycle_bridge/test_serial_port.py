@@ -205,6 +205,16 @@ def test_missing_devices_are_told_once_each_and_opened_when_they_appear(tmp_path
         host.ports.close()
 
 
+def test_a_file_in_place_of_a_device_is_told(tmp_path):
+    (tmp_path / "steer").write_text("no board")
+    host = Host(str(tmp_path / "steer"), str(tmp_path / "drive"))
+    try:
+        host.until(lambda: len(host.closed) >= 2, "both")
+        assert f"{tmp_path}/steer is no serial port" in {e.reason for e in host.closed}
+    finally:
+        host.ports.close()
+
+
 @pytest.mark.slow
 def test_swapped_cables_in_operation_are_named(host, plc_pair):
     host.arm()

@@ -36,6 +36,10 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
         ("plan --noise-std -inf", "noise_std = -inf m must be from 0 to 10"),
         ("plan --samples 3", "samples = 3"),
         ("plan --vehicle nowhere.yaml", "nowhere.yaml"),
+        (
+            "import a.csv --columns m.yaml --output not_a_plan.json/bag",
+            "json is a file; a folder is",
+        ),
         ("plan --vehicle .", "tricycle: .: is a folder; a file is needed"),
         ("plan --target camber_stiffness --vehicle camber_known.yaml", "'camber_stiffness'"),
         ("demo --target mass", "unknown target 'mass'"),
@@ -92,6 +96,7 @@ def test_help_fits_a_terminal_of_80_columns(command, capsys, monkeypatch):
         ("demo --seed -4", "argument --seed: '-4' must be a whole number from 0"),
         ("plan --budget 1.5", "argument --budget: '1.5': needs a whole number (see"),
         ("plan --noise-std -1cm", "argument --noise-std: '-1cm': needs a number (see"),
+        ("judge bag --datum 91,11", "datum 91.0, 11.0: latitude is -90 to 90 degrees"),
         ("identify a.csv --window 0", "argument --window: '0': needs a number above 0 (see"),
         ("demo --real-time-factor fast", "'fast' must be from 0 (as fast as it runs) to 1000"),
     ],

@@ -303,4 +303,6 @@ def _open_problem(path: str, error: Exception) -> str:
         return f"{path}: no permission (is the user in the group dialout?)"
     if isinstance(error, BlockingIOError) or "lock" in str(error):
         return f"{path} is in use by another program"
+    if "Could not configure port" in str(error):
+        return f"{path} is no serial port"
     return f"{path}: {' '.join(str(error).split())}"

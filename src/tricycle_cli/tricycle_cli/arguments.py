@@ -346,6 +346,8 @@ def _datum(text: str) -> Datum:
 
     try:
         return Datum(*(float(number) for number in text.split(",")))
+    except ExcitationError as error:  # a ValueError, too
+        raise ArgumentTypeError(str(error)) from error
     except (ValueError, TypeError) as error:
         raise ArgumentTypeError(f"{text!r}: want LAT,LON or LAT,LON,ALT") from error
 

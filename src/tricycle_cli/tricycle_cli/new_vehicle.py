@@ -240,9 +240,12 @@ def from_file(source: str, name: str) -> str:
     Raises
     ------
     VehicleError
-        If the other one is no valid vehicle file.
+        If the other one is neither a shipped vehicle nor a valid vehicle file.
     """
-    path = shipped_vehicles().get(source, Path(source))
+    shipped = shipped_vehicles()
+    path = shipped.get(source, Path(source))
+    if not path.exists():
+        raise VehicleError(f"{source}: no such file; shipped are {', '.join(shipped)}")
     vehicle = load_vehicle(path)
     about = f"from {vehicle.name} by tricycle vehicle new"
     return _text(name, about, vehicle.wheels, vehicle.parts, vehicle_document(path)["constants"])

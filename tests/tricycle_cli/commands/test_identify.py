@@ -54,11 +54,15 @@ def test_an_option_that_would_do_nothing_is_refused(tricycle, tmp_path, more, me
         tricycle("identify", tmp_path / "bag", *more)
 
 
-def test_a_table_of_another_ending_is_not_taken_for_a_bag(tricycle, tmp_path):
+def test_a_table_is_told_by_its_ending(tricycle, tmp_path):
     (tmp_path / "m.yaml").write_text("time: t\nx: x\ny: y\nsteering: s\n")
-    (tmp_path / "drive.txt").write_text("t,x,y,s\n")
-    with pytest.raises(IdentificationError, match=r"drive\.txt: a table ends in \.csv or"):
-        tricycle("identify", tmp_path / "drive.txt", "--columns", tmp_path / "m.yaml")
+    for name, message in {
+        "drive.txt": r"no drive is a table, which ends in \.csv or \.csv\.gz",
+        "drive.CSV": r"drive\.CSV: t: needs two different times",
+    }.items():
+        (tmp_path / name).write_text("t,x,y,s\n")
+        with pytest.raises(IdentificationError, match=message):
+            tricycle("identify", tmp_path / name, "--columns", tmp_path / "m.yaml")
 
 
 @pytest.mark.slow

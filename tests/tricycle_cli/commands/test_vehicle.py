@@ -195,6 +195,11 @@ def test_new_from_a_shipped_vehicle(tricycle, tmp_path, capsys):
     assert load_vehicle(file).values == load_vehicle().values
 
 
+def test_a_name_that_is_no_vehicle_is_told_with_those_that_are(tricycle, tmp_path):
+    with pytest.raises(VehicleError, match=r"tricyle: no such file; shipped are .*, tricycle"):
+        tricycle("vehicle", "new", tmp_path / "mine.yaml", "--from", "tricyle")
+
+
 def test_a_file_that_is_there_is_kept(tricycle, tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("precious")

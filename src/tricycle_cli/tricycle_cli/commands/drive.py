@@ -2,6 +2,7 @@
 
 import argparse
 import re
+import shlex
 from pathlib import Path
 
 from tricycle_cli.arguments import real_time_factor, seed
@@ -129,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
             bag.parent.mkdir(parents=True, exist_ok=True)
             with progress_bar(f"driving {plan.maneuver}, ms") as progress:
                 drive(one, bag, progress)
-            print(f"bag: {bag}   judge it: tricycle judge {bag}")
+            print(f"bag: {bag}   judge it: {shlex.join(['tricycle', 'judge', str(bag)])}")
     return 0
 
 

@@ -41,8 +41,6 @@ EXACT = 1e-4  # m, noise of positions below which no sensor has told them
 MANY_FILES = "vehicle.yaml", "identification.json"
 """What it writes drive by drive."""
 
-TABLES, BAG_FILES = (".csv", ".csv.gz"), (".mcap", ".db3")
-
 EXAMPLE = """\
 examples:
   tricycle identify out/demo/bags/*
@@ -287,7 +285,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
 
 
 def _refuse_what_has_no_effect(args: argparse.Namespace) -> None:
-    """Refuse options of tables without one, and those of many drives for a few."""
+    """Refuse options of tables without a table, and those of many drives for a few."""
     needed = {
         "--columns": (args.columns, ("window", "every", "above")),
         "--drive-by-drive": (args.drive_by_drive, ("workers", "leave_out")),
@@ -296,6 +294,13 @@ def _refuse_what_has_no_effect(args: argparse.Namespace) -> None:
         for name in depending:
             if given is None and getattr(args, name) not in (None, False):
                 raise IdentificationError(f"--{name.replace('_', '-')}: only with {option}")
+    needs_table = args.columns is not None and args.drive_by_drive is None
+    if needs_table and not any(map(_is_table, [*args.drives, *args.held_out])):
+        raise IdentificationError("--columns: no drive is a table, which ends in .csv or .csv.gz")
+
+
+def _is_table(path: Path) -> bool:
+    return path.name.lower().endswith((".csv", ".csv.gz"))
 
 
 def _reader(
@@ -312,9 +317,7 @@ def _reader(
     columns = None if args.columns is None else load_columns(args.columns)
 
     def read(path: Path) -> list[MeasuredDrive]:
-        if not path.name.endswith(TABLES):
-            if columns is not None and path.suffix not in BAG_FILES and path.is_file():
-                raise IdentificationError(f"{path}: a table ends in {' or '.join(TABLES)}")
+        if not _is_table(path):
             return [read_measured_drive(path, vehicle, topics=topics)]
         if is_remote(path):
             raise IdentificationError(f"{path}: only bags are read from a URL: download the table")

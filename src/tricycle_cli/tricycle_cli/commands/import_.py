@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from tricycle_core.documents import check_folder
 from tricycle_sim.vehicle import load_vehicle
 
 EXAMPLE = """\
@@ -50,6 +51,7 @@ def run(args: argparse.Namespace) -> int:
     from trajectory_recorder.bag.writer import check_new
 
     check_new(args.output)
+    check_folder(args.output.parent)
     columns, vehicle = load_columns(args.columns), load_vehicle(args.vehicle)
     recording = read_recording(args.table, columns, vehicle)
     start = write_bag(recording, vehicle, steering_of(recording, vehicle, columns), args.output)

@@ -360,6 +360,10 @@ class Operator(Closing):
             yield
         except BaseException as error:
             self._check()  # where the nodes end with a dead one, nobody is left to abort
+            if isinstance(error, KeyboardInterrupt):
+                self._node.get_logger().warning(
+                    f"interrupted: the vehicle is stopped and recorded for {LONGEST_STOP:g} s more"
+                )
             try:  # refused where it has ended by itself
                 self._services.call("maneuver_driver/abort", Trigger, Trigger.Request())
             except NodeError as unanswered:
