@@ -96,6 +96,22 @@ def test_arguments_that_are_none_of_ros_are_refused(ros_environment, arguments, 
     assert f"unknown arguments: {unknown}; parameters are set by --ros-args -p" in line
 
 
+@pytest.mark.parametrize(
+    ("parameter", "line"),
+    [
+        ("noise_std:=1", "noise_std: needs a number with a point, as 2.0, not 1"),
+        ("seed:=1.5", "seed: needs a whole number, not 1.5"),
+        ("ranges:=radius", "ranges: needs a list of texts, as [a, b], not radius"),
+        ("noise_std:=-1.0", "noise_std = -1.0 must be from 0.0 to 10000.0"),
+    ],
+)
+def test_a_value_that_a_parameter_does_not_take_is_told(ros_environment, parameter, line):
+    said, status = started("--ros-args", "-p", parameter)
+    assert status == 2
+    (fatal,) = (text for text in said.splitlines() if "FATAL" in text)
+    assert fatal.endswith(f"[excitation_planner]: {line}")
+
+
 def test_parameters_that_are_none_of_the_node_are_warned_of(ros_environment, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said, status = started(
@@ -105,3 +121,5 @@ def test_parameters_that_are_none_of_the_node_are_warned_of(ros_environment, tmp
     assert "targt is no parameter of this node: did you mean target?" in said
     assert "criterion is no" not in said
     assert "no plan can be made: unknown target 'mass'" in said
+    said, status = started("--ros-args", "-p", "area_file:=nowhere.yaml")
+    assert "no plan can be made: nowhere.yaml: No such file or directory" in said

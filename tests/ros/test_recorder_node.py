@@ -340,3 +340,19 @@ def test_pause_split_and_snapshot(recorder, ros_node: Node, tmp_path: Path) -> N
     assert r.trigger("stop")[0]
     assert texts(tmp_path / "bag", "/odom") == ["recorded", "in the second file"]
     assert len(list((tmp_path / "bag").glob("*.mcap"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("parameter", "line"),
+    [
+        ("metadata:=[vehicle]", "metadata: 'vehicle' must be key=value"),
+        ("compression:=gzip", "compression: 'gzip' must be one of none, lz4, zstd"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_told(
+    ros_environment: dict[str, str], parameter: str, line: str
+) -> None:
+    command = [executable("trajectory_recorder"), "--ros-args", "-p", parameter]
+    done = subprocess.run(command, env=ros_environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.rstrip().endswith(f"[trajectory_recorder]: {line}")

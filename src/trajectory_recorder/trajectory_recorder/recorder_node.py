@@ -5,7 +5,7 @@ before and loses nothing to discovery. They take raw bytes and are drained in on
 costs a fraction of one callback per message.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ from trajectory_recorder.bag.writer import Compression
 from trajectory_recorder.receipt_clock import ReceiptClock
 from trajectory_recorder.recording import BagSettings, Recording, TopicSource, matches
 from tricycle_core import __version__
-from tricycle_core.errors import BagError
+from tricycle_core.errors import BagError, one_line
 from tricycle_core.nodes import NotTheExecutors, declare, overridable, run_node
 from tricycle_core.stamps import nanoseconds_of
 
@@ -80,15 +80,12 @@ class TrajectoryRecorder(Node):
             )
         self.recording = Recording(
             BagSettings(
-                compression=Compression(compression.replace("none", "")),
+                compression=_compression(compression),
                 split_size=round(split_size * 1e6),
                 split_duration=split_duration,
                 disk_reserve=reserve * 1e6,
                 backlog=round(backlog * 1e6),
-                metadata={
-                    "software_version": __version__,
-                    **dict(pair.split("=", 1) for pair in pairs if pair),
-                },
+                metadata={"software_version": __version__, **_metadata(pairs)},
             ),
             self._on_failure,
         )
@@ -168,7 +165,7 @@ class TrajectoryRecorder(Node):
             try:
                 self.stop()
             except OSError as error:
-                self.get_logger().error(f"the bag is not complete: {error}")
+                self.get_logger().error(f"the bag is not complete: {one_line(error)}")
         super().destroy_node()
 
     def _serve(
@@ -178,7 +175,7 @@ class TrajectoryRecorder(Node):
             response.message = str(action())
             response.success = True
         except (BagError, OSError) as error:
-            response.message = str(error)
+            response.message = one_line(error)
             self.get_logger().error(response.message)
         return response
 
@@ -285,6 +282,24 @@ class TrajectoryRecorder(Node):
         message = DiagnosticArray(status=[status])
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+
+def _compression(name: str) -> Compression:
+    try:
+        return Compression[name.upper()]
+    except KeyError:
+        known = ", ".join(kind.name.lower() for kind in Compression)
+        raise BagError(f"compression: {name!r} must be one of {known}") from None
+
+
+def _metadata(pairs: Sequence[str]) -> dict[str, str]:
+    found = {}
+    for pair in filter(None, pairs):
+        key, equals, value = pair.partition("=")
+        if not (key and equals):
+            raise BagError(f"metadata: {pair!r} must be key=value")
+        found[key] = value
+    return found
 
 
 def _topic(name: str, type_name: str, publishers: list[TopicEndpointInfo]) -> Topic:

@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
-from tricycle_core.errors import ExcitationError
+from tricycle_core.errors import ExcitationError, one_line
 from tricycle_core.optional import EXTRAS, missing
 
 COMMANDS = {
@@ -168,13 +168,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"tricycle: {missing(name, 'this command')}", file=sys.stderr)
         return 2
     except (ExcitationError, OSError) as error:
-        # what files say of themselves may hold line breaks or terminal escapes
-        text = str(error)
-        if isinstance(error, OSError) and error.filename and error.strerror:
-            folder = isinstance(error, IsADirectoryError)
-            why = "is a folder; a file is needed" if folder else error.strerror
-            text = f"{error.filename}: {why}"  # without its number
-        line = "".join(c if c.isprintable() else " " for c in text)
-        print(f"tricycle: {line}", file=sys.stderr)
+        print(f"tricycle: {one_line(error)}", file=sys.stderr)
         return 2
     return status

@@ -74,3 +74,25 @@ class InfeasibleManeuver(Exception):  # noqa: N818  (an outcome of a simulation,
 
     Its argument is the reason, e.g. ``"steering saturates at 3.2 s"``.
     """
+
+
+def one_line(error: BaseException) -> str:
+    """Return what is wrong in one printable line; of a file its name, without the error's number.
+
+    Parameters
+    ----------
+    error : BaseException
+        That a user's mistake raised.
+
+    Examples
+    --------
+    >>> one_line(FileNotFoundError(2, "No such file or directory", "plan.json"))
+    'plan.json: No such file or directory'
+    """
+    text = str(error)
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        folder = isinstance(error, IsADirectoryError)
+        text = f"{error.filename}: {'is a folder; a file is needed' if folder else error.strerror}"
+    text = " ".join(line.strip() for line in text.splitlines())
+    # what files say of themselves may hold terminal escapes
+    return "".join(c if c.isprintable() else " " for c in text)

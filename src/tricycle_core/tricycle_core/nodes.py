@@ -9,6 +9,7 @@ import contextlib
 import copy
 import json
 import logging
+import re
 import signal
 import sys
 from collections.abc import Callable
@@ -37,6 +38,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from tricycle_core import __version__
+from tricycle_core.errors import one_line
 from tricycle_core.stamps import split_seconds
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -50,6 +52,19 @@ _MISTAKES = (
     InvalidParameterTypeException,
     InvalidParameterValueException,
 )
+
+
+_WRONG_TYPE = re.compile(r"Trying to set parameter '(.*?)' to '(.*)' of type .* type '(\w+)'")
+_OUT_OF_RANGE = re.compile(r"Parameter (\S+) out of range Min: (\S+), Max: (\S+), value: ([^:]+):")
+_KINDS = {
+    "BOOL": "true or false",
+    "INTEGER": "a whole number",
+    "DOUBLE": "a number with a point, as 2.0",
+    "STRING": "a text",
+    "STRING_ARRAY": "a list of texts, as [a, b]",
+    "DOUBLE_ARRAY": "a list of numbers with a point, as [0.0, 2.0]",
+}
+"""What a parameter of a type needs, by rclpy's names."""
 
 
 class NotTheExecutors(CallbackGroup):
@@ -150,10 +165,17 @@ def _set_possible_time(set_time: Callable[[Clock], None], message: Clock) -> Non
         set_time(message)
 
 
+def _documented() -> dict[str, tuple[str, list[list[str]]]]:
+    """Names and parameters of the nodes by their classes, as `make reference` has found them."""
+    document: dict[str, tuple[str, list[list[str]]]] = json.loads(
+        (files("tricycle_core") / "nodes.json").read_text(encoding="utf-8")
+    )
+    return document
+
+
 def _help(factory: Callable[[], Node]) -> str:
-    """Return what the node is, and its parameters as `make reference` has found them."""
-    document = json.loads((files("tricycle_core") / "nodes.json").read_text(encoding="utf-8"))
-    name, parameters = document[factory.__name__]
+    """Return what the node is, and its parameters."""
+    name, parameters = _documented()[factory.__name__]
     about = (sys.modules[factory.__module__].__doc__ or "").strip()
     lines = [f"usage: {name} [--ros-args -p NAME:=VALUE ... | --params-file FILE]", "", about, ""]
     lines.append("parameters (default; range) that can be set at the start, * at any time:")
@@ -187,9 +209,14 @@ def _told(mistake: Exception) -> str:
     """What is wrong, in one line."""
     if type(mistake).__name__ == "UnknownROSArgsError":  # rclpy says nothing but the list
         return f"unknown ROS arguments: {mistake}"
-    if isinstance(mistake, OSError) and mistake.filename and mistake.strerror:
-        return f"{mistake.filename}: {mistake.strerror}"  # without its number
-    return " ".join(str(mistake).split())
+    text = one_line(mistake)
+    if wrong := _WRONG_TYPE.match(text):
+        name, value, wanted = wrong.groups()
+        return f"{name}: needs {_KINDS.get(wanted, wanted)}, not {value}"
+    if wrong := _OUT_OF_RANGE.search(text):
+        name, low, high, value = wrong.groups()
+        return f"{name} = {value} must be from {low} to {high}"
+    return text
 
 
 def run_node(factory: Callable[[], Node]) -> None:
@@ -233,7 +260,8 @@ def run_node(factory: Callable[[], Node]) -> None:
             node.get_logger().info(f"runs, version {__version__}")
             ignore_impossible_times(node)
         except _MISTAKES as mistake:
-            name = getattr(factory, "__name__", "node")
+            kind = getattr(factory, "__name__", "node")
+            name, _ = _documented().get(kind, (kind, []))
             rclpy.logging.get_logger(name).fatal(_told(mistake))
             raise SystemExit(2) from None
         executor.add_node(node)

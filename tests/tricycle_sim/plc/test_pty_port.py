@@ -5,6 +5,7 @@ import os
 import pytest
 import serial
 
+from tricycle_core.errors import LinkError
 from tricycle_sim.plc.pty_port import PtyPort
 
 pytestmark = pytest.mark.real_time
@@ -34,6 +35,13 @@ def test_the_link_is_replaced_atomically_and_removed_at_the_end(tmp_path):
                 assert host.read(1) == b"x"
         assert not link.is_symlink()
     assert list(link.parent.iterdir()) == []
+
+
+def test_a_file_in_the_place_of_the_link_is_kept(tmp_path):
+    (tmp_path / "plc").write_text("precious")
+    with pytest.raises(LinkError, match="plc is no link to a serial device: it is not replaced"):
+        PtyPort(tmp_path / "plc")
+    assert (tmp_path / "plc").read_text() == "precious"
 
 
 def test_a_port_survives_that_no_host_is_there(tmp_path):

@@ -8,6 +8,7 @@ import tty
 from pathlib import Path
 
 from tricycle_core.closing import Closing
+from tricycle_core.errors import LinkError
 
 _READ_SIZE = 4096  # bytes
 
@@ -29,10 +30,17 @@ class PtyPort(Closing):
         Frames that the line did not take.
     plugged : bool
         Whether the device exists.
+
+    Raises
+    ------
+    LinkError
+        If something else than a symbolic link is at `link`.
     """
 
     def __init__(self, link: str | os.PathLike[str] | None = None) -> None:
         self._link = None if link is None else Path(link)
+        if self._link is not None and self._link.exists() and not self._link.is_symlink():
+            raise LinkError(f"{self._link} is no link to a serial device: it is not replaced")
         self.dropped = 0
         self.plug()
 
