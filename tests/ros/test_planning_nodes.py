@@ -13,6 +13,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PolygonStamped, PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
+from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -261,6 +262,7 @@ def chain(observer):
 def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_disarmed(
     chain, start
 ):
+    log = chain.observer.newest(Log, "/rosout")
     start("maneuver_driver", odom_timeout=0.3)
     assert chain.refused().startswith("no commands yet")
     for plan_id, path in (("pathless", None), ("empty", ()), ("a point", ((0.0, 0.0),))):
@@ -295,6 +297,7 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     chain.tell(armed=False, reason="steer PLC is FAULT (SENSOR)")
     aborted = "the vehicle is not armed: steer PLC is FAULT (SENSOR)"
     chain.wait_for(state="aborted", plan_id="whole", reason=aborted)
+    chain.observer.wait(lambda: log[0].msg == f"aborted: {aborted}", "the line in the log")
     chain.observer.wait(lambda: not chain.running[0].data, "not running, as a value")
     chain.observer.wait(lambda: chain.joints[0].velocity[1] == 0.0, "standstill")
     assert chain.joints[0].position[0] == pytest.approx(0.1)

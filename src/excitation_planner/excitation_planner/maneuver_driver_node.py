@@ -445,6 +445,14 @@ class ManeuverDriver(Node):
             transform.transform.rotation = orientation
             self._static.publish(TFMessage(transforms=[transform]))
 
+    def _log_state(self) -> None:
+        playback = self._playback
+        text = ": ".join(filter(None, (playback.state.value, playback.reason)))
+        if playback.state is PlaybackState.ABORTED:
+            self.get_logger().warning(text)
+        else:
+            self.get_logger().info(f"{text}, plan {playback.plan_id}")
+
     def _publish_state(self) -> None:
         """Publish the state when it changes, and every `STATE_EVERY` while running."""
         playback = self._playback
@@ -457,6 +465,8 @@ class ManeuverDriver(Node):
             self._countdown.publish(UInt8(data=left))
             if left:
                 self.get_logger().info(f"the drive begins in {left} s")
+        if self._published and playback.state is not self._published[0]:
+            self._log_state()
         self._published = content
         self._running.publish(Bool(data=playback.state is PlaybackState.RUNNING))
         start = playback.start_time
