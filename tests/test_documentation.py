@@ -113,6 +113,18 @@ def test_source_files_that_pages_name_exist(page):
     assert [path for path in named if not exists(path)] == []
 
 
+def test_the_page_of_the_architecture_names_every_node():
+    page = (DOCS / "architecture.md").read_text()
+    started = re.compile(r'start\("(\w+)\.(\w+)"\)')
+    modules = [
+        f"{package}/{module}.py"
+        for path in (ROOT / "src").glob("*/*/executables.py")
+        for package, module in started.findall(path.read_text())
+    ]
+    assert len(modules) >= 7
+    assert [module for module in modules if f"`{module}`" not in page] == []
+
+
 def own_imports(code):
     """(module, name) of what a piece of Python imports from the packages."""
     for node in ast.walk(ast.parse(code)):

@@ -9,7 +9,6 @@ from scipy.interpolate import CubicHermiteSpline
 from excitation_planner.trajectory_error import (
     POINTS,
     NominalTrajectory,
-    hermite,
     trajectory_error,
 )
 
@@ -62,15 +61,6 @@ def test_block_agrees_with_scipy_interpolating_each_trajectory(
         expected.append(trajectory_error(x, y, x0, y0))
     te = NominalTrajectory(time, *nominal, points=points).error(*block)
     np.testing.assert_allclose(te, expected, rtol=1e-9)
-
-
-def test_hermite_is_exact_for_cubics() -> None:
-    time = np.array([0.0, 0.3, 1.0, 1.1])
-    value = np.stack([time**3, 2 - time])
-    rate = np.stack([3 * time**2, -np.ones(4)])
-    at = np.linspace(0, 1.1, 50)
-    np.testing.assert_allclose(hermite(time, value, rate, at), [at**3, 2 - at], atol=1e-14)
-    assert hermite(time, value, rate).shape == (2, POINTS)
 
 
 def test_nan_in_one_sample_stays_in_that_sample() -> None:

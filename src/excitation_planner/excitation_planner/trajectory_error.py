@@ -49,42 +49,6 @@ def trajectory_error(x: FloatArray, y: FloatArray, x0: FloatArray, y0: FloatArra
     return float(np.mean((x - x0) ** 2 + (y - y0) ** 2))
 
 
-def hermite(
-    time: FloatArray,
-    value: FloatArray,
-    rate: FloatArray,
-    at: FloatArray | None = None,
-    *,
-    points: int = POINTS,
-) -> FloatArray:
-    """Return values interpolated by cubic Hermite polynomials, from their time derivatives.
-
-    Parameters
-    ----------
-    time : ndarray of float, shape (t,)
-        Strictly increasing [s].
-    value, rate : ndarray of float, shape (..., t)
-        Value and its derivative [unit, unit/s].
-    at : ndarray of float, shape (j,), optional
-        Times to interpolate at [s]; the points of Eq. 14 if omitted.
-    points : int
-        Number of points of Eq. 14.
-
-    Returns
-    -------
-    interpolated : ndarray of float, shape (..., j)
-        Exact for cubic polynomials.
-    """
-    if at is None:
-        at = np.linspace(time[0], time[-1], points)
-    i, w = _weights(time, at)
-    result: FloatArray = (
-        w[0] * value[..., i] + w[1] * value[..., i + 1]
-        + w[2] * rate[..., i] + w[3] * rate[..., i + 1]
-    )  # fmt: skip
-    return result
-
-
 @dataclass(frozen=True)
 class NominalTrajectory:
     """Nominal trajectory on a time grid, against which blocks of samples are compared.

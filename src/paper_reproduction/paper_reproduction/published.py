@@ -31,6 +31,3 @@ FIG_13_R2, FIG_13_RAAE, FIG_13_MEAN = 0.9145, 0.1030, 9.0876
 
 # Algorithm 1 on the tricycle
 INITIAL_SAMPLES, INFILL_SAMPLES = 4000, 200
-
-# Table 2: wheelbase, and the distances of the front and the rear axle to the centre of mass, m
-WHEELBASE, FRONT_AXLE, REAR_AXLE = 1.43, 0.724, 0.719

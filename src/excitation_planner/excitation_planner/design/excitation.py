@@ -83,6 +83,8 @@ class Design:
         Everything the search evaluated, in order.
     simulations, failed : int
         Runs of f in all, verification included, and those of them that failed (NaN).
+    verification : Sensitivity or callable
+        Indices at x, from fresh samples, or what finds them; `sensitivity` returns them.
     """
 
     operation: Box
@@ -98,7 +100,7 @@ class Design:
     history: tuple[Evaluation, ...]
     simulations: int
     failed: int
-    _sensitivity: Sensitivity | Callable[[], Sensitivity] = field(repr=False)
+    verification: Sensitivity | Callable[[], Sensitivity] = field(repr=False)
 
     def __repr__(self) -> str:
         low, high = self.cost_interval
@@ -173,7 +175,7 @@ class Design:
         For the criteria C, D and A of the mean squared deviation from the middle of the box; they
         are found when they are asked for.
         """
-        found = self._sensitivity
+        found = self.verification
         return found if isinstance(found, Sensitivity) else found()
 
     @property
@@ -373,7 +375,7 @@ def search_design(
         history=tuple(history),
         simulations=sum(e.simulations for e in everything),
         failed=sum(e.failed for e in everything),
-        _sensitivity=sensitivity,
+        verification=sensitivity,
     )
 
 

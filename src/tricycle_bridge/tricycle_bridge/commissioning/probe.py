@@ -36,7 +36,6 @@ class PortProbe(Closing):
 
     def __init__(self, path: str, *, baud: int = BAUD, boot_wait: float = 2.0) -> None:
         self._path = path
-        self._boot_wait = boot_wait
         self._ready = threading.Event()
         self._ports = SerialPorts({Board.ANY: path}, self._ready.set, baud=baud)
         self.link = PlcLink(Board.STEER, rng=random.SystemRandom(), boot_wait=boot_wait)

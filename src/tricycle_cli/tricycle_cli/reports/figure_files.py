@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from tricycle_cli.reports.html_page import PlotBlock, Section
 from tricycle_core.documents import replacing
 
-FORMATS = ("svg", "pdf", "png")
 WIDTH = 9.0  # inches, of a figure that a page shows alone
 PX = 100.0  # of a page in an inch
 _DASHES = {"dash": "--", "dot": ":", "solid": "-", None: "-"}
@@ -34,7 +33,7 @@ def figures_by_file(
     folder : Path
         Of the files.
     suffix : str
-        One of `FORMATS`.
+        svg, pdf or png.
     """
     found = {}
     for title, block in ((s.title, b) for s in sections for b in s.blocks):
@@ -61,7 +60,7 @@ def write_figures(sections: Sequence[Section], folder: Path, suffix: str) -> lis
     folder : Path
         It is made if it is not there.
     suffix : str
-        One of `FORMATS`.
+        svg, pdf or png.
 
     Raises
     ------

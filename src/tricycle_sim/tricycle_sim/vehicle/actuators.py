@@ -464,11 +464,6 @@ BRAKES = {
 """Every law by name; the first is the default."""
 
 
-def _axle_share(w: Any) -> Any:
-    """Return the share of a wheel's axle in the torque of an all-wheel drive."""
-    return w.drive_front_share if w.in_front else 1.0 - w.drive_front_share
-
-
 DRIVES = {
     "single": Law(None, {"share": lambda _: 1.0}),
     "differential": Law(None, {"share": lambda _: 0.5}),
