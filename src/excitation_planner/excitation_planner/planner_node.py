@@ -32,7 +32,7 @@ from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.planning import PlanRequest, check_vehicle
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import DesignError, PlanError, VehicleError, one_line
+from tricycle_core.errors import DesignError, PlanError, VehicleError, message_of
 from tricycle_core.nodes import declare, overridable, run_node
 from tricycle_sim.effects import named_effects
 from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
@@ -95,7 +95,7 @@ def _plan_in_process(settings: Settings, output: Path, connection: Connection) -
         save_plan(plan, output)
         connection.send(("done",))
     except (DesignError, PlanError, VehicleError, OSError) as error:
-        connection.send(("failed", one_line(error)))
+        connection.send(("failed", message_of(error)))
 
 
 class ExcitationPlanner(Node):
@@ -144,7 +144,7 @@ class ExcitationPlanner(Node):
         try:
             _request(self._settings())
         except (DesignError, PlanError, VehicleError, OSError) as error:  # a file is published
-            self.get_logger().warning(f"no plan can be made: {one_line(error)}")
+            self.get_logger().warning(f"no plan can be made: {message_of(error)}")
         if self._file.exists():
             try:
                 self._publish(self._load(self._file))
@@ -180,7 +180,7 @@ class ExcitationPlanner(Node):
             if "plan_file" in new and Path(new["plan_file"]).exists():
                 self._load(Path(new["plan_file"]))
         except (DesignError, PlanError, VehicleError, OSError) as error:
-            return SetParametersResult(successful=False, reason=one_line(error))
+            return SetParametersResult(successful=False, reason=message_of(error))
         return SetParametersResult(successful=True)
 
     def _settings(self) -> Settings:
@@ -199,7 +199,7 @@ class ExcitationPlanner(Node):
         try:
             _request(settings)
         except (DesignError, PlanError, VehicleError, OSError) as error:
-            response.message = one_line(error)
+            response.message = message_of(error)
             return response
         self._connection, theirs = SPAWN.Pipe(duplex=False)
         self._process = SPAWN.Process(

@@ -27,7 +27,7 @@ from parameter_identification.live_identification import (
     Verdict,
 )
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import ExcitationError, IdentificationError, one_line
+from tricycle_core.errors import ExcitationError, IdentificationError, message_of
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, declare, overridable, run_node
@@ -152,7 +152,7 @@ class IdentificationMonitor(Node):
                 return Planned.of(plan, self._vehicle)
             why = f"{file} holds plan {plan.id}, not {plan_id}"
         except (ExcitationError, OSError) as error:
-            why = one_line(error)
+            why = message_of(error)
         self.get_logger().warning(f"no prediction: {why}")
         return None
 
@@ -196,7 +196,7 @@ class IdentificationMonitor(Node):
         try:
             return load_identification_file(Path(file)).posterior()
         except (ExcitationError, OSError) as error:
-            self.get_logger().warning(f"earlier drives do not count: {one_line(error)}")
+            self.get_logger().warning(f"earlier drives do not count: {message_of(error)}")
             return None
 
     def _enough(self, moment: Moment) -> bool | None:

@@ -24,7 +24,7 @@ from trajectory_recorder.bag.writer import Compression
 from trajectory_recorder.receipt_clock import ReceiptClock
 from trajectory_recorder.recording import BagSettings, Recording, TopicSource, matches
 from tricycle_core import __version__
-from tricycle_core.errors import BagError, one_line
+from tricycle_core.errors import BagError, message_of
 from tricycle_core.nodes import NotTheExecutors, declare, overridable, run_node
 from tricycle_core.stamps import nanoseconds_of
 
@@ -165,7 +165,7 @@ class TrajectoryRecorder(Node):
             try:
                 self.stop()
             except OSError as error:
-                self.get_logger().error(f"the bag is not complete: {one_line(error)}")
+                self.get_logger().error(f"the bag is not complete: {message_of(error)}")
         super().destroy_node()
 
     def _serve(
@@ -175,7 +175,7 @@ class TrajectoryRecorder(Node):
             response.message = str(action())
             response.success = True
         except (BagError, OSError) as error:
-            response.message = one_line(error)
+            response.message = message_of(error)
             self.get_logger().error(response.message)
         return response
 

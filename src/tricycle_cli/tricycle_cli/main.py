@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 from tricycle_cli.completion import SHELLS, HelpFormatter, completion_script, words_of
 from tricycle_core import __version__
-from tricycle_core.errors import ExcitationError, one_line
+from tricycle_core.errors import ExcitationError, message_of
 from tricycle_core.optional import EXTRAS, missing
 
 COMMANDS = {
@@ -168,6 +168,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"tricycle: {missing(name, 'this command')}", file=sys.stderr)
         return 2
     except (ExcitationError, OSError) as error:
-        print(f"tricycle: {one_line(error)}", file=sys.stderr)
+        print(f"tricycle: {message_of(error)}", file=sys.stderr)
         return 2
     return status

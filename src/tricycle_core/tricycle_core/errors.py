@@ -76,7 +76,7 @@ class InfeasibleManeuver(Exception):  # noqa: N818  (an outcome of a simulation,
     """
 
 
-def one_line(error: BaseException) -> str:
+def message_of(error: BaseException) -> str:
     """Return what is wrong in one printable line; of a file its name, without the error's number.
 
     Parameters
@@ -86,7 +86,7 @@ def one_line(error: BaseException) -> str:
 
     Examples
     --------
-    >>> one_line(FileNotFoundError(2, "No such file or directory", "plan.json"))
+    >>> message_of(FileNotFoundError(2, "No such file or directory", "plan.json"))
     'plan.json: No such file or directory'
     """
     text = str(error)

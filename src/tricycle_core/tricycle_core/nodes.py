@@ -38,7 +38,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 
 from tricycle_core import __version__
-from tricycle_core.errors import one_line
+from tricycle_core.errors import message_of
 from tricycle_core.stamps import split_seconds
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -209,7 +209,7 @@ def _told(mistake: Exception) -> str:
     """What is wrong, in one line."""
     if type(mistake).__name__ == "UnknownROSArgsError":  # rclpy says nothing but the list
         return f"unknown ROS arguments: {mistake}"
-    text = one_line(mistake)
+    text = message_of(mistake)
     if wrong := _WRONG_TYPE.match(text):
         name, value, wanted = wrong.groups()
         return f"{name}: needs {_KINDS.get(wanted, wanted)}, not {value}"
