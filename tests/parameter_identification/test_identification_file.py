@@ -66,7 +66,7 @@ def test_a_file_of_an_older_version_is_read(tmp_path):
     [
         ({"level": None}, "level"),
         ({"level": 2.0}, "level must lie between 0 and 1"),
-        ({"parameters": {"a": {"estimate": "many"}}}, "float"),
+        ({"parameters": {"a": {"estimate": "many"}}}, "estimate: needs a number"),
         ({"parameters": {"a": ENTRY | {"range": [1]}}}, "length 2"),
         ({"parameters": {"a": ENTRY | {"high": 1e999}}}, "numbers must be finite"),
         (
