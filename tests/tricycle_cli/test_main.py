@@ -27,6 +27,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
     ("line", "message"),
     [
         ("plan --target mass", "unknown target 'mass'"),
+        ("plan --target yaw-inertia --samples 3", "samples = 3"),  # as yaw_inertia
         ("plan --maneuver figure-eight", "there are: circle, double_lane_change"),
         ("plan --at radius=3", "circle takes radius, speed; got radius"),
         ("plan --at radius=3 speed=fast", "'speed=fast': want name=number"),

@@ -462,6 +462,22 @@ def positive(text: str) -> float:
     return value
 
 
+def parameter_names(text: str) -> tuple[str, ...]:
+    """Return names of parameters, whichever of `-` and `_` they are typed with.
+
+    Parameters
+    ----------
+    text : str
+        Separated by commas.
+
+    Examples
+    --------
+    >>> parameter_names("front.cornering-stiffness,yaw_inertia")
+    ('front.cornering_stiffness', 'yaw_inertia')
+    """
+    return tuple(text.replace("-", "_").split(","))
+
+
 def parse_assignments(pairs: Sequence[str]) -> dict[str, float]:
     """Return numbers by name.
 

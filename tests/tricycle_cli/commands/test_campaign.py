@@ -13,6 +13,7 @@ from tricycle_cli.main import main
 @pytest.mark.parametrize(
     ("line", "message"),
     [
+        ("--targets camber-stiffness,yaw-inertia --tolerance 0", "tolerance 0 must be above 0"),
         ("--targets mass --tolerance 5%", "unknown target 'mass'"),
         ("--targets camber_stiffness --tolerance five", "tolerance 'five': want a share"),
         ("--targets camber_stiffness --tolerance 500%", "tolerance 5 must be"),

@@ -22,6 +22,7 @@ from tricycle_cli.arguments import (
     effects_asked,
     families_of,
     noise_of,
+    parameter_names,
     real_time_factor,
     search_boxes,
     seed,
@@ -69,7 +70,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "has started, and asks for the vehicle to be at its start and armed before every drive."
     )
     add = parser.add_argument
-    add("--targets", required=True, metavar="NAME[,NAME…]", help="unknown parameters to be known")
+    add(
+        "--targets",
+        required=True,
+        type=parameter_names,
+        metavar="NAME[,NAME…]",
+        help="unknown parameters to be known",
+    )
     add(
         "--tolerance",
         required=True,
@@ -147,7 +154,7 @@ def run(args: argparse.Namespace) -> int:
     request = CampaignRequest(
         vehicle,
         families_of(args.maneuver, args),
-        tuple(args.targets.split(",")),
+        args.targets,
         _share(args.tolerance),
         most_drives=args.most_drives,
         budget=args.budget,

@@ -71,7 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         maneuver.help = f"family: {', '.join(family_names())}"
 
     describe_later(parser, describe)
-    add("--target", default=UNKNOWN_PARAMETERS[0], help="unknown parameter to excite")
+    add(
+        "--target",
+        type=lambda text: text.replace("-", "_"),
+        default=UNKNOWN_PARAMETERS[0],
+        help="unknown parameter to excite",
+    )
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add("--seed", type=seed, default=0, help="of plan, random maneuver and hidden truth")
     add(

@@ -20,6 +20,7 @@ from tricycle_cli.arguments import (
     bag_argument,
     check_outputs,
     effects_asked,
+    parameter_names,
     positive,
     seed,
     topics_of,
@@ -73,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
     add(
         "--parameters",
-        type=lambda text: tuple(text.replace("-", "_").split(",")),
+        type=parameter_names,
         metavar="NAME,NAME",
         help="show only these; the others are estimated too, so that the intervals count them "
         "(default: all unknown)",

@@ -77,7 +77,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     describe_later(parser, describe)
     add("--maneuvers", type=int, metavar="N", help="how many to drive, of these families in turn")
     add_range_options(parser)
-    add("--target", help="unknown parameter to excite (default: the first cornering stiffness)")
+    add(
+        "--target",
+        type=lambda text: text.replace("-", "_"),
+        help="unknown parameter to excite (default: the first cornering stiffness)",
+    )
     add(
         "--criterion",
         choices=[criterion.value for criterion in Criterion],
