@@ -205,8 +205,8 @@ class MeasuredDrive:
         speed loop would make of them.
     speed_std : float
         Standard deviation of it [m/s].
-    steering_std : float
-        Standard deviation of the commanded angle of the steering motor [rad].
+    turn_std : float
+        Standard deviation of the curvature that the commanded steering gives [1/m].
 
     Raises
     ------
@@ -225,7 +225,7 @@ class MeasuredDrive:
     steering_angle: Samples | None = None
     speed: FloatArray | None = None
     speed_std: float = 0.0
-    steering_std: float = 0.0
+    turn_std: float = 0.0
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:

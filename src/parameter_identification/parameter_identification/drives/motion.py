@@ -1,20 +1,17 @@
 """How the body of a recording moved: its poses, smoothed, on ticks."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import savgol_filter
 
 from parameter_identification.drives.following import FILTER
-from parameter_identification.drives.smoothing import LEAST, smooth, spline_of
+from parameter_identification.drives.smoothing import LEAST, smooth
 from parameter_identification.drives.table import Recording
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 
-SLOWER = 0.5  # cutoff of the speed to that of the positions: its errors shall be slow, too
-WIDER = 3.0  # than its error is the prior of a speed: the positions that it is from count, too
 SLOWEST = 0.3  # m/s from which a turn shows the steering angle
 LONGEST = 86_400.0  # s that are taken to ticks
 
@@ -28,7 +25,7 @@ class Motion:
     time, x, y, speed : ndarray of float, shape (t,)
         Of the recording [s], position [m], forward speed of the COM [m/s].
     speed_std : float
-        Standard deviation of its prior, wider than that of its error [m/s].
+        Standard deviation of the speed [m/s].
     missed : ndarray of float, shape (t,)
         Distance of the positions, hardly smoothed, from those that the speed belongs to [m].
     jolt : ndarray of float, shape (t,)
@@ -51,9 +48,8 @@ class Motion:
 def motion_of(recording: Recording) -> Motion:
     """Return smoothed position, speed and yaw rate of a recording.
 
-    The speed is that of splines which are smoother than the noise of the positions asks for: a
-    drive that is identified from it follows it, but for errors at knots (`DriveModel`), which have
-    to be slow.
+    The speed is that of splines which are as smooth as the noise of the positions asks for: a drive
+    that is identified from it follows it.
 
     Parameters
     ----------
@@ -81,39 +77,21 @@ def motion_of(recording: Recording) -> Motion:
     x, y = (np.interp(time, recording.time, v) for v in (recording.x, recording.y))
     rough = np.hypot(*(savgol_filter(v, *FILTER, deriv=1, delta=TICK) for v in (x, y)))
     positions = smooth(recording.time, recording.poses[:, :2])
+    vx, vy = positions.spline.derivative()(time).T
     off = recording.poses[:, :2] - positions.spline(recording.time)
     missed = np.hypot(*(savgol_filter(np.interp(time, recording.time, v), *FILTER) for v in off.T))
     if recording.yaw is None:
-        vx, vy = positions.spline.derivative()(time).T
         yaw = np.unwrap(np.arctan2(vy, vx))
     else:
         yaw = np.interp(time, recording.time, recording.yaw)
-    heading = savgol_filter(yaw, *FILTER)
-    way = _way(recording.poses[:, :2], np.interp(recording.time, time, heading))
-    speed, slower = (
-        spline_of(recording.time, way, positions.step, cutoff).derivative()(time)
-        for cutoff in (positions.cutoff, SLOWER * positions.cutoff)
-    )
-    left_out = float(np.median(np.abs(speed - slower))) / 0.6745
     return Motion(
         time=time,
         x=savgol_filter(x, *FILTER),
         y=savgol_filter(y, *FILTER),
-        speed_std=math.hypot(WIDER * positions.slope_std, left_out),
+        speed_std=positions.slope_std,
         missed=missed,
         jolt=np.gradient(rough, TICK),
-        speed=slower,
-        yaw=heading,
+        speed=vx * np.cos(yaw) + vy * np.sin(yaw),
+        yaw=savgol_filter(yaw, *FILTER),
         yaw_rate=savgol_filter(yaw, *FILTER, deriv=1, delta=TICK),
     )
-
-
-def _way(positions: FloatArray, heading: FloatArray) -> FloatArray:
-    """Way ahead (m,) that the body went from the first of positions (m, 2) on [m].
-
-    Unlike them it has no turns, which smoothing would cut.
-    """
-    middle = 0.5 * (heading[1:] + heading[:-1])
-    dx, dy = np.diff(positions, axis=0).T
-    way: FloatArray = np.append(0.0, np.cumsum(np.cos(middle) * dx + np.sin(middle) * dy))
-    return way

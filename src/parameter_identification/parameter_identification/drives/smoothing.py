@@ -46,31 +46,6 @@ class Smooth:
         return self.white * math.sqrt(2.0 * self.step * rate**3 / (8.0 * math.sqrt(2.0)))
 
 
-def spline_of(time: FloatArray, values: FloatArray, step: float, cutoff: float) -> Any:
-    """Return the smoothing spline that passes half of an oscillation of a frequency.
-
-    Parameters
-    ----------
-    time : ndarray of float, shape (m,)
-        Increasing [s].
-    values : ndarray of float, shape (m, c)
-        Samples.
-    step : float
-        Usual time between them [s].
-    cutoff : float
-        That frequency [Hz].
-
-    Returns
-    -------
-    BSpline
-        Of the values, by time [s].
-    """
-    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
-
-    penalty = 1.0 / (step * (2.0 * math.pi * cutoff) ** 4)
-    return make_smoothing_spline(time, values, lam=penalty)
-
-
 def smooth(time: FloatArray, values: FloatArray) -> Smooth:
     """Return the smoothing spline that predicts samples best.
 
@@ -85,21 +60,27 @@ def smooth(time: FloatArray, values: FloatArray) -> Smooth:
     values : ndarray of float, shape (m, c)
         Of one unit.
     """
+    from scipy.interpolate import make_smoothing_spline  # takes as long as NumPy
+
     changes = np.cumsum(np.linalg.norm(np.diff(values, axis=0), axis=1))
     middle = int(np.searchsorted(changes, 0.5 * changes[-1]))
     begin = max(0, min(middle - MOST // 2, len(time) - MOST))
     t, v = time[begin : begin + MOST], values[begin : begin + MOST]
     step = float(np.median(np.diff(time)))
 
+    def penalty(cutoff: float) -> float:
+        """Of the second derivative; for every other sample it is half of that."""
+        return float(1.0 / (step * (2.0 * math.pi * cutoff) ** 4))
+
     def error(cutoff: float) -> float:
         """Mean error of samples that were left out."""
         total = 0.0
         for first in (0, 1):
             fitted, between = slice(first, None, 2), slice(first + 1, -1, 2)
-            spline = spline_of(t[fitted], v[fitted], 2.0 * step, cutoff)
+            spline = make_smoothing_spline(t[fitted], v[fitted], lam=0.5 * penalty(cutoff))
             total += float(np.abs(spline(t[between]) - v[between]).sum())
         return total / v.size
 
     cutoff = min(CUTOFFS.tolist(), key=error)
-    spline = spline_of(time, values, step, cutoff)
+    spline = make_smoothing_spline(time, values, lam=penalty(cutoff))
     return Smooth(spline, error(cutoff) * math.sqrt(0.5 * math.pi), step, cutoff)

@@ -243,7 +243,7 @@ def _setpoints(
 ) -> tuple[FloatArray, float]:
     """Set-points (t,) of the steering: those recorded, or those by which the angle was reached.
 
-    With their standard deviation [rad].
+    With the standard deviation of the curvature that they give [1/m].
     """
     if not recording.steering_measured:
         return steering.angle(_steering(recording, motion)), 0.0
@@ -254,11 +254,13 @@ def _setpoints(
         )
     angles = smooth(time, steering.angle(told)[:, np.newaxis])
     angle = angles.spline(np.clip(motion.time, time[0], time[-1]))[:, 0]
+    road_angle = functions_for(vehicle).road_angle
+    turned = road_angle(angles.value_std, steering_constants(vehicle, TICK))
     wanted = steering_setpoints(angle, vehicle)
     # what is told ahead of an angle near the stop may lie beyond it
     within = np.abs(angle) <= STEERING_END_STOP
     wanted[within] = np.clip(wanted[within], -STEERING_END_STOP, STEERING_END_STOP)
-    return wanted, angles.value_std
+    return wanted, abs(turned) / vehicle.wheelbase
 
 
 def _behind_play(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
@@ -326,7 +328,7 @@ def windows_of(
     """
     windows = windows or Windows()
     motion = motion_of(recording)
-    angle, steering_std = _setpoints(recording, motion, vehicle, steering)
+    angle, turn_std = _setpoints(recording, motion, vehicle, steering)
     check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
     found = []
     signals = _signals(recording, vehicle)
@@ -335,7 +337,7 @@ def windows_of(
         rows = slice(first - lead, first + round(windows.length / TICK) + 1)
         if np.abs(angle[rows]).max() <= STEERING_END_STOP:
             drive = _drive(recording, signals, vehicle, motion, angle, rows, lead)
-            found.append(dataclasses.replace(drive, steering_std=steering_std))
+            found.append(dataclasses.replace(drive, turn_std=turn_std))
     if not found:
         raise IdentificationError(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "

@@ -16,6 +16,7 @@ import dataclasses
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import Protocol
 
 import numpy as np
@@ -59,10 +60,10 @@ from tricycle_sim.vehicle.batch import CommandedBatch, Run
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
-ERROR_STEP = 0.01  # standard deviations, by errors of inputs
 NEAR = 0.01, 0.05  # changes of parameters, nuisances that hardly change the derivatives
 KNOTS = 1.0  # s between the values of a deviation, linear between them
-FOLLOWED = 0.25  # s, the same of the errors of a speed and a steering that were smoothed
+FOLLOWED = 0.25  # s, the same of the error of a speed that is followed
+ERROR_STEP = 0.01  # standard deviations, of its finite differences
 RESTING = 0.05  # m/s, below which a drive starts from rest, and has no path to be followed
 OF_INPUT = {Input.STEERING: OF_SERVO, Input.SPEED: OF_SPEED_LOOP}
 """Names of the effects of how each input comes about: without effect where it is measured."""
@@ -82,7 +83,7 @@ STEERING_DELAY, STEERING_ZERO, STEERING_GAIN = (
     f"{what} of the measured steering" for what in ("delay", "zero", "gain")
 )
 SPEED_DELAY, SPEED_ZERO = (f"{what} of the measured speed" for what in ("delay", "zero"))
-SPEED_ERROR, STEERING_ERROR = "error of the followed speed", "error of the followed steering"
+SPEED_ERROR, TURN_ERROR = "error of the followed speed", "error of the followed steering"
 INPUT_STEPS = {
     STEERING_DELAY: 1e-3,
     STEERING_ZERO: 1e-4,
@@ -324,13 +325,12 @@ class DriveModel:
         if Input.STEERING in self.measured and drive.steering_angle is not None:
             self._steering = measured_steering(drive.commands, drive.steering_angle, vehicle)
         self.nuisances += self._start_and_sensors()
-        errors, self._between_knots = self._input_errors()
-        self.nuisances += errors
+        self.nuisances += self._input_errors()
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
-        self._speed_errors, self._steering_errors = (
+        self._input_errors_at = [
             [i for i, n in enumerate(self.nuisances) if n.name.startswith(f"{name} ")]
-            for name in (SPEED_ERROR, STEERING_ERROR)
-        )
+            for name in (SPEED_ERROR, TURN_ERROR)
+        ]
         # by a simulation each: effects on constants, the start speed, dead times; by a distortion:
         # the rest
         effect_of = enumerate(n.effect for n in self.nuisances)
@@ -350,16 +350,14 @@ class DriveModel:
         self._derivatives: tuple[tuple[FloatArray, ...], dict[Sensor, FloatArray]] = (), {}
         delay = [] if self._drive_delay is None else [self._drive_delay]
         others = (i for i, _ in effect_at if i not in (*self._by_simulation, *delay))
-        self._stepped = [*self._by_simulation, *delay, *others]
+        self._stepped = [*self._by_simulation, *delay, *others, *chain(*self._input_errors_at)]
         # by a simulation each, without being an effect; with its step
         self._varied = {self._at["start speed"]: SPEED_STEP}
         for name, step in INPUT_STEPS.items():
             if name in self._at:
                 self._varied[self._at[name]] = step
-        for i in (*self._speed_errors, *self._steering_errors):
-            self._varied[i] = ERROR_STEP * self.nuisances[i].std
-        stepped = (self.nuisances[i].effect for i in self._stepped)
-        self._effect_steps = np.array([e.step for e in stepped if e is not None])
+        effects_stepped = (self.nuisances[i].effect for i in self._stepped)
+        self._effect_steps = np.array([e.step if e else ERROR_STEP for e in effects_stepped])
 
     def _effects(self, effects: Sequence[Effect]) -> tuple[Nuisance, ...]:
         """Nuisances of effects, those that all drives share first."""
@@ -371,27 +369,22 @@ class DriveModel:
             found += [Nuisance(name, e.unit, 0.0, e.std, e.low, e.high, e) for name in names]
         return tuple(found)
 
-    def _input_errors(self) -> tuple[tuple[Nuisance, ...], FloatArray]:
-        """Nuisances of inputs that were smoothed, at knots; with what each adds at the ticks.
-
-        The knots (k,) begin shortly before the first sample, where the error is that of the first
-        one: rows (k, t), linear between them.
-        """
-        end = float(self._batch.time[-1])
+    def _input_errors(self) -> tuple[Nuisance, ...]:
+        """Nuisances of a speed and a steering that are followed, at knots from the first sample."""
+        if self.drive.speed is None:
+            return ()
+        knots = self._knots(FOLLOWED)
         first = min(float(signal.time[0]) for signal in self.drive.signals.values())
-        count = math.ceil((end - first) / FOLLOWED) + 2
-        knots = np.linspace(end - (count - 1) * FOLLOWED, end, count)
-        between = np.array([np.interp(self._batch.time, knots, row) for row in np.eye(count)])
-        found = tuple(
+        before = int(first / float(self._batch.time[-1]) * (knots - 1))
+        return tuple(
             Nuisance(f"{name} {number}", unit, 0.0, std)
             for name, unit, std in (
                 (SPEED_ERROR, "m/s", self.drive.speed_std),
-                (STEERING_ERROR, "rad", self.drive.steering_std),
+                (TURN_ERROR, "1/m", self.drive.turn_std),
             )
-            for number in range(count)
+            for number in range(knots - before)
             if std > 0.0
         )
-        return found, between
 
     def _start_and_sensors(self) -> tuple[Nuisance, ...]:
         x, y, heading = self._start_guess()
@@ -479,8 +472,6 @@ class DriveModel:
                 drive = float(nuisances[0, self._drive_delay])
             if self._steering is not None:
                 steered = self._steered(nuisances, *self._steering)
-            elif self._steering_errors:
-                steered = nuisances[:, self._steering_errors] @ self._between_knots
             if self._starting:
                 faster = _at_start(nuisances[:, self._starting], batch.time)
         if self._speed is not None:
@@ -488,14 +479,9 @@ class DriveModel:
             if nuisances is not None:
                 later, more = nuisances[:, [self._at[SPEED_DELAY], self._at[SPEED_ZERO]]].T
             faster = _sped(later, more, *self._speed) + (0.0 if faster is None else faster)
-        wanted = self.drive.speed
-        if wanted is not None and nuisances is not None and self._speed_errors:
-            faster = nuisances[:, self._speed_errors] @ self._between_knots
-            faster *= np.abs(wanted) > RESTING
-            wanted = wanted + faster
         names = ["x", "y", "yaw", "yaw_rate", "drive_speed"]
         others = [name for columns in self._columns.values() for name in columns]
-        if wanted is not None:
+        if self.drive.speed is not None:
             names.append("vx")
         run = batch.run(
             *(constants, names + others),
@@ -507,10 +493,12 @@ class DriveModel:
         )
         seen = {s: np.array([run.columns[n] for n in own]) for s, own in self._columns.items()}
         motion = _Motions(*(run.columns[name] for name in names[:5]), others=seen)
-        return motion if wanted is None else self._at_speed(motion, run.columns["vx"], wanted)
+        if self.drive.speed is None:
+            return motion
+        return self._at_speed(motion, run.columns["vx"], self.drive.speed)
 
     def _at_speed(self, motion: "_Motions", own: FloatArray, wanted: FloatArray) -> "_Motions":
-        """Motions at speeds (n, t) or (t,), along the paths of those at their own speeds (n, t).
+        """Motions at a speed (t,), along the paths of those at their own speeds (n, t).
 
         The speeds differ by what resists each vehicle, that is little: its tyres are taken to
         answer alike.
@@ -651,6 +639,15 @@ class DriveModel:
         There may be more values than motions: the others are of the first motion.
         """
         motions, others = np.array(motion.rows), motion.others
+        if self.drive.speed is not None and any(self._input_errors_at):
+            knots = self._knots(FOLLOWED)
+            faster, turning = (
+                np.pad(values[:, own], ((0, 0), (knots - len(own), 0)))
+                for own in self._input_errors_at
+            )
+            speed = self.drive.speed[np.linspace(0, len(self.drive.speed) - 1, knots).astype(int)]
+            faster *= np.where(np.abs(speed) > RESTING, 1.0 / np.where(speed, speed, 1.0), 0.0)
+            motions = deviated(motions, faster, turning)
         deviations = (SPEED_DEVIATION, TURN_DEVIATION)
         if any(f"{name} 0" in self._at for name in deviations):
             motions = deviated(motions, *(self._at_knots(name, values) for name in deviations))
@@ -694,7 +691,11 @@ class DriveModel:
         if name == START_DEVIATION:
             starts = self.vehicle.has_speed_loop and abs(self.drive.start.speed) < RESTING
             return len(START) - 2 if starts else 0
-        return max(2, round(float(self._batch.time[-1]) / KNOTS)) + 1
+        return self._knots(KNOTS)
+
+    def _knots(self, apart: float) -> int:
+        """Number of knots so many s apart, from start to end."""
+        return max(2, round(float(self._batch.time[-1]) / apart)) + 1
 
     def _at_knots(self, name: str, values: FloatArray) -> FloatArray:
         """Return a deviation at its knots (n, k) of values (n, q); zeros if there is none."""
