@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
 EXACT = 1e-4  # m, noise of positions below which no sensor has told them
+SCATTERED = 4e-3  # m, from which intervals by a speed that is smoothed from them are too narrow
 
 MANY_FILES = "vehicle.yaml", "identification.json"
 """What it writes drive by drive."""
@@ -217,6 +218,13 @@ def run(args: argparse.Namespace) -> int:
             f"the positions are exact to {1e3 * white:.2g} mm, as of a simulation: the "
             "inputs that are found in a table err by more, and the intervals do "
             "NOT count it; add the noise of a sensor",
+            soft_wrap=True,
+        )
+    if white > SCATTERED and any(drive.speed is not None for drive in chain.from_iterable(drives)):
+        console.print(
+            f"the positions scatter by {1e3 * white:.2g} mm, and the speed is smoothed from them: "
+            "what that takes off errs alike in all windows, and the intervals are too NARROW (the "
+            "page on recordings has by how much); record speed_command, or locate to millimetres",
             soft_wrap=True,
         )
     if args.output is not None:
