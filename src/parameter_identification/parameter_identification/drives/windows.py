@@ -150,46 +150,6 @@ def steering_of(recording: Recording, vehicle: Vehicle, columns: Columns) -> Ste
     return estimate_map(recording, vehicle)
 
 
-def estimate_offset(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> SteeringMap:
-    """Return the map with the offset of the recording, from turns of little lateral acceleration.
-
-    Parameters
-    ----------
-    recording : Recording
-        Which the offset is for.
-    vehicle : Vehicle
-        Its wheelbase, tyres and servo are used.
-    steering : SteeringMap
-        Map whose offset is replaced.
-
-    Raises
-    ------
-    IdentificationError
-        If the recording has too few such turns.
-    """
-    motion = motion_of(recording)
-    error = steering_error(recording, vehicle, steering)[_quiet(recording, motion)]
-    return dataclasses.replace(steering, offset=steering.offset + float(np.median(error)))
-
-
-def steering_error(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> FloatArray:
-    """Return by how much further to the left than by its map the vehicle turns, at each tick [rad].
-
-    Parameters
-    ----------
-    recording : Recording
-        What was driven.
-    vehicle : Vehicle
-        Its wheelbase, tyres and servo are used.
-    steering : SteeringMap
-        From the recording's steering to the angle of the steering motor.
-    """
-    motion = motion_of(recording)
-    angle = _followed(recording, steering.angle(_steering(recording, motion)), vehicle)
-    error: FloatArray = turned_angle(motion, vehicle) - _behind_play(angle, vehicle)
-    return error
-
-
 def turned_angle(motion: Motion, vehicle: Vehicle) -> FloatArray:
     """Return the angle of the steering motor that a steady turn shows, at each tick [rad].
 
@@ -261,15 +221,6 @@ def _setpoints(
     within = np.abs(angle) <= STEERING_END_STOP
     wanted[within] = np.clip(wanted[within], -STEERING_END_STOP, STEERING_END_STOP)
     return wanted, abs(turned) / vehicle.wheelbase
-
-
-def _behind_play(angle: FloatArray, vehicle: Vehicle) -> FloatArray:
-    """Angles (t,) behind the gear whose motor has these."""
-    half = 0.5 * vehicle.values.get("servo_backlash", 0.0)
-    behind = angle.copy()
-    for k in range(1, len(angle)):
-        behind[k] = min(max(behind[k - 1], angle[k] - half), angle[k] + half)
-    return behind
 
 
 def read_windows(
