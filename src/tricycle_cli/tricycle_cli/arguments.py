@@ -462,8 +462,19 @@ def positive(text: str) -> float:
     return value
 
 
+def parameter_name(text: str) -> str:
+    """Return the name of a parameter, whichever of `-` and `_` it is typed with.
+
+    Parameters
+    ----------
+    text : str
+        Argument.
+    """
+    return text.replace("-", "_")
+
+
 def parameter_names(text: str) -> tuple[str, ...]:
-    """Return names of parameters, whichever of `-` and `_` they are typed with.
+    """Return names of parameters, typed as for `parameter_name`.
 
     Parameters
     ----------
@@ -475,7 +486,7 @@ def parameter_names(text: str) -> tuple[str, ...]:
     >>> parameter_names("front.cornering-stiffness,yaw_inertia")
     ('front.cornering_stiffness', 'yaw_inertia')
     """
-    return tuple(text.replace("-", "_").split(","))
+    return tuple(map(parameter_name, text.split(",")))
 
 
 def parse_assignments(pairs: Sequence[str]) -> dict[str, float]:

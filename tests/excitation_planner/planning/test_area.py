@@ -15,7 +15,7 @@ from excitation_planner.area.tube import footprint_of
 from excitation_planner.box import Box
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import Circle, family_by_name, with_ranges
-from excitation_planner.maneuver.family import DrivenPath
+from excitation_planner.maneuver.family import DrivenPath, ManeuverFamily
 from excitation_planner.plan import load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at, plan_maneuver
 from excitation_planner.planning.fitting import FittingSearch
@@ -91,18 +91,22 @@ def test_a_slalom_in_a_small_yard_teaches_as_much_whatever_the_seed() -> None:
         assert list(plan.operation.values()) in plan.search.x.tolist()
 
 
+def fitting(family: ManeuverFamily, area: Area) -> FittingSearch:
+    vehicle, noise = load_vehicle(), MeasurementNoise()
+    room = Room.measured(area, footprint_of(vehicle), noise)
+    return FittingSearch(vehicle, family, room, Criterion.C, 0, noise)
+
+
 @pytest.mark.slow
 def test_a_search_by_a_few_simulations_ends_with_what_fits() -> None:
-    vehicle, area = load_vehicle(), yard(9.0, 14.0)
-    room = Room.measured(area, footprint_of(vehicle), MeasurementNoise())
-    search = FittingSearch(vehicle, Circle(), room, Criterion.C, 0, MeasurementNoise())
+    area = yard(9.0, 14.0)
+    search = fitting(Circle(), area)
     starts = search.starts(0)
     assert len(starts) > 0
     for u in starts:
         assert shortage(area, Circle().operation.from_unit(u)) <= 0.0
     # nothing fits a yard that is as wide as the vehicle
-    room = replace(room, area=yard(3.0, 3.0))
-    assert len(replace(search, room=room).starts(0)) == 0
+    assert len(fitting(Circle(), yard(3.0, 3.0)).starts(0)) == 0
 
 
 @dataclass(frozen=True)
@@ -123,10 +127,8 @@ class Laden:
 @pytest.mark.slow
 def test_a_family_of_five_parameters_is_searched_too() -> None:
     # corners of its box are drawn, some of them twice
-    vehicle, area = load_vehicle(), yard(12.0, 25.0)
-    room = Room.measured(area, footprint_of(vehicle), MeasurementNoise())
-    search = FittingSearch(vehicle, Laden(), room, Criterion.C, 0, MeasurementNoise())
-    starts = search.starts(0)
+    area = yard(12.0, 25.0)
+    starts = fitting(Laden(), area).starts(0)
     assert len(starts) > 0
     for u in starts:
         assert shortage(area, Laden().operation.from_unit(u)[:2]) <= 0.0

@@ -18,6 +18,7 @@ from tricycle_cli.arguments import (
     check_outputs,
     describe_later,
     effects_asked,
+    parameter_name,
     real_time_factor,
     seed,
 )
@@ -73,7 +74,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     describe_later(parser, describe)
     add(
         "--target",
-        type=lambda text: text.replace("-", "_"),
+        type=parameter_name,
         default=UNKNOWN_PARAMETERS[0],
         help="unknown parameter to excite",
     )

@@ -184,9 +184,10 @@ def run(args: argparse.Namespace) -> int:
                 own = [replace(drive, name=f"{path.parent}/{drive.name}") for drive in own]
             drives.append(own)
             progress(done, len(paths))
+    used = list(chain.from_iterable(drives[: len(args.drives)]))
     with progress_bar("identifying") as progress:
         found = identify(
-            list(chain.from_iterable(drives[: len(args.drives)])),
+            used,
             vehicle,
             parameters=args.parameters,
             hold_others=args.hold_others,
@@ -207,7 +208,6 @@ def run(args: argparse.Namespace) -> int:
     for drive in chain.from_iterable(drives):
         if not drive.complete:
             console.print(f"{drive.name}: its bag was cut off; used as far as it goes")
-    used = chain.from_iterable(drives[: len(args.drives)])
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
     unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
     for sensor in sorted(unused, key=lambda sensor: sensor.value):
@@ -220,7 +220,7 @@ def run(args: argparse.Namespace) -> int:
             "NOT count it; add the noise of a sensor",
             soft_wrap=True,
         )
-    if white > SCATTERED and any(drive.speed is not None for drive in chain.from_iterable(drives)):
+    if white > SCATTERED and any(drive.speed is not None for drive in used):
         console.print(
             f"the positions scatter by {1e3 * white:.2g} mm, and the speed is smoothed from them: "
             "what that takes off errs alike in all windows, and the intervals are too NARROW (the "

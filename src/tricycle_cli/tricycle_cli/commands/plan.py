@@ -25,6 +25,7 @@ from tricycle_cli.arguments import (
     describe_later,
     families_of,
     noise_of,
+    parameter_name,
     parse_assignments,
     search_boxes,
     seed,
@@ -79,7 +80,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_range_options(parser)
     add(
         "--target",
-        type=lambda text: text.replace("-", "_"),
+        type=parameter_name,
         help="unknown parameter to excite (default: the first cornering stiffness)",
     )
     add(
