@@ -233,6 +233,8 @@ def test_the_band_does_not_hold_what_the_vehicle_file_lacks_unless_it_is_an_effe
     inside, ratio = predicted(5, offset=0.035, effects=("steering-zero",))
     assert inside > 0.9
     assert ratio < 1.2
+    inside, _ = predicted(5, offset=0.035, effects=("turn-deviation",))  # it stays along a drive
+    assert inside > 0.9
 
 
 @pytest.mark.slow

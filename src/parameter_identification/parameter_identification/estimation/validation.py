@@ -221,23 +221,37 @@ def predict_held_out(
 
 
 def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel) -> FloatArray:
-    """Covariance of the variables of a drive that was not used: those it has alone, uncorrelated.
+    """Covariance of the variables of a drive that was not used.
 
-    An effect that each drive has for itself is as large as in the drives that were used.
+    An effect that each drive has for itself is as large as in the drives that were used, and so is
+    the share of a deviation that stays all along a drive.
     """
     known = problem.k + model.shared
     moments = optimum.covariance + np.outer(optimum.fit.at, optimum.fit.at)
-    sizes, of_effect = problem.sizes(), problem.constant_effects()
-    variances = np.zeros(len(model.nuisances) - model.shared)
-    for i, nuisance in enumerate(model.nuisances[model.shared :]):
-        if (effect := nuisance.effect) is not None:
-            at = of_effect.get(effect, [])
-            variances[i] = (
-                sizes[effect.name] ** 2 if effect.process else np.mean(np.diag(moments)[at])
-            )
-    covariance = np.diag(np.append(np.zeros(known), variances))
+    covariance = np.zeros((known + len(model.nuisances) - model.shared,) * 2)
     covariance[:known, :known] = optimum.covariance[:known, :known]
+    of_effect = problem.constant_effects()
+    for i, nuisance in enumerate(model.nuisances[model.shared :], start=known):
+        if nuisance.effect in of_effect:
+            covariance[i, i] = np.mean(np.diag(moments)[of_effect[nuisance.effect]])
+    for name, size in problem.sizes().items():
+        knots = problem.k + model.knots_of(name)
+        share = _staying_share(problem, moments, name)
+        correlation = share + (1.0 - share) * np.eye(len(knots))
+        covariance[np.ix_(knots, knots)] = size**2 * correlation
     return covariance
+
+
+def _staying_share(problem: LeastSquares, moments: FloatArray, name: str) -> float:
+    """Share of a deviation's variance that stays along each drive: the correlation of its knots."""
+    together = alone = 0.0
+    for drive, model in enumerate(problem.models):
+        knots = problem.nuisances_at(drive)[model.knots_of(name)]
+        if len(knots) > 1:
+            own = moments[np.ix_(knots, knots)]
+            together += (np.sum(own) - np.trace(own)) / (len(knots) - 1)
+            alone += np.trace(own)
+    return float(np.clip(together / alone, 0.0, 1.0)) if alone else 0.0
 
 
 def _nominal(model: DriveModel) -> FloatArray:

@@ -35,8 +35,9 @@ WORSE = 1.2
 IMPROBABLE = 0.05
 """Probability of an effect below which the remarks only count it."""
 
-MUCH_FRICTION = 0.5
 OFTEN_OUTSIDE = 0.15  # of a drive more than expected: its samples err together
+
+MUCH_FRICTION = 0.5
 """Share of a tyre's friction above which its stiffness depends on the law that it is given."""
 
 
