@@ -2,7 +2,7 @@
 
 import pytest
 
-from excitation_planner.preflight import SILENCE, Report, commanders, recording
+from excitation_planner.preflight import SILENCE, Report, clock, commanders, recording
 from tricycle_core.diagnostics import Level
 
 NOW = 100.0, 7.0  # on two clocks
@@ -52,3 +52,10 @@ def test_other_commanders_are_named():
     assert commanders("/driver", ["/driver"]).message == "nobody else"
     other = commanders("/driver", ["/driver", "/teleop", "/teleop"])
     assert (other.level, other.message) == (Level.WARN, "/teleop could command too")
+
+
+def test_a_clock_that_stands_still_fails():
+    assert clock(0.5).level is Level.OK
+    check = clock(SILENCE + 9.0)
+    assert check.level is Level.ERROR
+    assert check.message.startswith("/clock has stood still for 12 s")

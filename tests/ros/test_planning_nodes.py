@@ -309,6 +309,24 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     assert chain.values()["reason"].startswith("no pose on odom for")
 
 
+def test_a_start_after_the_simulation_has_ended_names_its_clock(chain, start):
+    publisher = chain.node.create_publisher(Clock, "/clock", 1)
+    now = chain.node.get_clock().now
+    ticking = chain.node.create_timer(0.01, lambda: publisher.publish(Clock(clock=now().to_msg())))
+    told = chain.observer.newest(DiagnosticArray, "maneuver/preflight", LATCHED)
+
+    def clock_is(level):
+        checks = {status.name: status.level for status in told[0].status} if told else {}
+        return checks.get("clock") == level
+
+    start("maneuver_driver", use_sim_time=True)
+    chain.observer.wait(lambda: clock_is(DiagnosticStatus.OK), "a clock that runs")
+    assert chain.refused().startswith("no commands yet")
+    ticking.cancel()
+    chain.observer.wait(lambda: clock_is(DiagnosticStatus.ERROR), "a clock that stands still")
+    assert chain.refused().startswith("/clock has stood still for")
+
+
 def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):
     ports = {"steer_port": tmp_path / "steer", "drive_port": tmp_path / "drive"}
     start("tricycle_sim", **ports, true_seed=1, real_time_factor=5.0, position_noise=0.0)

@@ -38,6 +38,16 @@ def test_columns_may_come_in_any_order_and_with_spaces(tmp_path):
     assert commands.steering_motor_angle.tolist() == [0.1, 0.0]
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
+def test_columns_may_be_separated_as_spreadsheets_do(tmp_path, separator):
+    path = tmp_path / "c.csv"
+    path.write_text("time,steering_motor_angle,speed\n0,0,1\n2,0.1,0\n".replace(",", separator))
+    commands = load_commands(path)
+    assert commands.time.tolist() == [0.0, 2.0]
+    assert commands.steering_motor_angle.tolist() == [0.0, 0.1]
+    assert commands.speed.tolist() == [1.0, 0.0]
+
+
 def test_commands_keep_no_door_to_their_arrays_open():
     time = np.array([0.0, 1.0])
     commands = Commands(time, np.zeros(2), np.zeros(2))
@@ -59,6 +69,7 @@ def test_commands_keep_no_door_to_their_arrays_open():
         (HEADER + "0,0,0\n", "at least two rows"),
         (HEADER + "0,0,0\n1,0\n", "row 2: has 2 columns instead of 3"),
         (HEADER + "0,0,0\n1,fast,0\n", "row 2: steering_motor_angle: needs a number, not 'fast'"),
+        ("time;steering_motor_angle;speed\n0;0,1;0\n", "number, with a point for its decimals"),
         (HEADER + "0,0,0\n1,0,\n", "row 2: speed: needs a number, not ''"),
         (HEADER + "0,0,0\n1,nan,0\n", "row 2: steering_motor_angle: is nan"),
         (HEADER + "0,0,inf\n1,0,0\n", "row 1: speed: is inf"),

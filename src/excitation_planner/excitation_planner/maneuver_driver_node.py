@@ -31,7 +31,7 @@ from excitation_planner.playback import (
     Playback,
     Schedule,
 )
-from excitation_planner.preflight import RECORDER, Check, Report, commanders, recording
+from excitation_planner.preflight import RECORDER, Check, Report, clock, commanders, recording
 from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import RouteRequest, find_route
@@ -168,6 +168,7 @@ class ManeuverDriver(Node):
             self, "recording_needed", False, "refuse to start while no bag is recorded"
         )
         self._name = self.get_fully_qualified_name()
+        self._ticked = time.monotonic()
         simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
             max_deviation=deviation,
@@ -331,10 +332,14 @@ class ManeuverDriver(Node):
         ]
         bag = self._reports.get(RECORDER)
         return (
+            self._clock_check(),
             *(self._reports[n].check(n, now) for n in sorted(self._reports) if n != RECORDER),
             commanders(self._name, publishers),
             recording(bag, self._playback.duration, now, needed=needed),
         )
+
+    def _clock_check(self) -> Check:
+        return clock(time.monotonic() - self._ticked)
 
     def _checks(self) -> tuple[Check, ...]:
         """All items of the pre-flight."""
@@ -362,7 +367,12 @@ class ManeuverDriver(Node):
 
     def _on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         started = f"started plan {self._playback.plan_id}".strip()
-        self._attempt(response, lambda: self._playback.start(self._now(), self._others()), started)
+        self._attempt(
+            response,
+            lambda: self._playback.start(self._now(), self._others()),
+            started,
+            drives=True,
+        )
         if response.success and not self._playback.fenced:
             self.get_logger().warning(
                 "the plan has no area: only max_deviation, "
@@ -372,7 +382,9 @@ class ManeuverDriver(Node):
 
     def _on_go_back(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         playback = self._playback
-        return self._attempt(response, lambda: playback.go_back(self._now()), "going back")
+        return self._attempt(
+            response, lambda: playback.go_back(self._now()), "going back", drives=True
+        )
 
     def _look_for_route(self) -> None:
         """Have the route that is wanted looked for, and hand it over when it is found."""
@@ -394,19 +406,30 @@ class ManeuverDriver(Node):
         return self._attempt(response, lambda: self._playback.abort("asked for"), "aborted")
 
     def _attempt(
-        self, response: Trigger.Response, action: Callable[[], None], done: str
+        self,
+        response: Trigger.Response,
+        action: Callable[[], None],
+        done: str,
+        *,
+        drives: bool = False,
     ) -> Trigger.Response:
-        try:
-            action()
-        except PlanError as error:
-            response.success, response.message = False, str(error)
-            self.get_logger().warning(f"refused: {error}")
+        refusal = ""
+        # where the clock stands still the last run would never end
+        if drives and (check := self._clock_check()).level is Level.ERROR:
+            refusal = check.message
         else:
-            response.success, response.message = True, done
+            try:
+                action()
+            except PlanError as error:
+                refusal = str(error)
+        if refusal:
+            self.get_logger().warning(f"refused: {refusal}")
+        response.success, response.message = not refusal, refusal or done
         return response
 
     def _on_tick(self) -> None:
         self._look_for_route()
+        self._ticked = time.monotonic()
         now = self.get_clock().now()
         command = self._playback.tick(float(now.nanoseconds) * 1e-9)
         if command is not None:

@@ -61,6 +61,21 @@ def commanders(own: str, publishers: Iterable[str]) -> Check:
     return Check("commanders", "nobody else")
 
 
+def clock(stood: float) -> Check:
+    """Return whether the clock runs: that of a simulation that has ended stands still.
+
+    Parameters
+    ----------
+    stood : float
+        Time since its last tick, by the computer's clock [s].
+    """
+    still = (
+        f"/clock has stood still for {stood:.0f} s, and with it pose and state of the vehicle: "
+        "is the simulation running?"
+    )
+    return Check.of("clock", still if stood > SILENCE else "", "runs")
+
+
 @dataclass(frozen=True)
 class Report:
     """What another node said of itself.

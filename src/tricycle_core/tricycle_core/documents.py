@@ -223,6 +223,22 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
         places += inner
 
 
+def separator_of(header: str) -> str:
+    """Return what separates the columns of a table: the comma, unless there are more of another.
+
+    Parameters
+    ----------
+    header : str
+        First line.
+
+    Examples
+    --------
+    >>> separator_of("time;x;y, of the COM")
+    ';'
+    """
+    return max(",;\t", key=header.count)
+
+
 def encode(document: object) -> Any:
     """Return a document as plain JSON values: dict, list, str, numbers, None.
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tricycle_bridge.protocol.limits import MAX_SPEED, STEERING_END_STOP
-from tricycle_core.documents import read_bounded, write_whole
+from tricycle_core.documents import read_bounded, separator_of, write_whole
 from tricycle_core.errors import CommandsError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
@@ -98,6 +98,8 @@ class Commands:
 def load_commands(path: Path) -> Commands:
     """Read commands from a CSV file with the columns `time, steering_motor_angle, speed`.
 
+    Commas, semicolons or tabs separate them.
+
     Parameters
     ----------
     path : Path
@@ -113,7 +115,10 @@ def load_commands(path: Path) -> Commands:
     content = read_bounded(path, MAX_BYTES, "a file of commands", CommandsError)
     try:
         text = io.StringIO(content.decode("utf-8-sig"), newline="")
-        lines = [line for line in csv.reader(text) if any(cell.strip() for cell in line)]
+        separator = separator_of(text.readline())
+        text.seek(0)
+        rows_of_text = csv.reader(text, delimiter=separator)
+        lines = [line for line in rows_of_text if any(cell.strip() for cell in line)]
     except (UnicodeDecodeError, csv.Error) as error:
         raise CommandsError(f"{path}: is not a CSV file") from error
     if not lines:
@@ -144,7 +149,9 @@ def _parse(cell: str, where: str) -> float:
     try:
         return float(cell)
     except ValueError:
-        raise CommandsError(f"{where}: needs a number, not {reprlib.repr(cell.strip())}") from None
+        point = ", with a point for its decimals" if "," in cell else ""
+        text = reprlib.repr(cell.strip())
+        raise CommandsError(f"{where}: needs a number{point}, not {text}") from None
 
 
 def _check(commands: Commands) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from parameter_identification.drives.samples import Samples
-from tricycle_core.documents import check_texts, decode, parse_yaml, read_bounded
+from tricycle_core.documents import check_texts, decode, parse_yaml, read_bounded, separator_of
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
@@ -412,8 +412,7 @@ def _radius(name: str, column: Column, vehicle: Vehicle | None, where: str) -> f
 def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
     """Columns (rows,) of these headings; NaN where a cell is empty."""
     text = io.StringIO(_text(path), newline="")
-    first = text.readline()
-    separator = max(",;\t", key=first.count)
+    separator = separator_of(text.readline())
     text.seek(0)
     try:
         lines = [line for line in csv.reader(text, delimiter=separator) if line]
