@@ -30,7 +30,7 @@ from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader, ReaderError
 
 from trajectory_recorder.bag.recovery import recover
-from trajectory_recorder.bag.topics import decode
+from trajectory_recorder.bag.topics import deserialize
 from tricycle_cli.operation.processes import executable, own_domain, ros_environment
 
 PUBLISHER = textwrap.dedent(
@@ -84,7 +84,9 @@ def found(bag: Path) -> tuple[list[int], bool]:
         messages, again = of_rosbags(whole), of_mcap(whole)
     if messages != again:
         raise SystemExit(f"{bag}: the two readers differ")
-    return [int(decode("std_msgs/msg/String", data).data.split()[0]) for data in messages], torn
+    return [
+        int(deserialize("std_msgs/msg/String", data).data.split()[0]) for data in messages
+    ], torn
 
 
 @contextmanager

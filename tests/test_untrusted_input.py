@@ -22,7 +22,7 @@ from excitation_planner.maneuver import Circle
 from excitation_planner.plan import load_plan, save_plan
 from excitation_planner.planning import PlanRequest, plan_at
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import Topic, decode, jazzy, message_class
+from trajectory_recorder.bag.topics import Topic, deserialize, jazzy, message_class
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.errors import BagError, CommandsError, DesignError, PlanError, VehicleError
 from tricycle_sim.commands import load_commands
@@ -256,7 +256,7 @@ def read_bag(path):
     with BagReader(path) as bag:
         for message in bag.messages():
             try:
-                decode(bag.topics[message.topic].type, message.data)
+                deserialize(bag.topics[message.topic].type, message.data)
             except BagError:
                 continue
 

@@ -24,7 +24,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import decode
+from trajectory_recorder.bag.topics import deserialize
 from trajectory_recorder.recorder_node import TrajectoryRecorder
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_cli.operation.processes import executable
@@ -103,7 +103,7 @@ def recorder(ros_node: Node, ros_environment: dict[str, str]) -> Iterator[Callab
 
 def texts(path: Path, topic: str) -> list[str]:
     with BagReader(path) as bag:
-        return [decode("std_msgs/msg/String", m.data).data for m in bag.messages([topic])]
+        return [deserialize("std_msgs/msg/String", m.data).data for m in bag.messages([topic])]
 
 
 def test_bags_one_after_the_other(recorder, ros_node: Node, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]

@@ -21,3 +21,8 @@ def test_the_drawn_tree_is_the_tree():
 def test_a_users_mistake_is_a_value_error_and_an_infeasible_maneuver_is_none():
     assert issubclass(errors.ExcitationError, ValueError)
     assert not issubclass(errors.InfeasibleManeuver, ValueError)
+
+
+def test_a_message_of_several_lines_is_one_printable_line():
+    error = ValueError("while parsing\n  a block\x1b[31m")
+    assert errors.message_of(error) == "while parsing a block [31m"

@@ -31,7 +31,7 @@ from excitation_planner.design.prior import SHOWN
 from parameter_identification.drives.kept import began, content_key, keep, kept, sensors_of
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
-from parameter_identification.estimation.checks import check_motion, check_signs, check_vehicle
+from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
 from parameter_identification.estimation.doubt import beyond_ranges, doubted, grown
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.results import EffectEstimate, Estimate, asked_for
@@ -592,7 +592,7 @@ def _read(job: tuple[Path, Vehicle, Path, TopicNames | None]) -> tuple[Path, str
         if not file.exists():
             drive = read_measured_drive(bag, vehicle, topics=topics)
             check_motion(drive)
-            check_vehicle(drive, vehicle)
+            check_reference(drive, vehicle)
             check_signs([drive], vehicle)
             keep(drive, file)
     except (ExcitationError, OSError) as error:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from trajectory_recorder.backlog import Backlog, KeptMessage
-from trajectory_recorder.bag.topics import Topic, decode
+from trajectory_recorder.bag.topics import Topic, deserialize
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError
@@ -316,7 +316,7 @@ class Recording:
         statuses = _DIAGNOSTICS.get(source.topic.type)
         if statuses is not None:
             with suppress(BagError):  # a message of no such type is recorded all the same
-                for status in statuses(decode(source.topic.type, data)):
+                for status in statuses(deserialize(source.topic.type, data)):
                     pairs = ((pair.key, pair.value) for pair in status.values)
                     self._bag.metadata |= {k: v for k, v in pairs if matches(k, METADATA)}
 

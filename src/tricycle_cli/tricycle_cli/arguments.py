@@ -73,7 +73,7 @@ def add_overwrite_option(parser: ArgumentParser | _ArgumentGroup) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace files that are there")
 
 
-def check_outputs(files: Iterable[Path], args: Namespace) -> None:
+def check_output_files(files: Iterable[Path], args: Namespace) -> None:
     """Refuse files that cannot be written or may not be replaced; called before the work for them.
 
     Parameters
@@ -424,7 +424,7 @@ def real_time_factor(text: str) -> float:
     return factor
 
 
-def not_negative(text: str) -> float:
+def nonnegative_number(text: str) -> float:
     """Return a finite number from 0.
 
     Parameters
@@ -443,7 +443,7 @@ def not_negative(text: str) -> float:
     return value
 
 
-def positive(text: str) -> float:
+def positive_number(text: str) -> float:
     """Return a finite number above 0.
 
     Parameters

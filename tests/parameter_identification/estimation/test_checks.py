@@ -15,8 +15,8 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.checks import (
     check_drives,
     check_motion,
+    check_reference,
     check_signs,
-    check_vehicle,
 )
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
@@ -137,13 +137,13 @@ def test_signs_are_right_backwards_too():
 def test_a_drive_planned_for_another_vehicle_is_refused(pair):
     cargo = load_vehicle(Path(str(resources.files("tricycle_sim") / "cargo_tadpole.yaml")))
     with pytest.raises(IdentificationError, match="another vehicle"):
-        check_vehicle(with_reference(pair[0], cargo), VEHICLE)
+        check_reference(with_reference(pair[0], cargo), VEHICLE)
 
 
 @pytest.mark.slow
 def test_a_drive_planned_with_other_nominal_values_is_taken(pair):
     planned_with = VEHICLE.replace(cornering_stiffness=800.0, camber_stiffness=60.0)
-    check_vehicle(with_reference(pair[0], planned_with), VEHICLE)
+    check_reference(with_reference(pair[0], planned_with), VEHICLE)
 
 
 @pytest.mark.slow
@@ -152,4 +152,4 @@ def test_a_vehicle_file_that_is_better_known_than_the_plan_was_is_taken(pair):
         VEHICLE.replace(cornering_stiffness=800.0),
         unknown={**VEHICLE.unknown, "cornering_stiffness": (760.0, 840.0)},
     )
-    check_vehicle(with_reference(pair[0], VEHICLE), narrow)
+    check_reference(with_reference(pair[0], VEHICLE), narrow)

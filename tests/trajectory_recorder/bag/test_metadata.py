@@ -6,7 +6,6 @@ import yaml
 from trajectory_recorder.bag.metadata import (
     dump_yaml,
     load_yaml,
-    one_line,
     read_metadata,
     write_metadata,
 )
@@ -55,4 +54,3 @@ def test_merge_keys_are_not_expanded():
 
 def test_yaml_keeps_the_order_of_keys():
     assert dump_yaml({"b": 1, "a": [True, None]}) == "b: 1\na:\n- true\n- null"
-    assert one_line(ValueError("a\n  b")) == "a b"

@@ -14,7 +14,7 @@ from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
 from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.recovery import recover
-from trajectory_recorder.bag.topics import Topic, decode, jazzy
+from trajectory_recorder.bag.topics import Topic, deserialize, jazzy
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.errors import BagError
 
@@ -253,9 +253,9 @@ def test_a_topic_of_two_types_is_refused(tmp_path: Path) -> None:
 
 def test_decode_tells_unknown_types_and_wrong_bytes() -> None:
     with pytest.raises(BagError, match="unknown type 'a/msg/B'"):
-        decode("a/msg/B", b"")
+        deserialize("a/msg/B", b"")
     with pytest.raises(BagError, match="2 bytes are not a message nav_msgs/msg/Odometry"):
-        decode("nav_msgs/msg/Odometry", b"\0\1")
+        deserialize("nav_msgs/msg/Odometry", b"\0\1")
 
 
 @pytest.mark.slow

@@ -8,13 +8,13 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 
-from trajectory_recorder.bag.records import MAGIC, RECORD, encode, split_records, stream
+from trajectory_recorder.bag.records import MAGIC, RECORD, serialize, split_records, stream
 
 RECORDS = [Metadata(name="a", metadata={"key": "value"}), Metadata(name="b", metadata={})]
 
 
 def test_what_is_encoded_is_split_and_read_again():
-    data = encode(*RECORDS)
+    data = serialize(*RECORDS)
     found = list(split_records(data))
     assert [opcode for opcode, _, _ in found] == [Opcode.METADATA, Opcode.METADATA]
     contents = [data[start : start + length] for _, start, length in found]
@@ -25,7 +25,7 @@ def test_what_is_encoded_is_split_and_read_again():
 
 
 def test_a_record_that_is_cut_off_is_refused():
-    data = encode(*RECORDS)
+    data = serialize(*RECORDS)
     with pytest.raises(struct.error, match="ends beyond its chunk"):
         list(split_records(data[:-1]))
     with pytest.raises(struct.error):

@@ -22,7 +22,7 @@ from parameter_identification.drives.poses import (
 )
 from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import decode
+from trajectory_recorder.bag.topics import deserialize
 from tricycle_core.errors import JudgeError
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
@@ -315,13 +315,13 @@ class _Collector:
         wanted = ({self.pose} | latched.keys() | every.keys() | timed.keys()) - {""}
         for name, recorded, data in self.reader.messages(wanted):
             if name == self.pose:
-                poses.add(decode(kinds[name], data))
+                poses.add(deserialize(kinds[name], data))
             elif name in timed:
-                timed[name].append((recorded, decode(kinds[name], data)))
+                timed[name].append((recorded, deserialize(kinds[name], data)))
             elif name not in latched:
-                every[name].append(decode(kinds[name], data))
+                every[name].append(deserialize(kinds[name], data))
             elif data not in latched[name]:  # repeated at the beginning of each file
-                latched[name][data] = decode(kinds[name], data)
+                latched[name][data] = deserialize(kinds[name], data)
         event = self._start_event(timed[self.state])
         self._check_armed(event, timed[self.readiness], timed[self.diagnostics])
         start, plan_id = event.time, event.plan_id
@@ -363,7 +363,7 @@ class _Collector:
             self.bag, self.pose, kinds[self.pose], topics.child_frame, topics.datum
         )
         for name, _, data in self.reader.messages({self.pose, self.state}):
-            message = decode(kinds[name], data)
+            message = deserialize(kinds[name], data)
             if name == self.state:
                 returning = self._state(message).state is PlaybackState.RETURNING
             elif returning:

@@ -70,7 +70,7 @@ def check_drives(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
             raise IdentificationError(f"{a.name} and {b.name} are the same drive")
     for drive in drives:
         check_motion(drive)
-        check_vehicle(drive, vehicle)
+        check_reference(drive, vehicle)
     check_signs(drives, vehicle)
 
 
@@ -99,7 +99,7 @@ def check_motion(drive: MeasuredDrive) -> None:
         )
 
 
-def check_vehicle(drive: MeasuredDrive, vehicle: Vehicle) -> None:
+def check_reference(drive: MeasuredDrive, vehicle: Vehicle) -> None:
     """Raise if no parameters of the vehicle give the trajectory that the drive was planned with.
 
     They may lie outside the ranges: a vehicle file may be better known than when it was planned.

@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 
 from tricycle_core.documents import read_bounded
-from tricycle_core.errors import BagError
+from tricycle_core.errors import BagError, message_of
 
 NAME = "metadata.yaml"
 VERSION = 9  # of the format, that of ROS 2 Jazzy
@@ -90,7 +90,7 @@ def parse_metadata(text: bytes, place: str) -> dict[str, Any]:
         information = dict(load_yaml(text)["rosbag2_bagfile_information"])
         files = [Path(name) for name in information.get("relative_file_paths") or []]
     except (yaml.YAMLError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise BagError(f"{place} is not a rosbag2 metadata file: {one_line(error)}") from error
+        raise BagError(f"{place} is not a rosbag2 metadata file: {message_of(error)}") from error
     if any(file.name != str(file) or file.name == ".." for file in files):
         raise BagError(f"{place} names files outside of the bag")
     return information
@@ -110,14 +110,3 @@ def write_metadata(bag: Path, information: dict[str, Any]) -> None:
     new = bag / f".{NAME}.new"  # not `write_whole`: a folder that was removed must stay so
     new.write_text(text, encoding="utf-8")
     new.replace(bag / NAME)
-
-
-def one_line(error: BaseException) -> str:
-    """Return the message of a library's exception in one short line.
-
-    Parameters
-    ----------
-    error : BaseException
-        Of any type.
-    """
-    return " ".join(str(error).split())[:200]

@@ -27,7 +27,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Footer, Metadata, MetadataIndex, Schema, Statistics
 
 from trajectory_recorder.bag.location import bag_path, is_remote
-from trajectory_recorder.bag.metadata import one_line, read_metadata
+from trajectory_recorder.bag.metadata import read_metadata
 from trajectory_recorder.bag.records import (
     CHUNK,
     FOOTER_SIZE,
@@ -42,7 +42,7 @@ from trajectory_recorder.bag.records import (
 from trajectory_recorder.bag.remote import RemoteFile, remote_files
 from trajectory_recorder.bag.topics import OfferedQos, Topic, parse_profiles
 from tricycle_core.closing import Closing
-from tricycle_core.errors import BagError
+from tricycle_core.errors import BagError, message_of
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, ConnectionExtRosbag2
@@ -598,7 +598,7 @@ class _RosbagsStorage:
             found = self._reader.message_count > 0
             self.span = (self._reader.start_time, self._reader.end_time) if found else None
         except Exception as error:  # what is damaged comes up as an error of any kind
-            raise BagError(f"{path}: {one_line(error)}") from error
+            raise BagError(f"{path}: {message_of(error)}") from error
 
     def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]:
         connections = [c for c in self._reader.connections if c.topic in topics]
@@ -608,7 +608,7 @@ class _RosbagsStorage:
             for connection, stamp, data in self._reader.messages(connections):
                 yield RecordedMessage(connection.topic, stamp, bytes(memoryview(data)))
         except Exception as error:
-            raise BagError(f"{self.path}: {one_line(error)}") from error
+            raise BagError(f"{self.path}: {message_of(error)}") from error
 
     def blocks(self, topics: Collection[str]) -> Iterator[_Block]:
         yield _Block(0, self.messages(topics), ordered=True)

@@ -18,7 +18,7 @@ FOOTER_SIZE = RECORD.size + 20 + len(MAGIC)
 Buffer = bytes | memoryview
 
 
-def encode(*records: McapRecord) -> bytes:
+def serialize(*records: McapRecord) -> bytes:
     """Return records with their heads, one behind the other."""
     builder = RecordBuilder()
     for record in records:

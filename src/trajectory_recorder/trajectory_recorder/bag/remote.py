@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
-from trajectory_recorder.bag.metadata import MAX_BYTES, NAME, one_line, parse_metadata
-from tricycle_core.errors import BagError
+from trajectory_recorder.bag.metadata import MAX_BYTES, NAME, parse_metadata
+from tricycle_core.errors import BagError, message_of
 
 NOT_FOUND = "not found"
 TRIES = 4  # of each request
@@ -233,7 +233,7 @@ def _reason(error: BaseException) -> str:
     if isinstance(error, FileNotFoundError) or getattr(error, "status", None) == 404:
         return NOT_FOUND
     if isinstance(error, PermissionError):
-        return f"access denied ({one_line(error)})"
+        return f"access denied ({message_of(error)})"
     if isinstance(error, TimeoutError):
         return "the server did not answer in time"
-    return one_line(error) or type(error).__name__
+    return message_of(error) or type(error).__name__

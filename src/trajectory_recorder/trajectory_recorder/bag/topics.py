@@ -264,7 +264,7 @@ def message_class(type_name: str) -> type:
     return found
 
 
-def decode(type_name: str, data: bytes) -> Any:
+def deserialize(type_name: str, data: bytes) -> Any:
     """Deserialise a CDR message of a Jazzy type.
 
     Parameters

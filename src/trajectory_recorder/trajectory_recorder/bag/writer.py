@@ -37,7 +37,7 @@ from mcap.records import (
 )
 
 from trajectory_recorder.bag.metadata import dump_yaml, write_metadata
-from trajectory_recorder.bag.records import CHUNK, MAGIC, METADATA_RECORD, RECORD, encode
+from trajectory_recorder.bag.records import CHUNK, MAGIC, METADATA_RECORD, RECORD, serialize
 from trajectory_recorder.bag.topics import Topic
 from tricycle_core.closing import Closing
 from tricycle_core.errors import BagError
@@ -311,7 +311,7 @@ class _OutputFile:
         self._channels: list[Channel] = []
         self._chunks = 0
         self._chunk_indexes = bytearray()  # encoded: there may be many, and each tail has them all
-        header = MAGIC + encode(Header(profile="ros2", library="trajectory_recorder"))
+        header = MAGIC + serialize(Header(profile="ros2", library="trajectory_recorder"))
         self._pending: list[bytes] = [header]
         self.pending_bytes = len(header)
         self._data_end = 0  # bytes on disk that are never touched again
@@ -344,7 +344,7 @@ class _OutputFile:
                 data=topic.definition.encode(),
             )
             self._schemas[topic.type] = schema
-            self._add(encode(schema))
+            self._add(serialize(schema))
         channel = Channel(
             id=channel_id,
             schema_id=schema.id,
@@ -356,7 +356,7 @@ class _OutputFile:
             },
         )
         self._channels.append(channel)
-        self._add(encode(channel))
+        self._add(serialize(channel))
 
     def add_chunk(
         self,
@@ -392,7 +392,7 @@ class _OutputFile:
                 + packed
             )
             self.counts[channel_id] = self.counts.get(channel_id, 0) + len(entries) // 2
-        self._chunk_indexes += encode(
+        self._chunk_indexes += serialize(
             ChunkIndex(
                 chunk_start_offset=offset,
                 chunk_length=chunk_end - offset,
@@ -458,8 +458,8 @@ class _OutputFile:
 
     def _make_tail(self, metadata: Mapping[str, str]) -> bytes:
         """Metadata record, end of data, summary with its offsets, footer, magic."""
-        record = encode(Metadata(name=METADATA_RECORD, metadata=dict(metadata)))
-        data_end = record + encode(DataEnd(data_section_crc=0))
+        record = serialize(Metadata(name=METADATA_RECORD, metadata=dict(metadata)))
+        data_end = record + serialize(DataEnd(data_section_crc=0))
         statistics = Statistics(
             message_count=self.messages,
             schema_count=len(self._schemas),
@@ -473,11 +473,11 @@ class _OutputFile:
         )
         metadata_index = MetadataIndex(offset=self.size, length=len(record), name=METADATA_RECORD)
         groups: dict[Opcode, bytes | bytearray] = {
-            Opcode.SCHEMA: encode(*self._schemas.values()),
-            Opcode.CHANNEL: encode(*self._channels),
-            Opcode.STATISTICS: encode(statistics),
+            Opcode.SCHEMA: serialize(*self._schemas.values()),
+            Opcode.CHANNEL: serialize(*self._channels),
+            Opcode.STATISTICS: serialize(statistics),
             Opcode.CHUNK_INDEX: self._chunk_indexes,
-            Opcode.METADATA_INDEX: encode(metadata_index),
+            Opcode.METADATA_INDEX: serialize(metadata_index),
         }
         summary_start = self.size + len(data_end)
         summary = bytearray()
@@ -493,13 +493,13 @@ class _OutputFile:
                 )
                 summary += group
         offset_start = summary_start + len(summary)
-        summary += encode(*offsets)
+        summary += serialize(*offsets)
         # the CRC includes the footer up to its own place
         footer = Footer(
             summary_start=summary_start, summary_offset_start=offset_start, summary_crc=0
         )
-        footer.summary_crc = zlib.crc32(summary + encode(footer)[:-4])
-        return data_end + bytes(summary) + encode(footer) + MAGIC
+        footer.summary_crc = zlib.crc32(summary + serialize(footer)[:-4])
+        return data_end + bytes(summary) + serialize(footer) + MAGIC
 
 
 def _write_at(fd: int, offset: int, buffers: Sequence[bytes]) -> None:

@@ -12,7 +12,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, not_negative
+from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number
 from tricycle_cli.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -47,12 +47,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)")
     add("--topics", nargs="+", metavar="TOPIC", default=["*"], help="names; * and ? match anything")
     add("--exclude", nargs="+", metavar="TOPIC", default=[], help="names to leave out, of those")
-    add("--start", type=not_negative, default=0.0, metavar="S", help="leave out so many seconds")
-    add("--duration", type=not_negative, metavar="S", help="keep so many (default: to the end)")
+    add(
+        "--start",
+        type=nonnegative_number,
+        default=0.0,
+        metavar="S",
+        help="leave out so many seconds",
+    )
+    add(
+        "--duration",
+        type=nonnegative_number,
+        metavar="S",
+        help="keep so many (default: to the end)",
+    )
     add("--compression", choices=["zstd", "lz4", "none"], default="zstd", help="of chunks")
     new_file = "begin a new file after (default: never)"
-    add("--split-size", type=not_negative, default=0.0, metavar="MB", help=new_file)
-    add("--split-duration", type=not_negative, default=0.0, metavar="S", help=new_file)
+    add("--split-size", type=nonnegative_number, default=0.0, metavar="MB", help=new_file)
+    add("--split-duration", type=nonnegative_number, default=0.0, metavar="S", help=new_file)
     add("--json", action="store_true", help="print one JSON object")
     new.set_defaults(run=run_convert)
     again = verbs.add_parser("recover", help="copy what is readable of a damaged bag to a new one")

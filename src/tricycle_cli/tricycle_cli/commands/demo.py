@@ -15,7 +15,7 @@ from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import (
     add_effects_option,
     add_overwrite_option,
-    check_outputs,
+    check_output_files,
     describe_later,
     effects_asked,
     parameter_name,
@@ -132,7 +132,7 @@ def run(args: argparse.Namespace) -> int:
         check_build(args.firmware)
     output: Path = args.output
     earlier = (output / name for name in (*WRITTEN, *(f"identification/{name}" for name in FILES)))
-    check_outputs(earlier, args)
+    check_output_files(earlier, args)
     _make_room(output, overwrite=args.overwrite)
 
     plans = _plans(request, output / "plans")

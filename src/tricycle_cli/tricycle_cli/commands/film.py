@@ -9,7 +9,7 @@ from tricycle_cli.arguments import (
     add_overwrite_option,
     add_topic_options,
     bag_argument,
-    check_outputs,
+    check_output_files,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.judging.judgement import judge
     from tricycle_cli.reports.film import write_film
 
-    check_outputs([args.output], args)
+    check_output_files([args.output], args)
     vehicle, topics = load_vehicle(args.vehicle), topics_of(args)
     if args.plant:
         return _render(args, vehicle, topics)

@@ -13,7 +13,7 @@ from tricycle_cli.arguments import (
     BAG_HELP,
     add_overwrite_option,
     add_topic_options,
-    check_outputs,
+    check_output_files,
     seed,
     topics_of,
 )
@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.vehicle)
     if args.output is not None:
         check_folder(args.output)
-        check_outputs((args.output / name for name in FILES), args)
+        check_output_files((args.output / name for name in FILES), args)
     bags = _by_vehicle([bag for text in args.bags for bag in find_bags(text)], args.vehicles)
     with ExitStack() as stack:
         keep = args.keep or (args.output and args.output / "drives")

@@ -18,10 +18,10 @@ from tricycle_cli.arguments import (
     add_overwrite_option,
     add_topic_options,
     bag_argument,
-    check_outputs,
+    check_output_files,
     effects_asked,
     parameter_names,
-    positive,
+    positive_number,
     seed,
     topics_of,
 )
@@ -122,9 +122,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topic_options(parser, sensors=True)
     add = parser.add_argument_group("tables (CSV), of which windows are taken").add_argument
     add("--columns", type=Path, metavar="FILE", help="mapping of their columns, YAML")
-    add("--window", type=positive, metavar="S", help="length of a window (default: 2)")
-    add("--every", type=positive, metavar="S", help="grid on which windows begin (default: 0.5)")
-    add("--above", type=positive, metavar="M/S", help="speed in a window (default: 0.4)")
+    add("--window", type=positive_number, metavar="S", help="length of a window (default: 2)")
+    add(
+        "--every",
+        type=positive_number,
+        metavar="S",
+        help="grid on which windows begin (default: 0.5)",
+    )
+    add("--above", type=positive_number, metavar="M/S", help="speed in a window (default: 0.4)")
     add = parser.add_argument_group("hundreds of bags").add_argument
     add(
         "--drive-by-drive",
@@ -165,7 +170,7 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_sim.vehicle.batch import CommandedBatch
 
     if args.output is not None:
-        check_outputs((args.output / name for name in FILES), args)
+        check_output_files((args.output / name for name in FILES), args)
     effects = effects_asked(args, "none" if args.fmu or args.columns else "weighed")
     simulator: Simulator = CommandedBatch
     if args.fmu is not None:
@@ -261,7 +266,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         raise IdentificationError(f"--workers {args.workers}: 1 or more are needed")
     effects = effects_asked(args, "none")
     if args.output is not None:
-        check_outputs((args.output / name for name in MANY_FILES), args)
+        check_output_files((args.output / name for name in MANY_FILES), args)
     vehicle = load_vehicle(args.vehicle)
     asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
     with (

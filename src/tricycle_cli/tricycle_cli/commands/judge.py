@@ -18,7 +18,7 @@ from tricycle_cli.arguments import (
     add_overwrite_option,
     add_topic_options,
     bag_argument,
-    check_outputs,
+    check_output_files,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
@@ -83,11 +83,11 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.judging.judgement import judge
 
     if args.plot:
-        check_outputs([args.plot], args)
+        check_output_files([args.plot], args)
     if args.export:
         check_folder(args.output)
         files = exported_files(args.bags, args.output, ExportFormat(args.export))
-        check_outputs(chain.from_iterable(files), args)
+        check_output_files(chain.from_iterable(files), args)
     topics = topics_of(args)
     judgements, mistakes = [], []
     # one bag has no parts to tell of, and the bar takes longer to import than to judge it

@@ -21,7 +21,7 @@ from tricycle_cli.arguments import (
     add_noise_options,
     add_overwrite_option,
     add_range_options,
-    check_outputs,
+    check_output_files,
     describe_later,
     families_of,
     noise_of,
@@ -134,7 +134,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         request = _request(args)
         earlier = _earlier_plans(args.output)
-        check_outputs([*earlier, *_earlier_plans(args.output, ".png")], args)
+        check_output_files([*earlier, *_earlier_plans(args.output, ".png")], args)
         plans = _planned(request, args)
         for file in earlier:  # a set of fewer drives must not leave one of the last set behind
             file.unlink()

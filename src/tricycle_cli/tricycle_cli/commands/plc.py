@@ -19,7 +19,7 @@ from tricycle_bridge.protocol.messages import (
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
 from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
-from tricycle_cli.arguments import add_overwrite_option, check_outputs
+from tricycle_cli.arguments import add_overwrite_option, check_output_files
 from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 
@@ -133,7 +133,7 @@ def _check(args: argparse.Namespace) -> int:
     if not (args.engineer or "").strip():
         raise LinkError("plc check needs --engineer NAME: somebody signs the record off")
 
-    check_outputs([args.record], args)
+    check_output_files([args.record], args)
 
     from tricycle_bridge.commissioning.bring_up import STANDING, STEPS, bring_up
     from tricycle_bridge.commissioning.record import BringUpRecord, write_record

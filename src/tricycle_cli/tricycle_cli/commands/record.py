@@ -5,7 +5,7 @@ import json
 from datetime import datetime
 from pathlib import Path
 
-from tricycle_cli.arguments import not_negative
+from tricycle_cli.arguments import nonnegative_number
 from tricycle_cli.operation.processes import run_in_foreground
 
 EXAMPLE = """\
@@ -32,16 +32,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--exclude", nargs="+", metavar="TOPIC", help="names not to record, of those")
     add("--compression", choices=["zstd", "lz4", "none"], default="zstd", help="of chunks")
     new_file = "begin a new file after (default: never)"
-    add("--split-size", type=not_negative, default=0.0, metavar="MB", help=new_file)
-    add("--split-duration", type=not_negative, default=0.0, metavar="S", help=new_file)
+    add("--split-size", type=nonnegative_number, default=0.0, metavar="MB", help=new_file)
+    add("--split-duration", type=nonnegative_number, default=0.0, metavar="S", help=new_file)
     add(
         "--disk-reserve",
-        type=not_negative,
+        type=nonnegative_number,
         default=100.0,
         metavar="MB",
         help="stop when no more of the disk is free (default: %(default)s)",
     )
-    add("--duration", type=not_negative, metavar="S", help="stop after seconds of wall time")
+    add("--duration", type=nonnegative_number, metavar="S", help="stop after seconds of wall time")
     add("--use-sim-time", action="store_true", help="stamp with /clock")
     add("--json", action="store_true", help="print one JSON object at the end")
     parser.set_defaults(run=run)

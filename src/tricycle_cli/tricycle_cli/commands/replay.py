@@ -4,7 +4,7 @@ import argparse
 import json
 import re
 
-from tricycle_cli.arguments import BAG_HELP, bag_argument, not_negative
+from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number
 from tricycle_cli.operation.processes import run_in_foreground
 
 EXAMPLE = """\
@@ -30,13 +30,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = EXAMPLE
     add = parser.add_argument
     add("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
-    add("--rate", type=not_negative, default=1.0, help="recorded s per s; 0: as fast as taken")
     add(
-        "--start", type=not_negative, default=0.0, metavar="S", help="skip so many recorded seconds"
+        "--rate", type=nonnegative_number, default=1.0, help="recorded s per s; 0: as fast as taken"
+    )
+    add(
+        "--start",
+        type=nonnegative_number,
+        default=0.0,
+        metavar="S",
+        help="skip so many recorded seconds",
     )
     add(
         "--duration",
-        type=not_negative,
+        type=nonnegative_number,
         default=0.0,
         metavar="S",
         help="play so many recorded seconds (default: to the end)",

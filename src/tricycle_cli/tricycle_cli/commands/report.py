@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from tricycle_cli.arguments import add_overwrite_option, check_outputs
+from tricycle_cli.arguments import add_overwrite_option, check_output_files
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_sim.vehicle import load_vehicle
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     # identify keeps its own report beside its result
     name = "run.html" if (args.directory / IDENTIFIED).exists() else "report.html"
     output: Path = args.output or args.directory / name
-    check_outputs([output], args)
+    check_output_files([output], args)
     with progress_bar("reporting") as progress:
         sections = run_sections(found, vehicle=vehicle, progress=progress)
         page = page_of(found, sections)
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if args.figures is not None:
         from tricycle_cli.reports.figure_files import figures_by_file, write_figures
 
-        check_outputs(figures_by_file(sections, args.figures, args.format), args)
+        check_output_files(figures_by_file(sections, args.figures, args.format), args)
         files = write_figures(sections, args.figures, args.format)
     write_whole(output, page)
     if args.json:

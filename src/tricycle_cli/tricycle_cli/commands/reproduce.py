@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from paper_reproduction.published import ITEMS
-from tricycle_cli.arguments import add_overwrite_option, check_outputs
+from tricycle_cli.arguments import add_overwrite_option, check_output_files
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, replacing, write_whole
 
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     pictures = {
         name: [args.output / f"{name}.{suffix}" for suffix in ("png", "svg")] for name in names
     }
-    check_outputs((report, *chain.from_iterable(pictures.values())), args)
+    check_output_files((report, *chain.from_iterable(pictures.values())), args)
     args.output.mkdir(parents=True, exist_ok=True)
     items, figures = [], []
     reproduction = Reproduction(process_pool(), budget=PaperBudget() if args.faithful else None)

@@ -22,7 +22,7 @@ from excitation_planner.maneuver import (
 from tricycle_cli.arguments import (
     add_overwrite_option,
     add_range_options,
-    check_outputs,
+    check_output_files,
     describe_later,
     parse_assignments,
     ranges_of,
@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> int:
     vehicle = nominal.replace(**parse_assignments(args.set))
     commands = _commands(args, nominal)
     picture = args.output.with_suffix(".png") if args.plot == Path() else args.plot
-    check_outputs(filter(None, (args.output, picture)), args)
+    check_output_files(filter(None, (args.output, picture)), args)
     _check_size(args.samples or 1, commands)
     parameters = None if args.samples is None else _draw(vehicle, args.samples, args.seed)
     steps = (args.samples or 1) * commands.duration / TICK

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from tricycle_cli.arguments import add_overwrite_option, check_outputs
+from tricycle_cli.arguments import add_overwrite_option, check_output_files
 from tricycle_cli.completion import HelpFormatter
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
@@ -104,7 +104,7 @@ def run_new(args: argparse.Namespace) -> int:
     """
     from tricycle_cli.new_vehicle import ask, from_answers, from_file
 
-    check_outputs([args.output], args)
+    check_output_files([args.output], args)
     if args.source is not None:
         text = from_file(args.source, args.output.stem)
     elif not sys.stdin.isatty():
@@ -135,7 +135,7 @@ def run_export_fmu(args: argparse.Namespace) -> int:
     """
     from tricycle_sim.fmi.export import export_fmu
 
-    check_outputs([args.output], args)
+    check_output_files([args.output], args)
     vehicle = load_vehicle(args.file)
     for name in export_fmu(vehicle, args.output):
         print(f"{name}: unknown, but no parameter of the FMU: it is compiled in", file=sys.stderr)
@@ -198,7 +198,7 @@ def _draw(vehicle: Vehicle, args: argparse.Namespace) -> None:
     path: Path = args.draw
     if path.suffix not in SUFFIXES:
         raise VehicleError(f"{path}: must end in {', '.join(SUFFIXES)}")
-    check_outputs([path], args)
+    check_output_files([path], args)
     draw_vehicle(vehicle, path)
 
 
