@@ -57,7 +57,13 @@ def test_without_noise_the_truth_comes_back(commands):
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_and_agree_with_the_linear_ones(pair):
-    found = identify(pair, VEHICLE, profiles=True)
+    told = []
+    found = identify(
+        pair, VEHICLE, profiles=True, progress=lambda done, total: told.append((done, total))
+    )
+    assert told == sorted(told)
+    assert told[-1][0] == told[-1][1]
+    assert len(told) > 10
     assert found.white
     for name, truth in zip(NAMES, TRUTH, strict=True):
         e = found.parameters[name]

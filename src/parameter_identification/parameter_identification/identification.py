@@ -33,7 +33,7 @@ from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.measured import Input, MeasuredDrive
 from parameter_identification.estimation.checks import check_drives
-from parameter_identification.estimation.doubt import Doubt, doubt_of
+from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
 from parameter_identification.estimation.model import (
     OF_INPUT,
@@ -42,7 +42,12 @@ from parameter_identification.estimation.model import (
     restrict,
 )
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
-from parameter_identification.estimation.optimum import Optimum, find_optimum, rough_minima
+from parameter_identification.estimation.optimum import (
+    Optimum,
+    find_optimum,
+    rough_minima,
+    steps_to_optimum,
+)
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import ProfileCurve, profile
@@ -56,6 +61,7 @@ from parameter_identification.estimation.results import (
     NuisanceEstimate,
     Profile,
 )
+from parameter_identification.estimation.steps import Steps
 from parameter_identification.estimation.validation import (
     effects_of_drives,
     fits_of_drives,
@@ -136,7 +142,7 @@ def identify(
     seed : int
         Of the starts.
     progress : callable, optional
-        Called with the number of profiles done and in all; without profiles with 1 and 1.
+        Called with the number of steps done and in all: fits, and estimates of a sensor's noise.
 
     Raises
     ------
@@ -169,6 +175,12 @@ def identify(
             loss,
         ) as problem,
     ):
+        shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
+        weighs = bool(weighed and problem.constant_effects())
+        to_optimum = starts * bool(beside) + steps_to_optimum(problem, starts)
+        to_profiles = to_optimum + weighs
+        maybe_profiled = profiles and not weighs and len(drives) < SCATTER
+        step = Steps(progress, to_profiles + len(shown) * maybe_profiled)
         near = None
         if beside:  # without effects a search takes a tenth of the time
             with LeastSquares(
@@ -176,24 +188,23 @@ def identify(
                 *prior_in_ranges(known, prior),
                 loss,
             ) as without:
-                near = rough_minima(without, starts=starts, seed=seed)
-        optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near)
+                near = rough_minima(without, starts=starts, seed=seed, step=step)
+        optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near, step=step)
+        step.pass_to(to_optimum)
         average: Mixture | None = None
         acts: dict[str, float] = {}
-        if weighed and problem.constant_effects():
+        if weighs:
             optimum, average, acts = weigh_effects(problem, optimum)
+            step.pass_to(to_profiles)
         doubt = doubt_of(problem, optimum, average)
         by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}
-        shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
         in_doubt = doubt.beyond.any() or not math.isnan(doubt.scatter)
         profiled = profiles and average is None and not in_doubt
-        for done, i in enumerate(shown if profiled else (), start=1):
+        for i in shown if profiled else ():
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
-            if progress is not None:
-                progress(done, len(shown))
-        if progress is not None and not profiled:
-            progress(1, 1)
+            step()
+        step.pass_to(to_profiles + len(shown) * maybe_profiled)
         predictions = problem.predictions(optimum.fit.at)
         model = problem.models[0]
         return Identification(

@@ -9,7 +9,7 @@ from simulated_drives import NAMES, TRUTH, VEHICLE, driven_pair, shares
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
-from parameter_identification.estimation.optimum import find_optimum
+from parameter_identification.estimation.optimum import find_optimum, steps_to_optimum
 from parameter_identification.estimation.prior import prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.profiles import profile
@@ -33,8 +33,13 @@ def problem(pair):
 
 
 @pytest.fixture(scope="module")
-def optimum(problem):
-    return find_optimum(problem, starts=2, seed=0, level=0.95)
+def steps():
+    return []
+
+
+@pytest.fixture(scope="module")
+def optimum(problem, steps):
+    return find_optimum(problem, starts=2, seed=0, level=0.95, step=lambda: steps.append(1))
 
 
 def test_the_gram_matrix_is_that_of_cost_and_gradient(problem):
@@ -54,6 +59,11 @@ def test_variables_that_are_not_free_stay(problem):
     fit = problem.minimise(start, free)
     np.testing.assert_array_equal(fit.at[: problem.k], 0.4)
     assert fit.cost < problem.gram(start)[-1, -1]
+
+
+def test_the_steps_of_the_search_are_counted_and_no_more_than_were_told(problem, optimum, steps):
+    settled = 1 + len(problem.noise)  # once, at least
+    assert 2 + settled + 1 <= len(steps) <= steps_to_optimum(problem, 2)
 
 
 def test_the_optimum_is_near_the_truth_and_so_is_the_noise(problem, optimum):

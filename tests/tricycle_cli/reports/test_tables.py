@@ -8,6 +8,7 @@ from found_identification import FOUND
 from rich.console import Console
 
 from parameter_identification.estimation.results import EffectEstimate, HeldOut
+from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.reports.tables import (
     allowed_rise,
@@ -138,3 +139,15 @@ def test_a_drive_outside_its_band_is_told():
     assert line.endswith("it is OUTSIDE: this vehicle moves as the model CANNOT)")
     within = dataclasses.replace(held, inside=0.93)
     assert not any("OUTSIDE" in s for s in remarks(dataclasses.replace(FOUND, held_out=(within,))))
+
+
+def test_residuals_that_are_not_white_are_counted_and_the_least_white_is_named():
+    tests = [Whiteness(f"w {i}", "x", 0.01, 0.3, 50.0 + i % 7, 20, 1e-9) for i in range(30)]
+
+    def told(number):
+        found = dataclasses.replace(FOUND, whiteness=tuple(tests[:number]))
+        (line,) = (text for text in remarks(found) if "NOT white" in text)
+        return line
+
+    assert told(1).startswith("residuals are NOT white (1 of 1: w 0 x): the model")
+    assert "(30 of 30, least of all w 6 x; all: identification.json)" in told(30)

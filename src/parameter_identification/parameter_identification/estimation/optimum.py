@@ -1,7 +1,7 @@
 """Search for the best fit: several starts, noise and fit in turns, and other minima as good."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.problem import Fit, LeastSquares
+from parameter_identification.estimation.steps import uncounted
 from tricycle_core.quantities import FloatArray
 
 ROUGH = 0.3  # of the cost: tolerance of fits of which most are discarded
@@ -46,6 +47,7 @@ def find_optimum(
     seed: int,
     level: float,
     near: Sequence[FloatArray] | None = None,
+    step: Callable[[], None] = uncounted,
 ) -> Optimum:
     """Find the best fit and the noise that belongs to it; the noise stays set in the problem.
 
@@ -61,21 +63,41 @@ def find_optimum(
         Probability of the intervals: a minimum within what they allow is a rival.
     near : sequence of ndarray of float, shape (k,), optional
         Parameters, in their ranges, to start from instead.
+    step : callable
+        Called after each of at most `steps_to_optimum`.
     """
     candidates = [np.append(z, np.zeros(problem.n - problem.k)) for z in near or ()]
     candidates = candidates or problem.candidates(starts, seed)
-    fits = [problem.minimise(start, tolerance=ROUGH) for start in candidates]
+    fits = []
+    for start in candidates:
+        fits.append(problem.minimise(start, tolerance=ROUGH))
+        step()
     lowest = min(fits, key=lambda fit: fit.cost)
-    best = settled(problem, lowest)
+    best = settled(problem, lowest, step)
     others = [fit for fit in fits if fit is not lowest]
-    best, rivals, agreed = _compare(problem, others, best, level)
+    best, rivals, agreed = _compare(problem, others, best, level, step)
     covariance: FloatArray = np.asarray(
         np.linalg.inv(problem.gram(best.at)[:-1, :-1]), dtype=np.float64
     )
     return Optimum(best, covariance, tuple(rivals), (len(fits), 1 + agreed))
 
 
-def rough_minima(problem: LeastSquares, *, starts: int, seed: int) -> list[FloatArray]:
+def steps_to_optimum(problem: LeastSquares, starts: int) -> int:
+    """Return the most steps that `find_optimum` takes.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        The problem.
+    starts : int
+        Number of fits from different starts.
+    """
+    return 2 * starts - 1 + NOISE_ROUNDS * (len(problem.noise) + 1)
+
+
+def rough_minima(
+    problem: LeastSquares, *, starts: int, seed: int, step: Callable[[], None] = uncounted
+) -> list[FloatArray]:
     """Return the parameters (k,) of different minima, by the first guess of the noise.
 
     Parameters
@@ -86,16 +108,19 @@ def rough_minima(problem: LeastSquares, *, starts: int, seed: int) -> list[Float
         Number of fits from different starts.
     seed : int
         Of the starts.
+    step : callable
+        Called after each of them.
     """
     found: list[Fit] = []
     for start in problem.candidates(starts, seed):
         fit = problem.minimise(start, tolerance=ROUGH)
         if not any(_near(fit, other, problem.k) for other in found):
             found.append(fit)
+        step()
     return [fit.at[: problem.k] for fit in found]
 
 
-def settled(problem: LeastSquares, fit: Fit) -> Fit:
+def settled(problem: LeastSquares, fit: Fit, step: Callable[[], None] = uncounted) -> Fit:
     """Return the fit with the noise that belongs to it; the noise stays set in the problem.
 
     Parameters
@@ -104,12 +129,15 @@ def settled(problem: LeastSquares, fit: Fit) -> Fit:
         The problem.
     fit : Fit
         With another noise.
+    step : callable
+        Called after each fit, and each sensor's noise.
     """
     for _ in range(NOISE_ROUNDS):
         before = problem.noise
         problem.estimate_sizes(fit.at)
-        problem.estimate_noise(fit.at)
+        problem.estimate_noise(fit.at, step)
         fit = problem.minimise(fit.at)
+        step()
         if _same_noise(before, problem.noise):
             break
     return fit
@@ -125,7 +153,11 @@ def _same_noise(a: Mapping[Sensor, NoiseLevel], b: Mapping[Sensor, NoiseLevel]) 
 
 
 def _compare(
-    problem: LeastSquares, fits: Sequence[Fit], best: Fit, level: float
+    problem: LeastSquares,
+    fits: Sequence[Fit],
+    best: Fit,
+    level: float,
+    step: Callable[[], None],
 ) -> tuple[Fit, list[FloatArray], int]:
     """Repeat other fits with the final noise: the best of all, its rivals (k,), and the agreement.
 
@@ -135,6 +167,7 @@ def _compare(
     k, agreed = problem.k, 0
     rivals: list[FloatArray] = []
     for fit in fits:
+        step()
         if _near(fit, best, k):
             agreed += 1
             continue

@@ -10,7 +10,7 @@ All that the minimisation needs of thousands of residuals r and their Jacobian J
 import itertools
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -31,6 +31,7 @@ from parameter_identification.estimation.noise import (
     white_level,
     whiten,
 )
+from parameter_identification.estimation.steps import uncounted
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.closing import Closing
 from tricycle_core.quantities import FloatArray
@@ -423,8 +424,16 @@ class LeastSquares(Closing):
             chances[e.name] = chi_square.tail(scores @ scores / scale, mean / scale)
         return chances
 
-    def estimate_noise(self, v: FloatArray) -> None:
-        """Set the weights of the samples and the noise of each sensor from the residuals at `v`."""
+    def estimate_noise(self, v: FloatArray, step: Callable[[], None] = uncounted) -> None:
+        """Set the weights of the samples and the noise of each sensor from the residuals at `v`.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables.
+        step : callable
+            Called when the noise of a sensor is known.
+        """
         predictions = self.predictions(v)
         self.weigh(v)
         grams = {
@@ -453,7 +462,11 @@ class LeastSquares(Closing):
             rest = (whole - grams[sensor])[np.ix_(kept, kept)]
             return restricted_noise(channels, rest, self.noise[sensor], floor=self.floors[sensor])
 
-        self.noise = dict(zip(self.noise, self._pool.map(estimate, self.noise), strict=True))
+        found = {}
+        for sensor, level in zip(self.noise, self._pool.map(estimate, self.noise), strict=True):
+            found[sensor] = level
+            step()
+        self.noise = found
 
     def weigh(self, v: FloatArray) -> None:
         """Set the weights of the samples: less where stamps matter, and by the robust loss.

@@ -267,9 +267,8 @@ def remarks(found: Identification) -> list[str]:
     if contradicted := [name for name, e in ends.items() if (e.low, e.high) == e.range]:
         lines.append(f"the drives contradict the range: {', '.join(contradicted)}; so not shown")
     if not found.white:
-        names = _some([f"{t.drive} {t.channel}" for t in found.coloured])
         lines.append(
-            f"residuals are NOT white ({len(found.coloured)} of {len(found.whiteness)}: {names}): "
+            f"residuals are NOT white ({_least_white(found)}): "
             "the model lacks an effect or a sensor drifts. "
             "The intervals count it as drifting noise; they do not cover a wrong model"
         )
@@ -304,6 +303,16 @@ def remarks(found: Identification) -> list[str]:
             "less with --robust, or what the model lacks"
         )
     return lines + [_remark_on_held_out(held, found.level) for held in found.held_out]
+
+
+def _least_white(found: Identification) -> str:
+    """How many residuals are not white, and which is the farthest from it."""
+    coloured = found.coloured
+    worst = max(coloured, key=lambda test: test.statistic / test.lags)
+    count = f"{len(coloured)} of {len(found.whiteness)}"
+    if len(coloured) == 1:
+        return f"{count}: {worst.drive} {worst.channel}"
+    return f"{count}, least of all {worst.drive} {worst.channel}; all: identification.json"
 
 
 def _contradictions(found: Identification | ManyDrives) -> list[str]:
