@@ -249,7 +249,9 @@ class Campaign:
         return Enough(plan, known, self.request.targets, self.request.tolerance)
 
     def identify(
-        self, read: Callable[[Path, Vehicle], MeasuredDrive] = read_measured_drive
+        self,
+        read: Callable[[Path, Vehicle], MeasuredDrive] = read_measured_drive,
+        progress: Progress | None = None,
     ) -> dict[str, Knowledge]:
         """Identify from all bags, unless that is done, and return what is known now.
 
@@ -257,6 +259,8 @@ class Campaign:
         ----------
         read : callable
             Reads a bag's drive for a vehicle.
+        progress : callable, optional
+            As that of `parameter_identification.identification.identify`.
         """
         step = self.steps[-1]
         if step.identification is None:
@@ -269,6 +273,7 @@ class Campaign:
                 effects=request.effects,
                 weighed=request.weighed,
                 seed=request.seed,
+                progress=progress,
             )
             identified = dataclasses.replace(
                 step,

@@ -253,7 +253,9 @@ def _step(
     console.print(f"drive {number}: {step.maneuver} ({values}) for {step.target}", highlight=False)
     with progress_bar(f"driving {step.maneuver}, ms") as progress:
         campaign.drive(drive, progress, stop_early=stop_early)
-    known, driven = campaign.identify(), campaign.steps[-1].duration
+    with progress_bar("identifying") as progress:
+        known = campaign.identify(progress=progress)
+    driven = campaign.steps[-1].duration
     if driven < step.duration - TICK:  # the bag's is rounded
         console.print(
             f"  ended early, after {driven:.1f} of {step.duration:.1f} s: every target seemed known"
