@@ -199,8 +199,8 @@ def files_page() -> str:
             "# Files\n\nFiles are read as untrusted input: every field is checked, and nothing in "
             "them is run. Units are SI.\n\n## Plan\n\n",
             f"`plan.json`, schema {plan.SCHEMA}, at most {plan.MAX_BYTES // 1_000_000} MB. Besides "
-            "the fields below it has `schema` and `id`: twelve digits of a hash of commands and "
-            "reference, which detects changes.\n\n",
+            "the fields below it has `schema`, `id` (twelve digits of a hash of commands and "
+            "reference) and `checksum`, of all fields: a plan that was changed is refused.\n\n",
             _fields(plan.Plan),
             "\nThe fields of `noise` stand beside the others, not in an object of their own:\n\n",
             _fields(MeasurementNoise),

@@ -45,6 +45,19 @@ def test_what_is_loaded_is_saved_as_it_was(plan, tmp_path):
     assert first.read_bytes() == second.read_bytes()
 
 
+def test_a_plan_that_was_only_laid_out_anew_is_the_same(plan, tmp_path):
+    file = tmp_path / "plan.json"
+    save_plan(plan, file)
+    document = json.loads(file.read_text(), parse_float=_whole_where_it_is)
+    file.write_text(json.dumps(document, indent=2, sort_keys=True))
+    assert load_plan(file).checksum == plan.checksum
+
+
+def _whole_where_it_is(text):
+    number = float(text)
+    return int(number) if number.is_integer() else number  # as jq and JavaScript write it
+
+
 def test_the_noise_stands_beside_the_other_fields(plan, tmp_path):
     save_plan(plan, tmp_path / "plan.json")
     document = json.loads((tmp_path / "plan.json").read_text())
@@ -100,6 +113,9 @@ def _with(document, value, *path):
         (lambda d: _with(d, [[1, 2, 3]], "path"), "path must be a list of finite numbers"),
         (lambda d: _without(d, "reference", "yaw"), "reference: lacks `yaw`"),
         (lambda d: _with(d, 0.5, "commands", "speed", 7), "changed after planning"),
+        (lambda d: _with(d, 3.5, "operation", "radius"), "changed after planning"),
+        (lambda d: _with(d, [0.1, 1e9], "ranges", "radius"), "changed after planning"),
+        (lambda d: _without(d, "checksum"), "changed after planning"),
         (lambda d: _with(d, {}, "main", "cornering_stiffness"), r"main.*: lacks `value`"),
         (lambda d: _with(d, {"x": [[1, 2]], "cost": []}, "search"), "search: cost must be a list"),
     ],

@@ -164,6 +164,8 @@ class Plan:
     constants : mapping of str to float
         Constants of the vehicle that shape the commands: one that differs in them is another
         vehicle (see `excitation_planner.planning.check_vehicle`).
+    parts : mapping of str to str
+        Laws of the vehicle's parts: with another law it is another vehicle, too.
     tyre_radius : float
         Radius of the rear wheel [m].
     software : str
@@ -229,6 +231,7 @@ class Plan:
     vehicle: str
     vehicle_hash: str
     constants: Mapping[str, float]
+    parts: Mapping[str, str]
     tyre_radius: float
     software: str
     commands: Commands
@@ -290,6 +293,12 @@ class Plan:
         return content.hexdigest()[:12]
 
     @property
+    def checksum(self) -> str:
+        """Sixteen hexadecimal digits that change with any field."""
+        content = json.dumps(encode(self), sort_keys=True)
+        return hashlib.sha256(content.encode()).hexdigest()[:16]
+
+    @property
     def space(self) -> tuple[float, float, float]:
         """Room that the drive needs [m]: along and across the start heading, and to stop besides.
 
@@ -329,7 +338,7 @@ def save_plan(plan: Plan, path: Path) -> None:
     OSError
         If it cannot be written.
     """
-    document: dict[str, Any] = {"schema": SCHEMA, "id": plan.id}
+    document: dict[str, Any] = {"schema": SCHEMA, "id": plan.id, "checksum": plan.checksum}
     for name, value in encode(plan).items():
         document |= value if name == "noise" else {name: value}
     write_whole(path, json.dumps(document))
@@ -366,6 +375,9 @@ def load_plan(path: Path) -> Plan:
     except CommandsError as error:
         raise PlanError(f"{where}: commands: {error}") from error
     plan = replace(plan, commands=commands)
-    if document.get("id") != plan.id:
-        raise PlanError(f"{where}: commands or reference were changed after planning (id differs)")
+    if (document.get("id"), document.get("checksum")) != (plan.id, plan.checksum):
+        raise PlanError(
+            f"{where}: was changed after planning (checksum differs): its parts belong together, "
+            "plan again"
+        )
     return plan

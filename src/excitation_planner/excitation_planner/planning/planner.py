@@ -38,7 +38,7 @@ from excitation_planner.planning.replay import (
     replayed_errors,
 )
 from excitation_planner.planning.request import PlanRequest
-from excitation_planner.planning.shaping import shaping_constants
+from excitation_planner.planning.shaping import laws_of, shaping_constants
 from tricycle_core import __version__
 from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray, Progress
@@ -407,6 +407,7 @@ def _plans(
                 vehicle=vehicle.name,
                 vehicle_hash=vehicle.fingerprint,
                 constants=shaping_constants(vehicle),
+                parts=laws_of(vehicle),
                 tyre_radius=vehicle.driven_radius,
                 software=__version__,
                 commands=run.commands,

@@ -1,8 +1,8 @@
-"""Which vehicle a plan is for: the constants that shape its commands.
+"""Which vehicle a plan is for: the laws of its parts, and the constants that shape its commands.
 
 A plan holds commands that were found with one vehicle. Where another one differs in geometry,
 mass, steering or limits, they drive another path and may not be feasible. What drives identify, and
-effects such as tyres and losses, may differ: the drive is there to find them.
+constants such as those of tyres and losses, may differ: the drive is there to find them.
 """
 
 from math import isclose
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from tricycle_core.errors import PlanError
 from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.registry import PARTS, law_name, tyre_name
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
@@ -37,6 +38,21 @@ def shaping_constants(vehicle: Vehicle) -> dict[str, float]:
         for name, value in vehicle.values.items()
         if name.rpartition(".")[2] in SHAPING and name not in vehicle.unknown
     }
+
+
+def laws_of(vehicle: Vehicle) -> dict[str, str]:
+    """Return the law of each part; of tyres by wheel, where they differ.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Has the parts.
+    """
+    tyres = {f"{w.name}.tyre": tyre_name(w, vehicle.parts) for w in vehicle.wheels}
+    if len(set(tyres.values())) == 1:
+        tyres = {"tyre": next(iter(tyres.values()))}
+    others = (part for part in PARTS if part != "tyre")
+    return tyres | {part: law_name(part, vehicle.wheels, vehicle.parts) for part in others}
 
 
 def check_motor(vehicle: Vehicle) -> None:
@@ -72,10 +88,15 @@ def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
     Raises
     ------
     PlanError
-        Names the constants with both values.
+        Names the laws and constants with both values.
     """
-    here = shaping_constants(vehicle)
+    here, laws = shaping_constants(vehicle), laws_of(vehicle)
     differing = [
+        f"parts.{part} {law} instead of {laws.get(part, 'several')}"
+        for part, law in plan.parts.items()
+        if laws.get(part) != law
+    ]
+    differing += [
         f"{name} {planned:.6g} instead of {here[name]:.6g}"
         if name in here
         else f"{name} {planned:.6g}, which it does not have"
