@@ -1,13 +1,19 @@
 """The command line: a user's mistake is one line on stderr and status 2, never a traceback."""
 
+import os
 import re
+import shlex
 import subprocess
 import sys
 from importlib import resources
+from pathlib import Path
 
 import pytest
 
-from tricycle_cli.main import COMMANDS, main
+from tricycle_cli.main import COMMANDS, main, parser
+
+README = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+COMMANDS_OF_README = re.findall(r"^ +(?:\$ )?\.venv/bin/tricycle (.*)$", README, re.M)
 
 
 @pytest.fixture(autouse=True)
@@ -37,6 +43,8 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
         ("plan --noise-std -inf", "noise_std = -inf m must be from 0 to 10"),
         ("plan --samples 3", "samples = 3"),
         ("plan --vehicle nowhere.yaml", "nowhere.yaml"),
+        ("plan --vehicle cargo_tadpole", "tricycle_sim/cargo_tadpole.yaml meant?"),
+        ("plan --vehicle car_1_10.yaml", "tricycle_sim/car_1_10.yaml meant?"),
         (
             "import a.csv --columns m.yaml --output not_a_plan.json/bag",
             "json is a file; a folder is",
@@ -133,3 +141,21 @@ def test_a_library_that_is_missing_is_one_line_with_its_extra(tmp_path, library,
     (line,) = ended.stderr.splitlines()
     assert line.endswith(f"needs {library}: pip install 'tricycle-excitation[{extra}]'")
     assert set(tmp_path.iterdir()) == before
+
+
+def test_a_terminal_of_another_character_set_gets_what_it_can_show():
+    code = "import sys; from tricycle_cli.main import main; sys.exit(main())"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "campaign", "--help"],
+        env=os.environ | {"PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert b"NAME[,NAME?]" in done.stdout
+
+
+@pytest.mark.parametrize("line", COMMANDS_OF_README)
+def test_the_readme_s_commands_need_no_more_arguments(line):
+    arguments = shlex.split(line)
+    assert callable(parser(arguments[:1]).parse_args(arguments).run)

@@ -1,5 +1,6 @@
 """Documents are complete or not there, and what does not fit is refused with its place."""
 
+import errno
 import json
 import math
 from collections.abc import Mapping
@@ -22,7 +23,7 @@ from tricycle_core.documents import (
     replacing,
     write_whole,
 )
-from tricycle_core.errors import ExcitationError, PlanError
+from tricycle_core.errors import ExcitationError, PlanError, message_of
 from tricycle_core.quantities import FloatArray
 
 
@@ -161,6 +162,19 @@ def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path):
     assert path.read_text() == "old"
     write_whole(path, b"new")
     assert path.read_bytes() == b"new"
+
+
+def test_a_full_disk_is_told_with_the_file_that_was_wanted(tmp_path):
+    path = tmp_path / "table.csv"
+
+    def fill():
+        with replacing(path):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(OSError, match="No space left") as error:
+        fill()
+    assert message_of(error.value) == f"{path}: No space left on device"
+    assert error.value.errno == errno.ENOSPC
 
 
 @pytest.mark.parametrize(

@@ -26,3 +26,7 @@ def test_a_users_mistake_is_a_value_error_and_an_infeasible_maneuver_is_none():
 def test_a_message_of_several_lines_is_one_printable_line():
     error = ValueError("while parsing\n  a block\x1b[31m")
     assert errors.message_of(error) == "while parsing a block [31m"
+
+
+def test_an_error_of_the_system_is_told_without_its_number():
+    assert errors.message_of(OSError(28, "No space left on device")) == "No space left on device"

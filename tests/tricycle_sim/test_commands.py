@@ -91,6 +91,13 @@ def test_bad_files_get_one_line_naming_row_and_column(tmp_path, text, message):
     assert message in str(error.value)
 
 
+def test_a_plan_is_no_table(tmp_path):
+    path = tmp_path / "plan.json"
+    path.write_text('{"schema": 3, "commands": {}}')
+    with pytest.raises(CommandsError, match=r"is JSON, not a table .* driven by `tricycle drive`"):
+        load_commands(path)
+
+
 def test_a_binary_file_is_no_csv(tmp_path):
     path = tmp_path / "c.csv"
     path.write_bytes(b"\xff\xfe\x00\x81")

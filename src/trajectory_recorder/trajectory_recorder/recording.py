@@ -246,8 +246,12 @@ class Recording:
             raise BagError(f"already recording {self._bag.path}: stop it first")
         if not output:
             raise BagError("the parameter output is empty: set it to the directory of the bag")
+        path = Path(output).absolute()
+        there = next(folder for folder in path.parents if folder.exists())
+        if scarce := self._scarce(shutil.disk_usage(there).free):
+            raise BagError(f"{path}: {scarce}")
         bag = BagWriter(
-            Path(output).absolute(),
+            path,
             compression=self._settings.compression,
             split_size=self._settings.split_size,
             split_duration=self._settings.split_duration,
@@ -324,17 +328,22 @@ class Recording:
         """Bring to the disk what was written, or end the recording where the disk is full."""
         if self._bag is None:
             return
-        reserve = self._settings.disk_reserve
         try:
             self._disk_free = shutil.disk_usage(self._bag.path).free
-            if self._disk_free >= reserve:
+            reason = self._scarce(self._disk_free)
+            if not reason:
                 self._bag.flush()
                 return
-            left = f"{self._disk_free / 1e6:.0f} MB of disk left"
-            reason = f"{left}, disk_reserve is {reserve / 1e6:.0f} MB"
         except OSError as error:
             reason = f"{self._bag.path}: {error.strerror or error}"
         self._fail(reason)
+
+    def _scarce(self, free: int) -> str:
+        """How much less is free than has to be left; empty where there is enough."""
+        reserve = self._settings.disk_reserve
+        if free >= reserve:
+            return ""
+        return f"{free / 1e6:.0f} MB of disk left, disk_reserve is {reserve / 1e6:.0f} MB"
 
     def status(self, patterns: Sequence[str]) -> Status:
         """Return how the recorder is; rates are those since the call before.

@@ -3,6 +3,7 @@
 import argparse
 import atexit
 import gc
+import io
 import logging
 import re
 import signal
@@ -149,6 +150,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:  # the process is ours
         gc.set_threshold(50_000)  # imports make many objects, and hardly any garbage
         atexit.register(gc.freeze)  # what is left at the end need not be looked through
+        for stream in (sys.stdout, sys.stderr):  # of a locale without Greek, for example
+            if isinstance(stream, io.TextIOWrapper):
+                stream.reconfigure(errors="replace")
     words = sys.argv[1:] if argv is None else list(argv)
     logging.basicConfig(format="%(message)s")
     logging.getLogger("tricycle_sim").setLevel(logging.INFO)  # says when it compiles the vehicle

@@ -90,6 +90,10 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         yield partial
         partial.replace(path)
+    except OSError as error:
+        if error.errno is not None and error.filename in (None, str(partial)):
+            raise OSError(error.errno, error.strerror, str(path)) from error  # as the disk is full
+        raise
     finally:
         partial.unlink(missing_ok=True)
 

@@ -90,9 +90,10 @@ def message_of(error: BaseException) -> str:
     'plan.json: No such file or directory'
     """
     text = str(error)
-    if isinstance(error, OSError) and error.filename and error.strerror:
+    if isinstance(error, OSError) and error.strerror:
         folder = isinstance(error, IsADirectoryError)
-        text = f"{error.filename}: {'is a folder; a file is needed' if folder else error.strerror}"
+        text = "is a folder; a file is needed" if folder else error.strerror
+        text = f"{error.filename}: {text}" if error.filename else text
     text = " ".join(line.strip() for line in text.splitlines())
     # what files say of themselves may hold terminal escapes
     return "".join(c if c.isprintable() else " " for c in text)

@@ -113,6 +113,11 @@ def load_commands(path: Path) -> Commands:
         If the file cannot be read.
     """
     content = read_bounded(path, MAX_BYTES, "a file of commands", CommandsError)
+    if content.lstrip().startswith(b"{"):
+        raise CommandsError(
+            f"{path}: is JSON, not a table (CSV) with the header {','.join(COLUMNS)}; a plan is "
+            "driven by `tricycle drive`"
+        )
     try:
         text = io.StringIO(content.decode("utf-8-sig"), newline="")
         separator = separator_of(text.readline())

@@ -45,3 +45,11 @@ def test_a_vehicle_of_another_law_alone_is_another_one(parts, message):
         check_vehicle(plan_of(vehicle), other)
     same = dataclasses.replace(vehicle, parts={"tyre": "linear"})  # as it is without
     check_vehicle(plan_of(vehicle), same)
+
+
+def test_of_many_differences_the_first_are_named():
+    vehicle = load_vehicle()
+    cargo = load_vehicle(files("tricycle_sim") / "cargo_tadpole.yaml")
+    with pytest.raises(PlanError, match=r"mass 48\.3 .* and \d+ more; plan") as error:
+        check_vehicle(plan_of(vehicle), cargo)
+    assert str(error.value).count(" instead of ") <= 4

@@ -137,7 +137,7 @@ def test_a_steering_map_bends_to_either_side_of_its_own() -> None:
 
 BAD_TABLES = {
     "text": (("0,0,0,0,0,,", "1,abc,0,0,0,,"), r"row 2: px: needs a number, not 'abc'"),
-    "cells": (("0,0,0",), r"row 1: has 3 cells, the header 7"),
+    "cells": (("0,0,0",), r"row 1: has 3 cells, the header 7; it is the last one"),
     "back": (("1,0,0,0,0,,", "0,0,0,0,0,,"), r"t: goes back by 1 s at row 2"),
     "empty": ((), r"needs two different times"),
     "no poses": (("0,,0,0,0,,", "1,,0,0,0,,"), r"no two rows have x, y, yaw"),

@@ -37,7 +37,7 @@ def test_only_a_drive_that_has_ended_early_is_said_to(driven, early):
     campaign.request = SimpleNamespace(targets=())
     campaign.plan = campaign.drive = lambda *_, **__: None
 
-    def identify():
+    def identify(progress):
         campaign.steps = [SimpleNamespace(duration=driven)]
         return {}
 

@@ -17,6 +17,7 @@ from tricycle_cli.reports.tables import (
     plan_table,
     prediction_table,
     remarks,
+    table_console,
 )
 
 
@@ -151,3 +152,11 @@ def test_residuals_that_are_not_white_are_counted_and_the_least_white_is_named()
 
     assert told(1).startswith("residuals are NOT white (1 of 1: w 0 x): the model")
     assert "(30 of 30, least of all w 6 x; all: identification.json)" in told(30)
+
+
+def test_numbers_are_whole_in_a_narrow_terminal(plan, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "40")
+    table_console().print(plan_table(plan))
+    text = capsys.readouterr().out
+    assert "…" not in text.replace(" … ", "")
+    assert all(f"{index.value:.4f}" in text for index in plan.main.values())

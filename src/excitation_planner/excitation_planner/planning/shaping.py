@@ -24,6 +24,9 @@ SHAPING = (
 )
 """Constants, of a vehicle, an axle or a wheel, on which the commands depend."""
 
+TOLD = 4
+"""Differences that are named; another vehicle altogether has dozens."""
+
 
 def shaping_constants(vehicle: Vehicle) -> dict[str, float]:
     """Return the constants that shape commands, by name; those that are unknown do not.
@@ -92,11 +95,6 @@ def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
     """
     here, laws = shaping_constants(vehicle), laws_of(vehicle)
     differing = [
-        f"parts.{part} {law} instead of {laws.get(part, 'several')}"
-        for part, law in plan.parts.items()
-        if laws.get(part) != law
-    ]
-    differing += [
         f"{name} {planned:.6g} instead of {here[name]:.6g}"
         if name in here
         else f"{name} {planned:.6g}, which it does not have"
@@ -104,8 +102,14 @@ def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:
         if name not in vehicle.unknown
         and not (name in here and isclose(planned, here[name], rel_tol=1e-9))
     ]
+    differing += [
+        f"parts.{part} {law} instead of {laws.get(part, 'several')}"
+        for part, law in plan.parts.items()
+        if laws.get(part) != law
+    ]
     if differing:
+        more = f" and {len(differing) - TOLD} more" if len(differing) > TOLD else ""
         raise PlanError(
             f"plan {plan.id} is for another vehicle ({plan.vehicle}) than {vehicle.name}: "
-            f"{', '.join(differing)}; plan again for this vehicle"
+            f"{', '.join(differing[:TOLD])}{more}; plan again for this vehicle"
         )

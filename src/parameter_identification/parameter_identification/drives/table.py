@@ -432,8 +432,10 @@ def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
     table = {heading: np.empty(len(lines) - 1) for heading in headings}
     for row, line in enumerate(lines[1:], start=1):
         if len(line) != len(header):
+            last = row == len(lines) - 1 and len(line) < len(header)
+            cut = "; it is the last one: if the recording was cut off, delete it" if last else ""
             raise IdentificationError(
-                f"{path}: row {row}: has {len(line)} cells, the header {len(header)}"
+                f"{path}: row {row}: has {len(line)} cells, the header {len(header)}{cut}"
             )
         for heading, place in at.items():
             cell = line[place].strip()

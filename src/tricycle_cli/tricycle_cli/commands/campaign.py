@@ -83,7 +83,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="5%",
         help="half width of the 95 %% interval, as a share of the estimate",
     )
-    add("--output", type=Path, required=True, metavar="DIR", help="the campaign's folder")
+    add(
+        "--output",
+        type=Path,
+        default=Path("out/campaign"),
+        metavar="DIR",
+        help="the campaign's folder (default: %(default)s)",
+    )
     maneuver = add("--maneuver", default="circle,double_lane_change", metavar="NAME[,NAME…]")
 
     def describe() -> None:
@@ -148,6 +154,7 @@ def run(args: argparse.Namespace) -> int:
         plot_yard,
     )
     from tricycle_cli.operation.session import hidden_truth
+    from tricycle_cli.reports.tables import table_console
 
     check_installed("rclpy", "a campaign")
     vehicle = load_vehicle(args.vehicle)
@@ -185,7 +192,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(report))
     else:
-        Console().print(table)
+        table_console().print(table)
     missing = campaign.missing()
     console.print(
         f"{len(campaign.steps)} drives, {report['driving_seconds']:.0f} s; "

@@ -107,8 +107,6 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
-
     from excitation_planner.design.noise import SIMULATED
     from parameter_identification.drives.measured import measured_drive
     from parameter_identification.drives.recorded import read_drive
@@ -119,7 +117,12 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import run_page
     from tricycle_cli.reports.static_figures import plot_drives
-    from tricycle_cli.reports.tables import drives_table, parameter_table, remarks
+    from tricycle_cli.reports.tables import (
+        drives_table,
+        parameter_table,
+        remarks,
+        table_console,
+    )
     from tricycle_sim.plc.simulated_uno import check_build
 
     check_installed("rclpy", "a demo")
@@ -165,7 +168,7 @@ def run(args: argparse.Namespace) -> int:
     write_whole(output / "report.html", run_page(results, vehicle=vehicle))
     if args.json:
         print(json.dumps(result))
-    console = Console(stderr=args.json, highlight=False)
+    console = table_console(stderr=args.json)
     console.print(drives_table(args.target, plans, expected, judgements))
     for name, plan in plans.items():
         if plan.verdict:

@@ -132,12 +132,10 @@ def run(args: argparse.Namespace) -> int:
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    from rich.console import Console
-
     from parameter_identification.fleet import identify_fleet
     from trajectory_recorder.bag.location import find_bags
     from tricycle_cli.reports.fleet_page import FILES, save_fleet
-    from tricycle_cli.reports.tables import population_table, remarks_on_fleet
+    from tricycle_cli.reports.tables import population_table, remarks_on_fleet, table_console
     from tricycle_core.documents import check_folder
     from tricycle_sim.effects import named_effects
 
@@ -169,8 +167,7 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=stack.enter_context(progress_bar("reading drives, fitting vehicles")),
         )
-    console = Console(stderr=args.json, highlight=False)
-    console.width = max(console.width, TABLE_WIDTH)
+    console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(population_table(fleet))
     for remark in remarks_on_fleet(fleet):
         console.print(remark, soft_wrap=True)

@@ -157,8 +157,6 @@ def run(args: argparse.Namespace) -> int:
     _refuse_what_has_no_effect(args)
     if args.drive_by_drive is not None:
         return _drive_by_drive(args)
-    from rich.console import Console
-
     from parameter_identification.drives.measured import Input, Sensor
     from parameter_identification.estimation.inputs import Inputs
     from parameter_identification.estimation.model import Simulator
@@ -166,7 +164,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import FILES, save_identification
-    from tricycle_cli.reports.tables import parameter_table, remarks
+    from tricycle_cli.reports.tables import parameter_table, remarks, table_console
     from tricycle_sim.vehicle.batch import CommandedBatch
 
     if args.output is not None:
@@ -205,8 +203,7 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         )
-    console = Console(stderr=args.json, highlight=False)
-    console.width = max(console.width, TABLE_WIDTH)
+    console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(parameter_table(found))
     for remark in (*remarks(found), *remarks_on_tables):
         console.print(remark, soft_wrap=True)
@@ -245,13 +242,11 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    from rich.console import Console
-
     from parameter_identification.estimation.model import restrict
     from parameter_identification.identification_file import document_of_many
     from parameter_identification.identified_vehicle import identified_vehicle
     from parameter_identification.many_drives import identify_many
-    from tricycle_cli.reports.tables import parameter_table, remarks_on_many
+    from tricycle_cli.reports.tables import parameter_table, remarks_on_many, table_console
 
     others = {
         "--columns": args.columns,
@@ -284,7 +279,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=progress,
         ).only(asked.unknown)
-    console = Console(stderr=args.json, highlight=False)
+    console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(parameter_table(found))
     for remark in remarks_on_many(found):
         console.print(remark, soft_wrap=True)

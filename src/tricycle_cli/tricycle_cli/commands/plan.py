@@ -119,10 +119,8 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
-
     from excitation_planner.plan import load_plan, save_plan
-    from tricycle_cli.reports.tables import plan_table, prediction_table
+    from tricycle_cli.reports.tables import plan_table, prediction_table, table_console
 
     check_installed("matplotlib", "the figure of a plan")
     if args.show:
@@ -145,10 +143,10 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(_as_json(first) | {"others": [_as_json(plan) for plan in others]}))
     else:
-        console = Console(highlight=False)
+        console = table_console()
         for plan in plans.values():
             console.print(plan_table(plan))
-            console.print(_summary(plan))
+            console.print(_summary(plan), soft_wrap=True)
         if first.predicted_std:
             console.print(prediction_table(first))
             console.print(f"if these measure it: {first.noise}", soft_wrap=True)
@@ -156,9 +154,9 @@ def run(args: argparse.Namespace) -> int:
                 console.print(
                     f"counted as not known either: {', '.join(first.effects)}", soft_wrap=True
                 )
-        console.print(_search_summary(first))
+        console.print(_search_summary(first), soft_wrap=True)
         if first.verdict:
-            console.print(first.verdict)
+            console.print(first.verdict, soft_wrap=True)
     from tricycle_cli.reports.static_figures import plot_plan
 
     for file, plan in plans.items():

@@ -8,6 +8,7 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
 
 from parameter_identification.drives.measured import Input
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
 """Of the table of identified parameters."""
 
+NARROWEST = 80
+"""Characters of a table: in a narrower terminal its lines are folded, but its numbers are whole."""
+
 MOST_MEMBERS = 12  # of a list that are printed
 MONTH = 30.0  # days, for which changes are shown
 CONTRADICTING = 2.0
@@ -39,6 +43,21 @@ OFTEN_OUTSIDE = 0.15  # of a drive more than expected: its samples err together
 
 MUCH_FRICTION = 0.5
 """Share of a tyre's friction above which its stiffness depends on the law that it is given."""
+
+
+def table_console(*, stderr: bool = False, width: int = NARROWEST) -> Console:
+    """Return what prints tables without cutting their cells.
+
+    Parameters
+    ----------
+    stderr : bool
+        Whether it prints there.
+    width : int
+        Least width [characters].
+    """
+    console = Console(stderr=stderr, highlight=False)
+    console.width = max(console.width, width)
+    return console
 
 
 def plan_table(plan: Plan) -> Table:

@@ -75,8 +75,11 @@ def vehicle_document(path: Path | None = None) -> Any:
     OSError
         If the file cannot be read.
     """
+    packaged = Path(str(resources.files("tricycle_sim")))
     if path is None:
-        path = Path(str(resources.files("tricycle_sim") / "tricycle.yaml"))
+        path = packaged / "tricycle.yaml"
+    elif not path.exists() and (packaged / f"{path.stem}.yaml").exists():
+        raise VehicleError(f"{path}: no such file; is {packaged / f'{path.stem}.yaml'} meant?")
     return parse_yaml(
         read_bounded(path, MAX_BYTES, "a vehicle file", VehicleError), str(path), VehicleError
     )
