@@ -1,6 +1,8 @@
 """A pty as a serial device: publishing, full lines, unplugging."""
 
 import os
+import subprocess
+import sys
 
 import pytest
 import serial
@@ -42,6 +44,26 @@ def test_a_file_in_the_place_of_the_link_is_kept(tmp_path):
     with pytest.raises(LinkError, match="plc is no link to a serial device: it is not replaced"):
         PtyPort(tmp_path / "plc")
     assert (tmp_path / "plc").read_text() == "precious"
+
+
+def test_the_device_of_another_simulation_is_kept_until_that_is_gone(tmp_path):
+    code = (
+        "import sys; from tricycle_sim.plc.pty_port import PtyPort\n"
+        "port = PtyPort(sys.argv[1]); print(port.path, flush=True); sys.stdin.read()"
+    )
+    link = tmp_path / "steer"
+    with subprocess.Popen(
+        [sys.executable, "-c", code, link], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout.readline().strip() == str(link)
+        device = link.readlink()
+        with pytest.raises(LinkError, match="steer is the serial device of another simulation"):
+            PtyPort(link)
+        assert link.readlink() == device
+        other.kill()
+    assert link.is_symlink()  # as a kill leaves it
+    with PtyPort(link) as port:
+        assert port.path.exists()
 
 
 def test_a_port_survives_that_no_host_is_there(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import tty
 from pathlib import Path
@@ -34,13 +35,18 @@ class PtyPort(Closing):
     Raises
     ------
     LinkError
-        If something else than a symbolic link is at `link`.
+        If something else than a symbolic link is at `link`, or that of another process that lives.
     """
 
     def __init__(self, link: str | os.PathLike[str] | None = None) -> None:
         self._link = None if link is None else Path(link)
         if self._link is not None and self._link.exists() and not self._link.is_symlink():
             raise LinkError(f"{self._link} is no link to a serial device: it is not replaced")
+        if self._link is not None and _is_served(self._link):
+            raise LinkError(
+                f"{self._link} is the serial device of another simulation: end that one, or choose "
+                "another path"
+            )
         self.dropped = 0
         self.plug()
 
@@ -58,6 +64,7 @@ class PtyPort(Closing):
         self._controller, self._terminal = os.openpty()
         # The terminal's end stays open here: without one the controller reads EIO.
         tty.setraw(self._terminal)
+        fcntl.lockf(self._terminal, fcntl.LOCK_EX)  # not flock, by which a host locks its port
         os.set_blocking(self._controller, False)
         self._device = Path(os.ttyname(self._terminal))
         self.plugged = True
@@ -103,3 +110,18 @@ class PtyPort(Closing):
             self.dropped += 1
             return False
         return True
+
+
+def _is_served(link: Path) -> bool:
+    """Whether a link leads to a pty that another process serves; one that was killed leaves it."""
+    try:
+        device = os.open(link, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    except OSError:
+        return False
+    try:
+        fcntl.lockf(device, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(device)
+    return False
