@@ -7,7 +7,11 @@ import yaml
 from found_identification import FOUND
 
 from parameter_identification.estimation.results import EffectEstimate
-from parameter_identification.identified_vehicle import identified_vehicle
+from parameter_identification.identified_vehicle import (
+    identified_vehicle,
+    kind_of_drives,
+    named_drives,
+)
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -39,12 +43,25 @@ def test_a_range_is_never_widened(tmp_path):
 
 
 def test_entries_name_their_source():
-    text = identified_vehicle(FOUND, None, bags=["monday", "tuesday"])
+    (fit,) = FOUND.drives
+    days = tuple(dataclasses.replace(fit, name=day) for day in ("monday", "tuesday"))
+    text = identified_vehicle(dataclasses.replace(FOUND, drives=days), None)
     assert text.startswith("# tricycle with parameters identified from monday, tuesday")
     entry = yaml.safe_load(text)["constants"]["cornering_stiffness"]
     assert entry["basis"] == "data"
     assert "identified from monday, tuesday: 95 % interval 590 to 611" in entry["about"]
     assert "not shown by first" in identified_vehicle(FOUND, None)
+
+
+def test_windows_are_told_as_windows_of_their_tables():
+    (fit,) = FOUND.drives
+    fits = [dataclasses.replace(fit, name=f"lap {i} s", recording="lap.csv") for i in range(20)]
+    windows = dataclasses.replace(FOUND, drives=tuple(fits))
+    assert named_drives(windows) == "20 windows of lap.csv"
+    assert kind_of_drives(windows) == "windows"
+    mixed = dataclasses.replace(FOUND, drives=(*fits, fit))
+    assert named_drives(mixed) == "21 drives"
+    assert "identified from 20 windows of lap.csv" in identified_vehicle(windows, None)
 
 
 def test_doubts_about_the_model_are_in_the_entries():

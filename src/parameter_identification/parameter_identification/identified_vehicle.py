@@ -1,6 +1,5 @@
 """Vehicle files with the estimates of an identification."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import yaml
@@ -14,20 +13,39 @@ NAMED = 6  # drives that a line has room for
 RANGE = 3.0  # standard deviations either side that the file leaves possible
 
 
-def named(drives: Sequence[str]) -> str:
-    """Return the names of drives in a row, or their number where there are many.
+def kind_of_drives(found: Identification | ManyDrives) -> str:
+    """Return what the drives are: windows where all are of a recording.
 
     Parameters
     ----------
-    drives : sequence of str
-        Their names.
+    found : Identification or ManyDrives
+        What was identified.
     """
-    return ", ".join(drives) if len(drives) <= NAMED else f"{len(drives)} drives"
+    return "windows" if all(_recordings(found)) else "drives"
 
 
-def identified_vehicle(
-    found: Identification | ManyDrives, source: Path | None, *, bags: Sequence[str] = ()
-) -> str:
+def named_drives(found: Identification | ManyDrives) -> str:
+    """Return the names of the drives in a row; where there are many, their number.
+
+    Parameters
+    ----------
+    found : Identification or ManyDrives
+        What was identified.
+    """
+    names, recordings = [drive.name for drive in found.drives], _recordings(found)
+    if len(names) <= NAMED:
+        return ", ".join(names)
+    of = f" of {', '.join(recordings)}" if all(recordings) and len(recordings) <= NAMED else ""
+    return f"{len(names)} {kind_of_drives(found)}{of}"
+
+
+def _recordings(found: Identification | ManyDrives) -> list[str]:
+    """Names of the recordings that the drives are windows of; one is empty if one is none."""
+    of_drives = found.drives if isinstance(found, Identification) else ()
+    return list(dict.fromkeys(drive.recording for drive in of_drives)) or [""]
+
+
+def identified_vehicle(found: Identification | ManyDrives, source: Path | None) -> str:
     """Return the text of a vehicle file with the estimates.
 
     Parameters that the drives show get their estimate as nominal value and as range three standard
@@ -40,11 +58,9 @@ def identified_vehicle(
         Result for that vehicle.
     source : Path or None
         Its file; None: the packaged tricycle.
-    bags : sequence of str, optional
-        That the estimates come from. Default: the names of the drives, or their number.
     """
     document = vehicle_document(source)
-    where = named(bags or [drive.name for drive in found.drives])
+    where = named_drives(found)
     doubt = ""
     if not found.white:
         doubt = ", but the residuals are not white: the model lacks something or a sensor drifts"

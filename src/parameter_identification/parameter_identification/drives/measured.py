@@ -207,6 +207,8 @@ class MeasuredDrive:
         Standard deviation of it [m/s].
     turn_std : float
         Standard deviation of the curvature that the commanded steering gives [1/m].
+    recording : str
+        Name of the recording that it is a window of; empty: a drive of its own.
 
     Raises
     ------
@@ -226,6 +228,7 @@ class MeasuredDrive:
     speed: FloatArray | None = None
     speed_std: float = 0.0
     turn_std: float = 0.0
+    recording: str = ""
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:

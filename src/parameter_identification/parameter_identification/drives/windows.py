@@ -377,6 +377,7 @@ def _drive(
         StartPose(speed=float(speed[0])),
         speed=speed if recorded is None else None,
         speed_std=motion.speed_std,
+        recording=recording.name,
     )
 
 

@@ -190,6 +190,8 @@ class DriveFit:
         Of the m samples; below 1 where errors of their stamps or the robust loss reduce it.
     lack : Lack, optional
         What the model lacks along the drive.
+    recording : str
+        As of a `MeasuredDrive`.
     """
 
     name: str
@@ -198,6 +200,7 @@ class DriveFit:
     after: Mapping[Sensor, Prediction]
     weights: Mapping[Sensor, FloatArray]
     lack: Lack | None = None
+    recording: str = ""
 
 
 @dataclass(frozen=True)

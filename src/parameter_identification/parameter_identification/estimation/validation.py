@@ -62,6 +62,7 @@ def fits_of_drives(
                 after={p.sensor: p for p in after},
                 weights=problem.weights(drive),
                 lack=_lack(problem, optimum, drive, after),
+                recording=model.drive.recording,
             )
         )
     return tuple(fits)

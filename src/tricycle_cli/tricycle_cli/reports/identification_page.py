@@ -11,7 +11,11 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
-from parameter_identification.identified_vehicle import identified_vehicle, named
+from parameter_identification.identified_vehicle import (
+    identified_vehicle,
+    kind_of_drives,
+    named_drives,
+)
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, remarks
 from tricycle_core.documents import replacing, write_whole
@@ -229,7 +233,8 @@ def identification_page(found: Identification) -> str:
         caption="Ljung-Box test of the residuals; p is missing where a sensor's steps are coarser",
     )
     drawn = len(drawn_drives(found))
-    few = "" if drawn == len(found.drives) else f"; of {len(found.drives)} drives the worst {drawn}"
+    count = f"{len(found.drives)} {kind_of_drives(found)}"
+    few = "" if drawn == len(found.drives) else f"; of {count} the worst {drawn}"
     sections = [
         Section(
             "Parameters", (TableBlock(*_without_empty(parameter_rows(found))), *remarks(found))
@@ -256,8 +261,8 @@ def identification_page(found: Identification) -> str:
     if any(drive.lack is not None for drive in found.drives):
         block = _block(lack_figure(found), LACK)
         sections.insert(-1, Section("What the model lacks", (block,)))
-    drives = named([drive.name for drive in found.drives])
-    return html_page(f"Identified from {drives}", sections, subtitle=f"vehicle {found.vehicle}")
+    title = f"Identified from {named_drives(found)}"
+    return html_page(title, sections, subtitle=f"vehicle {found.vehicle}")
 
 
 def _without_empty(
@@ -304,9 +309,7 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         If something cannot be written.
     """
     texts = {
-        "vehicle.yaml": identified_vehicle(
-            found, vehicle_file, bags=[drive.name for drive in found.drives]
-        ),
+        "vehicle.yaml": identified_vehicle(found, vehicle_file),
         "report.html": identification_page(found),
     }
     figures = {

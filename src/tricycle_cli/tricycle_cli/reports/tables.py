@@ -233,10 +233,10 @@ def parameter_table(
         Hidden true values; default: those that the bags hold.
     """
     rows = parameter_rows(found, truth)
-    from parameter_identification.identified_vehicle import named  # with SciPy; judging needs none
+    # with SciPy, which judging does without
+    from parameter_identification.identified_vehicle import named_drives
 
-    drives = named([drive.name for drive in found.drives])
-    title = f"identified from {drives}; {100 * found.level:g} % intervals"
+    title = f"identified from {named_drives(found)}; {100 * found.level:g} % intervals"
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("parameter, range", no_wrap=True)  # below each other: it fits 80 columns
     for heading in ("estimate ± 1σ", "interval", "truth" if any(row[-1] for row in rows) else ""):
@@ -254,8 +254,11 @@ def remarks(found: Identification) -> list[str]:
     found : Identification
         What `identify` found.
     """
+    from parameter_identification.identified_vehicle import kind_of_drives
+
+    drives = kind_of_drives(found)
     lines = [
-        f"not shown by these drives: {combination} "
+        f"not shown by these {drives}: {combination} "
         f"({combination.remaining:.0%} of its prior deviation is left)"
         for combination in found.hidden
     ]
@@ -277,21 +280,21 @@ def remarks(found: Identification) -> list[str]:
     }
     if not any(found.identifiable.values()):
         cure = "the model contradicts them" if ends else "drive longer, or other maneuvers"
-        lines.append(f"these drives show none of the parameters: {cure}")
+        lines.append(f"these {drives} show none of the parameters: {cure}")
     if ends:
         lines.append(
             f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
             "model lacks something"
         )
     if contradicted := [name for name, e in ends.items() if (e.low, e.high) == e.range]:
-        lines.append(f"the drives contradict the range: {', '.join(contradicted)}; so not shown")
+        lines.append(f"the {drives} contradict the range: {', '.join(contradicted)}; so not shown")
     if not found.white:
         lines.append(
             f"residuals are NOT white ({_least_white(found)}): "
             "the model lacks an effect or a sensor drifts. "
             "The intervals count it as drifting noise; they do not cover a wrong model"
         )
-    lines += _contradictions(found)
+    lines += _contradictions(found, drives)
     if found.deviations:
         names = ", ".join(effect.name for effect in found.deviations)
         lines.append(
@@ -334,12 +337,12 @@ def _least_white(found: Identification) -> str:
     return f"{count}, least of all {worst.drive} {worst.channel}; all: identification.json"
 
 
-def _contradictions(found: Identification | ManyDrives) -> list[str]:
+def _contradictions(found: Identification | ManyDrives, drives: str) -> list[str]:
     """A line where drives disagree."""
     if not found.scatter > CONTRADICTING:
         return []
     return [
-        f"the drives contradict each other: they scatter up to {found.scatter:.1f} times as "
+        f"the {drives} contradict each other: they scatter up to {found.scatter:.1f} times as "
         "much as their noise. The intervals count the scatter, not what errs alike in all"
     ]
 
@@ -390,7 +393,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
             f"residuals of {found.not_white} of {len(found.drives)} drives are NOT white: the "
             "model lacks an effect or a sensor drifts. More drives do not mend that"
         )
-    lines += _contradictions(found)
+    lines += _contradictions(found, "drives")
     lines += [f"beside them: {effect}" for effect in found.effects]
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
