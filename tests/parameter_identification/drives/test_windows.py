@@ -24,6 +24,7 @@ from parameter_identification.drives.windows import (
     Windows,
     estimate_map,
     read_windows,
+    select_windows,
     windows_of,
 )
 from parameter_identification.identification import identify
@@ -220,6 +221,30 @@ def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
         estimate_map(still, VEHICLE)
 
 
+def test_what_is_left_out_is_counted_by_its_reason(
+    tmp_path: Path, columns: Columns, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = read_recording(table(tmp_path / "whole.csv"), columns)
+    gap = read_recording(
+        table(tmp_path / "gap.csv", lambda rows: rows.__delitem__(slice(600, 620))), columns
+    )
+    steering = columns.steering_map
+    assert not isinstance(steering, str)
+    ask = Windows(length=1.0, every=0.5, above=1.2)
+    selection = select_windows(whole, VEHICLE, steering, ask)
+    assert str(selection) == "1 slower than 1.2 m/s"  # as it begins, after a standstill
+    names = [drive.name for drive in windows_of(whole, VEHICLE, steering, ask)]
+    assert [drive.name for drive in selection.drives] == names
+    lost = select_windows(gap, VEHICLE, steering, ask)
+    (reason,) = lost.left_out.keys() - selection.left_out.keys()
+    assert reason.startswith("with a gap of the poses")
+    around = (0.4 + 1.0 + RUN_IN) / 0.5  # windows that it is in, or in what leads into them
+    assert around - 2 <= lost.left_out[reason] <= around + 2
+    monkeypatch.setattr("parameter_identification.drives.windows.MAX_SPEED", 1.4)
+    with pytest.raises(IdentificationError, match=r"left out: .*\d+ faster than 1\.4 m/s"):
+        select_windows(whole, VEHICLE, steering, ask)
+
+
 @pytest.mark.slow
 def test_the_commands_identify_a_table_and_a_bag_of_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -229,7 +254,9 @@ def test_the_commands_identify_a_table_and_a_bag_of_it(
     ask = ["--parameters", "cornering_stiffness,camber_stiffness", "--json"]
     assert main(["identify", str(drive), "--columns", str(columns), "--window", "4", *ask]) == 0
     printed = capsys.readouterr()
-    assert re.search(r"drive\.csv: \d windows of 4 s are \d+ of its \d+ s; the others", printed.err)
+    assert re.search(
+        r"drive\.csv: \d windows of 4 s are \d+ of its \d+ s; left out of", printed.err
+    )
     windows = json.loads(printed.out)["parameters"]
     bag = tmp_path / "bag"
     assert main(["import", str(drive), "--columns", str(columns), "--output", str(bag)]) == 0

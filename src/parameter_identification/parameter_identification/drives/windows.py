@@ -8,6 +8,7 @@ nominal vehicle has the speed of the measured pose.
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,6 +96,27 @@ class Windows:
     def __post_init__(self) -> None:
         if not (0 < self.length < math.inf and 0 < self.every < math.inf and self.above > 0):
             raise IdentificationError("windows: length, every and above must be positive")
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What a recording is used for.
+
+    Attributes
+    ----------
+    drives : tuple of MeasuredDrive
+        Its windows.
+    left_out : mapping of str to int
+        By reason, how many windows were left out of those that could begin on the grid, outside of
+        those that are used.
+    """
+
+    drives: tuple[MeasuredDrive, ...]
+    left_out: Mapping[str, int]
+
+    def __str__(self) -> str:
+        reasons = (f"{number} {reason}" for reason, number in self.left_out.items())
+        return ", ".join(reasons) or "none"
 
 
 def estimate_map(recording: Recording, vehicle: Vehicle) -> SteeringMap:
@@ -256,7 +278,34 @@ def windows_of(
     steering: SteeringMap,
     windows: Windows | None = None,
 ) -> list[MeasuredDrive]:
-    """Return the windows of a recording as drives.
+    """Return the windows of a recording as drives: those of `select_windows`.
+
+    Parameters
+    ----------
+    recording : Recording
+        From `read_recording`.
+    vehicle : Vehicle
+        That drove.
+    steering : SteeringMap
+        From the recording's steering to the angle of the steering motor.
+    windows : Windows, optional
+        Which.
+
+    Raises
+    ------
+    IdentificationError
+        If there is none.
+    """
+    return [*select_windows(recording, vehicle, steering, windows).drives]
+
+
+def select_windows(
+    recording: Recording,
+    vehicle: Vehicle,
+    steering: SteeringMap,
+    windows: Windows | None = None,
+) -> Selection:
+    """Return the windows of a recording as drives, and how many were left out, and why.
 
     Their times begin with the run-in; the signals are those of the window. Windows with a gap in
     the poses, a jump of them or commands beyond what the model takes are left out.
@@ -282,22 +331,29 @@ def windows_of(
     angle, turn_std = _setpoints(recording, motion, vehicle, steering)
     check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
     found = []
+    left_out: Counter[str] = Counter()
     signals = _signals(recording, vehicle)
     lead = round(_run_in(recording, vehicle) / TICK)
-    for first in _beginnings(recording, motion, windows, lead):
+    for first, reason in _beginnings(recording, motion, windows, lead):
         rows = slice(first - lead, first + round(windows.length / TICK) + 1)
-        if np.abs(angle[rows]).max() <= STEERING_END_STOP:
+        if reason:
+            left_out[reason] += 1
+        elif np.abs(angle[rows]).max() > STEERING_END_STOP:
+            left_out["steered beyond the end stop"] += 1
+        else:
             drive = _drive(recording, signals, vehicle, motion, angle, rows, lead)
             found.append(dataclasses.replace(drive, turn_std=turn_std))
+    selection = Selection(tuple(found), left_out)
     if not found:
         raise IdentificationError(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
             f"the first pose or later, at more than {windows.above:g} m/s, without a gap or jump "
-            "of the poses: choose a shorter length or a lower speed; or are the units wrong? In "
-            f"the mean, the poses come every {np.mean(np.diff(recording.time)):.3g} s and move at "
+            f"of the poses (left out: {selection}): choose a shorter length or a lower speed; or "
+            "are the units wrong? In the mean, "
+            f"the poses come every {np.mean(np.diff(recording.time)):.3g} s and move at "
             f"{np.mean(np.abs(motion.speed)):.3g} m/s"
         )
-    return found
+    return selection
 
 
 def _run_in(recording: Recording, vehicle: Vehicle) -> float:
@@ -312,23 +368,38 @@ def _run_in(recording: Recording, vehicle: Vehicle) -> float:
     return RUN_IN + (SETTLED * vehicle.speed_gain_proportional / integral if integral else 0.0)
 
 
-def _beginnings(recording: Recording, motion: Motion, windows: Windows, lead: int) -> Iterator[int]:
-    """Ticks at which windows begin, `lead` ticks after the drive that leads into them."""
+def _beginnings(
+    recording: Recording, motion: Motion, windows: Windows, lead: int
+) -> Iterator[tuple[int, str]]:
+    """Ticks at which windows could begin, `lead` ticks after the drive that leads into them.
+
+    With the reason why one is left out, empty where it is not; ticks of the windows before are not
+    among them.
+    """
     length = round(windows.length / TICK)
     gaps = np.diff(recording.time) > MAX_GAP
     lost = np.zeros(len(motion.time), dtype=bool)
     for begin, end in zip(recording.time[:-1][gaps], recording.time[1:][gaps], strict=True):
         lost |= (motion.time > begin) & (motion.time < end)
-    lost |= np.abs(motion.jolt) > JUMP
-    lost |= motion.missed > max(MISSED * float(np.median(motion.missed)), LEAST_MISSED)
-    unusable = np.append(0, np.cumsum(lost | (np.abs(motion.speed) > MAX_SPEED)))
+    jump = np.abs(motion.jolt) > JUMP
+    jump |= motion.missed > max(MISSED * float(np.median(motion.missed)), LEAST_MISSED)
+    reasons = {
+        f"faster than {MAX_SPEED:g} m/s": np.abs(motion.speed) > MAX_SPEED,
+        f"with a gap of the poses of more than {MAX_GAP:g} s": lost,
+        "with a jump of the poses or a kink of the speed": jump,
+    }
     step, free = max(1, round(windows.every / TICK)), 0
     for first in range(0, len(motion.time) - length, step):
         last = first + (0 if windows.overlapping else length)
-        if first < max(lead, free) or not motion.speed[first : last + 1].min() > windows.above:
+        if first < max(lead, free):
             continue
-        if unusable[first + length + 1] == unusable[first - lead]:
-            yield first
+        if not motion.speed[first : last + 1].min() > windows.above:
+            yield first, f"slower than {windows.above:g} m/s"
+            continue
+        rows = slice(first - lead, first + length + 1)
+        reason = next((reason for reason, there in reasons.items() if there[rows].any()), "")
+        yield first, reason
+        if not reason:
             free = 0 if windows.overlapping else first + length + 1
 
 

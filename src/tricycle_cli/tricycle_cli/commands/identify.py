@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from trajectory_recorder.bag.location import is_remote
-from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_cli.arguments import (
     BAG_HELP,
     add_effects_option,
@@ -33,7 +32,7 @@ from tricycle_sim.vehicle import load_vehicle
 if TYPE_CHECKING:
     from parameter_identification.drives.measured import MeasuredDrive
     from parameter_identification.drives.table import Recording
-    from parameter_identification.drives.windows import Windows
+    from parameter_identification.drives.windows import Selection, Windows
     from tricycle_sim.vehicle import Vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
@@ -318,7 +317,7 @@ def _reader(
     """Return what reads a bag as one drive, a table as several; it adds how much of a table."""
     from parameter_identification.drives.measured import read_measured_drive
     from parameter_identification.drives.table import load_columns, read_recording
-    from parameter_identification.drives.windows import Windows, steering_of, windows_of
+    from parameter_identification.drives.windows import Windows, select_windows, steering_of
 
     topics = topics_of(args)
     asked = {"length": args.window, "every": args.every, "above": args.above}
@@ -335,18 +334,19 @@ def _reader(
                 f"{path}: a table needs --columns, the mapping of its columns"
             )
         recording = read_recording(path, columns, vehicle)
-        drives = windows_of(recording, vehicle, steering_of(recording, vehicle, columns), windows)
-        remarks.append(_used(recording, len(drives), windows))
-        return drives
+        steering = steering_of(recording, vehicle, columns)
+        selection = select_windows(recording, vehicle, steering, windows)
+        remarks.append(_used(recording, selection, windows))
+        return [*selection.drives]
 
     return read
 
 
-def _used(recording: Recording, count: int, windows: Windows) -> str:
-    """How much of a table the windows are."""
-    used, whole = count * windows.length, recording.time[-1] - recording.time[0]
+def _used(recording: Recording, selection: Selection, windows: Windows) -> str:
+    """How much of a table the windows are, and what is left out."""
+    count, whole = len(selection.drives), recording.time[-1] - recording.time[0]
     return (
-        f"{recording.name}: {count} windows of {windows.length:g} s are {used:.3g} of its "
-        f"{whole:.3g} s; the others are slower than {windows.above:g} m/s or faster than "
-        f"{MAX_SPEED:g} m/s, lead into a window, or have gaps or jumps of the poses"
+        f"{recording.name}: {count} windows of {windows.length:g} s are "
+        f"{count * windows.length:.3g} of its {whole:.3g} s; left out of those that could begin "
+        f"every {windows.every:g} s beside them: {selection}"
     )
