@@ -70,3 +70,16 @@ def test_a_start_that_comes_too_soon_is_tried_again_until_the_vehicle_rests():
     answers[:] = ["the vehicle is not armed"]
     with pytest.raises(NodeError, match="not armed"):
         operator._trigger_at_rest("maneuver_driver/start")
+
+
+def test_nodes_that_do_not_run_are_waited_for_aloud_and_with_the_domain(
+    ros_environment, monkeypatch, capfd
+):
+    monkeypatch.setattr(operator_node, "SILENCE_TIMEOUT", 0.3)
+    monkeypatch.setattr(operator_node, "TOLD", 0.1)
+    domain = int(ros_environment["ROS_DOMAIN_ID"])
+    operator = Operator(domain=domain, check=lambda: None, simulated=False)
+    message = f"a publisher of vehicle/state: .* run, with ROS_DOMAIN_ID {domain}"
+    with operator, pytest.raises(NodeError, match=message):
+        operator.publishers("vehicle/state")
+    assert "waits for a publisher of vehicle/state" in capfd.readouterr().err

@@ -36,6 +36,7 @@ SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answe
 REFUSED = 0.5  # s until a start is tried again that came too soon
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
+TOLD = 6.0  # s of wall time after which it says what it waits for
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 
 
@@ -125,7 +126,7 @@ class Operator(Closing):
         namespace: str = "",
     ) -> None:
         self._check = check
-        self._simulated = simulated
+        self._simulated, self._domain = simulated, domain
         self._context = rclpy.Context()
         rclpy.init(
             context=self._context,
@@ -292,7 +293,7 @@ class Operator(Closing):
         NodeError
             If nobody does.
         """
-        self._patience = SERVICE_TIMEOUT
+        self._patience = SILENCE_TIMEOUT  # it runs already, or never will
         found: set[str] = set()
 
         def anybody() -> bool:
@@ -301,7 +302,8 @@ class Operator(Closing):
             found.update(end.node_name for end in ends)
             return bool(found) and UNNAMED not in found
 
-        self._wait(anybody, f"a publisher of {topic}")
+        where = f"do the vehicle's nodes run, with ROS_DOMAIN_ID {self._domain}?"
+        self._wait(anybody, f"a publisher of {topic}: {where}")
         return found
 
     def parameters(self, node: str, names: Sequence[str]) -> dict[str, Any]:
@@ -472,9 +474,13 @@ class Operator(Closing):
         self._wait(lambda: clock.now().nanoseconds >= end, "the clock")
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
-        deadline = time.monotonic() + self._patience
+        begun = time.monotonic()
+        deadline, told = begun + self._patience, self._simulated  # what simulates says so itself
         while not condition():
             self._check()
+            if not told and time.monotonic() > begun + TOLD:
+                told = True
+                self._node.get_logger().info(f"waits for {what}")
             if time.monotonic() > deadline:
                 raise NodeError(f"waited {self._patience:.0f} s for {what}")
             with interrupts_held():
