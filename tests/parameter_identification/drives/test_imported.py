@@ -10,7 +10,7 @@ from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import Sensor, read_measured_drive
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
-from tricycle_core.errors import IdentificationError
+from tricycle_core.errors import IdentificationError, JudgeError
 
 ALL = {sensor: SensorNoise(1e-3, rate=50.0) for sensor in Sensor}
 
@@ -64,4 +64,13 @@ def test_speeds_made_from_the_poses_are_not_identified_from(drive, tmp_path):
     del recording.more["speed_command"]
     assert write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag") is not None
     with pytest.raises(IdentificationError, match="identify from the table"):
+        read_measured_drive(tmp_path / "bag", VEHICLE)
+
+
+def test_a_bag_without_a_start_names_the_table_to_identify_from(drive, tmp_path):
+    moving = driven(commands_of_pair()["lane"], noise=0.01, others=ALL.items())
+    assert write_bag(recording_of(moving), VEHICLE, SteeringMap(), tmp_path / "bag") is None
+    with pytest.raises(
+        JudgeError, match=r"begins while the vehicle moves; identify from the table"
+    ):
         read_measured_drive(tmp_path / "bag", VEHICLE)

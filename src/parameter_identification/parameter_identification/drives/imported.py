@@ -19,6 +19,7 @@ from parameter_identification.drives.measured import (
     Sensor,
 )
 from parameter_identification.drives.motion import motion_of
+from parameter_identification.drives.recorded import IMPORTED_FROM
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
 from parameter_identification.drives.windows import MEASURED, commands_of
@@ -115,7 +116,7 @@ def write_bag(
         rows += _driven(recording, vehicle, steering, start)
     rows.sort(key=lambda row: row[0])
     names = [name for name in KINDS if any(row[1] == name for row in rows)]
-    metadata = {"imported_from": recording.name}
+    metadata = {IMPORTED_FROM: recording.name}
     if "speed_command" not in recording.more:
         metadata[SPEED_SOURCE] = FROM_POSES
     with BagWriter(output, metadata=metadata) as bag:

@@ -35,6 +35,7 @@ from tricycle_sim.commands import Commands
 
 DURATION_TOLERANCE = 0.05  # s between the reference's end and the driver's
 COMMANDS_TOLERANCE = 1e-6  # rad and rad/s between a set-point planned and played
+IMPORTED_FROM = "imported_from"  # in the record of an imported bag: the name of its table
 PATH = "nav_msgs/msg/Path"
 IMU, JOINT_STATE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState"
 STATUS, DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray"
@@ -286,7 +287,10 @@ class _Collector:
         self.bag = reader.path
         self.reader = reader
         self.topics = topics
-        self.reference = self._name(topics.reference, "publish a plan before recording")
+        without = "publish a plan before recording"
+        if table := reader.metadata.get(IMPORTED_FROM):
+            without = f"{table} begins while the vehicle moves; identify from the table (--columns)"
+        self.reference = self._name(topics.reference, without)
         self.state = self._name(topics.state, "the drive's start event is recorded there")
         self.pose = self._name(topics.pose, "name the topic of the poses")
         self.commands = self._name(topics.commands)
