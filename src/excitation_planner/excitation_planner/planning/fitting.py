@@ -2,8 +2,8 @@
 
 The most informative maneuvers that fit lie at the limit of what does, and on a small area most of
 an operation box does not fit. Here a maneuver is judged by two vehicles, and its room is found by
-eight. Cost and shortage are interpolated between all maneuvers tried so far; tried next are the
-cheapest that should fit, at several distances from those.
+eight, unless enough others that fit are cheaper. Cost and shortage are interpolated between those
+tried so far; tried next are the cheapest that should fit, at several distances from them.
 
 Source: Regis (2014), Constrained optimization by radial basis function interpolation for
 high-dimensional expensive black-box problems with infeasible initial points; Regis and Shoemaker
@@ -73,8 +73,8 @@ DISTANCES = (0.3, 0.1, 0.03, 0.01)
 LEARNT = 3
 """Turns after which it is looked whether all vehicles of the ranges fit the best maneuver."""
 
-PATIENCE = 12
-"""Turns without a better maneuver after which the search ends."""
+PATIENCE = 1 / 3
+"""Share of the budget without a better maneuver after which the search ends."""
 
 BETTER = 0.01
 """Difference on the scale that is searched from which a maneuver is better."""
@@ -90,16 +90,22 @@ APART = 0.03
 class _Tried:
     """A maneuver that can be driven: point (l,) of the unit box, and what was found out about it.
 
-    The shortage is that of a rough tube, or where it is known not to fit that of all vehicles [m].
+    The shortage is that of a rough tube, or where it is known not to fit that of all vehicles [m];
+    NaN where the room was not looked for, infinite where one of a few vehicles cannot drive it.
     """
 
     u: FloatArray
     commands: Commands
     criterion: float  # its value
     cost: float  # that on the scale that is searched
-    place: Placement
-    shortage: float
+    shortage: float = math.nan
+    place: Placement | None = None
     fits: bool | None = None  # None: it is not known of all vehicles of the ranges
+
+    @property
+    def drivable(self) -> bool:
+        """As far as it is known."""
+        return self.shortage != math.inf
 
 
 @dataclass
@@ -165,16 +171,19 @@ class FittingSearch:
         for turn in itertools.count():
             for u in new:
                 self._try(u)
+            if turn == 0:  # the surrogate of the shortage needs some all over the box
+                list(filter(self._may_fit, self._found))
+            best = self._best()
             if progress is not None:
                 progress(self.simulations, budget)
-            best = next(filter(self._may_fit, self._by_cost()), None)
-            if best is not None and best.cost < least - BETTER:
-                least, since = best.cost, turn
-            if best is not None and turn % LEARNT == 0:
-                self._fits(best)
+            if best and best[0].cost < least - BETTER:
+                least, since = best[0].cost, self.simulations
+            if best and turn % LEARNT == 0:
+                self._fits(best[0])
             tried = len(self._points)
-            enough = self.simulations >= budget and tried >= FEWEST * dimensions
-            enough |= best is not None and turn - since >= PATIENCE
+            enough = self.simulations >= budget
+            enough |= bool(best) and self.simulations - since >= PATIENCE * budget
+            enough &= tried >= FEWEST * dimensions
             if enough or tried >= MOST or not len(new := self._next(rng)):
                 break
         chosen = list[FloatArray]()
@@ -186,13 +195,14 @@ class FittingSearch:
     def history(self) -> tuple[FloatArray, FloatArray]:
         """Return operation parameters (s, l) and criterion (s,) of all maneuvers tried so far.
 
-        The criterion, of a few vehicles, is infinite where a maneuver cannot be driven or does not
-        fit.
+        The criterion, of a few vehicles, is infinite where a maneuver cannot be driven or is known
+        not to fit.
         """
-        fit = [one is not None and self._may_fit(one) for one in self._tried]
-        values = [one.criterion if one is not None else np.inf for one in self._tried]
         points = np.array(self._points).reshape(-1, len(self.family.operation))
-        return self.family.operation.from_unit(points), np.where(fit, values, np.inf)
+        values = [
+            math.inf if one is None or one.shortage > 0.0 else one.criterion for one in self._tried
+        ]
+        return self.family.operation.from_unit(points), np.array(values)
 
     def _next(self, rng: np.random.Generator) -> FloatArray:
         """Points (b, l) to be tried next."""
@@ -201,24 +211,27 @@ class FittingSearch:
 
         dimensions = len(self.family.operation)
         found = self._found
-        U = np.array([one.u for one in found]).reshape(-1, dimensions)
+        placed = [one for one in found if math.isfinite(one.shortage)]
+        U, Z = (
+            np.array([one.u for one in some]).reshape(-1, dimensions) for some in (found, placed)
+        )
         random = rng.random((CANDIDATES, dimensions))
-        if not len(U) or np.linalg.matrix_rank(U - U[0]) < dimensions:
+        if not len(Z) or np.linalg.matrix_rank(Z - Z[0]) < dimensions:
             return random[: len(DISTANCES)]
-        cost = np.array([one.cost for one in found])
-        shortage = np.array([self._lacks(one) for one in found])
-        best = U[_ranked(cost, shortage)[:STARTS]]
+        shortage = np.array([self._lacks(one) for one in placed])
+        best = Z[_ranked(np.array([one.cost for one in placed]), shortage)[:STARTS]]
         steps = rng.choice(STEPS, (CANDIDATES, 1)) * rng.standard_normal(random.shape)
         steps *= rng.random(random.shape) < MOVED
         beside = np.clip(best[rng.integers(len(best), size=CANDIDATES)] + steps, 0.0, 1.0)
         candidates = np.vstack([random, beside])
         distance = cdist(candidates, np.array(self._points), "chebyshev")
         # beside what cannot be driven there is more of it
-        drivable = np.array([one is not None for one in self._tried])
+        drivable = np.array([one is not None and one.drivable for one in self._tried])
         kept = drivable[np.argmin(distance, axis=1)]
         candidates, distance = candidates[kept], distance[kept].min(axis=1)
-        surrogates = RBFInterpolator(U, np.column_stack([cost, shortage]), kernel="cubic")
-        ranked = _ranked(*surrogates(candidates).T)
+        costs = RBFInterpolator(U, [one.cost for one in found], kernel="cubic")
+        shortages = RBFInterpolator(Z, shortage, kernel="cubic")
+        ranked = _ranked(costs(candidates), shortages(candidates))
         chosen = list[FloatArray]()
         for least in DISTANCES:
             far = ranked[distance[ranked] >= least]
@@ -228,7 +241,7 @@ class FittingSearch:
         return np.array(chosen).reshape(-1, dimensions)
 
     def _try(self, u: FloatArray) -> None:
-        """Judge the maneuver at a point (l,), and find its room."""
+        """Judge the maneuver at a point (l,)."""
         self._points.append(u)
         self._tried.append(self._judged(u))
 
@@ -238,19 +251,17 @@ class FittingSearch:
         try:
             x = self.family.operation.from_unit(u)
             commands = driven_commands(self.vehicle, self.family, x)
-            self.simulations += len(P) + LANES + 1  # one has tracked the path
+            self.simulations += len(P) + 1  # one has tracked the path
             Y = replayed(self.vehicle, commands, self.noise.channels, P, self.effects)
             beside = beside_parameters(self.effects)
             F = information(U, Y, self.noise.of_trajectory, beside)
-            if not np.isfinite(F).all():
-                return None
-            place = self.room.roughly_placed(self.vehicle, commands)
         except InfeasibleManeuver:
+            return None
+        if not np.isfinite(F).all():
             return None
         covariance = posterior_covariance(F, self.prior, beside)
         cost = float(information_costs(covariance, self.criterion, self.target).mean())
-        shortage = self.room.needed - place.clearance
-        return _Tried(u, commands, cost, self.criterion.search_scale(cost), place, shortage)
+        return _Tried(u, commands, cost, self.criterion.search_scale(cost))
 
     @cached_property
     def _draws(self) -> tuple[FloatArray, FloatArray]:
@@ -264,7 +275,7 @@ class FittingSearch:
     @property
     def _found(self) -> list[_Tried]:
         """Those that can be driven."""
-        return [one for one in self._tried if one is not None]
+        return [one for one in self._tried if one is not None and one.drivable]
 
     def _by_cost(self) -> list[_Tried]:
         return sorted(self._found, key=lambda one: one.cost)
@@ -273,13 +284,24 @@ class FittingSearch:
         """Shortage of all vehicles, as far as it is known [m]."""
         return one.shortage + (self._spread if one.fits is None else 0.0)
 
+    def _best(self) -> list[_Tried]:
+        """The cheapest that may fit: of dearer ones the room is not looked for."""
+        return list(itertools.islice(filter(self._may_fit, self._by_cost()), STARTS))
+
     def _may_fit(self, one: _Tried) -> bool:
+        if math.isnan(one.shortage):
+            self.simulations += LANES
+            try:
+                one.place = self.room.roughly_placed(self.vehicle, one.commands)
+                one.shortage = self.room.needed - one.place.clearance
+            except InfeasibleManeuver:
+                one.shortage = math.inf
         # whatever the spread: that of another maneuver may be larger
         return one.shortage <= 0.0
 
     def _fits(self, one: _Tried) -> bool:
         """Whether all vehicles of the ranges fit; where they do not, the spread is learnt."""
-        if one.fits is None and self._may_fit(one):
+        if one.fits is None and self._may_fit(one) and one.place is not None:
             self.simulations += VEHICLES
             try:
                 shortage = self.room.lacks(self.vehicle, one.commands, one.place)
