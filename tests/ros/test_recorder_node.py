@@ -297,6 +297,14 @@ def test_a_nearly_full_disk_stops_the_recording_with_a_diagnostic(  # type: igno
     assert "disk_reserve" in r.trigger("stop")[1]
 
 
+def test_a_nearly_full_disk_refuses_a_start(recorder, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    r = recorder(output=tmp_path / "bag", disk_reserve=1e6)
+    success, message = r.trigger("start")
+    assert not success
+    assert "disk_reserve is 1000000 MB" in message
+    assert not (tmp_path / "bag").exists()
+
+
 def test_a_recording_that_cannot_go_on_ends_the_node_where_that_is_wanted(  # type: ignore[no-untyped-def]
     recorder, tmp_path: Path
 ) -> None:

@@ -1,9 +1,7 @@
 """What a recording is made of: latched messages, losses, the disk, its state."""
 
 import os
-import shutil
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -124,22 +122,20 @@ def test_mistakes_are_named(recording: Recording, tmp_path: Path) -> None:
         recording.start(str(tmp_path / "bag"), 0)
 
 
-def test_a_disk_without_reserve_begins_no_bag(failures: list[str], tmp_path: Path) -> None:
-    recording = Recording(BagSettings(disk_reserve=1e18), failures.append)
-    with pytest.raises(BagError, match="MB of disk left, disk_reserve is 1000000000000 MB"):
-        recording.start(str(tmp_path / "deep" / "bag"), 0)
-    assert not (tmp_path / "deep").exists()
-    assert not failures
-
-
-def test_a_disk_without_reserve_ends_the_recording(
-    failures: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_a_disk_without_reserve_is_told_before_a_bag_is_begun(
+    failures: list[str], tmp_path: Path
 ) -> None:
     recording = Recording(BagSettings(disk_reserve=1e18), failures.append)
+    with pytest.raises(BagError, match="MB of disk left, disk_reserve is 1000000000000 MB"):
+        recording.check_room(str(tmp_path / "deep" / "bag"))
+    assert not (tmp_path / "deep").exists()
+    Recording(BagSettings(disk_reserve=1.0), failures.append).check_room(str(tmp_path / "bag"))
+
+
+def test_a_disk_without_reserve_ends_the_recording(failures: list[str], tmp_path: Path) -> None:
+    recording = Recording(BagSettings(disk_reserve=1e18), failures.append)
     source = recording.offer(topic("/odom"))
-    with monkeypatch.context() as patch:
-        patch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=2e18))
-        bag = recording.start(str(tmp_path / "bag"), 0)
+    bag = recording.start(str(tmp_path / "bag"), 0)
     recording.write(source, b"x", 1)
     recording.flush()
     (failure,) = failures

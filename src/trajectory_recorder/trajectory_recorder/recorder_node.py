@@ -94,7 +94,7 @@ class TrajectoryRecorder(Node):
         self._diagnostics = self.create_publisher(
             DiagnosticArray, "/diagnostics", **overridable(10)
         )
-        self.create_service(Trigger, "~/start", partial(self._serve, self.start))
+        self.create_service(Trigger, "~/start", partial(self._serve, self.start_with_room))
         self.create_service(Trigger, "~/stop", partial(self._serve, self.stop))
         self.create_service(Trigger, "~/pause", partial(self._serve, self.pause))
         self.create_service(Trigger, "~/resume", partial(self._serve, self.resume))
@@ -124,6 +124,17 @@ class TrajectoryRecorder(Node):
         self._drain_all()  # what waits is newer than the latched messages taken so far
         output = self.get_parameter("output").value
         return self.recording.start(output, self.get_clock().now().nanoseconds)
+
+    def start_with_room(self) -> Path:
+        """Begin a bag, unless it would end at once: who asks for it can make room.
+
+        Raises
+        ------
+        BagError
+            As `start`, or if less than the reserve of the disk is free.
+        """
+        self.recording.check_room(self.get_parameter("output").value)
+        return self.start()
 
     def stop(self) -> Path:
         """Take what has arrived and close the bag.

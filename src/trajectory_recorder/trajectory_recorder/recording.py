@@ -146,6 +146,24 @@ class Recording:
         self._reported = (0.0, 0, 0)  # s, messages, bytes
         self._disk_free = 0  # bytes
 
+    def check_room(self, output: str) -> None:
+        """Refuse a bag that would end at once, because less than the reserve is free.
+
+        Parameters
+        ----------
+        output : str
+            Directory of the bag.
+
+        Raises
+        ------
+        BagError
+            Says how much is free.
+        """
+        path = Path(output).absolute()
+        there = next(folder for folder in path.parents if folder.exists())
+        if scarce := self._scarce(shutil.disk_usage(there).free):
+            raise BagError(f"{path}: {scarce}")
+
     def start(self, output: str, stamp: int) -> Path:
         """Begin a bag with the latched messages received so far; return where it is.
 
@@ -246,12 +264,8 @@ class Recording:
             raise BagError(f"already recording {self._bag.path}: stop it first")
         if not output:
             raise BagError("the parameter output is empty: set it to the directory of the bag")
-        path = Path(output).absolute()
-        there = next(folder for folder in path.parents if folder.exists())
-        if scarce := self._scarce(shutil.disk_usage(there).free):
-            raise BagError(f"{path}: {scarce}")
         bag = BagWriter(
-            path,
+            Path(output).absolute(),
             compression=self._settings.compression,
             split_size=self._settings.split_size,
             split_duration=self._settings.split_duration,
