@@ -350,7 +350,7 @@ def test_a_truncated_bag_fails_with_the_fraction_matched(tmp_path: Path) -> None
     bag = Scene(deviation=sideways(0.2)).write(tmp_path / "bag", chunk_size=2000) / "bag_0.mcap"
     content = bag.read_bytes()
     bag.write_bytes(content[: len(content) // 2])
-    with pytest.raises(JudgeError, match=r"poses match \d\d\.\d% of the reference's 8.00 s"):
+    with pytest.raises(JudgeError, match=r"poses match \d\d\.\d% of the .* 8.00 s.*was cut off"):
         judge(bag)
     bag.write_bytes(content[:20])
     with pytest.raises(BagError, match="empty bag"):
