@@ -197,3 +197,16 @@ def test_a_folder_is_checked_before_it_is_made(tmp_path):
     (tmp_path / "taken").touch()
     with pytest.raises(ExcitationError, match="taken is a file; a folder is needed"):
         check_folder(tmp_path / "taken" / "deep")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"time,x,y\n0,1,2\n", "f: is not JSON but another kind of file"),
+        (b"", "f: is not JSON: it is empty"),
+        (b'{"schema": 3,', "f: is not JSON: Expecting property name"),
+    ],
+)
+def test_a_file_of_another_kind_is_told_as_one(content, message):
+    with pytest.raises(PlanError, match=message):
+        parse_json(content, "f", PlanError)

@@ -134,7 +134,10 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     except error:  # a ValueError, too
         raise
     except (ValueError, RecursionError) as problem:
-        raise error(f"{where}: is not JSON: {problem}") from problem
+        why = f": {problem}"
+        if isinstance(problem, json.JSONDecodeError) and problem.pos == 0:  # from its beginning on
+            why = " but another kind of file" if content.strip() else ": it is empty"
+        raise error(f"{where}: is not JSON{why}") from problem
 
 
 def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
