@@ -21,8 +21,9 @@ import numpy as np
 from held_intervals import Tally
 from identification import VEHICLE, draw
 
-from parameter_identification.drives.table import Columns
-from parameter_identification.drives.windows import read_windows
+from parameter_identification.drives.table import Columns, SteeringMap, read_recording
+from parameter_identification.drives.windows import Windows
+from parameter_identification.estimation.redrawn import Table, redraw_of
 from parameter_identification.identification import identify
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
@@ -67,8 +68,10 @@ def identified(seed, position, steering):
         path = Path(folder) / "drive.csv"
         rows = np.column_stack(list(columns.values()))
         np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=",".join(columns), comments="")
-        drives = read_windows(path, VEHICLE, Columns(**mapping, **{entry: entry}))
-    return truth, identify(drives, VEHICLE).parameters
+        recording = read_recording(path, Columns(**mapping, **{entry: entry}), VEHICLE)
+    table = Table(recording, VEHICLE, SteeringMap(), Windows())
+    redraw = redraw_of([table])
+    return truth, identify(table.drives(), VEHICLE, redraw=redraw, seed=seed).parameters
 
 
 def main():

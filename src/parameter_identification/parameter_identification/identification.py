@@ -32,6 +32,7 @@ from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.measured import Input, MeasuredDrive
+from parameter_identification.estimation.bootstrap import REPEATS, Redraw, bootstrap_deviations
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
@@ -100,6 +101,7 @@ def identify(
     starts: int = 4,
     level: float = 0.95,
     profiles: bool = False,
+    redraw: Redraw | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Identification:
@@ -138,9 +140,13 @@ def identify(
         Probability of the intervals.
     profiles : bool
         Whether intervals are those of the profile likelihood, which takes a few times as long. Not
-        from 10 drives on, or where a range is contradicted: linear intervals count that.
+        from 10 drives on, or where a range is contradicted: linear intervals count that. Nor with
+        `redraw`.
+    redraw : callable, optional
+        Gives the drives anew, for what errs alike in all of them before the fit: the intervals are
+        at least as wide as estimates from drives of a known vehicle scatter and err.
     seed : int
-        Of the starts.
+        Of the starts, and of what is redrawn.
     progress : callable, optional
         Called with the number of steps done and in all: fits, and estimates of a sensor's noise.
 
@@ -179,8 +185,9 @@ def identify(
         weighs = bool(weighed and problem.constant_effects())
         to_optimum = starts * bool(beside) + steps_to_optimum(problem, starts)
         to_profiles = to_optimum + weighs
-        maybe_profiled = profiles and not weighs and len(drives) < SCATTER
-        step = Steps(progress, to_profiles + len(shown) * maybe_profiled)
+        maybe_profiled = profiles and not weighs and len(drives) < SCATTER and redraw is None
+        to_end = to_profiles + len(shown) * maybe_profiled + REPEATS * (redraw is not None)
+        step = Steps(progress, to_end)
         near = None
         if beside:  # without effects a search takes a tenth of the time
             with LeastSquares(
@@ -196,15 +203,20 @@ def identify(
         if weighs:
             optimum, average, acts = weigh_effects(problem, optimum)
             step.pass_to(to_profiles)
-        doubt = doubt_of(problem, optimum, average)
+        least = None
+        if redraw is not None:
+            least = bootstrap_deviations(
+                problem, optimum, redraw, loss=loss, level=level, seed=seed, step=step
+            )
+        doubt = doubt_of(problem, optimum, average, least)
         by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}
         in_doubt = doubt.beyond.any() or not math.isnan(doubt.scatter)
-        profiled = profiles and average is None and not in_doubt
+        profiled = profiles and average is None and not in_doubt and redraw is None
         for i in shown if profiled else ():
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
-        step.pass_to(to_profiles + len(shown) * maybe_profiled)
+        step.pass_to(to_end)
         predictions = problem.predictions(optimum.fit.at)
         model = problem.models[0]
         return Identification(

@@ -5,7 +5,7 @@ Letters of shapes: `m` samples of a signal, `t` times of a motion.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -130,6 +130,25 @@ class SensedMotion:
             steering_motor_angle=t.steering_motor_angle[sample],
         )
 
+    def columns(self, sensor: Sensor) -> list[FloatArray]:
+        """Return what a sensor sees, each of shape (t,), in the frame of the motion.
+
+        Parameters
+        ----------
+        sensor : Sensor
+            Which; the list is empty where the motion lacks it.
+        """
+        seen: dict[Sensor, tuple[FloatArray | None, ...]] = {
+            Sensor.POSITION: (self.x, self.y),
+            Sensor.HEADING: (self.heading,),
+            Sensor.YAW_RATE: (self.yaw_rate,),
+            Sensor.WHEEL_SPEED: (self.wheel_speed,),
+            Sensor.WHEEL_SPEEDS: tuple(self.wheel_speeds.values()),
+            Sensor.LATERAL_ACCELERATION: (self.lateral_acceleration,),
+            Sensor.MOTOR_TORQUE: (self.motor_torque,),
+        }
+        return [column for column in seen[sensor] if column is not None]
+
 
 def measure(
     motion: SensedMotion,
@@ -176,21 +195,18 @@ def measure(
     """
     x0, y0, psi0 = pose
     c, s = math.cos(psi0), math.sin(psi0)
-    columns = {
-        Sensor.POSITION: (x0 + c * motion.x - s * motion.y, y0 + s * motion.x + c * motion.y),
-        Sensor.HEADING: (psi0 + motion.heading,),
-        Sensor.YAW_RATE: (motion.yaw_rate,),
-        Sensor.WHEEL_SPEED: (motion.wheel_speed,),
-        Sensor.WHEEL_SPEEDS: tuple(motion.wheel_speeds.values()),
-        Sensor.LATERAL_ACCELERATION: (motion.lateral_acceleration,),
-        Sensor.MOTOR_TORQUE: (motion.motor_torque,),
-    }
+    placed = replace(
+        motion,
+        x=x0 + c * motion.x - s * motion.y,
+        y=y0 + s * motion.x + c * motion.y,
+        heading=psi0 + motion.heading,
+    )
     signals = {}
     for sensor, model in noise.items():
         before = math.floor(standstill * model.rate)
         count = math.floor(motion.time[-1] * model.rate + 1e-9)
         time = np.arange(-before, count + 1) / model.rate
-        seen = [column for column in columns[sensor] if column is not None]
+        seen = placed.columns(sensor)
         if not seen:
             raise IdentificationError(f"{name}: the motion has no {sensor.value}")
         exact = [np.interp(time, motion.time, column) for column in seen]

@@ -220,12 +220,28 @@ def _followed(recording: Recording, steering: FloatArray, vehicle: Vehicle) -> F
     return steering if recording.steering_measured else servo_response(steering, vehicle)
 
 
-def _setpoints(
+def setpoints_of(
     recording: Recording, motion: Motion, vehicle: Vehicle, steering: SteeringMap
 ) -> tuple[FloatArray, float]:
-    """Set-points (t,) of the steering: those recorded, or those by which the angle was reached.
+    """Return set-points (t,) of the steering: those recorded, or those that give the angle [rad].
 
     With the standard deviation of the curvature that they give [1/m].
+
+    Parameters
+    ----------
+    recording : Recording
+        From `read_recording`.
+    motion : Motion
+        Its own.
+    vehicle : Vehicle
+        Its servo is used.
+    steering : SteeringMap
+        From the recording's steering to the angle of the steering motor.
+
+    Raises
+    ------
+    IdentificationError
+        If there are too few angles.
     """
     if not recording.steering_measured:
         return steering.angle(_steering(recording, motion)), 0.0
@@ -328,7 +344,7 @@ def select_windows(
     """
     windows = windows or Windows()
     motion = motion_of(recording)
-    angle, turn_std = _setpoints(recording, motion, vehicle, steering)
+    angle, turn_std = setpoints_of(recording, motion, vehicle, steering)
     check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
     found = []
     left_out: Counter[str] = Counter()
@@ -474,7 +490,7 @@ def commands_of(
         If they are beyond what the model takes.
     """
     motion = motion_of(recording)
-    angle, _ = _setpoints(recording, motion, vehicle, steering)
+    angle, _ = setpoints_of(recording, motion, vehicle, steering)
     rows = slice(int(np.searchsorted(motion.time, start)), len(motion.time))
     speed = _recorded_setpoints(recording, vehicle, motion, rows)
     if speed is None:

@@ -109,7 +109,12 @@ class Doubt:
     scatter: float
 
 
-def doubt_of(problem: LeastSquares, optimum: Optimum, average: Mixture | None) -> Doubt:
+def doubt_of(
+    problem: LeastSquares,
+    optimum: Optimum,
+    average: Mixture | None,
+    least: FloatArray | None = None,
+) -> Doubt:
     """Return what the intervals of a fit have to count beside the noise.
 
     Parameters
@@ -120,6 +125,8 @@ def doubt_of(problem: LeastSquares, optimum: Optimum, average: Mixture | None) -
         The fit; its covariance is that of the average where there is one.
     average : Mixture, optional
         Over models with and without effects.
+    least : ndarray of float, shape (k,), optional
+        Standard deviations that the parameters have at least.
     """
     at, k = optimum.fit.at, problem.k
     gram = problem.gram(at)
@@ -128,6 +135,9 @@ def doubt_of(problem: LeastSquares, optimum: Optimum, average: Mixture | None) -
     if len(problem.models) >= SCATTER:
         growth = grown(by_noise, problem.slopes(at), problem.common_information())
     factors = np.fmax(growth, 1.0)
+    if least is not None:
+        std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])
+        factors[:k] *= np.fmax(least / std, 1.0)
     covariance = optimum.covariance * np.outer(factors, factors)
     free, std = at - by_noise @ gram[:-1, -1], np.sqrt(np.diag(by_noise))
     if average is not None:

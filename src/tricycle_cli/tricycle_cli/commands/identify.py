@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from parameter_identification.drives.measured import MeasuredDrive
     from parameter_identification.drives.table import Recording
     from parameter_identification.drives.windows import Selection, Windows
+    from parameter_identification.estimation.redrawn import Table
     from tricycle_sim.vehicle import Vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
 EXACT = 1e-4  # m, noise of positions below which no sensor has told them
-SCATTERED = 4e-3  # m, from which intervals by a speed that is smoothed from them are too narrow
 
 MANY_FILES = "vehicle.yaml", "identification.json"
 """What it writes drive by drive."""
@@ -160,6 +160,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.estimation.inputs import Inputs
     from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
+    from parameter_identification.estimation.redrawn import SCATTERED, redraw_of
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import FILES, save_identification
@@ -176,7 +177,8 @@ def run(args: argparse.Namespace) -> int:
         simulator = FmuSimulator(args.fmu)
     vehicle = load_vehicle(args.vehicle)
     remarks_on_tables: list[str] = []
-    read, paths = _reader(args, vehicle, remarks_on_tables), [*args.drives, *args.held_out]
+    tables: dict[Path, Table] = {}
+    read, paths = _reader(args, vehicle, tables, remarks_on_tables), [*args.drives, *args.held_out]
     alike = len({path.stem for path in paths}) < len(paths)
     drives: list[list[MeasuredDrive]] = []
     with progress_bar("reading drives") as progress:
@@ -187,6 +189,9 @@ def run(args: argparse.Namespace) -> int:
             drives.append(own)
             progress(done, len(paths))
     used = list(chain.from_iterable(drives[: len(args.drives)]))
+    redraw = None
+    if args.fmu is None and all(drive.speed is not None for drive in used):
+        redraw = redraw_of([tables[path] for path in args.drives])
     with progress_bar("identifying") as progress:
         found = identify(
             used,
@@ -199,6 +204,7 @@ def run(args: argparse.Namespace) -> int:
             simulator=simulator,
             loss=Loss.ROBUST if args.robust else Loss.SQUARED,
             profiles=True,
+            redraw=redraw,
             seed=args.seed,
             progress=progress,
         )
@@ -221,11 +227,17 @@ def run(args: argparse.Namespace) -> int:
             "NOT count it; add the noise of a sensor",
             soft_wrap=True,
         )
-    if white > SCATTERED and any(drive.speed is not None for drive in used):
+    if redraw is not None or (white > SCATTERED and any(d.speed is not None for d in used)):
+        counted = (
+            "the intervals do NOT count where such tables are used with other drives or an FMU"
+            if redraw is None
+            else "the intervals count, by tables that were simulated and identified in the same way"
+        )
+        if redraw is not None and any(drive.turn_std > 0.0 for drive in used):
+            counted += ": with a measured steering angle, not all of it (page on recordings)"
         console.print(
             f"the positions scatter by {1e3 * white:.2g} mm, and the speed is smoothed from them: "
-            "what that takes off errs alike in all windows, and the intervals are too NARROW (the "
-            "page on recordings has by how much); record speed_command, or locate to millimetres",
+            f"what that errs by, alike in all windows, {counted}",
             soft_wrap=True,
         )
     if args.output is not None:
@@ -312,12 +324,16 @@ def _is_table(path: Path) -> bool:
 
 
 def _reader(
-    args: argparse.Namespace, vehicle: Vehicle, remarks: list[str]
+    args: argparse.Namespace, vehicle: Vehicle, tables: dict[Path, Table], remarks: list[str]
 ) -> Callable[[Path], list[MeasuredDrive]]:
-    """Return what reads a bag as one drive, a table as several; it adds how much of a table."""
+    """Return what reads a bag as one drive, a table as several.
+
+    It adds tables by their paths, and how much of them is used.
+    """
     from parameter_identification.drives.measured import read_measured_drive
     from parameter_identification.drives.table import load_columns, read_recording
     from parameter_identification.drives.windows import Windows, select_windows, steering_of
+    from parameter_identification.estimation.redrawn import Table
 
     topics = topics_of(args)
     asked = {"length": args.window, "every": args.every, "above": args.above}
@@ -337,6 +353,7 @@ def _reader(
         steering = steering_of(recording, vehicle, columns)
         selection = select_windows(recording, vehicle, steering, windows)
         remarks.append(_used(recording, selection, windows))
+        tables[path] = Table(recording, vehicle, steering, windows)
         return [*selection.drives]
 
     return read

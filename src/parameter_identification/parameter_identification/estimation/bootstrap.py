@@ -1,0 +1,84 @@
+"""How far estimates are from a vehicle that is known: the fitted one, measured and fitted again.
+
+What is done to measurements before the fit, such as a speed that is smoothed from positions, may
+err alike in all drives. No term of the fit counts that; drives that are simulated and treated alike
+show it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from scipy.special import ndtri, stdtrit
+
+from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.noise import NoiseLevel
+from parameter_identification.estimation.optimum import Optimum
+from parameter_identification.estimation.problem import LeastSquares, Loss
+from tricycle_core.quantities import FloatArray
+
+REPEATS = 8
+
+Redraw = Callable[
+    [Mapping[str, float], Mapping[Sensor, NoiseLevel], np.random.Generator],
+    Sequence[MeasuredDrive],
+]
+"""Drives as a vehicle with such parameters and sensors could have given them."""
+
+
+def bootstrap_deviations(
+    problem: LeastSquares,
+    optimum: Optimum,
+    redraw: Redraw,
+    *,
+    loss: Loss,
+    level: float,
+    seed: int,
+    step: Callable[[], None],
+) -> FloatArray:
+    """Return the standard deviations (k,) that give intervals of a level, by repeating the fit.
+
+    They are of the estimates around the parameters that the drives were redrawn with, their common
+    error included, and larger by as much as few repeats tell them badly (Student's t).
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        With the noise of the fit.
+    optimum : Optimum
+        The fit.
+    redraw : callable
+        Gives drives anew.
+    loss : Loss
+        Of the residuals.
+    level : float
+        Probability of the intervals.
+    seed : int
+        Of the noise.
+    step : callable
+        Called after each repeat.
+
+    References
+    ----------
+    B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, section 6.5.
+    """
+    like, at = problem.models[0], optimum.fit.at
+    names = like.vehicle.unknown
+    parameters = dict(zip(names, like.parameters(at[: problem.k]).tolist(), strict=True))
+    errors = np.empty((REPEATS, problem.k))
+    for repeat in range(REPEATS):
+        models = [
+            DriveModel(like.vehicle, drive, like.effects, like.simulator, measured=like.measured)
+            for drive in redraw(parameters, problem.noise, np.random.default_rng([seed, repeat]))
+        ]
+        with LeastSquares(models, problem.mean, problem.information, loss) as again:
+            again.noise |= problem.noise
+            again.set_sizes(problem.sizes())
+            start = np.append(at[: problem.k], np.zeros(again.n - problem.k))
+            found = again.minimise(start).at
+            gram = again.gram(found)  # a range cuts off an estimate, not what errs
+            found = found - np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
+            errors[repeat] = found[: problem.k] - at[: problem.k]
+        step()
+    few = stdtrit(REPEATS, 0.5 + 0.5 * level) / ndtri(0.5 + 0.5 * level)
+    return np.asarray(few * np.sqrt(np.mean(errors**2, axis=0)))

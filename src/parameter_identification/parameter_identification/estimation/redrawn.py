@@ -1,0 +1,145 @@
+"""Tables as they would come again: the vehicle of a fit drives them, and the sensors err anew."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.drives.motion import motion_of
+from parameter_identification.drives.samples import Samples
+from parameter_identification.drives.simulated import SensedMotion, SensorNoise
+from parameter_identification.drives.smoothing import smooth
+from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
+from parameter_identification.drives.windows import MEASURED, Windows, setpoints_of, windows_of
+from parameter_identification.estimation.bootstrap import Redraw
+from parameter_identification.estimation.noise import NoiseLevel
+from tricycle_bridge.protocol.limits import MAX_SPEED, STEERING_END_STOP
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.commands import Commands
+from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.batch import simulate
+
+SCATTERED = 4e-3  # m, from which it matters what a speed errs by that is smoothed from positions
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A recording without set-points of the speed, and how its windows are taken.
+
+    Attributes
+    ----------
+    recording : Recording
+        From `read_recording`.
+    vehicle : Vehicle
+        Whose parameters are identified.
+    steering : SteeringMap
+        From the recording's steering to the angle of the steering motor.
+    windows : Windows
+        Which.
+    """
+
+    recording: Recording
+    vehicle: Vehicle
+    steering: SteeringMap
+    windows: Windows
+
+    def drives(self) -> list[MeasuredDrive]:
+        """Return its windows.
+
+        Raises
+        ------
+        IdentificationError
+            If there is none.
+        """
+        return windows_of(self.recording, self.vehicle, self.steering, self.windows)
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of the noise of a position [m]."""
+        return smooth(self.recording.time, self.recording.poses[:, :2]).white
+
+    def redrawn(
+        self,
+        parameters: Mapping[str, float],
+        noise: Mapping[Sensor, NoiseLevel],
+        rng: np.random.Generator,
+    ) -> "Table":
+        """Return the table as a vehicle with such parameters and sensors could have given it.
+
+        It has the speed of this one's poses, and its steering.
+
+        Parameters
+        ----------
+        parameters : mapping of str to float
+            Values of unknown parameters.
+        noise : mapping of Sensor to NoiseLevel
+            Of the sensors; one that is missing does not err.
+        rng : Generator
+            Source of the noise.
+        """
+        recording, driven = self.recording, self.vehicle.replace(**parameters)
+        motion = motion_of(recording)
+        angle, _ = setpoints_of(recording, motion, driven, self.steering)
+        angle = np.clip(angle, -STEERING_END_STOP, STEERING_END_STOP)
+        speed = np.clip(motion.speed, -MAX_SPEED, MAX_SPEED)
+        # as set-points: what resists in each turn is smoothed away of the speed, and comes again
+        commands = Commands(TICK * np.arange(len(angle)), angle, speed)
+        seen = SensedMotion.of(
+            simulate(driven, commands, speed=speed[0], setpoint=speed[0], threads=1)
+        )
+
+        def at(time: FloatArray, column: FloatArray, level: NoiseLevel | None) -> FloatArray:
+            exact: FloatArray = np.interp(time - motion.time[0], seen.time, column)
+            if level is None:
+                return exact
+            rate = 1.0 / float(np.median(np.diff(time)))
+            errors = SensorNoise(level.white, level.drift, level.drift_time, rate)
+            return exact + errors.draw(len(time), rng)
+
+        more = dict(recording.more)
+        for name, samples in recording.more.items():
+            wheel = name.removeprefix(f"{WHEELS}.")
+            if wheel in seen.wheel_speeds:
+                sensor, columns = Sensor.WHEEL_SPEEDS, [seen.wheel_speeds[wheel]]
+            elif name in MEASURED:
+                sensor, columns = MEASURED[name], seen.columns(MEASURED[name])
+            else:
+                continue
+            if columns:
+                more[name] = Samples(samples.time, at(samples.time, columns[0], noise.get(sensor)))
+        told = Samples(recording.steering.time, self.steering.angle(recording.steering.values))
+        if recording.steering_measured and seen.steering_motor_angle is not None:
+            white = NoiseLevel(smooth(told.time, told.values[:, np.newaxis]).white)
+            told = Samples(told.time, at(told.time, seen.steering_motor_angle, white))
+        time = recording.time
+        x, y = (at(time, column, noise.get(Sensor.POSITION)) for column in (seen.x, seen.y))
+        yaw = None
+        if recording.yaw is not None:
+            yaw = at(time, seen.heading, noise.get(Sensor.HEADING))
+        again = dataclasses.replace(recording, x=x, y=y, yaw=yaw, steering=told, more=more)
+        return dataclasses.replace(self, recording=again, steering=SteeringMap())
+
+
+def redraw_of(tables: Sequence[Table]) -> Redraw | None:
+    """Return what gives the windows of tables anew; None where positions tell the speed well.
+
+    Parameters
+    ----------
+    tables : sequence of Table
+        All that a fit is of.
+    """
+    if max(table.scatter for table in tables) < SCATTERED:
+        return None
+
+    def redraw(
+        parameters: Mapping[str, float],
+        noise: Mapping[Sensor, NoiseLevel],
+        rng: np.random.Generator,
+    ) -> list[MeasuredDrive]:
+        again = (table.redrawn(parameters, noise, rng) for table in tables)
+        return [drive for table in again for drive in table.drives()]
+
+    return redraw

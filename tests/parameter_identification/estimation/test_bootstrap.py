@@ -1,0 +1,49 @@
+"""What errs alike in all drives is in the intervals when the drives can be redrawn."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from simulated_drives import HIGH, LOW, NAMES, TRUTH, VEHICLE, commands_of_pair, driven
+
+from parameter_identification.drives.measured import MeasuredDrive
+from parameter_identification.estimation.results import Identification
+from parameter_identification.identification import identify
+
+TOLD = 0.995  # of the steering that was commanded, here
+
+
+def measured(truth: np.ndarray, seed: int) -> list[MeasuredDrive]:
+    found = []
+    for name, commands in commands_of_pair().items():
+        drive = driven(commands, truth=truth, seed=seed, name=name)
+        angle = TOLD * commands.steering_motor_angle
+        told = dataclasses.replace(commands, steering_motor_angle=angle)
+        found.append(dataclasses.replace(drive, commands=told))
+    return found
+
+
+@pytest.mark.slow
+def test_an_error_of_all_drives_is_in_the_intervals_when_they_can_be_redrawn() -> None:
+    drives = measured(TRUTH, 0)
+
+    def redraw(parameters, noise, rng):
+        truth = np.array([parameters[name] for name in NAMES])
+        return measured(truth, int(rng.integers(1 << 30)))
+
+    def off(found: Identification) -> np.ndarray:
+        return np.abs(found.estimates - TRUTH) / found.standard_deviations
+
+    steps: list[tuple[int, int]] = []
+    plain = identify(drives, VEHICLE)
+    counted = identify(
+        drives, VEHICLE, redraw=redraw, profiles=True, progress=lambda *step: steps.append(step)
+    )
+    shown = [i for i, name in enumerate(NAMES) if plain.identifiable[name]]
+    assert off(plain)[shown].max() > 4.0
+    assert off(counted).max() < 2.0
+    assert np.array_equal(plain.estimates, counted.estimates)
+    assert (counted.standard_deviations >= plain.standard_deviations * (1 - 1e-9)).all()
+    assert all(LOW[i] <= counted.parameters[name].low for i, name in enumerate(NAMES))
+    assert all(counted.parameters[name].high <= HIGH[i] for i, name in enumerate(NAMES))
+    assert steps[-1][0] == steps[-1][1]
