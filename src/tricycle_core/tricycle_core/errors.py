@@ -90,7 +90,7 @@ def message_of(error: BaseException) -> str:
     'plan.json: No such file or directory'
     """
     text = str(error)
-    if isinstance(error, OSError) and error.strerror:
+    if isinstance(error, OSError) and error.strerror and text.startswith("[Errno"):
         folder = isinstance(error, IsADirectoryError)
         text = "is a folder; a file is needed" if folder else error.strerror
         text = f"{error.filename}: {text}" if error.filename else text
