@@ -43,7 +43,7 @@ from parameter_identification.drives.windows import (
     APPROACH,
     RUN_IN,
     Windows,
-    windows_of,
+    select_windows,
 )
 from parameter_identification.estimation.model import restrict
 from parameter_identification.identification import identify
@@ -160,7 +160,7 @@ def windows(path, vehicle, overlapping):
     recording = read_recording(path, COLUMNS)
     motion = motion_of(recording)
     chosen = Windows(overlapping=overlapping)
-    drives = windows_of(recording, vehicle, COLUMNS.steering_map, chosen)
+    drives = select_windows(recording, vehicle, COLUMNS.steering_map, chosen).drives
     begin = np.array([float(drive.name.split()[-2]) for drive in drives])
     return recording, motion, drives, np.round((begin - motion.time[0]) / TICK).astype(int)
 

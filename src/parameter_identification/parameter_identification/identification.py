@@ -21,7 +21,6 @@ From 10 drives on, their scatter widens them too. A parameter that the data pull
 of its range is not shown.
 """
 
-import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -211,9 +210,7 @@ def identify(
         doubt = doubt_of(problem, optimum, average, least)
         by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}
-        in_doubt = doubt.beyond.any() or not math.isnan(doubt.scatter)
-        profiled = profiles and average is None and not in_doubt and redraw is None
-        for i in shown if profiled else ():
+        for i in shown if maybe_profiled and not doubt.beyond.any() else ():
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
         step.pass_to(to_end)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from parameter_identification.drives.table import Columns, read_recording
-from parameter_identification.drives.windows import windows_of
+from parameter_identification.drives.windows import select_windows
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import load_vehicle
@@ -72,7 +72,7 @@ def test_a_column_that_contradicts_the_poses_is_named(
     recording = read_recording(circle(edit, tmp_path / "drive.csv"), COLUMNS)
     assert not isinstance(COLUMNS.steering_map, str)
     with pytest.raises(IdentificationError, match=f"drive.csv: .*{message}"):
-        windows_of(recording, VEHICLE, COLUMNS.steering_map)
+        select_windows(recording, VEHICLE, COLUMNS.steering_map)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_column_that_contradicts_the_poses_is_named(
 def test_what_a_real_vehicle_may_do_is_let_through(tmp_path: Path, edit: Edit) -> None:
     recording = read_recording(circle(edit, tmp_path / "drive.csv"), COLUMNS)
     assert not isinstance(COLUMNS.steering_map, str)
-    assert windows_of(recording, VEHICLE, COLUMNS.steering_map)
+    assert select_windows(recording, VEHICLE, COLUMNS.steering_map).drives
 
 
 def test_a_vehicle_that_drives_backward_contradicts_nothing(tmp_path: Path) -> None:
@@ -97,4 +97,4 @@ def test_a_vehicle_that_drives_backward_contradicts_nothing(tmp_path: Path) -> N
     recording = read_recording(circle(backward, tmp_path / "drive.csv"), COLUMNS)
     assert not isinstance(COLUMNS.steering_map, str)
     with pytest.raises(IdentificationError, match="no window"):  # those are driven forward
-        windows_of(recording, VEHICLE, COLUMNS.steering_map)
+        select_windows(recording, VEHICLE, COLUMNS.steering_map)

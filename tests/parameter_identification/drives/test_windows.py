@@ -25,7 +25,6 @@ from parameter_identification.drives.windows import (
     estimate_map,
     read_windows,
     select_windows,
-    windows_of,
 )
 from parameter_identification.identification import identify
 from tricycle_cli.main import main
@@ -209,13 +208,13 @@ def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
     recording = read_recording(table(tmp_path / "drive.csv"), columns)
     assert not isinstance(columns.steering_map, str)
     with pytest.raises(IdentificationError, match="no window of 2 s begins"):
-        windows_of(recording, VEHICLE, columns.steering_map, Windows(above=3.0))
+        select_windows(recording, VEHICLE, columns.steering_map, Windows(above=3.0))
     with pytest.raises(IdentificationError, match="must be positive"):
         Windows(every=0.0)
     throttle = Samples(recording.time, np.full(len(recording.time), 0.2))
     throttled = dataclasses.replace(recording, more={"speed_command": throttle})
     with pytest.raises(IdentificationError, match=r"speed_command is .* not a throttle"):
-        windows_of(throttled, VEHICLE, columns.steering_map)
+        select_windows(throttled, VEHICLE, columns.steering_map)
     still = dataclasses.replace(recording, x=0 * recording.x, y=0 * recording.y)
     with pytest.raises(IdentificationError, match="cannot be estimated: less than 2 s"):
         estimate_map(still, VEHICLE)
@@ -233,7 +232,7 @@ def test_what_is_left_out_is_counted_by_its_reason(
     ask = Windows(length=1.0, every=0.5, above=1.2)
     selection = select_windows(whole, VEHICLE, steering, ask)
     assert str(selection) == "1 slower than 1.2 m/s"  # as it begins, after a standstill
-    names = [drive.name for drive in windows_of(whole, VEHICLE, steering, ask)]
+    names = [drive.name for drive in select_windows(whole, VEHICLE, steering, ask).drives]
     assert [drive.name for drive in selection.drives] == names
     lost = select_windows(gap, VEHICLE, steering, ask)
     (reason,) = lost.left_out.keys() - selection.left_out.keys()

@@ -285,34 +285,8 @@ def read_windows(
         If it cannot be read.
     """
     recording = read_recording(path, columns, vehicle)
-    return windows_of(recording, vehicle, steering_of(recording, vehicle, columns), windows)
-
-
-def windows_of(
-    recording: Recording,
-    vehicle: Vehicle,
-    steering: SteeringMap,
-    windows: Windows | None = None,
-) -> list[MeasuredDrive]:
-    """Return the windows of a recording as drives: those of `select_windows`.
-
-    Parameters
-    ----------
-    recording : Recording
-        From `read_recording`.
-    vehicle : Vehicle
-        That drove.
-    steering : SteeringMap
-        From the recording's steering to the angle of the steering motor.
-    windows : Windows, optional
-        Which.
-
-    Raises
-    ------
-    IdentificationError
-        If there is none.
-    """
-    return [*select_windows(recording, vehicle, steering, windows).drives]
+    steering = steering_of(recording, vehicle, columns)
+    return list(select_windows(recording, vehicle, steering, windows).drives)
 
 
 def select_windows(

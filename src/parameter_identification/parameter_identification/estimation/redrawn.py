@@ -3,16 +3,17 @@
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
-from parameter_identification.drives.motion import motion_of
+from parameter_identification.drives.motion import Motion, motion_of
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise
 from parameter_identification.drives.smoothing import smooth
 from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
-from parameter_identification.drives.windows import MEASURED, Windows, setpoints_of, windows_of
+from parameter_identification.drives.windows import MEASURED, Windows, select_windows, setpoints_of
 from parameter_identification.estimation.bootstrap import Redraw
 from parameter_identification.estimation.noise import NoiseLevel
 from tricycle_bridge.protocol.limits import MAX_SPEED, STEERING_END_STOP
@@ -54,7 +55,13 @@ class Table:
         IdentificationError
             If there is none.
         """
-        return windows_of(self.recording, self.vehicle, self.steering, self.windows)
+        found = select_windows(self.recording, self.vehicle, self.steering, self.windows)
+        return list(found.drives)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """How the body moved, by the poses."""
+        return motion_of(self.recording)
 
     @property
     def scatter(self) -> float:
@@ -81,7 +88,7 @@ class Table:
             Source of the noise.
         """
         recording, driven = self.recording, self.vehicle.replace(**parameters)
-        motion = motion_of(recording)
+        motion = self.motion
         angle, _ = setpoints_of(recording, motion, driven, self.steering)
         angle = np.clip(angle, -STEERING_END_STOP, STEERING_END_STOP)
         speed = np.clip(motion.speed, -MAX_SPEED, MAX_SPEED)
