@@ -37,12 +37,12 @@ from tricycle_sim.rig.host import Host
 from tricycle_sim.setpoints import command_rows, slew_all
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.actuators import FRICTION_BRAKE, HUB_MOTOR
-from tricycle_sim.vehicle.batch import PlanarBlock, simulate_planar
 from tricycle_sim.vehicle.constants import constant_entries
 from tricycle_sim.vehicle.groups import equilibrium, pack
 from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE
 from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS, steering_constants
+from tricycle_sim.vehicle.planar import PlanarBlock, simulate_planar
 from tricycle_sim.vehicle.tyre import LINEAR, TYRE
 
 Array = NDArray[np.float64]

@@ -61,14 +61,34 @@ def compilable(function: Callable[..., Any]) -> Any:
     return numba.njit(_with(function, {}, function.__qualname__), forceinline=True, **_OPTIONS)
 
 
-def _with(function: Any, names: dict[str, Any], qualname: str) -> FunctionType:
+@cache
+def compilable_for_card(function: Callable[..., Any]) -> Any:
+    """Return a function that is marked by `inlined` as numba takes it for a graphics card.
+
+    Parameters
+    ----------
+    function : callable
+        As for `compilable`.
+    """
+    from numba import cuda  # takes 0.3 s
+
+    own = _with(function, {}, function.__qualname__, compilable_for_card)
+    return cuda.jit(own, device=True)
+
+
+def _with(
+    function: Any,
+    names: dict[str, Any],
+    qualname: str,
+    take: Callable[[Any], Any] = compilable,
+) -> FunctionType:
     """Return a copy of a function with other globals, what it inlines as numba takes it."""
     scope = {**function.__globals__, **names}
     # not `co_names`: attributes are there too, and one may be called as the function itself
     loaded = {i.argval for i in dis.get_instructions(function) if i.opname == "LOAD_GLOBAL"}
     for name in loaded:
         if getattr(scope.get(name), "is_inlined", False):
-            scope[name] = compilable(scope[name])
+            scope[name] = take(scope[name])
     copy = FunctionType(function.__code__, scope, function.__name__, function.__defaults__)
     copy.__qualname__, copy.__module__ = qualname, function.__module__
     return copy
@@ -107,17 +127,45 @@ def compiled(
             "compiled code cannot be kept: set NUMBA_CACHE_DIR to a folder that can be written"
         )
         return numba.njit(function, **options)
-    # Numba notices changes of the function's own file only; what it calls and the numbers that it
-    # imports are compiled in as well.
+    _stamp(dispatcher, original)
+    dispatcher._cache.load_overload = partial(_load, dispatcher._cache)  # noqa: SLF001
+    return dispatcher
+
+
+def compiled_for_card(function: Callable[..., Any], variant: str, **names: Any) -> Any:
+    """Compile a function for the graphics card, cached on disk.
+
+    Parameters
+    ----------
+    function, variant, **names : object
+        As for `compiled`.
+    """
+    from numba import cuda
+
+    own = _with(function, names, f"{function.__name__}-{variant}", compilable_for_card)
+    if numba.config.ENABLE_CUDASIM:  # runs it as Python
+        return cuda.jit(own)
+    try:
+        dispatcher = cuda.jit(own, cache=True)
+    except RuntimeError:  # as in `compiled`
+        return cuda.jit(own)
+    _stamp(dispatcher, function)
+    return dispatcher
+
+
+def _stamp(dispatcher: Any, function: Any) -> None:
+    """Make the code on disk depend on all that is compiled into a function.
+
+    Numba notices changes of the function's own file only; what it calls and the numbers that it
+    imports are compiled in as well.
+    """
     numbers = {
-        name: original.__globals__[name]
-        for name in original.__code__.co_names
-        if isinstance(original.__globals__.get(name), int | float)
+        name: function.__globals__[name]
+        for name in function.__code__.co_names
+        if isinstance(function.__globals__.get(name), int | float)
     }
     file = dispatcher._cache._cache_file  # noqa: SLF001 (numba has no public way)
     file._source_stamp = (file._source_stamp, _FINGERPRINT, repr(numbers))  # noqa: SLF001
-    dispatcher._cache.load_overload = partial(_load, dispatcher._cache)  # noqa: SLF001
-    return dispatcher
 
 
 def _load(cache: Any, signature: Any, target: Any) -> Any:

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
-from tricycle_sim.vehicle.batch import CommandedBatch, simulate, simulate_planar
+from tricycle_sim.vehicle.batch import CommandedBatch, simulate
+from tricycle_sim.vehicle.planar import simulate_planar
 
 VEHICLE = load_vehicle()
 

@@ -23,8 +23,9 @@ from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import CommandedBatch, PlanarBlock, simulate_planar
+from tricycle_sim.vehicle.batch import CommandedBatch
 from tricycle_sim.vehicle.feasibility import Feasibility
+from tricycle_sim.vehicle.planar import PlanarBlock, simulate_planar
 
 KEPT_RUNS = 4
 """Nominal runs that are kept: the search asks for the same x once per batch of samples."""

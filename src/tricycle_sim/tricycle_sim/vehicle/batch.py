@@ -5,6 +5,7 @@ The letters of shapes: `n` samples (vehicles), `k` unknown parameters, `t` time 
 """
 
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -100,18 +101,6 @@ class Trajectory:
         raise AttributeError(f"{name}: a trajectory has no such column")
 
 
-@dataclass(frozen=True)
-class PlanarBlock:
-    """Path of a block of b samples: position and velocity of the COM in the world."""
-
-    time: FloatArray  # s, shape (t,)
-    x: FloatArray  # m, shape (b, t)
-    y: FloatArray
-    vx_world: FloatArray  # m/s, shape (b, t)
-    vy_world: FloatArray
-    feasibility: Feasibility
-
-
 def simulate(
     vehicle: Vehicle,
     commands: Commands,
@@ -125,7 +114,7 @@ def simulate(
     """Drive vehicles that differ in their unknown parameters by the same commands.
 
     Every vehicle starts in static equilibrium at the origin, heading +x. RK4 with steps of
-    10 ms. Memory grows with n times t; `simulate_planar` avoids that.
+    10 ms. Memory grows with n times t; `simulate_planar` of `paths` avoids that.
 
     Parameters
     ----------
@@ -151,7 +140,7 @@ def simulate(
     ValueError
         If the parameters have another shape or are not finite.
     """
-    samples = _check_parameters(vehicle, parameters)
+    samples = check_parameters(vehicle, parameters)
     speeds = np.broadcast_to(np.asarray(speed, dtype=float), len(samples))
     batch = CommandedBatch(vehicle, commands, setpoint=setpoint)
     wheels = [wheel.name for wheel in vehicle.wheels]
@@ -169,7 +158,7 @@ def simulate(
         angles[first:last] = run.steering_motor_angle
         groups[first // LANES : -(-last // LANES)] = run.groups
 
-    _run_blocks(store, len(samples), threads, progress)
+    run_blocks(store, len(samples), threads, progress)
     columns: dict[str, Any] = {
         kind: {wheel: out.pop(f"{kind}_{wheel}") for wheel in wheels}
         for kind in ("wheel_speed", "load")
@@ -180,43 +169,6 @@ def simulate(
         steering_motor_angle=angles,
         feasibility=read_feasibility(groups, len(samples), vehicle.wheels),
     )
-
-
-def simulate_planar(
-    vehicle: Vehicle,
-    commands: Commands,
-    parameters: ArrayLike | None,
-    reduce: Callable[[int, PlanarBlock], None],
-    *,
-    threads: int | None = None,
-    progress: Progress | None = None,
-) -> None:
-    """Drive block by block of samples, without keeping the trajectories.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        As for `simulate`.
-    commands : Commands
-        As for `simulate`.
-    parameters : ndarray of float, shape (n, k) or None
-        As for `simulate`.
-    reduce : callable
-        Called with the number of the block's first sample and the block, from several threads at a
-        time and in any order; each sample comes once. It may keep the arrays.
-    threads : int, optional
-        As for `simulate`.
-    progress : callable, optional
-        As for `simulate`.
-    """
-    samples = _check_parameters(vehicle, parameters)
-    batch = CommandedBatch(vehicle, commands)
-
-    def reduce_block(first: int, last: int) -> None:
-        run = batch.run(samples[first:last], ("x", "y", "vx_world", "vy_world"))
-        reduce(first, PlanarBlock(batch.time, **run.columns, feasibility=run.feasibility))
-
-    _run_blocks(reduce_block, len(samples), threads, progress)
 
 
 _ATTITUDE = (STATE.q0, STATE.q1, STATE.q2, STATE.q3)
@@ -399,6 +351,7 @@ class CommandedBatch:
         faster: FloatArray | None = None,
         steered: FloatArray | None = None,
         every: int = 1,
+        on_card: FloatArray | None = None,
     ) -> Run:
         """Drive samples from the origin, heading +x, to the end of the commands.
 
@@ -422,6 +375,8 @@ class CommandedBatch:
             Angle that is added to each servo's set-point [rad], heard later like it; default: none.
         every : int
             Ticks from one recorded point to the next; t is then that of `time[::every]`.
+        on_card : ndarray of float, optional
+            Memory for what is recorded on the graphics card; default: on this thread's core.
         """
         drive = self._drive
         if drive_delay:
@@ -430,7 +385,7 @@ class CommandedBatch:
         needs = {name: self.available[name][0] for name in columns}
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
-        out = np.empty((len(rows), len(groups) * LANES, len(self.time[::every])))
+        shape = len(rows), len(groups) * LANES, len(self.time[::every])
         changed = steering_delay, faster, steered
         own = bool(self._start.steered_by) or any(change is not None for change in changed)
         table, axles, angles = (
@@ -438,7 +393,13 @@ class CommandedBatch:
             if own
             else (self._table, self._table[::2].T, self.steering_motor_angle)
         )
-        advance = functions_for(self._vehicle, own_commands=own).advance
+        if on_card is None:
+            advance, out = functions_for(self._vehicle, own_commands=own).advance, np.empty(shape)
+        else:
+            from tricycle_sim.vehicle.graphics_card import advance_for
+
+            advance = advance_for(self._vehicle, own_commands=own)
+            out = on_card[: math.prod(shape)].reshape(shape)
         advance(groups, table, self._lag, drive, 1, 0, np.array(rows, dtype=np.int64), every, out)
         recorded = dict(zip(rows, out[:, : len(parameters)], strict=True))
         axles, angles = axles[..., ::every], angles[..., ::every]
@@ -490,7 +451,19 @@ class CommandedBatch:
         return table.reshape(-1, COMMANDED_ROWS * LANES), axles, angles
 
 
-def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArray:
+def check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArray:
+    """Return the samples of `simulate`.
+
+    Parameters
+    ----------
+    vehicle, parameters
+        As for `simulate`.
+
+    Raises
+    ------
+    ValueError
+        As `simulate` does.
+    """
     if parameters is None:
         return vehicle.nominal_point()[np.newaxis]
     samples = np.asarray(parameters, dtype=float)
@@ -505,13 +478,23 @@ def _check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatAr
     return samples
 
 
-def _run_blocks(
+def run_blocks(
     run: Callable[[int, int], None],
     n: int,
     threads: int | None,
     progress: Progress | None,
 ) -> None:
-    """Call `run(first, last)` for blocks of whole groups that cover n samples."""
+    """Call a function for blocks of whole groups that cover n samples.
+
+    Parameters
+    ----------
+    run : callable
+        With the numbers of the first sample of a block and of the one after its last.
+    n : int
+        Samples.
+    threads, progress
+        As for `simulate`.
+    """
     workers = threads or len(os.sched_getaffinity(0))
     groups = -(-n // LANES)
     # several blocks per thread level out their loads; 16 groups bound the memory

@@ -216,7 +216,7 @@ def _driven_spin(
 
 
 @inlined
-def _slopes(
+def slopes(
     laws: Laws,
     g: FloatArray,
     i: int,
@@ -225,9 +225,20 @@ def _slopes(
     demand: float,
     brake: float,
 ) -> None:
-    """Write the slopes of all states of vehicle `i` of group `g` at its present state.
+    """Write the slopes of all states of a vehicle at its present state; in compiled code.
 
-    `steering` is a row of the table of `steer`; the last three are a row of `COMMAND`.
+    Parameters
+    ----------
+    laws : Laws
+        Of its structure.
+    g : ndarray of float, shape (ROWS * LANES,)
+        Group that it is in.
+    i : int
+        Its lane.
+    steering : tuple of float
+        A row of the table of `steer`.
+    speed_mode, demand, brake : float
+        A row of `COMMAND`.
     """
     q0, q1 = g[STATE.q0 * LANES + i], g[STATE.q1 * LANES + i]
     q2, q3 = g[STATE.q2 * LANES + i], g[STATE.q3 * LANES + i]
@@ -347,7 +358,7 @@ def _evaluate_each(
             g[first + 7 * LANES + i],
         )
         faster = g[first + 8 * LANES + i]
-        _slopes(laws, g, i, steering, speed_mode, demand + faster, brake)
+        slopes(laws, g, i, steering, speed_mode, demand + faster, brake)
 
 
 @inlined
@@ -374,7 +385,7 @@ def _evaluate(
         drive[COMMAND.brake],
     )
     for i in range(lanes):
-        _slopes(laws, g, i, steering, speed_mode, demand, brake)
+        slopes(laws, g, i, steering, speed_mode, demand, brake)
 
 
 @inlined
@@ -388,8 +399,18 @@ def _note(g: FloatArray, i: int, event: int, new: bool, value: float, tick: floa
 
 
 @inlined
-def _watch(laws: Laws, g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
-    """Note what happens to vehicle `i` at a tick; end its run if it has rolled over."""
+def watch(laws: Laws, g: FloatArray, i: int, tick: float, steering_lag: float) -> None:
+    """Note what happens to a vehicle at a tick, and whether it is upright; in compiled code.
+
+    Parameters
+    ----------
+    laws, g, i
+        As for `slopes`, which has to be evaluated.
+    tick : float
+        Number of the tick.
+    steering_lag : float
+        As for `advance` of `Functions`, at this tick [rad].
+    """
     share = 0.0
     for wheel in range(laws.wheels):
         evaluated = wheel * WHEEL_EVALUATED * LANES + i
@@ -412,7 +433,7 @@ def _watch(laws: Laws, g: FloatArray, i: int, tick: float, steering_lag: float) 
 def _watch_group(laws: Laws, g: FloatArray, lanes: int, tick: float, steering_lag: float) -> bool:
     """Note what happens to a group at a tick; return whether a vehicle has rolled over by now."""
     for i in range(lanes):
-        _watch(laws, g, i, tick, steering_lag)
+        watch(laws, g, i, tick, steering_lag)
     alive = 0.0
     for i in range(lanes):
         alive += g[ALIVE * LANES + i]
@@ -618,20 +639,20 @@ def laws_of(
     )
 
 
-def _variant(structure: Structure) -> str:
+def variant_of(structure: Structure) -> str:
     """Return a name of a structure that is short enough for a file's."""
     return hashlib.sha256(repr(structure).encode()).hexdigest()[:16]
 
 
 @functools.cache
 def _compile_caller(structure: Structure, function: Callable[..., Any]) -> Any:
-    return compiled(function, _variant(structure), **_compile(structure)._asdict())
+    return compiled(function, variant_of(structure), **_compile(structure)._asdict())
 
 
 @functools.cache
 def _compile(structure: Structure, own_commands: bool = False) -> Functions:
     chosen = laws_of(structure, own_commands)
-    variant = _variant(structure) + ("-own" if own_commands else "")
+    variant = variant_of(structure) + ("-own" if own_commands else "")
     advancing = compiled(_advance_with, variant, laws=chosen)
     steering_ahead = compiled(_steer_with, variant, laws=chosen)
     return Functions(
