@@ -456,7 +456,9 @@ def check_parameters(vehicle: Vehicle, parameters: ArrayLike | None) -> FloatArr
 
     Parameters
     ----------
-    vehicle, parameters
+    vehicle : Vehicle
+        As for `simulate`.
+    parameters : ndarray of float, shape (n, k), or None
         As for `simulate`.
 
     Raises
@@ -492,7 +494,9 @@ def run_blocks(
         With the numbers of the first sample of a block and of the one after its last.
     n : int
         Samples.
-    threads, progress
+    threads : int or None
+        As for `simulate`.
+    progress : callable or None
         As for `simulate`.
     """
     workers = threads or len(os.sched_getaffinity(0))

@@ -404,8 +404,12 @@ def watch(laws: Laws, g: FloatArray, i: int, tick: float, steering_lag: float) -
 
     Parameters
     ----------
-    laws, g, i
-        As for `slopes`, which has to be evaluated.
+    laws : Laws
+        As for `slopes`.
+    g : ndarray of float, shape (ROWS * LANES,)
+        Group that it is in, its slopes evaluated.
+    i : int
+        Its lane.
     tick : float
         Number of the tick.
     steering_lag : float

@@ -102,8 +102,12 @@ def drive_on_cores(
         What they drive.
     samples : ndarray of float, shape (n, k)
         Their parameters.
-    reduce, threads, progress
+    reduce : callable
         As for `simulate_planar`.
+    threads : int, optional
+        As for `simulate`.
+    progress : callable, optional
+        As for `simulate`.
     done : int
         Samples at the beginning that have been driven.
     """
@@ -127,8 +131,14 @@ def drive_on_card(
 
     Parameters
     ----------
-    batch, samples, reduce, progress
-        As for `drive_on_cores`.
+    batch : CommandedBatch
+        What they drive.
+    samples : ndarray of float, shape (n, k)
+        Their parameters.
+    reduce : callable
+        As for `simulate_planar`.
+    progress : callable, optional
+        As for `simulate`.
 
     Returns
     -------
