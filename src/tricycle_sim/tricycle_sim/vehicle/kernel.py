@@ -644,7 +644,13 @@ def laws_of(
 
 
 def variant_of(structure: Structure) -> str:
-    """Return a name of a structure that is short enough for a file's."""
+    """Return a name of a structure that is short enough for a file's.
+
+    Parameters
+    ----------
+    structure : Structure
+        From `structure_of`.
+    """
     return hashlib.sha256(repr(structure).encode()).hexdigest()[:16]
 
 
