@@ -1,20 +1,24 @@
 """Identification from tables of other people's loggers: how many intervals hold the truth.
 
-    python benchmarks/tables.py [--vehicles 20] [--position NOISE ...]
+    python benchmarks/tables.py [--vehicles 20] [--position NOISE ...] [--steering ...]
+        [--loop none|own|late|quick|slow|scale ...]
 
 Random vehicles are driven for a minute at 0.7 to 1.1 m/s, steered by three sines. The tables come
 at 50 Hz: the pose, with each noise of the positions in turn and 0.2 rad per m of it of the heading,
 and the gyro (1 mrad/s); the angle of the steering motor (2 mrad) or its set-points. Where the
 positions are exact, all is. Windows of 2 s are identified as `tricycle identify FILE --columns
-MAPPING` does it. Printed, of each parameter: in how many vehicles it is shown, how many 95 %
-intervals hold the truth there, and their median width in % of the range; then the cells whose
-coverage an exact binomial test rejects (held_intervals.py).
+MAPPING` does it. With `--loop` the tables have the set-points of the speed too, of a loop that is
+the vehicle file's, hears of them 0.1 s late, has twice its gains or half of them, or is 2 % faster
+than it believes. Printed, of each parameter: in how many vehicles it is shown,
+how many 95 % intervals hold the truth there, and their median width in % of the range; then the
+cells whose coverage an exact binomial test rejects (held_intervals.py).
 """
 
 import argparse
 import itertools
 import tempfile
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +27,7 @@ from identification import VEHICLE, draw
 
 from parameter_identification.drives.table import Columns, SteeringMap, read_recording
 from parameter_identification.drives.windows import Windows
+from parameter_identification.estimation.inputs import OF_SETPOINTS
 from parameter_identification.estimation.redrawn import Table, redraw_of
 from parameter_identification.identification import identify
 from tricycle_core.timing import TICK
@@ -31,6 +36,16 @@ from tricycle_sim.vehicle.batch import simulate
 
 DURATION, EVERY = 60.0, 0.02
 STEERING = {"angle": "steering_angle", "set-points": "steering"}
+GAINS = "speed_gain_proportional", "speed_gain_integral"
+LATE = 0.1  # s
+LOOPS = {  # constants of the vehicle that are other than in its file, as shares of these
+    "none": {},
+    "own": {},
+    "late": {},
+    "quick": dict.fromkeys(GAINS, 2.0),
+    "slow": dict.fromkeys(GAINS, 0.5),
+    "scale": {"speed_scale": 1.02},
+}
 
 
 def drive(rng):
@@ -43,11 +58,16 @@ def drive(rng):
     return Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(speed, time))
 
 
-def identified(seed, position, steering):
+def identified(seed, position, steering, loop):
     """Truth and parameters found of a vehicle."""
     rng, truth = np.random.default_rng([seed, 1]), draw(seed)
     commands = drive(rng)
-    motion = simulate(VEHICLE, commands, truth[None], threads=1)
+    driven = VEHICLE.replace(**{n: VEHICLE.values[n] * share for n, share in LOOPS[loop].items()})
+    heard = commands
+    if loop == "late":
+        before = np.interp(commands.time - LATE, commands.time, commands.speed)
+        heard = replace(commands, speed=before)
+    motion = simulate(driven, heard, truth[None], threads=1)
     exact = position == 0.0
     time = np.arange(0.0, commands.duration - EVERY, EVERY)
     columns = {"t": time}
@@ -62,16 +82,22 @@ def identified(seed, position, steering):
         columns[name] += noise * rng.standard_normal(len(time))
     held = np.searchsorted(commands.time, time + 1e-9, side="right") - 1
     columns["steering"] = commands.steering_motor_angle[held]
+    columns["speed"] = commands.speed[held]
     mapping = {"time": "t", "x": "x", "y": "y", "yaw": "yaw", "yaw_rate": "yaw_rate"}
     entry = STEERING[steering]
+    if loop != "none":
+        mapping["speed_command"] = "speed"
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "drive.csv"
         rows = np.column_stack(list(columns.values()))
         np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=",".join(columns), comments="")
         recording = read_recording(path, Columns(**mapping, **{entry: entry}), VEHICLE)
     table = Table(recording, VEHICLE, SteeringMap(), Windows())
-    redraw = redraw_of([table])
-    return truth, identify(table.drives(), VEHICLE, redraw=redraw, seed=seed).parameters
+    if loop == "none":
+        how = {"redraw": redraw_of([table])}
+    else:
+        how = {"effects": OF_SETPOINTS, "weighed": True}
+    return truth, identify(table.drives(), VEHICLE, seed=seed, **how).parameters
 
 
 def main():
@@ -80,14 +106,17 @@ def main():
     )
     parser.add_argument("--vehicles", type=int, default=20)
     parser.add_argument("--position", type=float, nargs="+", default=[0.01, 0.001, 0.0])
+    parser.add_argument("--steering", nargs="+", choices=STEERING, default=list(STEERING))
+    parser.add_argument("--loop", nargs="+", choices=LOOPS, default=["none"])
     args = parser.parse_args()
     tally = Tally()
     with ProcessPoolExecutor() as pool:
-        for position, steering in itertools.product(args.position, STEERING):
+        for position, steering, loop in itertools.product(args.position, args.steering, args.loop):
             seeds = range(args.vehicles)
-            every = [itertools.repeat(value) for value in (position, steering)]
+            every = [itertools.repeat(value) for value in (position, steering, loop)]
             found = list(pool.map(identified, seeds, *every))
-            print(f"positions {1e3 * position:g} mm, steering {steering}", flush=True)
+            cell = f"{1e3 * position:g} mm, {steering}" + f", loop {loop}" * (loop != "none")
+            print(f"positions {cell}", flush=True)
             for i, name in enumerate(VEHICLE.unknown):
                 own = [(truth[i], parameters[name]) for truth, parameters in found]
                 shown = [(t, e) for t, e in own if e.identifiable]
@@ -95,7 +124,7 @@ def main():
                 width = np.median([e.high - e.low for _, e in own]) / (high - low)
                 held = [e.low <= t <= e.high for t, e in shown]
                 for one in held:
-                    tally.count(f"{1e3 * position:g} mm, {steering}, {name}", one)
+                    tally.count(f"{cell}, {name}", one)
                 print(
                     f"  {name:24s} shown in {len(shown):3d} of {len(own)}, {sum(held):3d} hold; "
                     f"width {100.0 * width:5.1f} %",

@@ -351,7 +351,7 @@ def finish(day: Path, vehicle: Path, bags: Sequence[Path], stopped: Sequence[boo
         *("identify", *bags[:-1], "--held-out", bags[-1], "--vehicle", vehicle),
         *("--output", found),
     )
-    command("report", found, "--vehicle", vehicle)
+    command("report", day, "--vehicle", vehicle)
     for name, words in {
         "film.gif": (*bags[::2], "--speed", "4"),
         "rendered.gif": (bags[2], "--plant", "mujoco", "--speed", "2"),

@@ -31,7 +31,7 @@ from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle, load_vehicle
-from tricycle_sim.vehicle.batch import simulate
+from tricycle_sim.vehicle.batch import Trajectory, simulate
 
 PACKAGED = Path(tricycle_sim.__file__).parent
 VEHICLE = load_vehicle()
@@ -335,6 +335,29 @@ def test_windows_with_set_points_of_the_speed_hold_what_is_true(tmp_path: Path) 
         assert found.parameters[name].low <= true <= found.parameters[name].high
 
 
+def logged(
+    path: Path, motion: Trajectory, commands: Commands, position: float, yaw_rate: float
+) -> None:
+    """Write what a logger at 50 Hz sees of a drive, with these noises, and its set-points."""
+    rng, every = np.random.default_rng(3), slice(None, -1, 2)
+    held = np.searchsorted(commands.time, motion.time[every] + 1e-9, side="right") - 1
+    columns = {
+        "t": motion.time[every],
+        "wanted": commands.steering_motor_angle[held],
+        "speed": commands.speed[held],
+    }
+    for name, values, noise in (
+        ("x", motion.x, position),
+        ("y", motion.y, position),
+        ("yaw", motion.yaw, 0.2 * position),
+        ("rate", motion.yaw_rate, yaw_rate),
+        ("angle", motion.steering_motor_angle, 2.0 * yaw_rate),
+    ):
+        columns[name] = values[0, every] + noise * rng.standard_normal(len(held))
+    rows = np.column_stack(list(columns.values()))
+    np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=",".join(columns), comments="")
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("position", "yaw_rate"), [(0.0, 0.0), (0.002, 0.001)])
 def test_parameters_of_a_vehicle_unlike_the_file_are_found_from_a_table(
@@ -351,24 +374,8 @@ def test_parameters_of_a_vehicle_unlike_the_file_are_found_from_a_table(
         "rolling_coefficient_1": 0.0125,
     }
     motion = simulate(VEHICLE, commands, np.array([list(truth.values())]))
-    every = slice(None, None, 2)
-    rng = np.random.default_rng(3)
-    noises = (0.0, position, position, 0.2 * position, yaw_rate, 2.0 * yaw_rate)
-    columns = [
-        values[every] + noise * rng.standard_normal(len(motion.time[every]))
-        for values, noise in zip(
-            (
-                *(motion.time, motion.x[0], motion.y[0], motion.yaw[0], motion.yaw_rate[0]),
-                motion.steering_motor_angle[0],
-            ),
-            noises,
-            strict=True,
-        )
-    ]
     path = tmp_path / "drive.csv"
-    head = "t,x,y,yaw,rate,angle"
-    rows = np.column_stack(columns)
-    np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=head, comments="")
+    logged(path, motion, commands, position, yaw_rate)
     mapping = Columns(time="t", x="x", y="y", yaw="yaw", yaw_rate="rate", steering_angle="angle")
     found = identify(read_windows(path, VEHICLE, mapping), VEHICLE).parameters
     for name in ("cornering_stiffness", "camber_stiffness", "yaw_inertia"):
@@ -377,6 +384,36 @@ def test_parameters_of_a_vehicle_unlike_the_file_are_found_from_a_table(
         assert found[name].low - 0.01 * (high - low) < truth[name], name
         assert truth[name] < found[name].high + 0.01 * (high - low), name
     assert not found["rolling_coefficient_1"].identifiable  # the speed is an input
+
+
+@pytest.mark.slow
+def test_a_speed_loop_that_is_not_the_one_of_the_file_is_estimated_beside(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It hears 0.1 s late, and tyres are 2 % larger than it knows; both make parameters wrong."""
+    time = np.arange(0.0, 40.0, 0.01)
+    angle = 0.3 * np.sin(0.35 * time) + 0.25 * np.sin(0.9 * time + 1.0)
+    speed = np.minimum(0.9 + 0.2 * np.sin(0.3 * time), time)
+    commands = Commands(time, angle * np.minimum(1.0, time / 3.0), speed)
+    heard = dataclasses.replace(commands, speed=np.interp(time - 0.1, time, speed))
+    radius = 1.02 * VEHICLE.values["tyre_radius"]
+    other = VEHICLE.replace(speed_scale=1.02, tyre_radius=radius)
+    truth = VEHICLE.nominal | {"cornering_stiffness": 1400.0, "yaw_inertia": 32.0}
+    motion = simulate(other, heard, np.array([list(truth.values())]))
+    logged(tmp_path / "drive.csv", motion, commands, 0.005, 0.001)
+    columns = tmp_path / "mapping.yaml"
+    columns.write_text(
+        "time: t\nx: x\ny: y\nyaw: yaw\nyaw_rate: rate\nsteering: wanted\nspeed_command: speed\n"
+    )
+    ask = ["identify", str(tmp_path / "drive.csv"), "--columns", str(columns), "--json"]
+
+    def found(*effects: str) -> dict[str, bool]:
+        assert main([*ask, *effects]) == 0
+        parameters = json.loads(capsys.readouterr().out)["parameters"]
+        return {n: parameters[n]["low"] < truth[n] < parameters[n]["high"] for n in TRUTH}
+
+    assert found() == dict.fromkeys(TRUTH, True)
+    assert found("--effects", "none") != dict.fromkeys(TRUTH, True)
 
 
 def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ from tricycle_sim.vehicle.wheels import AXLES
 
 APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it is steered alike
 RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
-SETTLED = 4.0  # integral times of a speed loop before it, where the set-points are recorded
+SETTLED = 6.0  # integral times of a speed loop before it, where the set-points are recorded
 MAX_GAP = 0.2  # s between poses
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped

@@ -41,6 +41,8 @@ LOADING = (
     "slope-or-wind-across",
 )
 """Effects that change the speed of the wheels most."""
+OF_SETPOINTS = "speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation"
+"""Effects by which the loop behind set-points of the speed may differ from the vehicle file's."""
 
 
 class Inputs(Enum):

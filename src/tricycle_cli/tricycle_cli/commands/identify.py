@@ -31,7 +31,7 @@ from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
     from parameter_identification.drives.measured import MeasuredDrive
-    from parameter_identification.drives.table import Recording
+    from parameter_identification.drives.table import Columns, Recording
     from parameter_identification.drives.windows import Selection, Windows
     from parameter_identification.estimation.redrawn import Table
     from tricycle_sim.vehicle import Vehicle
@@ -93,7 +93,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="drives to predict",
     )
     add_effects_option(
-        parser, exceptions="; none for tables, FMUs and drive by drive, where it takes minutes"
+        parser,
+        exceptions="; those of the speed loop for tables with its set-points; none for other "
+        "tables, FMUs and drive by drive, where it takes minutes",
     )
     add(
         "--fmu",
@@ -157,7 +159,8 @@ def run(args: argparse.Namespace) -> int:
     if args.drive_by_drive is not None:
         return _drive_by_drive(args)
     from parameter_identification.drives.measured import Input, Sensor
-    from parameter_identification.estimation.inputs import Inputs
+    from parameter_identification.drives.table import load_columns
+    from parameter_identification.estimation.inputs import OF_SETPOINTS, Inputs
     from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
     from parameter_identification.estimation.redrawn import SCATTERED, redraw_of
@@ -169,7 +172,10 @@ def run(args: argparse.Namespace) -> int:
 
     if args.output is not None:
         check_output_files((args.output / name for name in FILES), args)
-    effects = effects_asked(args, "none" if args.fmu or args.columns else "weighed")
+    columns = None if args.columns is None else load_columns(args.columns)
+    effects = effects_asked(args, "none" if args.fmu or columns else "weighed")
+    if columns and columns.speed_command is not None and not (args.effects or args.fmu):
+        effects = {"effects": OF_SETPOINTS, "weighed": True}
     simulator: Simulator = CommandedBatch
     if args.fmu is not None:
         from tricycle_sim.fmi.batch import FmuSimulator
@@ -178,7 +184,10 @@ def run(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.vehicle)
     remarks_on_tables: list[str] = []
     tables: dict[Path, Table] = {}
-    read, paths = _reader(args, vehicle, tables, remarks_on_tables), [*args.drives, *args.held_out]
+    read, paths = (
+        _reader(args, vehicle, columns, tables, remarks_on_tables),
+        [*args.drives, *args.held_out],
+    )
     alike = len({path.stem for path in paths}) < len(paths)
     drives: list[list[MeasuredDrive]] = []
     with progress_bar("reading drives") as progress:
@@ -324,21 +333,24 @@ def _is_table(path: Path) -> bool:
 
 
 def _reader(
-    args: argparse.Namespace, vehicle: Vehicle, tables: dict[Path, Table], remarks: list[str]
+    args: argparse.Namespace,
+    vehicle: Vehicle,
+    columns: Columns | None,
+    tables: dict[Path, Table],
+    remarks: list[str],
 ) -> Callable[[Path], list[MeasuredDrive]]:
     """Return what reads a bag as one drive, a table as several.
 
     It adds tables by their paths, and how much of them is used.
     """
     from parameter_identification.drives.measured import read_measured_drive
-    from parameter_identification.drives.table import load_columns, read_recording
+    from parameter_identification.drives.table import read_recording
     from parameter_identification.drives.windows import Windows, select_windows, steering_of
     from parameter_identification.estimation.redrawn import Table
 
     topics = topics_of(args)
     asked = {"length": args.window, "every": args.every, "above": args.above}
     windows = Windows(**{name: value for name, value in asked.items() if value is not None})
-    columns = None if args.columns is None else load_columns(args.columns)
 
     def read(path: Path) -> list[MeasuredDrive]:
         if not _is_table(path):
