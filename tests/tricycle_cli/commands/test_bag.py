@@ -64,7 +64,7 @@ def test_bag_recover(tricycle, bag, tmp_path, capsys):
     file.write_bytes(file.read_bytes()[:9000])
     assert tricycle("bag", "info", bag) == 0
     assert "cut off" in capsys.readouterr().out
-    assert tricycle("bag", "recover", bag, tmp_path / "new", "--json") == 0
+    assert tricycle("bag", "recover", bag, "--output", tmp_path / "new", "--json") == 0
     messages = json.loads(capsys.readouterr().out)["messages"]
     assert 0 < messages < 100
     assert tricycle("bag", "info", tmp_path / "new", "--json") == 0
@@ -78,7 +78,7 @@ def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
     content[content.index(bytes(50))] ^= 1  # within a message
     file.write_bytes(bytes(content))
     (bag / "metadata.yaml").write_bytes(b"")  # as a power cut may leave it
-    assert tricycle("bag", "recover", bag, tmp_path / "new", "--json") == 0
+    assert tricycle("bag", "recover", bag, "--output", tmp_path / "new", "--json") == 0
     output, errors = capsys.readouterr()
     assert json.loads(output)["messages"] == 99
     assert json.loads(output)["damaged_chunks"] == 1
@@ -94,7 +94,11 @@ def test_damaged_chunks_are_left_out(tricycle, bag, tmp_path, capsys):
             BagError,
             "no message is left",
         ),
-        (("bag", "recover", "{bag}", "{bag}"), BagError, "exists: a bag is not overwritten"),
+        (
+            ("bag", "recover", "{bag}", "--output", "{bag}"),
+            BagError,
+            "exists: a bag is not overwritten",
+        ),
     ],
 )
 def test_mistakes(tricycle, bag, arguments, error, reason):

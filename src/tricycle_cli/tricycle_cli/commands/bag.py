@@ -23,7 +23,7 @@ examples:
   tricycle bag info out/demo/bags/designed
   tricycle bag convert first second --output both
   tricycle bag convert first --output part --topics '/maneuver/*' /odom --start 5 --duration 20
-  tricycle bag recover torn_bag torn_bag_recovered
+  tricycle bag recover torn_bag --output torn_bag_recovered
 """
 
 
@@ -68,7 +68,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     new.set_defaults(run=run_convert)
     again = verbs.add_parser("recover", help="copy what is readable of a damaged bag to a new one")
     again.add_argument("bag", metavar="BAG", type=bag_argument, help=BAG_HELP)
-    again.add_argument("output", metavar="OUTPUT", type=Path, help="directory to create")
+    again.add_argument(
+        "--output", metavar="DIR", type=Path, required=True, help="directory to create (MCAP)"
+    )
     again.add_argument("--json", action="store_true", help="print one JSON object")
     again.set_defaults(run=run_recover)
 
