@@ -184,10 +184,8 @@ def run(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.vehicle)
     remarks_on_tables: list[str] = []
     tables: dict[Path, Table] = {}
-    read, paths = (
-        _reader(args, vehicle, columns, tables, remarks_on_tables),
-        [*args.drives, *args.held_out],
-    )
+    read = _reader(args, vehicle, columns, tables, remarks_on_tables)
+    paths = [*args.drives, *args.held_out]
     alike = len({path.stem for path in paths}) < len(paths)
     drives: list[list[MeasuredDrive]] = []
     with progress_bar("reading drives") as progress:

@@ -114,7 +114,7 @@ def simulate(
     """Drive vehicles that differ in their unknown parameters by the same commands.
 
     Every vehicle starts in static equilibrium at the origin, heading +x. RK4 with steps of
-    10 ms. Memory grows with n times t; `simulate_planar` of `paths` avoids that.
+    10 ms. Memory grows with n times t; `planar.simulate_planar` avoids that.
 
     Parameters
     ----------
