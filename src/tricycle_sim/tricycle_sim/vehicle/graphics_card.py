@@ -90,8 +90,7 @@ def page_locked(blocks: int, size: int) -> FloatArray:
 @functools.cache
 def _compile(structure: Structure, own_commands: bool) -> Any:
     laws = laws_of(structure, own_commands, compilable_for_card)
-    variant = variant_of(structure) + ("-own" if own_commands else "")
-    return compiled_for_card(_advance_each, variant, laws=laws)
+    return compiled_for_card(_advance_each, variant_of(structure, own_commands), laws=laws)
 
 
 laws: Any = None  # a template, as those of `kernel`

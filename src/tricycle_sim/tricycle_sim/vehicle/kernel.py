@@ -643,15 +643,18 @@ def laws_of(
     )
 
 
-def variant_of(structure: Structure) -> str:
-    """Return a name of a structure that is short enough for a file's.
+def variant_of(structure: Structure, own_commands: bool = False) -> str:
+    """Return a name of what `laws_of` returns that is short enough for a file's.
 
     Parameters
     ----------
     structure : Structure
-        From `structure_of`.
+        As for `laws_of`.
+    own_commands : bool
+        As for `laws_of`.
     """
-    return hashlib.sha256(repr(structure).encode()).hexdigest()[:16]
+    name = hashlib.sha256(repr(structure).encode()).hexdigest()[:16]
+    return name + ("-own" if own_commands else "")
 
 
 @functools.cache
@@ -662,7 +665,7 @@ def _compile_caller(structure: Structure, function: Callable[..., Any]) -> Any:
 @functools.cache
 def _compile(structure: Structure, own_commands: bool = False) -> Functions:
     chosen = laws_of(structure, own_commands)
-    variant = variant_of(structure) + ("-own" if own_commands else "")
+    variant = variant_of(structure, own_commands)
     advancing = compiled(_advance_with, variant, laws=chosen)
     steering_ahead = compiled(_steer_with, variant, laws=chosen)
     return Functions(
