@@ -83,21 +83,40 @@ def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
     assert {"software_version", "firmware_steer", "firmware_drive"} <= record.keys()
     found = identify([read_measured_drive(tmp_path / "bag", request_.vehicle)], request_.vehicle)
     for name, std in forecast(request_, np.array(list(truth.values()))).items():
-        assert found.parameters[name].standard_deviation == pytest.approx(std, rel=0.25), name
+        deviation = found.parameters[name].standard_deviation
+        assert deviation == pytest.approx(std, rel=0.25), (name, found.measured, found.noise)
     assert reports[-1] == (round(1e3 * plan.commands.duration),) * 2
     with AnyReader([tmp_path / "bag"]) as reader:
         topics = {connection.topic for connection in reader.connections}
-        stamps = [
-            message.header.stamp.sec * 100 + message.header.stamp.nanosec // 10_000_000
-            for connection, _, raw in reader.messages()
-            if connection.topic == "/odom"
-            for message in [reader.deserialize(raw, connection.msgtype)]
-        ]
+        stamps = _stamps(reader, "/odom")
     assert topics >= {
         *("/maneuver/path", "/maneuver/commands", "/maneuver/reference", "/maneuver/state"),
         *("/odom", "/imu", "/joint_states", "/joint_commands", "/diagnostics"),
     }
     assert np.all(np.diff(stamps) == 1)  # every tick of the simulated clock, none lost
+
+
+def test_a_recorder_that_is_held_up_misses_no_tick(ros_environment, plan, tmp_path):
+    held = []
+
+    def hold_up(elapsed, _duration):
+        if elapsed > 1000 and not held:
+            held.extend(_processes_of(tmp_path, "trajectory_recorder"))
+            os.kill(held[0], signal.SIGSTOP)
+        elif elapsed > 4000:
+            os.kill(held[0], signal.SIGCONT)
+
+    with simulated_session(
+        vehicle_file=None, true_seed=0, real_time_factor=10.0, folder=tmp_path
+    ) as drive:
+        try:
+            drive(plan, tmp_path / "bag", hold_up)
+        finally:
+            os.kill(held[0], signal.SIGCONT)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        for topic in ("/odom", "/imu", "/joint_states", "/joint_commands"):
+            stamps = np.sort(_stamps(reader, topic))
+            assert np.diff(stamps).max() <= 2, topic
 
 
 DYING = """
@@ -182,14 +201,24 @@ def test_an_interruption_of_the_maneuver_says_what_it_waits_for(
     assert "the vehicle is stopped and recorded for 5 s more" in capfd.readouterr().err
 
 
-def _processes_of(folder):
-    """Command lines of the processes that work in a folder."""
-    lines = [_command_line(p) for p in Path("/proc").iterdir() if p.name.isdigit()]
-    return [line for line in lines if str(folder) in line]
+def _stamps(reader, topic):
+    """Stamps of a topic's messages in ticks, in the order of recording."""
+    connections = [c for c in reader.connections if c.topic == topic]
+    stamps = [
+        reader.deserialize(raw, connection.msgtype).header.stamp
+        for connection, _, raw in reader.messages(connections)
+    ]
+    return [stamp.sec * 100 + stamp.nanosec // 10_000_000 for stamp in stamps]
 
 
-def _command_line(process):
-    try:
-        return (process / "cmdline").read_text()
-    except OSError:
-        return ""
+def _processes_of(folder, name=""):
+    """Numbers of the nodes of a name that log in a folder."""
+    found = []
+    for process in Path("/proc").iterdir():
+        try:
+            where, what = ((process / file).read_text() for file in ("environ", "cmdline"))
+        except OSError:  # no process, or one that has ended
+            continue
+        if f"{folder}/" in where and name in what:
+            found.append(int(process.name))
+    return found

@@ -40,7 +40,7 @@ from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError, PlanError
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
-from tricycle_core.nodes import LATCHED, declare, overridable, run_node
+from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS_TOPIC
 from tricycle_core.readiness import Readiness
@@ -186,7 +186,7 @@ class ManeuverDriver(Node):
         self._wanted: RouteRequest | None = None  # what is looked for
         self._route: Future[tuple[Arc, ...]] | None = None
         self._published: tuple[object, ...] = ()  # content of the last maneuver/state
-        self._joints = self.create_publisher(JointState, "joint_commands", **overridable(10))
+        self._joints = self.create_publisher(JointState, "joint_commands", **overridable(RECORDED))
         self._state = self.create_publisher(
             DiagnosticStatus, "maneuver/state", **overridable(LATCHED)
         )

@@ -61,7 +61,7 @@ from tricycle_bridge.serial_port import IDLE_PERIOD, SerialPorts
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError
-from tricycle_core.nodes import LATCHED, declare, overridable, run_node, time_message
+from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node, time_message
 from tricycle_core.readiness import ARMED_TOPIC, PERIOD, TOPIC, Readiness
 from tricycle_core.stamps import seconds_of, split_seconds
 
@@ -103,7 +103,7 @@ class BridgeNode(LifecycleNode):
             silent = PublisherEventCallbacks(use_default_callbacks=False)
             return self.create_publisher(kind, topic, **overridable(qos), event_callbacks=silent)
 
-        self._joint_states = publisher(JointState, "joint_states")
+        self._joint_states = publisher(JointState, "joint_states", RECORDED)
         self._message = JointState()  # filled anew each time: making one takes as long as sending
         self._battery_state = publisher(BatteryState, "battery_state")
         self._diagnostics = publisher(DiagnosticArray, "/diagnostics")

@@ -44,6 +44,12 @@ from tricycle_core.stamps import split_seconds
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Quality of service of topics whose newest message reaches who subscribes later."""
 
+RECORDED = QoSProfile(depth=1000)
+"""Quality of service of what comes at every tick: nothing is lost by a recorder that is held up.
+
+For 10 s at 100 Hz, or for a second of a simulation at ten times real time.
+"""
+
 _MISTAKES = (
     ValueError,
     OSError,

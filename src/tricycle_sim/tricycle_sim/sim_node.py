@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 
 from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import PlantError, VehicleError
-from tricycle_core.nodes import declare, overridable, run_node, time_message
+from tricycle_core.nodes import RECORDED, declare, overridable, run_node, time_message
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.installed import plant_by_name
@@ -39,7 +39,6 @@ try:  # in a ROS installation, but not among the wheels
 except ImportError:
     TFMessage = None
 
-SENSOR_QOS = QoSProfile(depth=100)  # reliable: a recorder shall miss nothing
 CLOCK_QOS = QoSProfile(depth=1)
 # set at any time: default, largest value, description
 LIVE_PARAMETERS = {
@@ -128,14 +127,14 @@ class TricycleSim(Node):
         self._rng = np.random.default_rng([noise_seed, NOISE])
         self._ports = {board: PtyPort(path) for board, path in ports.items()}
         self._clock_publisher = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
-        self._odom = self.create_publisher(Odometry, "odom", **overridable(SENSOR_QOS))
-        self._truth = self.create_publisher(Odometry, "ground_truth", **overridable(SENSOR_QOS))
-        self._imu = self.create_publisher(Imu, "imu", **overridable(SENSOR_QOS))
+        self._odom = self.create_publisher(Odometry, "odom", **overridable(RECORDED))
+        self._truth = self.create_publisher(Odometry, "ground_truth", **overridable(RECORDED))
+        self._imu = self.create_publisher(Imu, "imu", **overridable(RECORDED))
         self._tf = None
         if TFMessage is None:
             self.get_logger().info("odom to base_link is not broadcast: tf2_msgs is not installed")
         else:
-            self._tf = self.create_publisher(TFMessage, "/tf", **overridable(SENSOR_QOS))
+            self._tf = self.create_publisher(TFMessage, "/tf", **overridable(RECORDED))
         self.create_service(Trigger, "~/reset", self._on_reset)
         self._heard = -math.inf  # wall time of the host's last accepted command
         self._in_step = False  # the host answered the last tick
