@@ -8,6 +8,7 @@ form in the weights cancels catastrophically for smooth outputs.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,6 +21,7 @@ from excitation_planner.indices.sampling import sobol_sequence
 from tricycle_core.quantities import FloatArray
 
 _TERMS = 1000  # basis products kept per half of the axes: 10 degrees on each of 3 axes
+_NEGLIGIBLE = 1e-7  # coefficient, as a share of the output's deviation, that is left out
 _DEGREES = 32  # highest Legendre degree + 1 on any axis
 
 
@@ -66,8 +68,9 @@ def sobol_indices(model: Kriging) -> Indices:
         On the unit box.
     """
     k = model.X_train_.shape[1]
-    left, right = _halves(model)
-    squares = ((left.E * (model.deviation_ * model.alpha_)) @ right.E.T) ** 2
+    weights = model.deviation_ * model.alpha_
+    left, right = _halves(model, weights)
+    squares = ((left.E * weights) @ right.E.T) ** 2
     return _indices(squares, left.degrees, right.degrees, k)
 
 
@@ -99,22 +102,30 @@ def effects(model: Kriging, U: FloatArray) -> FloatArray:
     return np.array(found)
 
 
-def _halves(model: Kriging) -> tuple[_Half, _Half]:
-    split = (model.X_train_.shape[1] + 1) // 2
-    return _half(model, range(split)), _half(model, range(split, model.X_train_.shape[1]))
+def _halves(model: Kriging, weights: FloatArray) -> tuple[_Half, _Half]:
+    k = model.X_train_.shape[1]
+    projections = [_axis_projection(model, j) for j in range(k)]
+    bound = np.abs(weights).sum() * math.prod(float(np.abs(C[0]).max()) for C in projections)
+    least = _NEGLIGIBLE * model.deviation_ * float(model.y_train_.std()) / bound
+    split = (k + 1) // 2
+    n = len(weights)
+    return _half(projections[:split], n, least), _half(projections[split:], n, least)
 
 
-def _half(model: Kriging, axes: range) -> _Half:
-    """The largest Legendre products over some axes; the constant comes first."""
-    n, a = len(model.X_train_), len(axes)
-    degrees, size, E = np.zeros((1, a), dtype=int), np.ones(1), np.ones((1, n))
-    for j, axis in enumerate(axes):
-        C = _axis_projection(model, axis)
+def _half(projections: list[FloatArray], n: int, least: float) -> _Half:
+    """The largest Legendre products over some axes, from their projections (degrees, n).
+
+    The constant comes first; what may be less than the share `least` of it is left out.
+    """
+    degrees, size = np.zeros((1, len(projections)), dtype=int), np.ones(1)
+    E = np.ones((1, n))
+    for j, C in enumerate(projections):
         # how much of each degree the kernel holds bounds what the mean can hold of it
         share = np.minimum(np.abs(C).max(axis=1) / np.abs(C[0]).max(), 1.0)
         products = np.outer(size, share).ravel()
         # dropping the smallest after each axis keeps the overall largest: shares are at most 1
         kept = _largest(products, _TERMS)
+        kept = kept[products[kept] >= min(least, 1.0)]
         parent, degree = np.divmod(kept, len(share))
         degrees, size, E = degrees[parent], products[kept], E[parent] * C[degree]
         degrees[:, j] = degree
