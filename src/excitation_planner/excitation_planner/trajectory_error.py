@@ -129,11 +129,10 @@ def _weights(time: FloatArray, at: FloatArray) -> tuple[NDArray[np.int64], Float
 @cache
 def _compiled() -> Callable[..., None]:
     """Return `_add_mean_square` as machine code."""
-    import numba  # takes a while, and judging one drive does without
+    from tricycle_sim.compilation import compiled  # takes a while, and judging a drive does without
 
-    options = {"cache": True, "nogil": True, "fastmath": {"contract", "reassoc"}}
-    compiled: Callable[..., None] = numba.njit(_add_mean_square, **options)
-    return compiled
+    add: Callable[..., None] = compiled(_add_mean_square)
+    return add
 
 
 def _add_mean_square(  # type: ignore[no-untyped-def]  # pragma: no cover

@@ -5,13 +5,16 @@ n: samples, k: unknown parameters. Inputs are meant to be scaled to the unit box
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+from functools import cache
 from typing import Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack, solve_triangular
 from scipy.optimize import minimize
-from scipy.spatial.distance import cdist, pdist, squareform
+from scipy.spatial.distance import cdist
 
 from tricycle_core.quantities import FloatArray
 
@@ -277,14 +280,51 @@ def _covariance_matrix(
     X: FloatArray, length_scale: FloatArray, amplitude: FloatArray
 ) -> FloatArray:
     """Covariances (n, n) of points X (n, k) with each other."""
-    exponents = pdist(X / length_scale, "sqeuclidean")
-    exponents *= -0.5
-    matrix: FloatArray = squareform(np.exp(exponents, out=exponents), checks=False)
-    np.fill_diagonal(matrix, 1.0)
-    a = amplitudes(X, amplitude)
-    matrix *= a[:, None]
-    matrix *= a
+    matrix = np.empty((len(X), len(X)))
+    fill, _ = _compiled()
+    fill(X / length_scale, amplitudes(X, amplitude), matrix)
     return matrix
+
+
+@cache
+def _compiled() -> tuple[Callable[..., None], Callable[..., float]]:
+    """Return `_fill_covariances` and `_add_derivatives` as machine code."""
+    from tricycle_sim.compilation import compiled  # takes a while
+
+    return compiled(_fill_covariances), compiled(_add_derivatives)
+
+
+def _fill_covariances(Z, a, R):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Fill R (n, n) for points Z (n, k) in units of the length scales, and amplitudes a (n,)."""
+    for i in range(len(Z)):
+        R[i, i] = a[i] * a[i]
+        for j in range(i):
+            squared = 0.0
+            for axis in range(Z.shape[1]):
+                squared += (Z[i, axis] - Z[j, axis]) ** 2
+            R[i, j] = R[j, i] = a[i] * a[j] * math.exp(-0.5 * squared)
+
+
+def _add_derivatives(  # type: ignore[no-untyped-def]  # pragma: no cover
+    Z, R, inverse, b, variance, by_scale, sums
+):
+    """Sums over the elements of W = K^-1 - b b'/s² and of W R, in one pass; returns tr W.
+
+    With R from `_fill_covariances`, the lower triangle of K^-1 stored by columns; adds to by_scale
+    (k,) the derivatives by the logarithms of the length scales, to sums (n,) the rows of W R.
+    """
+    n, trace = len(Z), 0.0
+    for i in range(n):
+        w = inverse[i, i] - b[i] * b[i] / variance
+        trace += w
+        sums[i] += w * R[i, i]
+        for j in range(i + 1, n):
+            w = (inverse[j, i] - b[i] * b[j] / variance) * R[i, j]
+            sums[i] += w
+            sums[j] += w
+            for axis in range(Z.shape[1]):
+                by_scale[axis] += w * (Z[i, axis] - Z[j, axis]) ** 2
+    return trace
 
 
 def _with_nugget(R: FloatArray, nugget: float) -> FloatArray:
@@ -350,18 +390,16 @@ def profiled_likelihood(
     if found is None:
         return _IMPOSSIBLE, np.zeros(3 * k + 1)
     value, R, factor, variance, b = found
-    # d(-log L) = 1/2 tr[(K^-1 - b b'/s²) dK] with b = K^-1 (y - mean)   (R&W Eq. 5.9)
-    W = _inverse(factor) - np.outer(b, b / variance)
-    gradient = np.empty(3 * k + 1)
-    gradient[3 * k] = 0.5 * np.exp(theta[3 * k]) * np.trace(W)
-    W *= R
-    sums, t = W.sum(axis=1), 2.0 * X - 1.0
-    # dR/d log l_j = R (x_i - x_i')²/l_j²; the sum over i, i' needs no (n, n, k) array
-    Z = (X - X.mean(axis=0)) / np.exp(theta[:k])
-    gradient[:k] = sums @ Z**2 - np.einsum("ij,ij->j", Z, W @ Z)
+    # d(-log L) = 1/2 tr[W dK], W = K^-1 - b b'/s² with b = K^-1 (y - mean)   (R&W Eq. 5.9)
+    inverse, _ = lapack.dpotri(factor, lower=1)
+    gradient, sums, t = np.zeros(3 * k + 1), np.zeros(len(X)), 2.0 * X - 1.0
+    _, add = _compiled()
+    # dR/d log l_j = R (x_i - x_i')²/l_j²
+    trace = add(X / np.exp(theta[:k]), R, inverse, b, variance, gradient[:k], sums)
     # dR/dc_j = R (t_i + t_i'), dR/dd_j = R (t_i² + t_i'²)
     gradient[k : 2 * k] = sums @ t
     gradient[2 * k : 3 * k] = sums @ t**2
+    gradient[3 * k] = 0.5 * np.exp(theta[3 * k]) * trace
     return value, gradient
 
 
