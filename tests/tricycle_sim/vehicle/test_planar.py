@@ -68,6 +68,9 @@ for drive in planar.drive_on_cores, planar.drive_on_card:
     found.append(x)
 np.testing.assert_allclose(found[1], found[0], rtol=1e-9, atol=1e-12)
 assert told[-3:] == [(16, 43), (32, 43), (43, 43)], told
+
+planar.FOR_CARD = 1
+planar.card_is_faster(vehicle)
 """
 
 
@@ -82,6 +85,7 @@ def test_the_card_drives_as_the_cores_do():
         timeout=300,
     )
     assert process.returncode == 0, process.stderr
+    assert "without the graphics card" not in process.stderr
 
 
 def test_a_card_that_fails_leaves_the_rest_to_the_cores(monkeypatch, caplog):
