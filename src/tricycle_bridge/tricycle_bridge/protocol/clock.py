@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import deque
 
 _WRAP = 1 << 32  # us: 71.6 minutes
-_SAMPLES = 16  # newest pings, of which the one with the shortest round trip gives the offset
+_SAMPLES = 16  # newest pings, of which the one that tells the offset best gives it
 _SLEW = 0.01  # s of correction per s: twice what a UNO's ceramic resonator can be off
 _STEP = 0.05  # s: a larger error is not drift and is corrected at once
 
@@ -32,8 +32,9 @@ def elapsed_us(later: int, earlier: int) -> int:
 class PlcClock:
     """Maps the PLC's clock to the host's.
 
-    The offset is that of the ping with the shortest round trip among the last 16. It is approached
-    at 1 % at most, so that stamps stay monotonic.
+    The offset is that of the ping, among the last 16, with the shortest round trip plus 1 % of its
+    age: half of either is what it may be off by, as the clocks drift by 0.5 % at most. It is
+    approached at 1 % at most, so that stamps stay monotonic.
 
     Attributes
     ----------
@@ -45,7 +46,8 @@ class PlcClock:
         self.round_trip: float | None = None
         self._last_us: int | None = None
         self._unwrapped_us = 0
-        self._samples: deque[tuple[float, float]] = deque(maxlen=_SAMPLES)  # (round trip, offset)
+        # (round trip, host time, offset)
+        self._samples: deque[tuple[float, float, float]] = deque(maxlen=_SAMPLES)
         self._offset: float | None = None  # s, PLC minus host
         self._updated = 0.0
 
@@ -74,8 +76,8 @@ class PlcClock:
         """
         rx, tx = self.unwrap(t_rx), self.unwrap(t_tx)
         self.round_trip = (t3 - t0) - (tx - rx)
-        self._samples.append((self.round_trip, (rx + tx) / 2 - (t0 + t3) / 2))
-        target = min(self._samples)[1]
+        self._samples.append((self.round_trip, t3, (rx + tx) / 2 - (t0 + t3) / 2))
+        *_, target = min(self._samples, key=lambda ping: ping[0] + _SLEW * (t3 - ping[1]))
         if self._offset is None or abs(target - self._offset) > _STEP:
             self._offset = target
         else:
