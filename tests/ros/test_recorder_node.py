@@ -201,6 +201,26 @@ def test_a_bag_begins_with_the_latched_message_that_waits_and_not_the_one_before
     assert texts(tmp_path / "bag", "/maneuver/path") == ["new"]
 
 
+def test_a_stop_takes_all_that_waits(ros_environment: dict[str, str], tmp_path: Path) -> None:
+    rclpy.init(args=["--ros-args", "-p", f"output:={tmp_path / 'bag'}", "-p", "topics:=[much]"])
+    try:
+        node = TrajectoryRecorder()
+        much = node.create_publisher(String, "much", 3000)
+        deadline = time.monotonic() + 20
+        while not much.get_subscription_count():
+            assert time.monotonic() < deadline
+            rclpy.spin_once(node, timeout_sec=0.02)
+        node.start()
+        for number in range(2500):
+            much.publish(String(data=str(number)))
+        assert much.wait_for_all_acked(Duration(seconds=20))
+        assert node.stop() == str(tmp_path / "bag")
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+    assert texts(tmp_path / "bag", "/much") == [str(number) for number in range(2500)]
+
+
 def test_a_topic_that_comes_late_and_goes_and_comes_back(  # type: ignore[no-untyped-def]
     recorder, ros_node: Node, tmp_path: Path
 ) -> None:

@@ -73,6 +73,19 @@ def test_lost_messages_are_counted_per_publisher(recording: Recording) -> None:
     assert recording.status(PATTERNS).level is Level.WARN
 
 
+def test_a_bag_says_which_messages_it_lacks(recording: Recording, tmp_path: Path) -> None:
+    odom = recording.offer(topic("/odom"))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    for sequence in (1, 4):
+        odom.received(b"", sequence)
+        recording.write(odom, b"x", sequence)
+    assert recording.lost == "2 of /odom"
+    recording.stop()
+    with BagReader(bag) as reader:
+        assert reader.metadata["lost"] == "2 of /odom"
+        assert not reader.complete
+
+
 def test_values_of_diagnostics_become_metadata(recording: Recording, tmp_path: Path) -> None:
     kind = "diagnostic_msgs/msg/DiagnosticStatus"
     types = jazzy().types

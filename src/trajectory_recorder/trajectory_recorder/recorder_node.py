@@ -22,7 +22,7 @@ from std_srvs.srv import Trigger
 from trajectory_recorder.bag.topics import OfferedQos, Topic, message_class
 from trajectory_recorder.bag.writer import Compression
 from trajectory_recorder.receipt_clock import ReceiptClock
-from trajectory_recorder.recording import BagSettings, Recording, TopicSource, matches
+from trajectory_recorder.recording import LACKS, BagSettings, Recording, TopicSource, matches
 from tricycle_core import __version__
 from tricycle_core.errors import BagError, message_of
 from tricycle_core.nodes import NotTheExecutors, declare, overridable, run_node
@@ -136,8 +136,8 @@ class TrajectoryRecorder(Node):
         self.recording.check_room(self.get_parameter("output").value)
         return self.start()
 
-    def stop(self) -> Path:
-        """Take what has arrived and close the bag.
+    def stop(self) -> str:
+        """Take what has arrived and close the bag; say where it is, and what it lacks.
 
         Raises
         ------
@@ -145,7 +145,11 @@ class TrajectoryRecorder(Node):
             If nothing is being recorded.
         """
         self._drain_all()
-        return self.recording.stop()
+        lost, path = self.recording.lost, self.recording.stop()
+        if not lost:
+            return str(path)
+        self.get_logger().warning(f"{path}{LACKS}{lost}")
+        return f"{path}{LACKS}{lost}"
 
     def pause(self) -> str:
         """Take what has arrived, and record no more until `resume`."""
@@ -230,7 +234,7 @@ class TrajectoryRecorder(Node):
         if old is not None:
             if old.qos_profile == profile:
                 return  # one publisher more or less, offering the same
-            self._drain(source, old)
+            self._drain(source, old, self._depth)
             self.destroy_subscription(old)
         self._subscriptions_of[name] = self.create_subscription(
             message, name, partial(self._on_message, source), profile, raw=True
@@ -246,12 +250,13 @@ class TrajectoryRecorder(Node):
         self._drain(source, self._subscriptions_of[source.topic.name])
 
     def _drain_all(self) -> None:
+        """Take all that has arrived, which a recorder that was held up may have much of."""
         for name, subscription in self._subscriptions_of.items():
-            self._drain(self.recording.topics[name], subscription)
+            self._drain(self.recording.topics[name], subscription, self._depth)
 
-    def _drain(self, source: TopicSource, subscription: Subscription) -> None:
+    def _drain(self, source: TopicSource, subscription: Subscription, most: int = DRAIN) -> None:
         with subscription.handle:
-            for _ in range(DRAIN):
+            for _ in range(most):
                 taken = subscription.handle.take_message(subscription.msg_type, True)
                 if taken is None:
                     return

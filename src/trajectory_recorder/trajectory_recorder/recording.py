@@ -57,6 +57,10 @@ class BagSettings:
     backlog: int = 0
 
 
+LACKS = " lacks messages that the recorder lost: "
+"""Between a bag and what it lacks, in the answer of `~/stop`."""
+
+
 @dataclass(frozen=True)
 class Status:
     """State of the recorder, for diagnostics.
@@ -145,6 +149,11 @@ class Recording:
         self._failure = ""  # why the last recording ended by itself
         self._reported = (0.0, 0, 0)  # s, messages, bytes
         self._disk_free = 0  # bytes
+
+    @property
+    def lost(self) -> str:
+        """How many messages of which topics were lost since the start; empty where none was."""
+        return ", ".join(f"{s.lost} of {name}" for name, s in self.topics.items() if s.lost)
 
     def check_room(self, output: str) -> None:
         """Refuse a bag that would end at once, because less than the reserve is free.
@@ -294,8 +303,13 @@ class Recording:
         """
         bag = self._recorded()
         self._bag = None
-        bag.close()
+        self._close(bag)
         return bag.path
+
+    def _close(self, bag: BagWriter) -> None:
+        if self.lost:
+            bag.metadata["lost"] = self.lost
+        bag.close()
 
     def offer(self, topic: Topic) -> TopicSource:
         """Add a topic, or note that it is offered differently."""
@@ -401,7 +415,7 @@ class Recording:
         self._failure = f"recording stopped: {reason}"
         if bag is not None:
             with suppress(OSError):
-                bag.close()
+                self._close(bag)
         self._failed(self._failure)
 
 

@@ -69,6 +69,14 @@ def test_a_drive_that_was_ended_early_ends_there_and_is_not_judged(tmp_path: Pat
         judge_drive(drive)
 
 
+def test_a_bag_without_the_end_of_its_drive_is_not_whole(tmp_path: Path) -> None:
+    def cut(messages):
+        messages["/maneuver/state"] = messages["/maneuver/state"][:-1]
+
+    assert read_drive(Scene().write(tmp_path / "bag")).complete
+    assert not read_drive(Scene(edit=cut).write(tmp_path / "cut")).complete
+
+
 @pytest.mark.slow
 def test_the_steering_of_a_lead_in_takes_the_place_of_the_plan_s_until_its_end() -> None:
     planned = Commands(np.arange(5) * 0.02, np.full(5, 0.3), np.array([1.0, 2.0, 3.0, 4.0, 4.0]))

@@ -102,6 +102,39 @@ def test_messages_by_stamp(tmp_path: Path, kind: str) -> None:
         assert list(reader.messages_by_stamp(["/chatter1"])) == MESSAGES[1::3]
 
 
+def test_a_missing_file_of_a_split_bag_is_noticed(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag", chunk_size=500, split_size=1500) as writer:
+        chatter = writer.add_topic(Topic.of_type("/chatter0", STRING))
+        for m in MESSAGES:
+            writer.write(chatter, m.stamp, m.data)
+    with BagReader(tmp_path / "bag") as reader:
+        assert reader.complete
+        assert len(reader.files) > 2
+    reader.files[1].unlink()
+    with BagReader(tmp_path / "bag") as reader:
+        assert not reader.complete
+
+
+def test_a_file_whose_end_was_being_replaced_is_not_whole(tmp_path: Path) -> None:
+    """The machine stopped while a longer file was written over the end of the one before."""
+    with BagWriter(tmp_path / "bag", chunk_size=500) as writer:
+        chatter = writer.add_topic(Topic.of_type("/chatter0", STRING))
+        for m in MESSAGES[:100]:
+            writer.write(chatter, m.stamp, m.data)
+        writer.flush()
+        (file,) = (tmp_path / "bag").glob("*.mcap")
+        before = file.read_bytes()
+        for m in MESSAGES[100:]:
+            writer.write(chatter, m.stamp, m.data)
+    after = file.read_bytes()
+    same = next(i for i, (a, b) in enumerate(zip(before, after, strict=False)) if a != b)
+    for torn in range(same + 20, len(before), 50):  # within the old summary
+        file.write_bytes(after[:torn] + before[torn:])
+        with BagReader(file) as reader:
+            assert not reader.complete
+            assert len(list(reader.messages())) >= 100
+
+
 @pytest.mark.parametrize("compression", CompressionType)
 @pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
 @pytest.mark.parametrize("chunks", [True, False])

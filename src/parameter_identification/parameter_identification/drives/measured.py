@@ -195,7 +195,7 @@ class MeasuredDrive:
     truth : mapping of str to float
         True values of the unknown parameters, where the drive was simulated and they are recorded.
     complete : bool
-        False where the recording was cut off.
+        False where the recording was cut off, lacks messages, or does not hold the end.
     began : float
         When it was recorded [s since 1970]; NaN: not known.
     steering_angle : Samples, optional

@@ -177,7 +177,7 @@ class RecordedDrive:
     commands : JointTrajectory message or None
         Of the plan driven, where the bag has them.
     complete : bool
-        False where the bag was cut off.
+        False where the bag was cut off, lacks a file or messages, or does not hold the end.
     metadata : mapping of str to str
         What the recorder noted.
     joint_states, imu : JointStates, ImuSamples, optional
@@ -278,6 +278,7 @@ class _StartEvent:
     recorded: int  # ns, when the message of the start was recorded
     ended: int  # ns, when that of the end was
     early: float | None  # s since the start, of an end before that of the commands
+    whole: bool  # the end was recorded, too
 
 
 class _Collector:
@@ -350,7 +351,7 @@ class _Collector:
             poses=poses.since(start),
             reference=reference,
             commands=commands,
-            complete=self.reader.complete,
+            complete=self.reader.complete and event.whole,
             metadata=self.reader.metadata,
             joint_states=_joint_states(every[self.joint_states], start),
             imu=_imu_samples(every[self.imu], start),
@@ -486,9 +487,10 @@ class _Collector:
                 ended = at
                 if state.reason and state.elapsed < event.duration:
                     early = state.elapsed
+        whole = ended is not None
         if ended is None:
             ended = recorded + round(event.duration * 1e9)
-        return _StartEvent(start, event.plan_id, event.duration, recorded, ended, early)
+        return _StartEvent(start, event.plan_id, event.duration, recorded, ended, early, whole)
 
     def _check_armed(
         self,

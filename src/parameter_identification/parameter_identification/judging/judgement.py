@@ -274,7 +274,11 @@ def _matched(drive: RecordedDrive, time: FloatArray) -> float:
         return 1.0
     first = int(np.argmin(matched))
     length = int(np.argmax(matched[first:])) or len(time) - first
-    cut = "" if drive.complete else "; the bag was cut off: identify takes it as far as it goes"
+    cut = (
+        ""
+        if drive.complete
+        else "; the bag was cut off, or messages were lost: identify takes it as far as it goes"
+    )
     raise JudgeError(
         f"{drive.bag}: poses match {np.mean(matched):.1%} of the reference's "
         f"{drive.duration:.2f} s; there are none between {time[first]:.2f} s and "

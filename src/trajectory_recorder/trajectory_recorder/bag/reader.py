@@ -140,7 +140,8 @@ class BagReader(Closing):
     metadata : dict of str to str
         What the recorder noted about the drive.
     complete : bool
-        False if a file was cut off, by a killed recorder for example; what is left is read.
+        False if a file was cut off, by a killed recorder for example, or is missing, or the
+        recorder lost messages; what is left is read.
     kind : str
         How it is stored: "mcap", "sqlite3", ...
     files : list of Path
@@ -187,6 +188,7 @@ class BagReader(Closing):
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
             self.kind = self._storages[0].kind
             self.files = [file for storage in self._storages for file in storage.files]
+            self.complete &= not (_missing(path, information, files) or self.metadata.get("lost"))
             self.size = sum(storage.size for storage in self._storages)
             spans = [storage.span for storage in self._storages if storage.span]
             self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
@@ -295,6 +297,16 @@ def _information(path: Path) -> dict[str, Any]:
         return {}
 
 
+def _missing(path: Path, information: Mapping[str, Any], remote: list[Path]) -> set[str]:
+    """Files that a bag's metadata.yaml names and that are not there."""
+    named = information.get("relative_file_paths")
+    if not isinstance(named, list) or not (remote or path.is_dir()):
+        return set()
+    names = {Path(str(name)).name for name in named}
+    there = {file.name for file in remote}
+    return names - there if remote else {name for name in names if not (path / name).exists()}
+
+
 def _texts(pairs: object) -> dict[str, str]:
     """Key and value pairs as text; empty for anything else."""
     return {str(k): str(v) for k, v in pairs.items()} if isinstance(pairs, dict) else {}
@@ -381,13 +393,12 @@ class _McapFile:
                 return
             self._check_magic()
             footer = self._read_footer()
-            self.complete = footer is not None
             try:
-                indexed = footer is not None and self._read_summary(footer)
+                self.complete = footer is not None and self._read_summary(footer)
             except _DAMAGED:
-                indexed = self.complete = False
-            if not indexed:
-                self._scan()
+                self.complete = False
+            if not self.complete:
+                self.complete = self._scan() and footer is not None
         except BaseException:
             self.close()
             raise
@@ -533,18 +544,20 @@ class _McapFile:
         self._counts.update(statistics.channel_message_counts)
         return True
 
-    def _scan(self) -> None:
-        """Take channels and chunks from the data, up to its end or to the first damage."""
+    def _scan(self) -> bool:
+        """Take channels and chunks from the data, up to the first damage; whether there is none."""
         self._chunks.clear()
         offset = len(MAGIC)
         while offset < self.size:
             head = self._read(offset, RECORD.size)
             if len(head) < RECORD.size:
-                return
+                return False
             opcode, length = RECORD.unpack(head)
             end = offset + RECORD.size + length
-            if end > self.size or opcode in (Opcode.DATA_END, Opcode.FOOTER):
-                return
+            if opcode in (Opcode.DATA_END, Opcode.FOOTER):
+                return True
+            if end > self.size:
+                return False
             try:
                 if opcode in _TAKEN:
                     record = self._read(offset, end - offset)
@@ -557,8 +570,9 @@ class _McapFile:
                         _, _, stamp, _ = MESSAGE.unpack_from(record, RECORD.size)
                         self._chunks.append(_Chunk(offset, end - offset, stamp, stamp, plain=True))
             except _DAMAGED:
-                return
+                return False
             offset = end
+        return False
 
     def _take_records(self, data: Buffer) -> None:
         for opcode, start, length in split_records(data):

@@ -124,7 +124,7 @@ def run_info(args: argparse.Namespace) -> int:
         kind = topic.type.replace("/msg/", "/")
         table.add_row(str(topic.count), topic.name, kind, ", ".join(_unusual(topic.qos)))
     console.print(table)
-    torn = "" if found["complete"] else "; cut off: the recorder was killed"
+    torn = "" if found["complete"] else "; not whole: cut off, or a file or messages are missing"
     console.print(f"{found['messages']} messages{torn}", highlight=False)
     for key, value in bag.metadata.items():
         console.print(f"{key}: {value}", highlight=False)

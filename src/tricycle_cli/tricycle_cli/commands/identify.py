@@ -221,7 +221,11 @@ def run(args: argparse.Namespace) -> int:
         console.print(remark, soft_wrap=True)
     for drive in chain.from_iterable(drives):
         if not drive.complete:
-            console.print(f"{drive.name}: its bag was cut off; used as far as it goes")
+            console.print(
+                f"{drive.name}: its bag is not whole (cut off before the drive's end, or a file or "
+                "messages are missing); used as far as it goes",
+                soft_wrap=True,
+            )
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
     unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
     for sensor in sorted(unused, key=lambda sensor: sensor.value):

@@ -1,6 +1,7 @@
 """The operator of a running system: resets, arms, records and drives one plan after the other."""
 
 import math
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -21,6 +22,7 @@ from std_srvs.srv import SetBool, Trigger
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP, MUST_STAND
+from trajectory_recorder.recording import LACKS
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import interrupts_held
@@ -412,7 +414,9 @@ class Operator(Closing):
             with suppress(NodeError):  # the first error is reported
                 self._trigger("trajectory_recorder/stop")
             raise
-        self._trigger("trajectory_recorder/stop")
+        answer = self._trigger("trajectory_recorder/stop")
+        if LACKS in answer:
+            print(f"warning: {answer}", file=sys.stderr)
 
     def _arm(self) -> None:
         """Ask for ARM until both PLCs are linked and hear the standstill stream."""
@@ -441,21 +445,24 @@ class Operator(Closing):
         if values.get("known") == "true":
             self._taught = values.get("plan_id", "")
 
-    def _trigger(self, service: str) -> None:
+    def _trigger(self, service: str) -> str:
         answer = self._services.call(service, Trigger, Trigger.Request())
         if not answer.success:
             raise NodeError(f"{service}: {answer.message}")
+        return str(answer.message)
 
     def _trigger_at_rest(self, service: str) -> None:
         """Trigger, again and again while the vehicle does not rest yet after its last run."""
         deadline = time.monotonic() + self._patience
         while True:
             try:
-                return self._trigger(service)
+                self._trigger(service)
             except NodeError as refusal:
                 too_soon = any(why in str(refusal) for why in (BEING_STOPPED, MUST_STAND))
                 if not too_soon or time.monotonic() > deadline:
                     raise
+            else:
+                return
             self._sleep(REFUSED)
 
     def _set_parameters(self, node: str, **values: str | float) -> None:
