@@ -239,6 +239,18 @@ def test_what_is_left_out_is_counted_by_its_reason(
     assert reason.startswith("with a gap of the poses")
     around = (0.4 + 1.0 + RUN_IN) / 0.5  # windows that it is in, or in what leads into them
     assert around - 2 <= lost.left_out[reason] <= around + 2
+    time, values = whole.steering.time, whole.steering.values
+    begin = time[len(time) // 2]
+    for end in (begin + 0.5, time[-1]):
+        keep = (time <= begin) | (time > end)
+        told = dataclasses.replace(
+            whole, steering=Samples(time[keep], values[keep]), steering_measured=True
+        )
+        found = select_windows(told, VEHICLE, steering, ask)
+        assert "with a gap of the steering of more than 0.2 s" in found.left_out
+        for drive in found.drives:
+            first = float(drive.name.split()[1])
+            assert first + 1.0 <= begin + 0.2 or first - RUN_IN >= end
     monkeypatch.setattr("parameter_identification.drives.windows.MAX_SPEED", 1.4)
     with pytest.raises(IdentificationError, match=r"left out: .*\d+ faster than 1\.4 m/s"):
         select_windows(whole, VEHICLE, steering, ask)

@@ -52,7 +52,8 @@ from tricycle_sim.vehicle.wheels import AXLES
 APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it is steered alike
 RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
 SETTLED = 6.0  # integral times of a speed loop before it, where the set-points are recorded
-MAX_GAP = 0.2  # s between poses
+MAX_GAP = 0.2  # s between poses, or measured steering angles ...
+SPARSE = 2.5  # ... or so many of the latter's periods, if that is longer
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
@@ -298,7 +299,8 @@ def select_windows(
     """Return the windows of a recording as drives, and how many were left out, and why.
 
     Their times begin with the run-in; the signals are those of the window. Windows with a gap in
-    the poses, a jump of them or commands beyond what the model takes are left out.
+    the poses or the measured steering, a jump of the poses or commands beyond what the model takes
+    are left out.
 
     Parameters
     ----------
@@ -367,15 +369,21 @@ def _beginnings(
     among them.
     """
     length = round(windows.length / TICK)
-    gaps = np.diff(recording.time) > MAX_GAP
-    lost = np.zeros(len(motion.time), dtype=bool)
-    for begin, end in zip(recording.time[:-1][gaps], recording.time[1:][gaps], strict=True):
-        lost |= (motion.time > begin) & (motion.time < end)
+    steered, sparse = recording.steering.time, MAX_GAP
+    if recording.steering_measured:
+        sparse = max(MAX_GAP, SPARSE * float(np.median(np.diff(steered))))
+    else:  # set-points hold until the next
+        steered = steered[:1]
     jump = np.abs(motion.jolt) > JUMP
     jump |= motion.missed > max(MISSED * float(np.median(motion.missed)), LEAST_MISSED)
     reasons = {
         f"faster than {MAX_SPEED:g} m/s": np.abs(motion.speed) > MAX_SPEED,
-        f"with a gap of the poses of more than {MAX_GAP:g} s": lost,
+        f"with a gap of the poses of more than {MAX_GAP:g} s": _lost(
+            motion.time, recording.time, MAX_GAP
+        ),
+        f"with a gap of the steering of more than {sparse:.2g} s": _lost(
+            motion.time, steered, sparse, open_end=not recording.steering_measured
+        ),
         "with a jump of the poses or a kink of the speed": jump,
     }
     step, free = max(1, round(windows.every / TICK)), 0
@@ -391,6 +399,19 @@ def _beginnings(
         yield first, reason
         if not reason:
             free = 0 if windows.overlapping else first + length + 1
+
+
+def _lost(
+    ticks: FloatArray, told: FloatArray, gap: float, *, open_end: bool = False
+) -> NDArray[np.bool_]:
+    """Whether ticks (t,) are within a larger gap of the times told, or as far outside of them."""
+    lost = ticks < told[0] - gap
+    if not open_end:
+        lost |= ticks > told[-1] + gap
+    large = np.diff(told) > gap
+    for begin, end in zip(told[:-1][large], told[1:][large], strict=True):
+        lost |= (ticks > begin) & (ticks < end)
+    return lost
 
 
 def _signals(recording: Recording, vehicle: Vehicle) -> dict[Sensor, Signal]:
