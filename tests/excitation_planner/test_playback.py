@@ -407,6 +407,15 @@ def test_another_commander_aborts():
     assert playback.reason == "the vehicle obeys another commander, /teleop"
 
 
+def test_a_driver_or_a_clock_that_leaves_out_commands_aborts():
+    playback = running()
+    playback.tick(10.01)
+    assert playback.state is PlaybackState.RUNNING
+    assert playback.tick(10.13) == JointCommand(0.1, 0.0)
+    assert playback.state is PlaybackState.ABORTED
+    assert playback.reason.startswith("for 0.12 s no command was sent")
+
+
 def test_a_clock_that_jumps_back_aborts_and_makes_what_was_heard_unknown():
     playback = running()
     assert playback.tick(7.0) == JointCommand(0.1, 0.0)

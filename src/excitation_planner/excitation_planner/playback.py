@@ -37,6 +37,9 @@ STANDSTILL_SPEED = 0.05
 CLOCK_TOLERANCE = 0.1
 """Time by which a pose may be stamped ahead, or the clock may step back [s]."""
 
+STALL = 0.1
+"""Time without a command [s] after which a run is not the planned one; the boards hold the last."""
+
 PREPARATION = 0.5
 """Time before row 0 for which standstill with its steering angle is commanded [s].
 
@@ -514,6 +517,10 @@ class Playback:
                 self._stopping_since = now
             if self._active:
                 self.abort(f"the clock jumped back by {back:.2f} s")
+        elif -back > STALL and self.state is PlaybackState.RUNNING:
+            self.abort(
+                f"for {-back:.2f} s no command was sent: a busy computer, or a clock that was set"
+            )
         if self._back is not None:
             return self._return(self._back, now)
         if self._active and self._plan is not None:
