@@ -17,7 +17,7 @@ from parameter_identification.identification_file import load_identification_fil
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.results import campaign_report
-from tricycle_core.errors import ExcitationError, PlanError
+from tricycle_core.errors import ExcitationError, JudgeError, PlanError
 from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 
@@ -107,6 +107,23 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
     assert finer.steps[-1].predicted_std[target] < before[target].std
     # noise is estimated anew from all drives, so the deviation need not fall with every one
     assert finer.known()[target].std < 1.2 * before[target].std
+
+
+@pytest.mark.slow
+def test_a_bag_that_holds_no_drive_is_driven_again(tmp_path):
+    track, campaign = Track(), Campaign(tmp_path / "c", request())
+    campaign.plan(silent)
+    campaign.drive(track.drive, lambda done, total: None)
+
+    def fail(bag, vehicle):
+        raise JudgeError(f"{bag}: no poses")
+
+    with pytest.raises(PlanError, match=r"no poses; give the same command again"):
+        campaign.identify(fail)
+    again = Campaign(tmp_path / "c", request())
+    assert not again.steps[0].driven
+    again.drive(track.drive, lambda done, total: None)
+    assert track.driven == 2
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.session import DrivePlan
 from tricycle_core.documents import check_folder, encode
-from tricycle_core.errors import DesignError, PlanError
+from tricycle_core.errors import DesignError, ExcitationError, PlanError
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
@@ -261,11 +261,22 @@ class Campaign:
             Reads a bag's drive for a vehicle.
         progress : callable, optional
             As that of `parameter_identification.identification.identify`.
+
+        Raises
+        ------
+        PlanError
+            If the bag of the last drive holds none that can be used; it counts as not driven.
         """
         step = self.steps[-1]
         if step.identification is None:
             vehicle = self.request.vehicle
-            drives = [read(self.folder / s.bag, vehicle) for s in self.steps]
+            drives = [read(self.folder / s.bag, vehicle) for s in self.steps[:-1]]
+            try:
+                drives.append(read(self.folder / step.bag, vehicle))
+            except ExcitationError as error:
+                self._keep((*self.steps[:-1], dataclasses.replace(step, driven=False)))
+                again = "give the same command again, and it is driven again"
+                raise PlanError(f"{error}; {again}") from error
             request = self.request
             found = identify(
                 drives,
