@@ -9,6 +9,7 @@ import pytest
 from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, shares
 
 from parameter_identification.drives.measured import Input, Sensor, Signal, StartPose
+from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.inputs import (
     LOADING,
@@ -67,8 +68,15 @@ def test_a_servo_of_another_kind_is_told_where_all_drives_tell_the_angle(worlds)
     drives = drives_in(worlds, "servo of another kind")
     assert measured_inputs(drives, VEHICLE, Inputs.EITHER) == {Input.STEERING}
     assert measured_inputs(drives, VEHICLE, Inputs.COMMANDS) == set()
-    untold = dataclasses.replace(drives[1], steering_angle=None)
-    assert Input.STEERING not in measured_inputs([drives[0], untold], VEHICLE, Inputs.EITHER)
+    circle, lane = drives  # in which it shows
+    told = lane.steering_angle
+    kept = (told.time < 3.0) | (told.time > 3.25)
+    gap = dataclasses.replace(lane, steering_angle=Samples(told.time[kept], told.values[kept]))
+    for some in ([dataclasses.replace(circle, steering_angle=None), lane], [circle, gap]):
+        with pytest.raises(IdentificationError, match="does not tell the steering angle through"):
+            measured_inputs(some, VEHICLE, Inputs.EITHER)
+        assert measured_inputs(some, VEHICLE, Inputs.COMMANDS) == set()
+    untold = dataclasses.replace(lane, steering_angle=None)
     assert measured_inputs([drives[0], untold], VEHICLE, Inputs.MEASURED) == {Input.SPEED}
     poses = {Sensor.POSITION: untold.signals[Sensor.POSITION]}
     blind = dataclasses.replace(untold, signals=poses)

@@ -405,7 +405,7 @@ def _lost(
     ticks: FloatArray, told: FloatArray, gap: float, *, open_end: bool = False
 ) -> NDArray[np.bool_]:
     """Whether ticks (t,) are within a larger gap of the times told, or as far outside of them."""
-    lost = ticks < told[0] - gap
+    lost: NDArray[np.bool_] = ticks < told[0] - gap
     if not open_end:
         lost |= ticks > told[-1] + gap
     large = np.diff(told) > gap

@@ -70,7 +70,8 @@ def measured_inputs(
     Raises
     ------
     IdentificationError
-        If measured ones are asked for, and there is none that all drives tell.
+        If measured ones are asked for, and there is none that all drives tell; or if the servo is
+        of another kind, and not all tell the steering angle.
     """
     if inputs is Inputs.COMMANDS:
         return frozenset()
@@ -85,11 +86,20 @@ def measured_inputs(
             )
         return told
     found: set[Input] = set()
-    if Input.STEERING in told and any(
-        servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_SERVO
+    other = [
+        drive.name
         for drive in drives
         if drive.steering_angle is not None
-    ):
+        and servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_SERVO
+    ]
+    if other and Input.STEERING not in told:
+        untold = next(drive.name for drive in drives if Input.STEERING not in drive.told)
+        raise IdentificationError(
+            f"{untold}: does not tell the steering angle throughout, and that of {other[0]} is not "
+            "what the servo of the vehicle file makes of its commands: leave this drive out, or "
+            "take the commands of all (inputs: commands), whose intervals do not count it"
+        )
+    if other:
         found.add(Input.STEERING)
     if Input.SPEED in told and all(
         max(speed_misfits(drives[:FITTED], vehicle, effects, found)) > OTHER_LOOP
