@@ -77,6 +77,15 @@ def test_a_mistake_is_one_line_and_status_2(line, message, capsys):
     assert "Traceback" not in errors
 
 
+def test_ctrl_c_in_compiled_code_is_an_interruption(monkeypatch, capsys):
+    def interrupted(_arguments):
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    monkeypatch.setattr("tricycle_cli.commands.judge.run", interrupted)
+    assert main(["judge", "bag"]) == 130
+    assert capsys.readouterr().err == "tricycle: interrupted\n"
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_has_help_with_an_example(command, capsys):
     with pytest.raises(SystemExit) as stop:

@@ -163,7 +163,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         status: int = arguments.run(arguments)
     except BrokenPipeError:  # `tricycle … | head`
         return 0
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        # compiled code that Ctrl-C reaches may end with an error of the interpreter
+        if isinstance(error, SystemError) and not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
         print("tricycle: interrupted", file=sys.stderr)
         return 130
     except ModuleNotFoundError as error:

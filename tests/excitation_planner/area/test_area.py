@@ -49,8 +49,8 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
         (YARD + "margin: -1", "margin: needs a number of at least 0 m, not -1"),
         (YARD + "margins: 1", "margins: is no key; there are keep_in, keep_out, margin"),
         (YARD + "start: {theta: 1}", "start.theta: is no key; there are x, y, heading"),
-        (YARD + "start: {heading: 90}\n", None),
         (YARD + "start: {heading: [0, 90]}", "start.heading: [0, 90] is no part of a turn, in rad"),
+        (YARD + "start: {heading: 90}", "start.heading: [90, 90] is no part of a turn, in rad"),
         (YARD + "start: {x: [3, 2]}", "start.x: needs [low, high], not [3, 2]"),
         (YARD + "start: {x: 13, y: 1}", "start: (13, 1) m is outside of keep_in"),
         (YARD + "datum: [200, 11]", "datum: needs [latitude, longitude] in degrees"),
@@ -59,12 +59,9 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
         ("keep_in: [", "is not valid YAML"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path: Path, text: str, message: str | None) -> None:
+def test_what_is_wrong_is_one_line(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "yard.yaml"
     file.write_text(text)
-    if message is None:
-        load_area(file)
-        return
     with pytest.raises(PlanError) as caught:
         load_area(file)
     assert str(caught.value).startswith(str(file))

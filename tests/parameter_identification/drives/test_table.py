@@ -118,6 +118,17 @@ def test_samples_of_a_second_clock_count_once_and_are_shifted(tmp_path: Path) ->
     np.testing.assert_allclose(rate.time, [0.0, 0.1, 0.2, 0.3, 0.4], atol=0.011)
 
 
+def test_a_clock_in_another_unit_or_of_a_pose_is_refused(tmp_path: Path) -> None:
+    rows = [f"{0.01 * i:.2f},{i},0,0,0,{10 * i},{i}" for i in range(500)]  # ts in ms
+    path = write(tmp_path / "a.csv", *rows)
+    gyro = Columns(time="t", x="px", y="py", steering="cmd", yaw_rate=Column("w", clock="ts"))
+    with pytest.raises(IdentificationError, match=r"a.csv: ts: \d+% of its times are outside"):
+        read_recording(path, gyro)
+    pose = Columns(time="t", x=Column("px", clock="ts"), y="py", steering="cmd")
+    with pytest.raises(IdentificationError, match="x: takes no clock"):
+        read_recording(path, pose)
+
+
 def test_the_pose_is_moved_from_the_sensor_to_the_com(tmp_path: Path) -> None:
     path = write(tmp_path / "a.csv", "0,1,0,1.6707963,0,,", "1,1,1,1.6707963,0,,")
     columns = Columns(

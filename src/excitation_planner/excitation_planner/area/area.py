@@ -43,7 +43,8 @@ class StartRegion:
             if not low <= high:
                 raise PlanError(f"start.{name}: needs [low, high], not [{low:g}, {high:g}]")
         low, high = self.heading
-        if not (math.isfinite(low) and math.isfinite(high) and high - low <= 2 * math.pi + 1e-9):
+        turn = 2 * math.pi + 1e-9
+        if not (abs(low) <= turn and abs(high) <= turn and high - low <= turn):
             raise PlanError(f"start.heading: [{low:g}, {high:g}] is no part of a turn, in rad")
 
 

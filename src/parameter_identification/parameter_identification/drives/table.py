@@ -356,6 +356,12 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
     """
     path, found = Path(path), columns.entries()
     headings = {c.column for c in found.values()} | {c.clock for c in found.values() if c.clock}
+    for name in ("time", "x", "y", "yaw"):
+        if name in found and found[name].clock:
+            raise IdentificationError(
+                f"{path}: {name}: takes no clock: poses are timed by `time`, and where rows repeat "
+                "them, their cells must be empty"
+            )
     table = _read_table(path, headings)
     si = {
         name: table[c.column] * units_of(name)[c.unit] / _radius(name, c, vehicle, str(path))
@@ -492,6 +498,11 @@ def _on_the_clock(values: FloatArray, own: FloatArray, time: FloatArray, where: 
     at = own[rows] + shift
     # a clock may begin elsewhere than it goes on
     known = (at > time[0] - BESIDE) & (at < time[-1] + BESIDE)
+    if np.mean(known) < 0.5:
+        raise IdentificationError(
+            f"{where}: {np.mean(~known):.0%} of its times are outside of those of the rows: it "
+            "must be in s, and at their pace"
+        )
     return Samples(at[known], values[rows][known])
 
 

@@ -52,8 +52,8 @@ from tricycle_sim.vehicle.wheels import AXLES
 APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it is steered alike
 RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
 SETTLED = 6.0  # integral times of a speed loop before it, where the set-points are recorded
-MAX_GAP = 0.2  # s between poses, or measured steering angles ...
-SPARSE = 2.5  # ... or so many of the latter's periods, if that is longer
+MAX_GAP = 0.2  # s between poses, or steering angles and set-points ...
+SPARSE = 2.5  # ... or so many of their periods, if that is longer
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
 QUIET = 1.0  # m/s^2 of lateral acceleration up to which the tyres hardly slip
@@ -299,8 +299,8 @@ def select_windows(
     """Return the windows of a recording as drives, and how many were left out, and why.
 
     Their times begin with the run-in; the signals are those of the window. Windows with a gap in
-    the poses or the measured steering, a jump of the poses or commands beyond what the model takes
-    are left out.
+    the poses, the steering or the set-points of the speed, a jump of the poses or commands beyond
+    what the model takes are left out.
 
     Parameters
     ----------
@@ -369,11 +369,9 @@ def _beginnings(
     among them.
     """
     length = round(windows.length / TICK)
-    steered, sparse = recording.steering.time, MAX_GAP
-    if recording.steering_measured:
-        sparse = max(MAX_GAP, SPARSE * float(np.median(np.diff(steered))))
-    else:  # set-points hold until the next
-        steered = steered[:1]
+    inputs = {"steering": recording.steering}
+    if "speed_command" in recording.more:
+        inputs["speed_command"] = recording.more["speed_command"]
     jump = np.abs(motion.jolt) > JUMP
     jump |= motion.missed > max(MISSED * float(np.median(motion.missed)), LEAST_MISSED)
     reasons = {
@@ -381,11 +379,12 @@ def _beginnings(
         f"with a gap of the poses of more than {MAX_GAP:g} s": _lost(
             motion.time, recording.time, MAX_GAP
         ),
-        f"with a gap of the steering of more than {sparse:.2g} s": _lost(
-            motion.time, steered, sparse, open_end=not recording.steering_measured
-        ),
         "with a jump of the poses or a kink of the speed": jump,
     }
+    for name, told in inputs.items():
+        most = max(MAX_GAP, SPARSE * float(np.median(np.diff(told.time, append=told.time[-1]))))
+        reason = f"with a gap of the {name} of more than {most:.2g} s"
+        reasons[reason] = _lost(motion.time, told.time, most)
     step, free = max(1, round(windows.every / TICK)), 0
     for first in range(0, len(motion.time) - length, step):
         last = first + (0 if windows.overlapping else length)
@@ -401,13 +400,9 @@ def _beginnings(
             free = 0 if windows.overlapping else first + length + 1
 
 
-def _lost(
-    ticks: FloatArray, told: FloatArray, gap: float, *, open_end: bool = False
-) -> NDArray[np.bool_]:
+def _lost(ticks: FloatArray, told: FloatArray, gap: float) -> NDArray[np.bool_]:
     """Whether ticks (t,) are within a larger gap of the times told, or as far outside of them."""
-    lost: NDArray[np.bool_] = ticks < told[0] - gap
-    if not open_end:
-        lost |= ticks > told[-1] + gap
+    lost: NDArray[np.bool_] = (ticks < told[0] - gap) | (ticks > told[-1] + gap)
     large = np.diff(told) > gap
     for begin, end in zip(told[:-1][large], told[1:][large], strict=True):
         lost |= (ticks > begin) & (ticks < end)
