@@ -59,6 +59,7 @@ def in_a_folder_of_its_own(tmp_path, monkeypatch):
         ("plan show nowhere.json", "tricycle: nowhere.json: No such file or directory"),
         ("plan sho plan.json", "want `tricycle plan show FILE`"),
         ("drive nowhere.json", "nowhere.json"),
+        ("drive nowhere.json --namespace one", "--namespace is of the vehicle's nodes: give"),
         ("judge nowhere", "nowhere"),
         (
             "simulate --maneuver circle radius=9 speed=0.8 --output a.csv",

@@ -54,6 +54,7 @@ def test_what_may_be_left_out(tmp_path: Path) -> None:
         (YARD + "start: {x: [3, 2]}", "start.x: needs [low, high], not [3, 2]"),
         (YARD + "start: {x: 13, y: 1}", "start: (13, 1) m is outside of keep_in"),
         (YARD + "datum: [200, 11]", "datum: needs [latitude, longitude] in degrees"),
+        (YARD + "frame: ''", "frame: needs the name of a frame"),
         (YARD + "frame: [odom]", "frame: needs a text, not a list"),
         ("keep_in: &a [[0, 0]]\nkeep_out: [*a]", "is not valid YAML: aliases are not read"),
         ("keep_in: [", "is not valid YAML"),

@@ -90,6 +90,8 @@ class Area:
             raise PlanError(f"the polygons have more than {MAX_CORNERS} corners")
         if not 0.0 <= self.margin < math.inf:
             raise PlanError(f"margin: needs a number of at least 0 m, not {self.margin:g}")
+        if not self.frame.strip():
+            raise PlanError("frame: needs the name of a frame, such as odom")
         if self.datum is not None:
             latitude, longitude = self.datum
             if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):

@@ -251,15 +251,16 @@ def _step(
     campaign: Campaign, drive: DrivePlan, console: Console, *, stop_early: bool = False
 ) -> None:
     """Plan, drive and identify once, or what is left of that."""
-    number = len(campaign.steps) + (not campaign.steps or campaign.steps[-1].driven)
     campaign.plan(progress_bar)
+    number = len(campaign.steps)
     for problem in campaign.left_out:
         console.print(f"drive {number}: without {problem}", highlight=False, soft_wrap=True)
     step = campaign.steps[-1]
     values = ", ".join(f"{name} {value:.3g}" for name, value in step.operation.items())
     console.print(f"drive {number}: {step.maneuver} ({values}) for {step.target}", highlight=False)
-    with progress_bar(f"driving {step.maneuver}, ms") as progress:
-        campaign.drive(drive, progress, stop_early=stop_early)
+    if not step.driven:
+        with progress_bar(f"driving {step.maneuver}, ms") as progress:
+            campaign.drive(drive, progress, stop_early=stop_early)
     with progress_bar("identifying") as progress:
         known = campaign.identify(progress=progress)
     driven = campaign.steps[-1].duration

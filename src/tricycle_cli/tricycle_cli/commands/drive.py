@@ -88,6 +88,8 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.operation.session import running_session, simulated_session
     from tricycle_sim.plants.installed import check_plant
 
+    if args.namespace and not args.vehicle_nodes:
+        raise PlanError("--namespace is of the vehicle's nodes: give --vehicle-nodes too")
     if args.repeat < 1:
         raise PlanError(f"--repeat {args.repeat}: a plan is driven once or more often")
     check_new(args.bag)

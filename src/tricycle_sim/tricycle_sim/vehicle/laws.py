@@ -55,7 +55,8 @@ class Constant:
         low, high = self.low, self.high
         inside = (low <= value if self.zero else low < value) and value <= high
         if not inside or not math.isfinite(value):
-            bounds = f"{'[' if self.zero else '('}{low:g}, {high:g}]"
+            end = "]" if math.isfinite(high) else ")"
+            bounds = f"{'[' if self.zero else '('}{low:g}, {high:g}{end}"
             if self.unit == "rad":
                 bounds += f" ({math.degrees(low):.3g} to {math.degrees(high):.3g} deg)"
             raise VehicleError(f"{where}: {value:g} {self.unit} is not in {bounds}")
