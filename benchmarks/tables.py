@@ -27,7 +27,10 @@ from identification import VEHICLE, draw
 
 from parameter_identification.drives.table import Columns, SteeringMap, read_recording
 from parameter_identification.drives.windows import Windows
-from parameter_identification.estimation.inputs import OF_SETPOINTS
+from parameter_identification.estimation.inputs import (
+    OF_SPEED_SETPOINTS,
+    OF_STEERING_SETPOINTS,
+)
 from parameter_identification.estimation.redrawn import Table, redraw_of
 from parameter_identification.identification import identify
 from tricycle_core.timing import TICK
@@ -93,10 +96,11 @@ def identified(seed, position, steering, loop):
         np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=",".join(columns), comments="")
         recording = read_recording(path, Columns(**mapping, **{entry: entry}), VEHICLE)
     table = Table(recording, VEHICLE, SteeringMap(), Windows())
+    effects = OF_STEERING_SETPOINTS * (steering == "set-points")
+    effects += OF_SPEED_SETPOINTS * (loop != "none")
+    how = {"effects": effects, "weighed": bool(effects)}
     if loop == "none":
-        how = {"redraw": redraw_of([table])}
-    else:
-        how = {"effects": OF_SETPOINTS, "weighed": True}
+        how["redraw"] = redraw_of([table])
     return truth, identify(table.drives(), VEHICLE, seed=seed, **how).parameters
 
 

@@ -428,6 +428,30 @@ def test_a_speed_loop_that_is_not_the_one_of_the_file_is_estimated_beside(
     assert found("--effects", "none") != dict.fromkeys(TRUTH, True)
 
 
+@pytest.mark.slow
+def test_steering_that_was_logged_before_it_acted_is_estimated_beside(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time = np.arange(0.0, 40.0, 0.01)
+    angle = 0.3 * np.sin(0.35 * time) + 0.25 * np.sin(0.9 * time + 1.0) + 0.1 * np.sin(2.2 * time)
+    commands = Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(0.9, time))
+    later = np.interp(time - 0.08, time, commands.steering_motor_angle)
+    heard = dataclasses.replace(commands, steering_motor_angle=later)
+    truth = VEHICLE.nominal | {"cornering_stiffness": 1100.0, "yaw_inertia": 42.0}
+    motion = simulate(VEHICLE, heard, np.array([list(truth.values())]))
+    logged(tmp_path / "drive.csv", motion, commands, 0.001, 0.001)
+    columns = tmp_path / "mapping.yaml"
+    columns.write_text("time: t\nx: x\ny: y\nyaw: yaw\nyaw_rate: rate\nsteering: wanted\n")
+    assert main(["identify", str(tmp_path / "drive.csv"), "--columns", str(columns), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    for name in (*TRUTH, "yaw_inertia"):
+        assert found["parameters"][name]["low"] < truth[name] < found["parameters"][name]["high"]
+    (late,) = found["effects"]
+    assert late["name"] == "servo dead time"
+    assert abs(late["estimate"] - 0.08) < 3.0 * late["standard_deviation"]
+    assert late["estimate"] > 0.04
+
+
 def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> None:
     rows = [f"{0.02 * i:.2f},{0.02 * i:.3f},0,0,{'0.1' if i < 5 else ''}" for i in range(300)]
     path = tmp_path / "drive.csv"

@@ -41,7 +41,10 @@ LOADING = (
     "slope-or-wind-across",
 )
 """Effects that change the speed of the wheels most."""
-OF_SETPOINTS = "speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation"
+OF_STEERING_SETPOINTS = ("servo-dead-time",)
+"""Effects of set-points of the steering, which mostly are logged when they are sent."""
+
+OF_SPEED_SETPOINTS = "speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation"
 """Effects by which the loop behind set-points of the speed may differ from the vehicle file's."""
 
 
