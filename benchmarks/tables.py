@@ -27,10 +27,7 @@ from identification import VEHICLE, draw
 
 from parameter_identification.drives.table import Columns, SteeringMap, read_recording
 from parameter_identification.drives.windows import Windows
-from parameter_identification.estimation.inputs import (
-    OF_SPEED_SETPOINTS,
-    OF_STEERING_SETPOINTS,
-)
+from parameter_identification.estimation.inputs import effects_of_setpoints
 from parameter_identification.estimation.redrawn import Table, redraw_of
 from parameter_identification.identification import identify
 from tricycle_core.timing import TICK
@@ -94,14 +91,18 @@ def identified(seed, position, steering, loop):
         path = Path(folder) / "drive.csv"
         rows = np.column_stack(list(columns.values()))
         np.savetxt(path, rows, fmt="%.9f", delimiter=",", header=",".join(columns), comments="")
-        recording = read_recording(path, Columns(**mapping, **{entry: entry}), VEHICLE)
+        mapped = Columns(**mapping, **{entry: entry})
+        recording = read_recording(path, mapped, VEHICLE)
     table = Table(recording, VEHICLE, SteeringMap(), Windows())
-    effects = OF_STEERING_SETPOINTS * (steering == "set-points")
-    effects += OF_SPEED_SETPOINTS * (loop != "none")
-    how = {"effects": effects, "weighed": bool(effects)}
-    if loop == "none":
-        how["redraw"] = redraw_of([table])
-    return truth, identify(table.drives(), VEHICLE, seed=seed, **how).parameters
+    found = identify(
+        table.drives(),
+        VEHICLE,
+        effects=effects_of_setpoints(mapped),
+        weighed=True,
+        redraw=redraw_of([table]) if loop == "none" else None,
+        seed=seed,
+    )
+    return truth, found.parameters
 
 
 def main():

@@ -145,11 +145,11 @@ class TrajectoryRecorder(Node):
             If nothing is being recorded.
         """
         self._drain_all()
-        lost, path = self.recording.lost, self.recording.stop()
-        if not lost:
-            return str(path)
-        self.get_logger().warning(f"{path}{LACKS}{lost}")
-        return f"{path}{LACKS}{lost}"
+        lost, answer = self.recording.lost, str(self.recording.stop())
+        if lost:
+            answer += LACKS + lost
+            self.get_logger().warning(answer)
+        return answer
 
     def pause(self) -> str:
         """Take what has arrived, and record no more until `resume`."""

@@ -15,6 +15,7 @@ from parameter_identification.drives.following import (
 )
 from parameter_identification.drives.measured import PULSE_JITTER, Input, MeasuredDrive, Sensor
 from parameter_identification.drives.samples import Samples
+from parameter_identification.drives.table import Columns
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import white_level
 from parameter_identification.estimation.prior import prior_in_ranges
@@ -41,11 +42,10 @@ LOADING = (
     "slope-or-wind-across",
 )
 """Effects that change the speed of the wheels most."""
-OF_STEERING_SETPOINTS = ("servo-dead-time",)
-"""Effects of set-points of the steering, which mostly are logged when they are sent."""
-
-OF_SPEED_SETPOINTS = "speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation"
-"""Effects by which the loop behind set-points of the speed may differ from the vehicle file's."""
+# set-points of the steering mostly are logged when they are sent; the loop behind set-points of the
+# speed need not be the vehicle file's
+_OF_STEERING_SETPOINTS = ("servo-dead-time",)
+_OF_SPEED_SETPOINTS = ("speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation")
 
 
 class Inputs(Enum):
@@ -54,6 +54,19 @@ class Inputs(Enum):
     COMMANDS = "commands"  # through servo and speed loop of the vehicle file
     MEASURED = "measured"  # the steering angle and the wheel speed that the drives tell
     EITHER = "either"  # what was measured of an actuator of another kind, otherwise the commands
+
+
+def effects_of_setpoints(columns: Columns) -> tuple[str, ...]:
+    """Return the effects that are estimated beside the parameters where a table has set-points.
+
+    Parameters
+    ----------
+    columns : Columns
+        Of the table.
+    """
+    of_steering = _OF_STEERING_SETPOINTS if columns.steering_angle is None else ()
+    of_speed = _OF_SPEED_SETPOINTS if columns.speed_command is not None else ()
+    return of_steering + of_speed
 
 
 def measured_inputs(
