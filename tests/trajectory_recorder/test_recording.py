@@ -86,6 +86,13 @@ def test_a_bag_says_which_messages_it_lacks(recording: Recording, tmp_path: Path
         assert not reader.complete
 
 
+def test_a_superseded_state_is_not_lost(recording: Recording) -> None:
+    state = recording.offer(topic("/maneuver/state", LATCHED))
+    for sequence in (1, 4):
+        state.received(b"", sequence)
+    assert not recording.lost
+
+
 def test_values_of_diagnostics_become_metadata(recording: Recording, tmp_path: Path) -> None:
     kind = "diagnostic_msgs/msg/DiagnosticStatus"
     types = jazzy().types

@@ -107,6 +107,9 @@ class TopicSource:
     def received(self, data: bytes, sequence: int) -> None:
         """Keep a latched message, and count those that are missing before it.
 
+        Of latched topics none is missing: they tell a state, and a publisher keeps only its newest
+        for a recorder that is held up.
+
         Parameters
         ----------
         data : bytes
@@ -115,7 +118,7 @@ class TopicSource:
             Number by its publisher.
         """
         self.latched.append(data)
-        if len(self.topic.qos) == 1 and 0 < self._sequence < sequence:
+        if len(self.topic.qos) == 1 and not self.topic.latched and 0 < self._sequence < sequence:
             self.lost += sequence - self._sequence - 1
         self._sequence = sequence
 
