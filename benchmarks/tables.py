@@ -1,7 +1,7 @@
 """Identification from tables of other people's loggers: how many intervals hold the truth.
 
     python benchmarks/tables.py [--vehicles 20] [--position NOISE ...] [--steering ...]
-        [--loop none|own|late|quick|slow|scale ...]
+        [--loop none|own|late|quick|slow|scale ...] [--late SECONDS ...]
 
 Random vehicles are driven for a minute at 0.7 to 1.1 m/s, steered by three sines. The tables come
 at 50 Hz: the pose, with each noise of the positions in turn and 0.2 rad per m of it of the heading,
@@ -9,9 +9,10 @@ and the gyro (1 mrad/s); the angle of the steering motor (2 mrad) or its set-poi
 positions are exact, all is. Windows of 2 s are identified as `tricycle identify FILE --columns
 MAPPING` does it. With `--loop` the tables have the set-points of the speed too, of a loop that is
 the vehicle file's, hears of them 0.1 s late, has twice its gains or half of them, or is 2 % faster
-than it believes. Printed, of each parameter: in how many vehicles it is shown,
-how many 95 % intervals hold the truth there, and their median width in % of the range; then the
-cells whose coverage an exact binomial test rejects (held_intervals.py).
+than it believes. With `--late` the steering comes so much later than the poses (negative: earlier).
+Printed, of each parameter: in how many vehicles it is shown, how many 95 % intervals hold the truth
+there, and their median width in % of the range; then the cells whose coverage an exact binomial
+test rejects (held_intervals.py).
 """
 
 import argparse
@@ -27,7 +28,7 @@ from identification import VEHICLE, draw
 
 from parameter_identification.drives.table import Columns, SteeringMap, read_recording
 from parameter_identification.drives.windows import Windows
-from parameter_identification.estimation.inputs import effects_of_setpoints
+from parameter_identification.estimation.inputs import effects_of_columns
 from parameter_identification.estimation.redrawn import Table, redraw_of
 from parameter_identification.identification import identify
 from tricycle_core.timing import TICK
@@ -58,7 +59,7 @@ def drive(rng):
     return Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(speed, time))
 
 
-def identified(seed, position, steering, loop):
+def identified(seed, position, steering, loop, late):
     """Truth and parameters found of a vehicle."""
     rng, truth = np.random.default_rng([seed, 1]), draw(seed)
     commands = drive(rng)
@@ -78,10 +79,13 @@ def identified(seed, position, steering, loop):
         ("yaw_rate", motion.yaw_rate[0], 0.0 if exact else 1e-3),
         ("steering_angle", motion.steering_motor_angle[0], 0.0 if exact else 2e-3),
     ):
-        columns[name] = np.interp(time, motion.time, values)
+        seen = time - late if name == "steering_angle" else time
+        columns[name] = np.interp(seen, motion.time, values)
         columns[name] += noise * rng.standard_normal(len(time))
-    held = np.searchsorted(commands.time, time + 1e-9, side="right") - 1
-    columns["steering"] = commands.steering_motor_angle[held]
+    held, told = (
+        np.searchsorted(commands.time, at + 1e-9, side="right") - 1 for at in (time, time - late)
+    )
+    columns["steering"] = commands.steering_motor_angle[np.maximum(told, 0)]
     columns["speed"] = commands.speed[held]
     mapping = {"time": "t", "x": "x", "y": "y", "yaw": "yaw", "yaw_rate": "yaw_rate"}
     entry = STEERING[steering]
@@ -97,7 +101,7 @@ def identified(seed, position, steering, loop):
     found = identify(
         table.drives(),
         VEHICLE,
-        effects=effects_of_setpoints(mapped),
+        effects=effects_of_columns(mapped),
         weighed=True,
         redraw=redraw_of([table]) if loop == "none" else None,
         seed=seed,
@@ -113,14 +117,18 @@ def main():
     parser.add_argument("--position", type=float, nargs="+", default=[0.01, 0.001, 0.0])
     parser.add_argument("--steering", nargs="+", choices=STEERING, default=list(STEERING))
     parser.add_argument("--loop", nargs="+", choices=LOOPS, default=["none"])
+    parser.add_argument("--late", type=float, nargs="+", default=[0.0], metavar="SECONDS")
     args = parser.parse_args()
     tally = Tally()
     with ProcessPoolExecutor() as pool:
-        for position, steering, loop in itertools.product(args.position, args.steering, args.loop):
+        for position, steering, loop, late in itertools.product(
+            args.position, args.steering, args.loop, args.late
+        ):
             seeds = range(args.vehicles)
-            every = [itertools.repeat(value) for value in (position, steering, loop)]
+            every = [itertools.repeat(value) for value in (position, steering, loop, late)]
             found = list(pool.map(identified, seeds, *every))
             cell = f"{1e3 * position:g} mm, {steering}" + f", loop {loop}" * (loop != "none")
+            cell += f", steering {late:g} s late" * (late != 0.0)
             print(f"positions {cell}", flush=True)
             for i, name in enumerate(VEHICLE.unknown):
                 own = [(truth[i], parameters[name]) for truth, parameters in found]

@@ -429,13 +429,14 @@ def test_a_speed_loop_that_is_not_the_one_of_the_file_is_estimated_beside(
 
 
 @pytest.mark.slow
-def test_steering_that_was_logged_before_it_acted_is_estimated_beside(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("early", [0.08, -0.06])
+def test_steering_that_was_logged_early_or_late_is_estimated_beside(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], early: float
 ) -> None:
     time = np.arange(0.0, 40.0, 0.01)
     angle = 0.3 * np.sin(0.35 * time) + 0.25 * np.sin(0.9 * time + 1.0) + 0.1 * np.sin(2.2 * time)
     commands = Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(0.9, time))
-    later = np.interp(time - 0.08, time, commands.steering_motor_angle)
+    later = np.interp(time - early, time, commands.steering_motor_angle)
     heard = dataclasses.replace(commands, steering_motor_angle=later)
     truth = VEHICLE.nominal | {"cornering_stiffness": 1100.0, "yaw_inertia": 42.0}
     motion = simulate(VEHICLE, heard, np.array([list(truth.values())]))
@@ -446,10 +447,10 @@ def test_steering_that_was_logged_before_it_acted_is_estimated_beside(
     found = json.loads(capsys.readouterr().out)
     for name in (*TRUTH, "yaw_inertia"):
         assert found["parameters"][name]["low"] < truth[name] < found["parameters"][name]["high"]
-    (late,) = found["effects"]
-    assert late["name"] == "servo dead time"
-    assert abs(late["estimate"] - 0.08) < 3.0 * late["standard_deviation"]
-    assert late["estimate"] > 0.04
+    (delay,) = found["effects"]
+    assert delay["name"] == "servo dead time"
+    assert abs(delay["estimate"] - early) < 3.0 * delay["standard_deviation"]
+    assert abs(delay["estimate"]) > 0.04
 
 
 def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> None:

@@ -207,6 +207,9 @@ class MeasuredDrive:
         Standard deviation of it [m/s].
     turn_std : float
         Standard deviation of the curvature that the commanded steering gives [1/m].
+    steering_late : float
+        By how much the steering of the commands may be late against the signals [s]; they go on
+        for so long after these.
     recording : str
         Name of the recording that it is a window of; empty: a drive of its own.
 
@@ -228,6 +231,7 @@ class MeasuredDrive:
     speed: FloatArray | None = None
     speed_std: float = 0.0
     turn_std: float = 0.0
+    steering_late: float = 0.0
     recording: str = ""
 
     def __post_init__(self) -> None:

@@ -53,6 +53,7 @@ APPROACH, TURN_IN = 1.2, 0.8  # s before the run-in at its first speed; until it
 RUN_IN = 2.0  # s before a window: some time constants of servo and tyres
 SETTLED = 6.0  # integral times of a speed loop before it, where the set-points are recorded
 MAX_GAP = 0.2  # s between poses, or steering angles and set-points ...
+STEERING_LATE = 0.08  # s by which the steering may be logged after it was there
 SPARSE = 2.5  # ... or so many of their periods, if that is longer
 MISSED, LEAST_MISSED = 4.0, 1e-3  # medians, and m: where the speed changes as nowhere else
 JUMP = 50.0  # m/s^2 that no vehicle reaches: the pose jumped
@@ -326,15 +327,16 @@ def select_windows(
     left_out: Counter[str] = Counter()
     signals = _signals(recording, vehicle)
     lead = round(_run_in(recording, vehicle) / TICK)
-    for first, reason in _beginnings(recording, motion, windows, lead):
-        rows = slice(first - lead, first + round(windows.length / TICK) + 1)
+    late = 0.0 if windows.overlapping else STEERING_LATE
+    for first, reason in _beginnings(recording, motion, windows, lead, late):
+        rows = slice(first - lead, first + round((windows.length + late) / TICK) + 1)
         if reason:
             left_out[reason] += 1
         elif np.abs(angle[rows]).max() > STEERING_END_STOP:
             left_out["steered beyond the end stop"] += 1
         else:
-            drive = _drive(recording, signals, vehicle, motion, angle, rows, lead)
-            found.append(dataclasses.replace(drive, turn_std=turn_std))
+            drive = _drive(recording, signals, vehicle, motion, angle, rows, lead, windows.length)
+            found.append(dataclasses.replace(drive, turn_std=turn_std, steering_late=late))
     selection = Selection(tuple(found), left_out)
     if not found:
         raise IdentificationError(
@@ -361,9 +363,11 @@ def _run_in(recording: Recording, vehicle: Vehicle) -> float:
 
 
 def _beginnings(
-    recording: Recording, motion: Motion, windows: Windows, lead: int
+    recording: Recording, motion: Motion, windows: Windows, lead: int, late: float
 ) -> Iterator[tuple[int, str]]:
     """Ticks at which windows could begin, `lead` ticks after the drive that leads into them.
+
+    Their commands go on for `late` s.
 
     With the reason why one is left out, empty where it is not; ticks of the windows before are not
     among them.
@@ -393,7 +397,7 @@ def _beginnings(
         if not motion.speed[first : last + 1].min() > windows.above:
             yield first, f"slower than {windows.above:g} m/s"
             continue
-        rows = slice(first - lead, first + length + 1)
+        rows = slice(first - lead, first + length + round(late / TICK) + 1)
         reason = next((reason for reason, there in reasons.items() if there[rows].any()), "")
         yield first, reason
         if not reason:
@@ -431,9 +435,11 @@ def _drive(
     angle: FloatArray,
     rows: slice,
     lead: int,
+    length: float,
 ) -> MeasuredDrive:
+    """Drive of the commands in some rows, with the signals of `length` s after `lead` of them."""
     time = motion.time[rows]
-    start, begin = time[0] - APPROACH, time[lead]
+    start, begin, end = time[0] - APPROACH, time[lead], time[lead + round(length / TICK)]
     before = TICK * np.arange(round(APPROACH / TICK))
     turned = 0.5 - 0.5 * np.cos(np.pi * np.minimum(before / TURN_IN, 1.0))
     angle = np.concatenate([turned * angle[rows.start], angle[rows]])
@@ -444,7 +450,7 @@ def _drive(
     else:
         driven = np.concatenate([speed[: len(before)], recorded])
         commands = Commands(TICK * np.arange(len(angle)), angle, driven)
-    within = {sensor: signal.between(begin, time[-1]) for sensor, signal in signals.items()}
+    within = {sensor: signal.between(begin, end) for sensor, signal in signals.items()}
     own = {s: dataclasses.replace(v, time=v.time - start) for s, v in within.items()}
     name = recording.name.removesuffix(".gz").removesuffix(".csv")
     return MeasuredDrive(

@@ -42,9 +42,9 @@ LOADING = (
     "slope-or-wind-across",
 )
 """Effects that change the speed of the wheels most."""
-# set-points of the steering mostly are logged when they are sent; the loop behind set-points of the
-# speed need not be the vehicle file's
-_OF_STEERING_SETPOINTS = ("servo-dead-time",)
+# the steering of a table is logged when it is sent, or by another clock than the poses; the loop
+# behind set-points of the speed need not be the vehicle file's
+_OF_STEERING = ("servo-dead-time",)
 _OF_SPEED_SETPOINTS = ("speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation")
 
 
@@ -56,17 +56,15 @@ class Inputs(Enum):
     EITHER = "either"  # what was measured of an actuator of another kind, otherwise the commands
 
 
-def effects_of_setpoints(columns: Columns) -> tuple[str, ...]:
-    """Return the effects that are estimated beside the parameters where a table has set-points.
+def effects_of_columns(columns: Columns) -> tuple[str, ...]:
+    """Return the effects of a table that are estimated beside the parameters.
 
     Parameters
     ----------
     columns : Columns
-        Of the table.
+        What the table has.
     """
-    of_steering = _OF_STEERING_SETPOINTS if columns.steering_angle is None else ()
-    of_speed = _OF_SPEED_SETPOINTS if columns.speed_command is not None else ()
-    return of_steering + of_speed
+    return _OF_STEERING + (_OF_SPEED_SETPOINTS if columns.speed_command is not None else ())
 
 
 def measured_inputs(

@@ -363,10 +363,12 @@ class DriveModel:
         """Nuisances of effects, those that all drives share first."""
         found = []
         for e in sorted(effects, key=lambda e: e.per_drive):
-            names = [e.name]
+            names, low = [e.name], e.low
+            if e.name == SERVO_DEAD_TIME:
+                low -= self.drive.steering_late
             if e.process:
                 names = [f"{e.name} {number}" for number in range(self._knots_of(e.name))]
-            found += [Nuisance(name, e.unit, 0.0, e.std, e.low, e.high, e) for name in names]
+            found += [Nuisance(name, e.unit, 0.0, e.std, low, e.high, e) for name in names]
         return tuple(found)
 
     def _input_errors(self) -> tuple[Nuisance, ...]:

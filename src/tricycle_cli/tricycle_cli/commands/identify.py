@@ -160,7 +160,7 @@ def run(args: argparse.Namespace) -> int:
         return _drive_by_drive(args)
     from parameter_identification.drives.measured import Input, Sensor
     from parameter_identification.drives.table import load_columns
-    from parameter_identification.estimation.inputs import Inputs, effects_of_setpoints
+    from parameter_identification.estimation.inputs import Inputs, effects_of_columns
     from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
     from parameter_identification.estimation.redrawn import SCATTERED, redraw_of
@@ -175,7 +175,7 @@ def run(args: argparse.Namespace) -> int:
     columns = None if args.columns is None else load_columns(args.columns)
     effects = effects_asked(args, "none" if args.fmu or columns else "weighed")
     if columns and not (args.effects or args.fmu):
-        effects = {"effects": effects_of_setpoints(columns), "weighed": True}
+        effects = {"effects": effects_of_columns(columns), "weighed": True}
     simulator: Simulator = CommandedBatch
     if args.fmu is not None:
         from tricycle_sim.fmi.batch import FmuSimulator
