@@ -1,5 +1,7 @@
 """Identification drive by drive: the same as of all drives at once, on any executor."""
 
+import dataclasses
+import errno
 import os
 import shutil
 from concurrent.futures import ProcessPoolExecutor
@@ -11,8 +13,9 @@ from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
 from parameter_identification.drives.imported import recording_of, write_bag
-from parameter_identification.drives.kept import keep, kept
-from parameter_identification.drives.measured import Sensor, read_measured_drive
+from parameter_identification.drives.kept import keep, kept, told_by
+from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
+from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.identification import identify
@@ -158,6 +161,39 @@ def test_drives_of_different_vehicles_are_said_to_contradict_each_other(tmp_path
 
 
 @pytest.mark.slow
+def test_a_kept_drive_that_was_damaged_is_read_again(bags, tmp_path):
+    first = identify_many(bags[:1], VEHICLE, folder=tmp_path)
+    (file,) = tmp_path.iterdir()
+    whole = file.read_bytes()
+    for damaged in (b"", b"not a drive", whole[: len(whole) // 2]):
+        file.write_bytes(damaged)
+        assert_same(identify_many(bags[:1], VEHICLE, folder=tmp_path), first)
+    file.write_bytes(whole.replace(b"PK\x03\x04", b"PK\x03\x05"))  # the list at the end is good
+    with pytest.raises(IdentificationError, match="damaged: delete it"):
+        kept(file)
+
+
+def test_a_full_disk_is_no_bad_bag(bags, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("parameter_identification.many_drives.keep", full)
+    with pytest.raises(OSError, match="No space left"):
+        identify_many(bags[:1], VEHICLE, folder=tmp_path, leave_out=True)
+
+
+def test_a_copy_with_other_metadata_is_the_same_drive(bags, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(bags[0], copy)
+    with (copy / "metadata.yaml").open("a") as file:
+        file.write("# copied\n")
+    (inside,) = bags[0].glob("*.mcap")
+    for same in (copy, inside):
+        with pytest.raises(IdentificationError, match="are the same drive"):
+            identify_many([bags[0], same], VEHICLE, folder=tmp_path / "work")
+
+
+@pytest.mark.slow
 def test_a_bad_bag_is_named_and_left_out_only_when_asked(bags, tmp_path):
     broken = tmp_path / "broken"
     shutil.copytree(bags[0], broken)
@@ -183,10 +219,17 @@ def test_a_worker_that_dies_is_told(tmp_path):
 
 def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
     drive = driven(planned(Circle(duration=6.0), 2.5, 0.8), others=SENSORS, standstill=1.0)
+    time = np.arange(0.0, 6.0, 0.01)
+    drive = dataclasses.replace(
+        drive, complete=False, began=1.5e9, steering_angle=Samples(time, np.sin(time))
+    )
     keep(drive, tmp_path / "drive.npz")
     again = kept(tmp_path / "drive.npz")
-    assert again.name == drive.name
-    assert again.truth == drive.truth
+    told = again.steering_angle
+    assert np.array_equal([told.time, told.values], [time, np.sin(time)])
+    for field in ("name", "truth", "complete", "began", "told"):
+        assert getattr(again, field) == getattr(drive, field), field
+    assert told_by(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():
         assert np.array_equal(again.signals[sensor].time, signal.time)
         assert np.array_equal(again.signals[sensor].values, signal.values)

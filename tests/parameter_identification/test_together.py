@@ -11,7 +11,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
-from parameter_identification.many_drives import begin, descend
+from parameter_identification.many_drives import Search, Sum, Variables, begin, descend
 from parameter_identification.together import Alone, Together
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -100,6 +100,37 @@ def test_it_is_the_dense_problem_of_all_drives(searches):
     assert found.of_common[0, 0] < min(np.linalg.inv(h)[1, 1] for h in alone)
     for problem in dense.problems:
         problem.close()
+
+
+def telling(drives, *, deviation=0.01):
+    """Vehicles whose drives tell of one shared variable, and nothing of another one."""
+    variables = Variables(np.zeros(2), np.ones(2), np.full(2, 0.5), np.eye(2) * 12.0)
+    told = deviation**-2
+    at = np.append(np.clip(np.mean(drives), 0.0, 1.0), 0.5)
+    searches = []
+    for values in drives:
+        slopes = np.array([[told * (at[0] - value), 0.0] for value in values])
+        pull = variables.information @ (at - variables.mean)
+        information = variables.information + np.diag([told * len(values), 0.0])
+        there = Sum(at, 0.0, information, pull + slopes.sum(axis=0), slopes, ())
+        searches.append(Search([], None, variables, np.zeros(len(values)), at.copy(), there))
+    return Together(searches, [0])
+
+
+def test_few_vehicles_whose_drives_contradict_each_other_know_little():
+    rng = np.random.default_rng(0)
+    values = rng.normal(0.5, 0.05, (4, 8))
+    found = telling(values).result()
+    assert found.of_common[0, 0] ** 0.5 == pytest.approx(0.05 / 32**0.5, rel=0.4)
+    alike = telling(rng.normal(0.5, 0.01, (4, 8))).result()
+    assert alike.of_common[0, 0] ** 0.5 == pytest.approx(0.01 / 32**0.5, rel=0.4)
+
+
+def test_what_all_drives_pull_beyond_its_range_is_as_unknown_as_before():
+    found = telling(np.full((4, 2), 1.2)).result()
+    assert found.beyond.tolist() == [True]
+    assert found.of_common[0, 0] == pytest.approx(1.0 / 12.0)
+    assert not telling(np.full((4, 2), 0.999)).result().beyond.any()
 
 
 def drawn(rng, count, *, rate, rate_spread):

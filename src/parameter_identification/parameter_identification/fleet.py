@@ -82,6 +82,16 @@ class Fleet:
         return tuple(sorted(odd, key=lambda entry: -abs(entry[2].distance)))
 
     @property
+    def drives(self) -> int:
+        """Number of drives."""
+        return sum(len(found.drives) for found in self.vehicles.values())
+
+    @property
+    def not_white(self) -> int:
+        """Number of drives whose residuals are not white."""
+        return sum(found.not_white for found in self.vehicles.values())
+
+    @property
     def odd(self) -> tuple[str, ...]:
         """Vehicles that are odd in a parameter or in its rate, the oddest first."""
         return tuple(dict.fromkeys(member.vehicle for _, _, member in self.outliers))
@@ -147,6 +157,9 @@ def identify_fleet(
             f"{len(bags)} vehicles ({', '.join(bags)}) are no fleet: {FEWEST} are needed"
         )
     every = [bag for drives in bags.values() for bag in drives]
+    if len(set(every)) < len(every):
+        twice = next(bag for bag in every if every.count(bag) > 1)
+        raise IdentificationError(f"{twice} is given twice")
     steps = len(every) + len(bags)
 
     def tell(done: int) -> None:

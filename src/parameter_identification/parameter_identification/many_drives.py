@@ -28,7 +28,15 @@ from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
-from parameter_identification.drives.kept import began, content_key, keep, kept, sensors_of
+from parameter_identification.drives.kept import (
+    began,
+    content_key,
+    data_of,
+    is_kept,
+    keep,
+    kept,
+    told_by,
+)
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
@@ -113,9 +121,20 @@ class ManyDrives:
     @property
     def white(self) -> bool:
         """Whether no more drives are not white than one expects of a model that lacks nothing."""
-        from scipy.stats import binom  # takes half a second to import
+        return few_coloured(self.not_white, len(self.drives))
 
-        return self.not_white <= int(binom.isf(0.001, len(self.drives), SIGNIFICANCE))
+
+def few_coloured(not_white: int, drives: int) -> bool:
+    """Return whether no more drives are not white than one expects of a model that lacks nothing.
+
+    Parameters
+    ----------
+    not_white, drives : int
+        Numbers of those that are not, and of all.
+    """
+    from scipy.stats import binom  # takes half a second to import
+
+    return not_white <= int(binom.isf(0.001, drives, SIGNIFICANCE))
 
 
 @dataclass(frozen=True, eq=False)
@@ -462,23 +481,24 @@ def read_bags(
         If a bag cannot be used, or comes twice.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    known: dict[Path, Path] = {}  # bag by file
+    known: dict[Path, Path] = {}  # file by bag
+    of_data: dict[str, Path] = {}  # bag by what it holds
     left_out: list[str] = []
     jobs = [(bag, vehicle, folder, topics) for bag in bags]
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
-        if not reason and file in known:
-            reason = f"{bag} and {known[file]} are the same drive"
+        if not reason and (data := data_of(file)) in of_data:
+            reason = f"{bag} and {of_data[data]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
         if reason:
             left_out.append(reason)
         else:
-            known[file] = bag
+            known[bag], of_data[data] = file, bag
         if progress is not None:
             progress(done, len(bags))
-    return {bag: file for file, bag in known.items()}, left_out
+    return known, left_out
 
 
 def begin(
@@ -544,13 +564,13 @@ def begin(
 def _begin(
     job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], tuple[FloatArray, FloatArray], int],
 ) -> tuple[Setting, FloatArray]:
-    """The best fit of a few drives, with every sensor that any drive has, and their noise."""
+    """The best fit of a few drives, with all that any drive tells, and their noise."""
     files, vehicle, effects, prior, seed = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
     drives: dict[Path, MeasuredDrive] = {file: kept(file) for file in files if file in chosen}
-    known = {sensor for drive in drives.values() for sensor in drive.signals}
+    known = set().union(*map(told_by, drives))
     for file in files:
-        if not known >= (more := sensors_of(file)):
+        if not known >= (more := told_by(file)):
             drives[file] = kept(file)
             known |= more
     return first_fit(list(drives.values()), vehicle, effects, prior, seed)
@@ -584,19 +604,21 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
 def _read(job: tuple[Path, Vehicle, Path, TopicNames | None]) -> tuple[Path, str]:
     """Keep the drive of a bag; return the file, and why there is none."""
     bag, vehicle, folder, topics = job
+    drive = None
     try:
         file = folder / f"{content_key(bag, vehicle)}.npz"
         if topics is not None:
             own = hashlib.sha256(repr(topics).encode()).hexdigest()[:8]
             file = file.with_name(f"{file.stem}-{own}.npz")
-        if not file.exists():
+        if not is_kept(file):
             drive = read_measured_drive(bag, vehicle, topics=topics)
             check_motion(drive)
             check_reference(drive, vehicle)
             check_signs([drive], vehicle)
-            keep(drive, file)
     except (ExcitationError, OSError) as error:
         return bag, str(error) if str(bag) in str(error) else f"{bag}: {error}"
+    if drive is not None:
+        keep(drive, file)
     return file, ""
 
 

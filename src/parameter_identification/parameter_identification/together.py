@@ -13,7 +13,7 @@ from scipy.special import ndtri
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.arrow import Arrow
-from parameter_identification.estimation.doubt import grown
+from parameter_identification.estimation.doubt import SCATTER, beyond_ranges, doubted, grown
 from parameter_identification.estimation.population import Population, population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.many_drives import (
@@ -123,13 +123,31 @@ class Together:
         points = np.array([search.at for search in self.searches])
         arrow = self._arrow(points)
         covariance, alone, follow = arrow.covariances()
-        slopes = arrow.gradient[:, arrow.common]
-        slopes = slopes + np.einsum("vms,vm->vs", follow, arrow.gradient[:, arrow.own])
+        beyond = np.zeros(len(self.common), dtype=bool)
         if self.common:
             prior = self._repeated() / (len(self.searches) - 1)
-            growth = np.fmax(grown(covariance, slopes, prior), 1.0)
+            # few vehicles do not show how they scatter; their drives may
+            clusters = list(arrow.gradient[:, np.newaxis])
+            if len(clusters) < SCATTER:
+                clusters = [search.sum.slopes for search in self.searches]
+            slopes = [
+                own[:, arrow.common] + own[:, arrow.own] @ f
+                for own, f in zip(clusters, follow, strict=True)
+            ]
+            growth = np.fmax(grown(covariance, np.concatenate(slopes), prior), 1.0)
             covariance = covariance * np.outer(growth, growth)
-        return Joint(self.searches, points, arrow.common, arrow.own, covariance, alone, follow)
+            variables, free = self.searches[0].variables, np.full_like(points, np.inf)
+            beyond = beyond_ranges(
+                points[0, arrow.common],
+                (points + arrow.step(-free, free))[0, arrow.common],
+                np.sqrt(np.diag(covariance)),
+                variables.low[arrow.common],
+                variables.high[arrow.common],
+            )
+            covariance = doubted(covariance, np.asarray(np.linalg.inv(prior)), beyond)
+        return Joint(
+            *(self.searches, points, arrow.common, arrow.own, covariance, alone, follow, beyond)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +168,8 @@ class Joint:
         Covariance, if the common ones were known.
     follow : ndarray of float, shape (v, m, s)
         Change with the common ones.
+    beyond : ndarray of bool, shape (s,)
+        Which common ones all drives together pull beyond their ranges.
     """
 
     searches: Sequence[Search]
@@ -159,6 +179,7 @@ class Joint:
     of_common: FloatArray
     alone: FloatArray
     follow: FloatArray
+    beyond: NDArray[np.bool_]
 
     def covariance(self, i: int) -> FloatArray:
         """Return the covariance (n, n) of the variables of a vehicle.
@@ -188,9 +209,10 @@ class Joint:
         names, quantile = list(vehicle.unknown), float(ndtri(0.5 + 0.5 * level))
         before = 1.0 / np.sqrt(np.diag(self.searches[0].variables.information))
         found = {}
-        for i, std in zip(self.common.tolist(), np.sqrt(np.diag(self.of_common)), strict=True):
+        stds = np.sqrt(np.diag(self.of_common))
+        for i, std, beyond in zip(self.common.tolist(), stds, self.beyond, strict=True):
             z = float(self.at[0, i])
-            ends = z - quantile * std, z + quantile * std
+            ends = (0.0, 1.0) if beyond else (z - quantile * std, z + quantile * std)
             shown = bool(std <= SHOWN * before[i])
             found[names[i]] = estimate_of(vehicle, names[i], z, float(std), ends, shown=shown)
         return found

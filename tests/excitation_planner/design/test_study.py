@@ -195,6 +195,39 @@ def test_what_is_known_of_a_point_is_not_contradicted(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("wrong", [0.0, True, 0.5, "0"])
+def test_a_point_or_sample_that_is_no_whole_number_is_refused(tmp_path, wrong):
+    study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    study.ask()
+    for point, sample in ((wrong, 0), (0, wrong)):
+        with pytest.raises(DesignError, match="a whole number is needed"):
+            study.tell(point, [sample], np.zeros(1))
+    study.tell(np.int64(0), np.array([0]), np.zeros(1))
+    assert 0 not in Study.open(tmp_path).ask()[0].samples
+
+
+def test_damage_is_met_by_every_call(tmp_path):
+    study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+    study.ask()
+    study.tell(0, [0], np.zeros(1))
+    points, results = (tmp_path / name for name in ("points.csv", "results.csv"))
+    whole = results.read_bytes(), points.read_bytes()
+    with results.open("a") as file:
+        file.write("0,xx,1.0\n")
+    for _ in range(2):
+        with pytest.raises(DesignError, match="are damaged"):
+            study.ask()
+    results.write_bytes(whole[0])
+    points.unlink()
+    with pytest.raises(DesignError, match=r"results\.csv has point 0, and points\.csv does not"):
+        Study.open(tmp_path)
+    points.write_bytes(whole[1])
+    assert 0 not in study.ask()[0].samples
+    (tmp_path / "study.json").unlink()
+    with pytest.raises(DesignError, match=r"holds points\.csv, results\.csv of a study whose"):
+        Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
+
+
 def test_a_store_of_another_design_is_refused(tmp_path):
     by_call(store=tmp_path)
     with pytest.raises(DesignError, match=r"another design \(different: samples, seed\)"):
@@ -291,6 +324,11 @@ def test_parts_of_what_is_pending(tmp_path):
         for sample, row in zip(p.samples, p.P, strict=True)
         if p is not told or sample < 3
     )
+    for part, parts in ((5, 5), (-1, 5), (0, 0)):
+        with pytest.raises(DesignError, match=f"part {part} of {parts}: parts are numbered"):
+            study.pending(part, parts)
+    study.tell_infeasible(asked[0].point, "a wall")
+    assert asked[0].point not in {p.point for p in study.pending()}
     (tmp_path / "pending.csv").write_text("point,sample\n0,zero\n")
     with pytest.raises(DesignError, match=r"pending\.csv: is damaged; ask again"):
         study.pending()

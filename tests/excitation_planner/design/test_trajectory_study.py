@@ -186,7 +186,7 @@ def test_failed_without_a_trajectory(tmp_path):
     assert_same(answered(tmp_path, study, fails), by_call(fails, criterion="c", target="mass"))
 
 
-def test_what_is_known_is_not_contradicted(tmp_path):
+def test_what_is_known_is_not_contradicted(tmp_path, monkeypatch):
     study = Study.create(tmp_path, OPERATION, UNKNOWN, "mass", criterion="c", **ARGUMENTS)
     p = study.ask()[0]
     Y = f(p.x, p.P)
@@ -198,12 +198,23 @@ def test_what_is_known_is_not_contradicted(tmp_path):
         ([3], Y[3:4, :5], "point 0 has trajectories of 21x3 time points and channels, not 5x3"),
         ([99], Y[3:4], "sample 99 was never asked for"),
         ([3], Y[3], "criterion c needs a trajectory"),
+        ([3], Y[3:4, :0], "criterion c needs a trajectory"),
+        ([3, 3], Y[[3, 3]], "a sample is told twice"),
+        ([3], (Y[3:4], Y[3:4, :, :2]), "point 0 has trajectories of 21x3"),
     ]:
         with pytest.raises(DesignError, match=message):
             study.tell(p.point, samples, told)
         assert (tmp_path / "results.csv").read_bytes() == before
     with pytest.raises(DesignError, match="has outputs already"):
         study.tell_infeasible(p.point, "x")
+    other = study.ask()[1]
+    with pytest.raises(DesignError, match=r"maneuvers have \[2, 3\] channels"):
+        study.tell(other.point, [0], (Y[:1], Y[:1, :, :2]))
+    with pytest.raises(DesignError, match="say why"):
+        study.tell_infeasible(other.point, " ")
+    monkeypatch.setattr("excitation_planner.design.trajectories.MAX_VALUES", 100)
+    with pytest.raises(DesignError, match="more than 100 numbers: tell fewer"):
+        study.tell(other.point, [0], Y[:1])
 
 
 def test_files_that_are_none(tmp_path):
@@ -222,6 +233,10 @@ def test_files_that_are_none(tmp_path):
         parquet.write_table(pa.table(columns), path)
         with pytest.raises(DesignError, match=message):
             read_trajectories(path)
+    twice = pa.Table.from_arrays([pa.array([0])] * 4, names=["point", "sample", "y", "y"])
+    parquet.write_table(twice, path)
+    with pytest.raises(DesignError, match="a column is there twice"):
+        read_trajectories(path)
 
 
 def test_a_cut_off_file_is_named(tmp_path):

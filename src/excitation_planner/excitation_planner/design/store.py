@@ -72,6 +72,7 @@ INFEASIBLE = "infeasible: "
 TRAJECTORIES = "trajectories"
 """Folder of the files of trajectories."""
 
+_KEPT = ("points.csv", "results.csv", TRAJECTORIES)
 _FILE = re.compile(r"[0-9a-f]{32}\.parquet")
 
 
@@ -215,21 +216,26 @@ class Store:
         try:
             self._read()
         except (ValueError, IndexError, csv.Error) as error:
+            for file in (self._points_file, self._results_file):
+                file.begin_again()  # the next call must meet the damage too
             raise DesignError(
                 f"{self.path}: points.csv and results.csv are damaged: {error}"
             ) from error
 
     def _read(self) -> None:
+        results = self._results_file.new()  # first: their points are there then
         for row in self._points_file.new():
             verification, *x = map(float, row[1:])
             if verification not in (0, 1) or len(x) != len(self.problem.operation):
                 raise ValueError(f"point {row[0]} has {len(x)} operation parameters")
             self._take_point(int(row[0]), (verification, *x))
-        for point, sample, output in self._results_file.new():
+        for cell, sample, output in results:
+            if (point := int(cell)) not in self._asked:
+                raise ValueError(f"results.csv has point {point}, and points.csv does not")
             if sample == "*":
-                self._reasons[int(point)] = output.removeprefix(INFEASIBLE)
+                self._reasons[point] = output.removeprefix(INFEASIBLE)
             else:
-                self._outputs.setdefault(int(point), {})[int(sample)] = self._parsed(output)
+                self._outputs.setdefault(point, {})[int(sample)] = self._parsed(output)
 
     def _take_point(self, point: int, key: tuple[float, ...]) -> None:
         self._points[key] = point
@@ -281,6 +287,11 @@ class Store:
                     f"{path}: is a study of another design (different: {', '.join(different)}); "
                     "give another directory"
                 )
+        elif left := [name for name in _KEPT if (path / name).exists()]:
+            raise DesignError(
+                f"{path}: holds {', '.join(left)} of a study whose study.json is missing; give "
+                "another directory"
+            )
         else:
             write_whole(path / "study.json", json.dumps(described, indent=2) + "\n")
         return cls(path, problem)
@@ -358,6 +369,8 @@ class Store:
         verification : bool
             Whether the samples are those of the verification.
         """
+        if point in self._reasons:
+            return []
         known = self._outputs.get(point, {})
         return [sample for sample in range(self._sizes[verification]) if sample not in known]
 
@@ -455,6 +468,8 @@ class Store:
         if self.problem.criterion is Criterion.H:
             raise DesignError(f"{self.path}: criterion h needs a number per sample")
         with self._adding():
+            if len(set(samples)) < len(samples):
+                raise DesignError(f"{self.path}: point {point}: a sample is told twice")
             fresh = []
             for i, sample in enumerate(samples):
                 self._check_asked(point, sample, {})
@@ -508,6 +523,8 @@ class Store:
             reason = " ".join(text.split())
             if point not in self._asked:
                 raise DesignError(f"{self.path}: point {point} was never asked for")
+            if not reason:
+                raise DesignError(f"{self.path}: point {point}: say why it is infeasible")
             if point in self._outputs:
                 raise DesignError(f"{self.path}: point {point} has outputs already")
             if point not in self._reasons:
@@ -594,6 +611,10 @@ class _Lines:
         rows = list(csv.reader(io.StringIO(kept.decode())))
         first, self._read = self._read == 0, self._read + len(kept)
         return rows[1:] if first else rows
+
+    def begin_again(self) -> None:
+        """Have `new` return all rows again."""
+        self._read = 0
 
     def append(self, rows: list[list[object]]) -> None:
         """Add rows to what has been read, and wait until they are on disk."""

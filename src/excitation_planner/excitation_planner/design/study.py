@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import csv
 import io
+import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -206,7 +207,14 @@ class Study:
             Number of the part, from 0.
         parts : int
             Number of parts, of about the same size.
+
+        Raises
+        ------
+        DesignError
+            If there is no such part, or the file of what is missing is damaged.
         """
+        if not 0 <= part < parts:
+            raise DesignError(f"part {part} of {parts}: parts are numbered from 0 to {parts - 1}")
         runs: list[tuple[int, int]] = []
         for row in csv.DictReader(io.StringIO(self._pending_text(), newline="")):
             try:
@@ -233,13 +241,21 @@ class Study:
             Numbers of the simulations, in any order.
         outputs : ndarray of float, shape (q,) or (q, t, c), or tuple of the latter
             Of f: numbers for the criterion H, else trajectories. NaN marks a failed simulation.
+
+        Raises
+        ------
+        DesignError
+            If they were not asked for, are known otherwise, or are of another shape.
         """
+        point, samples = _whole(point), [_whole(sample) for sample in samples]
         told = tuple(
             np.ascontiguousarray(Y, dtype=float)
             for Y in (outputs if isinstance(outputs, tuple) else (outputs,))
         )
         dimensions = 1 if self._store.problem.criterion is Criterion.H else 3
-        if any(Y.ndim != dimensions or len(Y) != len(samples) for Y in told) or not told:
+        if not told or any(
+            Y.ndim != dimensions or len(Y) != len(samples) or 0 in Y.shape[1:] for Y in told
+        ):
             wanted = "number" if dimensions == 1 else "trajectory (time points, channels)"
             raise DesignError(
                 f"point {point}: told {', '.join(str(Y.shape) for Y in told)} for {len(samples)} "
@@ -261,7 +277,7 @@ class Study:
         reason : str
             Why it cannot be driven.
         """
-        self._store.add([], {point: reason})
+        self._store.add([], {_whole(point): reason})
 
     def tell_csv(self, path: Path) -> None:
         """Take the outputs in a CSV file with the columns point, sample and output.
@@ -363,3 +379,13 @@ class PendingError(DesignError):
     def __init__(self, points: list[FloatArray], verification: bool) -> None:
         super().__init__(f"simulations of {len(points)} maneuvers are missing: ask for them")
         self.points, self.verification = points, verification
+
+
+def _whole(number: object) -> int:
+    """A point or sample as it is written to files."""
+    try:
+        if not isinstance(number, bool):
+            return operator.index(number)  # type: ignore[arg-type]
+    except TypeError:
+        pass
+    raise DesignError(f"{number!r} is no number of a point or sample: a whole number is needed")

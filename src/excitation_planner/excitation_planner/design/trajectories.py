@@ -48,11 +48,18 @@ def write_trajectories(
 
     Raises
     ------
+    DesignError
+        If maneuvers have different channels, or a file of so many numbers is not read again.
     ReportError
         If pyarrow is not installed.
     """
     arrow = optional("pyarrow", "a study of trajectories")
     parquet = optional("pyarrow.parquet", "a study of trajectories")
+    channels = {Y.shape[2] for Y in outputs}
+    if len(channels) > 1:
+        raise DesignError(
+            f"point {point}: maneuvers have {sorted(channels)} channels: not the same"
+        )
     sample = [np.repeat(samples, Y.shape[1]) for Y in outputs]
     columns = {
         "point": np.full(sum(map(len, sample)), point),
@@ -61,9 +68,16 @@ def write_trajectories(
     }
     values = np.concatenate([Y.reshape(-1, Y.shape[2]) for Y in outputs])
     columns |= {f"channel{i}": column for i, column in enumerate(values.T)}
+    if len(columns) * len(values) > MAX_VALUES:
+        raise DesignError(
+            f"point {point}: more than {MAX_VALUES} numbers: tell fewer samples at once"
+        )
     sink = arrow.BufferOutputStream()
     parquet.write_table(arrow.table(columns), sink, compression="zstd")
-    write_whole(path, sink.getvalue().to_pybytes())
+    content = sink.getvalue().to_pybytes()
+    if len(content) > MAX_BYTES:
+        raise DesignError(f"point {point}: more than {MAX_BYTES} bytes: tell fewer samples at once")
+    write_whole(path, content)
 
 
 def read_trajectories(path: Path) -> Told:
@@ -121,6 +135,8 @@ def _columns(path: Path) -> dict[str, NDArray[np.generic]]:
         raise DesignError(f"{path}: is not a Parquet file: {first}") from error
     except OSError as error:
         raise DesignError(f"{path}: is not a Parquet file: {error}") from error
+    if len(set(table.column_names)) < len(table.column_names):
+        raise DesignError(f"{path}: a column is there twice: {', '.join(table.column_names)}")
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
     for name, column in columns.items():
         if column.dtype.kind not in "iuf":

@@ -2,25 +2,32 @@
 
 import hashlib
 import io
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
-from parameter_identification.drives.measured import MeasuredDrive, Sensor, Signal
+from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor, Signal
+from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.location import is_remote
+from trajectory_recorder.bag.metadata import NAME as METADATA
 from trajectory_recorder.bag.remote import remote_state
 from tricycle_core.documents import write_whole
+from tricycle_core.errors import IdentificationError
+from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
-FORMAT = 2  # counted up with what is read of a bag, so that older files are read anew
+FORMAT = 4  # counted up with what is read of a bag, so that older files are read anew
 
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
-    """Return what tells a drive from others: a hash of the bag's content and of the vehicle file.
+    """Return what tells a drive from others: hashes of the bag's data, of its metadata and vehicle.
 
-    Of a bag elsewhere it is a hash of what the server tells of its files: sizes, and times or sums
-    where it has them.
+    Of a bag elsewhere the first is of what the server tells of its files: sizes, and times or sums
+    where it has them. `data_of` returns it.
 
     Parameters
     ----------
@@ -34,14 +41,26 @@ def content_key(bag: Path, vehicle: Vehicle) -> str:
     OSError
         If it cannot be read.
     """
-    found = hashlib.sha256(f"{FORMAT} {vehicle.fingerprint}".encode())
+    data, rest = hashlib.sha256(), hashlib.sha256(f"{FORMAT} {vehicle.fingerprint}".encode())
     if is_remote(bag):
-        found.update(repr(remote_state(bag)).encode())
-        return found.hexdigest()[:32]
-    for file in filter(Path.is_file, sorted(bag.iterdir()) if bag.is_dir() else [bag]):
-        with file.open("rb") as stream:
-            found.update(hashlib.file_digest(stream, "sha256").digest())
-    return found.hexdigest()[:32]
+        data.update(repr(remote_state(bag)).encode())
+    else:
+        for file in filter(Path.is_file, sorted(bag.iterdir()) if bag.is_dir() else [bag]):
+            with file.open("rb") as stream:
+                own = rest if file.name == METADATA else data
+                own.update(hashlib.file_digest(stream, "sha256").digest())
+    return f"{data.hexdigest()[:32]}-{rest.hexdigest()[:16]}"
+
+
+def data_of(file: Path) -> str:
+    """Return what is the same for all copies of a drive, whatever their metadata.
+
+    Parameters
+    ----------
+    file : Path
+        Named by `content_key`.
+    """
+    return file.name.partition("-")[0]
 
 
 def keep(drive: MeasuredDrive, file: Path) -> None:
@@ -68,6 +87,8 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
         arrays |= {sensor.name: rows, f"{sensor.name}_jitter": np.array(signal.jitter)}
         if signal.wheels:
             arrays[f"{sensor.name}_of"] = np.array(signal.wheels)
+    if (angle := drive.steering_angle) is not None:
+        arrays[Input.STEERING.name] = np.column_stack([angle.time, angle.values])
     content = io.BytesIO()
     np.savez(content, allow_pickle=False, **arrays)
     write_whole(file, content.getvalue())
@@ -80,8 +101,13 @@ def kept(file: Path) -> MeasuredDrive:
     ----------
     file : Path
         Written by `keep`.
+
+    Raises
+    ------
+    IdentificationError
+        If it is damaged.
     """
-    with np.load(file) as arrays:
+    with _arrays_of(file) as arrays:
         signals = {
             sensor: Signal(
                 arrays[sensor.name][:, 0],
@@ -99,19 +125,23 @@ def kept(file: Path) -> MeasuredDrive:
             truth=dict(zip(arrays["true"].tolist(), arrays["truth"].tolist(), strict=True)),
             complete=bool(arrays["complete"]),
             began=float(arrays["began"]),
+            steering_angle=Samples(*arrays[Input.STEERING.name].T)
+            if Input.STEERING.name in arrays
+            else None,
         )
 
 
-def sensors_of(file: Path) -> frozenset[Sensor]:
-    """Return which sensors a kept drive has.
+def told_by(file: Path) -> frozenset[Sensor | Input]:
+    """Return which sensors a kept drive has, and whether it tells the steering.
 
     Parameters
     ----------
     file : Path
         Written by `keep`.
     """
-    with np.load(file) as arrays:
-        return frozenset(sensor for sensor in Sensor if sensor.name in arrays)
+    with _arrays_of(file) as arrays:
+        told = (*Sensor, Input.STEERING)
+        return frozenset(one for one in told if one.name in arrays)
 
 
 def began(file: Path) -> float:
@@ -122,5 +152,31 @@ def began(file: Path) -> float:
     file : Path
         Written by `keep`.
     """
-    with np.load(file) as arrays:
+    with _arrays_of(file) as arrays:
         return float(arrays["began"])
+
+
+def is_kept(file: Path) -> bool:
+    """Return whether a drive is kept there, by a file that is not cut off.
+
+    Parameters
+    ----------
+    file : Path
+        To be written by `keep`.
+    """
+    try:
+        with _arrays_of(file):
+            return True
+    except (IdentificationError, FileNotFoundError):
+        return False
+
+
+@contextmanager
+def _arrays_of(file: Path) -> Iterator[Mapping[str, FloatArray]]:
+    try:
+        with file.open("rb") as stream, np.load(stream) as arrays:
+            yield arrays
+    except (BadZipFile, EOFError, KeyError, ValueError) as error:
+        raise IdentificationError(
+            f"{file}: damaged: delete it, and the drive is read from its bag again"
+        ) from error

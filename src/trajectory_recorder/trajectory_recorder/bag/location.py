@@ -40,6 +40,7 @@ def bag_path(text: str) -> Path:
     found = re.match(r"([A-Za-z][A-Za-z0-9+.-]*)://", text)
     if found is None:
         return Path(text)
+    text = text.rstrip("/")
     scheme, rest = found[1].lower(), text[found.end() :]
     if "@" in rest.partition("/")[0] and ":" in rest.partition("@")[0]:
         raise BagError(
@@ -88,7 +89,7 @@ def find_bags(text: str) -> list[Path]:
         return [bag_path(text)]
     if remote:
         raise BagError(f"{text}: patterns are those of files of this computer: name the bags")
-    matched = [_bag_at(Path(name)) for name in _matched(text)]
+    matched = [bag_at(Path(name)) for name in _matched(text)]
     found = [bag for bag in dict.fromkeys(matched) if bag is not None]
     if not found:
         raise BagError(f"{text}: matches no bag")
@@ -100,13 +101,19 @@ def _matched(pattern: str) -> list[str]:
     return sorted(glob.glob(pattern, recursive=True))  # noqa: PTH207
 
 
-def _bag_at(path: Path) -> Path | None:
-    """The bag that a folder or file is, or that a file is of."""
+def bag_at(path: Path) -> Path | None:
+    """Return the bag that a folder or file of this computer is, or that a file is of.
+
+    Parameters
+    ----------
+    path : Path
+        Of the folder or file; of others: None.
+    """
     if path.is_dir():
         whole = (path / "metadata.yaml").is_file() or any(path.glob(f"{path.name}_*.mcap"))
         return path if whole else None
     if path.suffix in (".mcap", ".db3"):
-        return _bag_at(path.parent) or path
+        return bag_at(path.parent) or path
     return None
 
 

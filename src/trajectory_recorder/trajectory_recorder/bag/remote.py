@@ -21,7 +21,8 @@ AHEAD = 2**12, 2**22  # least bytes of a request elsewhere: of the first; double
 
 _PASSING = (408, 425, 429)  # statuses of HTTP below 500 that another try may not meet
 
-_STATE = ("size", "ETag", "LastModified", "mtime", "created")  # as file systems call it
+# as file systems call it; HTTP's in both ways of writing
+_STATE = ("size", "ETag", "LastModified", "Last-Modified", "Content-MD5", "mtime", "created")
 
 T = TypeVar("T")
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import tempfile
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +24,7 @@ from tricycle_core.errors import BagError
 from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable
 
     from parameter_identification.fleet import Fleet
 
@@ -146,7 +148,12 @@ def run(args: argparse.Namespace) -> int:
     if args.output is not None:
         check_folder(args.output)
         check_output_files((args.output / name for name in FILES), args)
-    bags = _by_vehicle([bag for text in args.bags for bag in find_bags(text)], args.vehicles)
+    named = dict.fromkeys(bag for text in args.bags for bag in find_bags(text))
+    left_out: list[str] = []
+    if args.vehicles is None:
+        bags = _by_folder(named)
+    else:
+        bags = _by_entry(named, args.vehicles, left_out if args.leave_out else None)
     with ExitStack() as stack:
         keep = args.keep or (args.output and args.output / "drives")
         folder = keep or Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -167,6 +174,7 @@ def run(args: argparse.Namespace) -> int:
             seed=args.seed,
             progress=stack.enter_context(progress_bar("reading drives, fitting vehicles")),
         )
+    fleet = replace(fleet, left_out=(*left_out, *fleet.left_out))
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(population_table(fleet))
     for remark in remarks_on_fleet(fleet):
@@ -185,31 +193,59 @@ def _document(fleet: Fleet) -> dict[str, Any]:
 
     return {
         "vehicles": {
-            name: {"drives": len(found.drives), "parameters": encode(dict(found.parameters))}
+            name: {
+                "drives": len(found.drives),
+                "not_white": found.not_white,
+                "parameters": encode(dict(found.parameters)),
+            }
             for name, found in fleet.vehicles.items()
         },
         "populations": encode(dict(fleet.populations)),
         "changes_per_day": encode(dict(fleet.changes)),
         "shared": encode(dict(fleet.shared)),
         "own": list(fleet.own),
-        "when": fleet.when,
+        "when": fleet.when if math.isfinite(fleet.when) else None,
         "odd": list(fleet.odd),
         "left_out": list(fleet.left_out),
     }
 
 
-def _by_vehicle(bags: Sequence[Path], key: str | None) -> dict[str, list[Path]]:
-    """Bags by the vehicle that they name, in the order of the names."""
-    from trajectory_recorder.bag.reader import BagReader
+def _by_folder(bags: Iterable[Path]) -> dict[str, list[Path]]:
+    """Bags by the folder that each is in, in the order of their names."""
+    from trajectory_recorder.bag.location import bag_at, is_remote
 
     found: dict[str, list[Path]] = {}
-    for bag in dict.fromkeys(bags):
-        name = bag.absolute().parent.name
-        if key is not None:
-            with BagReader(bag) as reader:
-                if key not in reader.metadata:
-                    known = ", ".join(reader.metadata) or "none"
-                    raise BagError(f"{bag}: its metadata has no {key!r}; there is: {known}")
-                name = reader.metadata[key]
-        found.setdefault(name, []).append(bag)
+    folders: dict[str, Path] = {}
+    for bag in bags:
+        whole = bag if is_remote(bag) else bag_at(bag) or bag  # of a file of a bag
+        folder = whole.absolute().parent
+        if (other := folders.setdefault(folder.name, folder)) != folder:
+            raise BagError(
+                f"{other} and {folder}: two folders of bags have one name, which is that of the "
+                "vehicle: rename one, or name vehicles by an entry of the metadata (--vehicles)"
+            )
+        found.setdefault(folder.name, []).append(bag)
     return dict(sorted(found.items()))
+
+
+def _by_entry(bags: Iterable[Path], key: str, left_out: list[str] | None) -> dict[str, list[Path]]:
+    """Bags by an entry of their metadata; those that have none are an error, or left out."""
+    found: dict[str, list[Path]] = {}
+    for bag in bags:
+        try:
+            found.setdefault(_entry(bag, key), []).append(bag)
+        except (BagError, OSError) as error:
+            if left_out is None:
+                raise
+            left_out.append(str(error) if str(bag) in str(error) else f"{bag}: {error}")
+    return dict(sorted(found.items()))
+
+
+def _entry(bag: Path, key: str) -> str:
+    from trajectory_recorder.bag.reader import BagReader
+
+    with BagReader(bag) as reader:
+        if key not in reader.metadata:
+            known = ", ".join(reader.metadata) or "none"
+            raise BagError(f"{bag}: its metadata has no {key!r}; there is: {known}")
+        return reader.metadata[key]

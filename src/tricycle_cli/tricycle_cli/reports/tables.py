@@ -456,6 +456,8 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
     fleet : Fleet
         What `identify_fleet` found.
     """
+    from parameter_identification.many_drives import few_coloured
+
     lines = []
     for name in fleet.odd:
         where = ", ".join(
@@ -476,6 +478,12 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
         lines.append(
             f"residuals of {len(coloured)} vehicles are NOT white: the model lacks something, or a "
             f"parameter changes from drive to drive: {_some(coloured)}"
+        )
+    # a vehicle with few drives cannot show it alone
+    if not coloured and not few_coloured(fleet.not_white, fleet.drives):
+        lines.append(
+            f"residuals of {fleet.not_white} of all {fleet.drives} drives are NOT white: the model "
+            "lacks something, or vehicles differ in what they are said to share"
         )
     return lines + [f"left out: {reason}" for reason in fleet.left_out]
 
