@@ -4,7 +4,8 @@
     python benchmarks/stopping.py                                # everything
     python benchmarks/stopping.py --backends emulation --speeds 1 4.8
 
-An e-stop, a DISARM, the host killed (kill -9) and enable = 0, from 1 to 4.8 m/s, straight on.
+An e-stop, a DISARM, the host killed (kill -9) and enable = 0 (a stop by the commander), from 1 to
+4.8 m/s, straight on.
 Nominal: nominal vehicle, empty, level road. Worst: over corners of the unknown parameters, empty
 and with 30 kg, on slopes of -5, 0 and +5 %; on the slow simulated microcontrollers only the worst
 of them, low, loaded and downhill. Time and distance count from the host's act to rest (0.02 m/s),
@@ -24,7 +25,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from tricycle_bridge.commands.command_stream import VehicleCommand
+from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.stopping import MAX_PAYLOAD, Cause, stopping_distance
@@ -59,7 +60,9 @@ STOPS: dict[Cause, Callable[[Host], object]] = {
     Cause.ESTOP: lambda host: host.bridge.emergency_stop(host.now),
     Cause.DISARM: lambda host: host.bridge.disarm(host.now),
     Cause.KILLED: lambda host: host.kill(),
-    Cause.DISABLED: lambda host: host.bridge.stop("enable = 0"),
+    Cause.DISABLED: lambda host: host.bridge.stop_by_command(
+        stamp=host.now, now=host.now, source=Source.JOINT_COMMANDS
+    ),
 }
 
 

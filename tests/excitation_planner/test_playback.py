@@ -28,6 +28,7 @@ from tricycle_core.readiness import Readiness
 AT_REST = PlanarState(1.0, 2.0, np.pi / 2, 0.0)
 MOVING = PlanarState(1.0, 2.0, np.pi / 2, 0.8)
 ARMED = Readiness(armed=True)
+STOP = JointCommand(0.1, 0.0, stop=True)
 PRESSED = Readiness(armed=False, reason="hardware e-stop pressed")
 PATH = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
 
@@ -152,7 +153,7 @@ def test_a_vehicle_at_rest_hears_of_the_standstill_too():
     playback.abort("asked for")
     for t in (10.1, 11.9):
         playback.observe(AT_REST, t, t)
-        assert playback.tick(t) == JointCommand(0.1, 0.0)
+        assert playback.tick(t) == STOP
 
 
 def test_where_rest_is_not_known_standstill_is_commanded_for_five_seconds():
@@ -312,10 +313,14 @@ def test_a_running_maneuver_refuses_a_start():
         running().start(10.0)
 
 
-def test_abort_stops_the_wheel_and_says_why():
+def test_abort_stops_the_vehicle_until_it_is_disarmed_and_says_why():
     playback = running()
     playback.abort("asked for")
-    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
+    assert playback.tick(10.02) == STOP
+    playback.hear(PRESSED, 10.03)
+    assert playback.tick(10.03) == JointCommand(0.1, 0.0)
+    playback.hear(ARMED, 11.0)  # by the operator, who is not stopped again
+    assert playback.tick(11.0) == JointCommand(0.1, 0.0)
     assert (playback.state, playback.reason) == (PlaybackState.ABORTED, "asked for")
     with pytest.raises(PlanError, match="no maneuver is running"):
         playback.abort("again")
@@ -411,16 +416,16 @@ def test_a_driver_or_a_clock_that_leaves_out_commands_aborts():
     playback = running()
     playback.tick(10.01)
     assert playback.state is PlaybackState.RUNNING
-    assert playback.tick(10.13) == JointCommand(0.1, 0.0)
+    assert playback.tick(10.13) == STOP
     assert playback.state is PlaybackState.ABORTED
     assert playback.reason.startswith("for 0.12 s no command was sent")
 
 
 def test_a_clock_that_jumps_back_aborts_and_makes_what_was_heard_unknown():
     playback = running()
-    assert playback.tick(7.0) == JointCommand(0.1, 0.0)
+    assert playback.tick(7.0) == STOP
     assert playback.reason == "the clock jumped back by 3.00 s"
-    assert playback.tick(11.9) == JointCommand(0.1, 0.0)
+    assert playback.tick(11.9) == STOP
     assert playback.tick(12.1) is None
     with pytest.raises(PlanError, match="nothing heard on vehicle/state"):
         playback.start(12.1)
@@ -622,7 +627,7 @@ def test_the_fence_and_a_pose_that_jumps_abort(pose, reason):
     playback.observe(AT_REST_IN_ODOM, 10.005, 10.005)
     assert playback.tick(10.01) is not None
     playback.observe(pose, 10.02, 10.02)
-    assert playback.tick(10.02) == JointCommand(0.1, 0.0)
+    assert playback.tick(10.02) == JointCommand(0.1, 0.0)  # the wheels were not to turn yet
     assert playback.state is PlaybackState.ABORTED
     assert reason in playback.reason
 

@@ -42,13 +42,14 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
 
     long = save("long.json", 60.0)
     save("short.json", 4.0)
-    state = {}
-    ros_node.create_subscription(
-        DiagnosticStatus,
-        "maneuver/state",
-        lambda message: state.update({pair.key: pair.value for pair in message.values}),
-        LATCHED,
-    )
+    state, vehicle = {}, {}
+    for topic, heard in (("maneuver/state", state), ("vehicle/state", vehicle)):
+        ros_node.create_subscription(
+            DiagnosticStatus,
+            topic,
+            lambda message, heard=heard: heard.update({p.key: p.value for p in message.values}),
+            LATCHED,
+        )
     clock = {}
     ros_node.create_subscription(
         Clock, "/clock", lambda message: clock.update(now=seconds_of(message.clock)), 10
@@ -90,6 +91,9 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
         with pytest.raises(JudgeError, match="the maneuver was aborted: asked for"):
             judge(tmp_path / "first")
 
+        stopped = "stopped: by joint_commands of /maneuver_driver"
+        wait(lambda: stopped in vehicle.get("reason", ""), "the boards' stop")
+        wait(armed, "rest")
         killed = drive("long.json", "second")
         wait(lambda: state["state"] == "running", "driving again")
         killed.kill()
@@ -105,6 +109,7 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
 
         ended = clock["now"]
         wait(lambda: clock["now"] > ended + LONGEST_STOP + 1.0, "the driver's end of the stop")
+        assert armed()
         finished = drive("short.json", "third")
         _, errors = finished.communicate(timeout=60)
         assert finished.returncode == 0, errors

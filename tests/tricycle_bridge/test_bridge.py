@@ -145,6 +145,27 @@ def test_a_second_commander_is_refused_by_name_and_reported(driving):
     assert diagnose(driving.bridge, driving.now)[0].level is Level.OK
 
 
+def test_a_commander_has_the_boards_stop_the_vehicle_until_it_is_armed(driving):
+    def stop(name):
+        now = driving.now
+        return driving.bridge.stop_by_command(
+            stamp=now, now=now, source=Source.JOINT_COMMANDS, name=name
+        )
+
+    assert stop("/other").startswith("joint_commands of /other is refused")
+    driving.step()
+    assert driving.bridge.armed
+    assert stop("/driver") is None
+    driving.step(3)  # although the driver commands on
+    assert driving.bridge.links[DRIVE].telemetry.state == PlcState.STOPPING
+    assert "stopped: by joint_commands of /driver" in driving.bridge.readiness(driving.now).reason
+    driving.step(250)
+    assert driving.measured[DRIVE].speed == 0.0
+    driving.target = None
+    driving.step(20)
+    assert driving.arm() == (True, "armed")
+
+
 def test_a_vehicle_is_handed_over_at_rest_only(driving):
     text = "not released: the vehicle moves at 1.00 m/s for joint_commands of /driver"
     assert driving.bridge.release(driving.now) == (False, text)

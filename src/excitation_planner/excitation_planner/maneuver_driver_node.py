@@ -433,11 +433,13 @@ class ManeuverDriver(Node):
         now = self.get_clock().now()
         command = self._playback.tick(float(now.nanoseconds) * 1e-9)
         if command is not None:
-            message = JointState(name=list(JOINTS))
+            message = JointState()
             message.header.stamp = now.to_msg()
             message.header.frame_id = self._name  # who commands: joints have no frame
-            message.position = [command.steering_motor_angle, 0.0]
-            message.velocity = [0.0, command.wheel_rate]
+            if not command.stop:
+                message.name = list(JOINTS)
+                message.position = [command.steering_motor_angle, 0.0]
+                message.velocity = [0.0, command.wheel_rate]
             self._joints.publish(message)
         self._publish_state()
         self._publish_origin()

@@ -8,7 +8,7 @@ Time is an argument everywhere; the node that owns a `Playback` passes its ROS c
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -142,10 +142,15 @@ class JointCommand:
         Left positive [rad].
     wheel_rate : float
         Of the rear wheel, forward positive [rad/s].
+    stop : bool
+        Whether the boards are to stop the vehicle instead, motor and brake, until it is armed
+        again. At a wheel rate of 0 the motor alone slows it down, which on a slope takes longer
+        than the fence counts on.
     """
 
     steering_motor_angle: float
     wheel_rate: float
+    stop: bool = False
 
 
 @dataclass(frozen=True)
@@ -346,7 +351,10 @@ class Playback:
             Time of receipt [s].
         """
         self._readiness, self._heard_at = readiness, now
-        if self._active and not readiness.armed:
+        if readiness.armed:
+            return
+        self._held = replace(self._held, stop=False)
+        if self._active:
             self.abort(self._not_ready(now))
 
     def hold(self, pressed: bool, now: float) -> None:
@@ -474,7 +482,7 @@ class Playback:
             self._back.follow(route)
 
     def abort(self, reason: str) -> None:
-        """Stop a running maneuver or the way back; standstill is commanded.
+        """Stop a running maneuver or the way back, by the boards once the wheels were to turn.
 
         Raises
         ------
@@ -505,8 +513,8 @@ class Playback:
     def tick(self, now: float) -> JointCommand | None:
         """Return the command for now.
 
-        After a run it is standstill until the vehicle rests; then, and before a run, None: nothing
-        is commanded.
+        After a run it is standstill until the vehicle rests, after an aborted one first a stop
+        until the vehicle is not armed; then, and before a run, None: nothing is commanded.
         """
         back = self._ticked_at - now
         self._ticked_at = now
@@ -529,6 +537,8 @@ class Playback:
             return None
         stopping = now - self._stopping_since
         if stopping < SHORTEST_STOP or (stopping < LONGEST_STOP and not self._rests(now)):
+            if self.state is PlaybackState.DONE and self._rolls_out(now):
+                self._held = replace(self._held, stop=True)
             return self._held
         self._stopping_since = None
         self._take_next()
@@ -734,6 +744,13 @@ class Playback:
         led = 0.0 if self._lead_in is None else self._lead_in.curvature
         return self._trespass(self._fence, now, float(self._fence.curvature[row]) + led, push)
 
+    def _rolls_out(self, now: float) -> bool:
+        """Whether the motor alone may not stop the vehicle on its area, e.g. on a slope."""
+        armed = self._readiness is not None and self._readiness.armed
+        if self._fence is None or not armed or self._rests(now):
+            return False
+        return bool(self._trespass(self._fence, now, float(self._fence.curvature[-1]), 0.0))
+
     def _trespass(self, fence: Fence, now: float, curvature: float, push: float) -> str:
         if self._observed is None:
             return "no pose on odom"
@@ -745,7 +762,9 @@ class Playback:
         )
 
     def _end(self, state: PlaybackState, angle: float, reason: str = "") -> None:
-        self._held = JointCommand(angle, 0.0)
+        disarmed = self._readiness is not None and not self._readiness.armed
+        stop = state is PlaybackState.ABORTED and self.state in DRIVEN and not disarmed
+        self._held = JointCommand(angle, 0.0, stop)
         self.state, self.reason, self.seconds_left = state, reason, 0
         self._stopping_since, self._back = self._ticked_at, None
 

@@ -257,6 +257,33 @@ class Bridge:
             self._send_commands(now)
         return refusal
 
+    def stop_by_command(
+        self, *, stamp: float, now: float, source: Source, name: str = ""
+    ) -> str | None:
+        """Take a commander's wish that the boards stop the vehicle, until the operator's next ARM.
+
+        Parameters
+        ----------
+        stamp, now : float
+            Time at which it was sent, time of arrival [s].
+        source : Source
+            Topic on which it came.
+        name : str
+            Name that the commander gives itself.
+
+        Returns
+        -------
+        refusal : str or None
+            Why it is refused; None if it was taken.
+        """
+        commander = Commander(source, name)
+        standstill = VehicleCommand(self.resting_angle(), 0.0)
+        refusal = self.commands.add(standstill, stamp=stamp, now=now, commander=commander)
+        if refusal is None:
+            self._withdraw(f"by {commander}")
+            self._send_commands(now)
+        return refusal
+
     def refuse_command(
         self, reason: str, *, stamp: float, now: float, source: Source, name: str = ""
     ) -> str:

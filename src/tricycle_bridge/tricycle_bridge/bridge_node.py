@@ -444,7 +444,9 @@ class BridgeNode(LifecycleNode):
     # ---- commanders ----
 
     def _on_joint_commands(self, message: JointState) -> None:
-        def command(bridge: Bridge) -> VehicleCommand:
+        def command(bridge: Bridge) -> VehicleCommand | None:
+            if not message.name:
+                return None
             radius = bridge.settings.tyre_radius
             return joint_command(message.name, message.position, message.velocity, radius)
 
@@ -468,12 +470,12 @@ class BridgeNode(LifecycleNode):
 
     def _command(
         self,
-        make: Callable[[Bridge], VehicleCommand],
+        make: Callable[[Bridge], VehicleCommand | None],
         stamp: Time | None,
         source: Source,
         name: str = "",
     ) -> None:
-        """Hand a message to the bridge; without a stamp it is of now."""
+        """Hand a message to the bridge, None as a stop; without a stamp it is of now."""
         with self._lock:
             bridge, ports = self._bridge, self._ports
             if bridge is None or ports is None or not bridge.active:
@@ -491,9 +493,14 @@ class BridgeNode(LifecycleNode):
                     str(error), stamp=wanted, now=now, source=source, name=name
                 )
             else:
-                refusal = bridge.set_command(
-                    command, stamp=wanted, now=now, source=source, name=name
-                )
+                if command is None:
+                    refusal = bridge.stop_by_command(
+                        stamp=wanted, now=now, source=source, name=name
+                    )
+                else:
+                    refusal = bridge.set_command(
+                        command, stamp=wanted, now=now, source=source, name=name
+                    )
             self._flush(bridge, ports, now)
         if refusal is not None:
             self._log_throttled(refusal)

@@ -544,7 +544,7 @@ def _planned_and_played(
     rows = [(point.positions[steer], point.velocities[wheel]) for point in planned.points]
     for setpoint in played:
         elapsed = (stamp_of(setpoint) - start) * 1e-9
-        if begin <= elapsed < (times[-1] if end is None else end):
+        if setpoint.name and begin <= elapsed < (times[-1] if end is None else end):
             row = bisect_right(times, elapsed + 1e-6) - 1
             steer, wheel = (setpoint.name.index(name) for name in JOINTS)
             yield *rows[row], setpoint.position[steer], setpoint.velocity[wheel]
