@@ -22,7 +22,7 @@ from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_cli.operation.session import simulated_session
-from tricycle_core.errors import JudgeError
+from tricycle_core.errors import JudgeError, NodeError
 from tricycle_core.nodes import LATCHED
 from tricycle_core.stamps import seconds_of
 from tricycle_sim.vehicle import load_vehicle
@@ -78,6 +78,12 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
     with simulated_session(
         vehicle_file=None, true_seed=-1, real_time_factor=1.0, folder=tmp_path / "session"
     ):
+        company = pytest.raises(NodeError, match=r"ROS domain \d+ has a .* already")
+        another = simulated_session(
+            vehicle_file=None, true_seed=-1, real_time_factor=1.0, folder=tmp_path / "another"
+        )
+        with company, another:
+            pass
         wait(armed, "both boards")
         interrupted = drive("long.json", "first")
         wait(lambda: state.get("state") == "running" and float(state["elapsed"]) >= 1, "driving")

@@ -3,7 +3,7 @@
 import math
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -40,6 +40,7 @@ GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 TOLD = 6.0  # s of wall time after which it says what it waits for
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
+LOOK_AROUND = 1.0  # s of wall time in which nodes of a domain are found
 
 
 class ServiceCaller:
@@ -101,6 +102,42 @@ class ServiceCaller:
             return any(answer.done() for answer in answers)
 
         self._wait(greeted, f"an answer of {greeter.srv_name}")
+
+
+def refuse_company(domain: int, names: Collection[str]) -> None:
+    """Raise an error if nodes run already in a domain where a simulation is to begin.
+
+    Both would hear each other: a simulation would arm the vehicle.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain id.
+    names : collection of str
+        Of the simulation's nodes.
+
+    Raises
+    ------
+    NodeError
+        If there are nodes of such names.
+    """
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
+    node = rclpy.create_node("newcomer", context=context)
+    end = time.monotonic() + LOOK_AROUND
+    try:
+        while time.monotonic() < end:
+            there = {n for n, space in node.get_node_names_and_namespaces() if space == "/"}
+            if company := sorted(there.intersection(names)):
+                raise NodeError(
+                    f"ROS domain {domain} has a {', a '.join(company)} already, of a vehicle or "
+                    "another simulation: unset ROS_DOMAIN_ID or choose another one; a vehicle's "
+                    "nodes are used with --vehicle-nodes"
+                )
+            time.sleep(LOOK_AROUND / 20.0)
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown(context=context)
 
 
 class Operator(Closing):

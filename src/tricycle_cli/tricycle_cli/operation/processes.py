@@ -44,15 +44,23 @@ def free_domain() -> int:
     Two processes may have the same one, and each would take the other's nodes for its own. If all
     hundred are in use it is the first.
     """
-    for number in range(DOMAINS):
-        domain = own_domain(number)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-            try:  # where the first participant of a domain listens (DDSI-RTPS, section 9.6.1)
-                port.bind(("", 7410 + 250 * domain))
-            except OSError:
-                continue
-            return domain
-    return own_domain()
+    return next(filter(is_free, map(own_domain, range(DOMAINS))), own_domain())
+
+
+def is_free(domain: int) -> bool:
+    """Return whether nobody on this machine communicates in a ROS domain.
+
+    Parameters
+    ----------
+    domain : int
+        Its id.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+        try:  # where the first participant of a domain listens (DDSI-RTPS, section 9.6.1)
+            port.bind(("", 7410 + 250 * domain))
+        except OSError:
+            return False
+        return True
 
 
 def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:

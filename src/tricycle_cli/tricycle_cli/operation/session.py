@@ -22,7 +22,12 @@ from tricycle_bringup.configuration import (
 )
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
 from tricycle_cli.operation.enough import Enough
-from tricycle_cli.operation.processes import NodeProcesses, free_domain, ros_environment
+from tricycle_cli.operation.processes import (
+    NodeProcesses,
+    free_domain,
+    is_free,
+    ros_environment,
+)
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress
@@ -39,6 +44,9 @@ class DrivePlan(Protocol):
     ) -> None:
         """Drive; the progress is in ms."""
 
+
+OF_VEHICLE = "tricycle_bridge", "tricycle_sim", "maneuver_driver", "trajectory_recorder"
+"""Nodes of which a domain has one each."""
 
 IDLE_PACE = 1.0
 """Real-time factor between the drives: what plans and identifies meanwhile needs the processor."""
@@ -104,9 +112,11 @@ def simulated_session(
         If a node cannot be started or ends by itself.
     """
     # imported here: without ROS the rest of the command line works
-    from tricycle_cli.operation.operator_node import Operator
+    from tricycle_cli.operation.operator_node import Operator, refuse_company
 
     domain = int(os.environ.get("ROS_DOMAIN_ID") or free_domain())
+    if not is_free(domain):
+        refuse_company(domain, OF_VEHICLE)
     env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
     os.environ.update(env)
     ports = {
