@@ -725,6 +725,7 @@ def backwards(playback, pose, now):
             r"the pose is 0\.40 m from where",
         ),
         (lambda p, pose, t: p.observe(replace(pose, x=math.nan), t, t), "not finite"),
+        (lambda p, pose, t: p.observe(replace(pose, yaw_rate=math.nan), t, t), "has no turn rate"),
         (lambda p, pose, t: [p.hear(ARMED, t + 0.6), p.tick(t + 0.6)], r"no pose on odom for 0\.6"),
         (
             lambda p, pose, t: [
@@ -752,6 +753,14 @@ def test_what_ends_a_run_ends_the_way_back_too(fault, reason):
     assert playback.state is PlaybackState.ABORTED
     assert re.search(reason, playback.reason)
     assert command.wheel_rate == 0.0
+
+
+def test_without_a_turn_rate_there_is_no_way_back():
+    playback = fenced()
+    playback.observe(replace(AT_REST_IN_ODOM, yaw_rate=math.nan), 10.0, 10.0)
+    with pytest.raises(PlanError, match="odom has no turn rate"):
+        playback.go_back(10.0)
+    assert playback.state is PlaybackState.WAITING
 
 
 def test_the_way_back_stops_before_it_leads_off_the_area():

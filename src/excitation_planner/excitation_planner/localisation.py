@@ -61,6 +61,11 @@ class PlanarState:
         """Whether pose and speed are numbers."""
         return all(map(math.isfinite, (self.x, self.y, self.yaw, self.speed)))
 
+    @property
+    def turns_known(self) -> bool:
+        """Whether turn rate and direction of the motion are numbers."""
+        return math.isfinite(self.yaw_rate) and math.isfinite(self.slip)
+
     def after(self, time: float) -> tuple[float, float, float]:
         """Return the pose x, y [m], heading [rad] a short time later, the motion being the same.
 
@@ -106,6 +111,9 @@ class PoseWatch:
         driven : bool
             Whether the wheels are commanded to turn.
         """
+        if not state.turns_known:
+            self._tracks.clear()  # nothing tells where it leads
+            return ""
         if not self._tracks:
             self._tracks.append(_Track(stamp, state))
             self._changed_at = stamp

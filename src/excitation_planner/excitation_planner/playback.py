@@ -445,6 +445,8 @@ class Playback:
         """
         self._check_free()
         self._check_standing(now)
+        if reason := self._undirected():
+            raise PlanError(reason)
         fence = self._fence_of(self._plan) if self._plan is not None else None
         goal = self._last_start if fence is None else fence.start
         if goal is None:
@@ -631,6 +633,7 @@ class Playback:
             self._not_ready(now)
             or self._released(now)
             or self._pose_lost(now)
+            or self._undirected()
             or self._contradiction
         )
         if not reason and self._fence is not None:
@@ -658,6 +661,7 @@ class Playback:
             self._not_ready(now)
             or self._released(now)
             or self._pose_lost(now)
+            or ("" if self._lead_in is None else self._undirected())
             or self._contradiction
             or self._astray()
             or self._fenced_out(schedule, now, row)
@@ -813,6 +817,12 @@ class Playback:
         if age > self.odom_timeout:
             return f"no pose on odom for {age:.2f} s, by its stamp"
         return ""
+
+    def _undirected(self) -> str:
+        """Why the vehicle cannot be steered by its pose; empty if it can."""
+        if self._observed is None or self._observed.turns_known:
+            return ""
+        return "odom has no turn rate, without which the vehicle is not steered by its pose"
 
     def _unwatched(self, now: float) -> str:
         """Why the vehicle cannot be watched; empty if it can."""

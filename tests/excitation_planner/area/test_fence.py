@@ -1,6 +1,7 @@
 """The fence: what is stopped when it says so stays on the ground, and what fits is not stopped."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,6 +118,8 @@ def test_the_watch_finds_jumps_and_what_is_frozen_but_no_motion() -> None:
     assert "2.0" in watched(jumped)
     turned = [(t, s if t < 1.5 else at(s.x, s.y, s.yaw + 0.5, 1.0, 0.5)) for t, s in turning]
     assert "heading" in watched(turned)
+    gap = [(t, s if t != 0.5 else replace(s, yaw_rate=math.nan)) for t, s in turned]
+    assert "heading" in watched(gap)  # a lost turn rate blinds it for no longer than it lasts
     assert "velocity led" in watched([(t, at(0.0, 0.0, 0.0, 1.0)) for t in times])
     assert "the same for" in watched([(t, at(0.0, 0.0)) for t in times])
     drifting = [(t, at(s.x + 0.5 * t, s.y, s.yaw, 1.0, 0.5)) for t, s in turning]

@@ -115,7 +115,7 @@ class Fence:
         """
         if state.frame != self.frame:
             return f"the area is in frame '{self.frame}', the pose on odom in '{state.frame}'"
-        if not (math.isfinite(state.yaw_rate) and math.isfinite(state.slip)):
+        if not state.turns_known:
             return "odom has no turn rate, without which no stop can be predicted"
         creeps = state.speed <= CREEP
         delay = max(age, 0.0) + TICK
