@@ -156,7 +156,7 @@ def test_a_plant_that_dies_ends_the_drive_with_its_line_and_the_bag_is_closed(
         assert not any(name.startswith("true_") for name in bag.metadata)
 
 
-@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGHUP, signal.SIGKILL])
 def test_an_interrupted_drive_leaves_a_readable_bag_and_no_process(
     ros_environment, plan, tmp_path, end
 ):

@@ -156,8 +156,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else list(argv)
     logging.basicConfig(format="%(message)s")
     logging.getLogger("tricycle_sim").setLevel(logging.INFO)  # says when it compiles the vehicle
-    # SIGTERM ends a run as Ctrl-C does: in order, with its child processes
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # these end a run as Ctrl-C does, in order: a service manager's, and that of a lost terminal
+    for ends in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(ends) is not signal.SIG_IGN:  # nohup
+            signal.signal(ends, signal.default_int_handler)
     try:
         arguments = parser(COMMANDS.keys() & words).parse_args(words)
         status: int = arguments.run(arguments)

@@ -1,6 +1,7 @@
 """The bring-up on emulated boards behind serial devices, with an engineer who does as told."""
 
 import math
+import re
 
 import pytest
 
@@ -85,6 +86,7 @@ def test_every_step_passes_by_what_the_boards_measure(pair):
     )
     assert measured["left end stop (rad)"] == pytest.approx(0.78, abs=0.01)
     assert measured["watchdog (s)"] < 0.4
+    assert 0.0 < measured["rolled to rest (m)"] < 0.3
 
 
 def test_a_hall_sensor_whose_unplugging_is_not_noticed_does_not_pass(pair, monkeypatch):
@@ -92,6 +94,13 @@ def test_a_hall_sensor_whose_unplugging_is_not_noticed_does_not_pass(pair, monke
     (result,) = run(pair, Engineer(pair, unplug=lambda: None), only("hall sensor's lines"))
     assert not result.passed
     assert "did not notice it" in result.problem
+
+
+def test_a_brake_that_does_not_close_does_not_pass(pair, monkeypatch):
+    monkeypatch.setattr("tricycle_sim.plc.pair._BRAKING", 0.15)  # what rolling takes
+    (result,) = run(pair, Engineer(pair), only("brake"))
+    assert not result.passed
+    assert re.search(r"rolled .* m, must be .* at most: the brake is weak", result.problem)
 
 
 @pytest.mark.parametrize(

@@ -102,7 +102,8 @@ def test_a_node_that_was_killed_is_told_with_the_signal(node, tmp_path):
 
 
 def test_a_node_in_the_foreground_ends_with_its_own_status(node, capfd):
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    ends = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+    before = {number: signal.getsignal(number) for number in ends}
     try:
         parameters = {"topics": ["odom"]}
         assert run_in_foreground(node, parameters, remappings=["/odom:=/other"]) == 3

@@ -27,6 +27,7 @@ from tricycle_bridge.protocol.messages import (
 from tricycle_bridge.protocol.readable import fault_names, state_name
 from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT, TRAVEL_UNIT, VOLTAGE_UNIT
 from tricycle_core.errors import LinkError
+from tricycle_core.stopping import Cause, stopping_distance
 
 TURNS = 10
 """Turns of the wheel by hand that the hall count is checked with."""
@@ -229,14 +230,24 @@ def _check_motor(stand: PortStand) -> dict[str, float | str]:
 
 
 def _check_brake(stand: PortStand) -> dict[str, float | str]:
+    _turn(stand)
+    speed, start = _speed(stand), stand.drive.hall_count
     stand.disarm()
     _require(stand.wait(1.0, _both(stand, PlcState.SAFE)), "DISARM did not lead to SAFE")
+    _rest(stand)
+    rolled = abs(stand.drive.hall_count - start) * stand.limits.pulse * TRAVEL_UNIT
+    longest = stopping_distance(Cause.DISARM, speed)
+    _require(
+        rolled <= longest,
+        f"DISARM at {speed:.2f} m/s: the wheel rolled {rolled:.2f} m, must be {longest:.2f} m at "
+        "most: the brake is weak, or is not closed",
+    )
     before, until = stand.drive.hall_count, stand.now() + 5.0
     stand.say("Try to turn the driven wheel by hand for 5 s: the brake must hold it.")
     stand.wait(5.0, lambda: stand.now() >= until)
     slipped = abs(stand.drive.hall_count - before)
     _require(slipped <= 2, f"the wheel turned by {slipped} pulses against the brake")
-    return {"pulses against the brake": slipped}
+    return {"rolled to rest (m)": rolled, "pulses against the brake": slipped}
 
 
 def _check_watchdog(stand: PortStand) -> dict[str, float | str]:

@@ -163,7 +163,7 @@ def run_in_foreground(
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold SIGINT and SIGTERM back until the block has ended.
+    """Hold the signals that end a command back until the block has ended.
 
     Raised inside of rclpy, a KeyboardInterrupt may be lost.
 
@@ -178,7 +178,7 @@ def interrupts_held() -> Iterator[None]:
     came: list[int] = []
     previous = {
         number: signal.signal(number, lambda number, _: came.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     }
     try:
         yield
