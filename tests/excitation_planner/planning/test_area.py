@@ -3,13 +3,14 @@
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import ArrayLike
 
 from excitation_planner import Criterion
-from excitation_planner.area.area import Area
+from excitation_planner.area.area import Area, StartRegion
 from excitation_planner.area.room import Room
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.box import Box
@@ -145,6 +146,24 @@ def test_a_refusal_names_changes_that_are_enough() -> None:
     (further,) = map(float, re.findall(r"keep_in ([\d.]+) m further out", message))
     more = 2.0 * (further + 0.01)
     assert shortage(yard(9.0 + more, 16.0 + more), x) <= 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("parts", "blamed"),
+    [
+        ({"keep_out": (yard(24.0, 24.0).keep_in - 2.0,)}, "a keep_out is in its way"),
+        ({"start": StartRegion((19.0, 20.0), (4.0, 5.0))}, "further out on every side would do"),
+        (
+            {"keep_out": (yard(4.0, 4.0).keep_in + 8.0,), "start": StartRegion((9, 11), (9, 11))},
+            "a keep_out is in its way, however large keep_in is",
+        ),
+    ],
+)
+def test_a_refusal_blames_what_is_in_the_way(parts: dict[str, Any], blamed: str) -> None:
+    area = replace(yard(20.0, 20.0), **parts)
+    with pytest.raises(PlanError, match=blamed):
+        plan_at(request(area), np.array([3.0, 0.8]))
 
 
 @pytest.mark.slow

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
+from excitation_planner.area.polygons import rings_of
 from excitation_planner.area.room import Room
+from excitation_planner.area.tube import TOLERANCE
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.replay import nominal_run
@@ -46,7 +49,7 @@ def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
         return ""
     return (
         f"the {family.name} that comes closest ({_named(family, x)}) needs {shortage:.2f} m more: "
-        f"{_larger(room, shortage)}"
+        f"{_larger(vehicle, family, room, x, shortage)}"
     )
 
 
@@ -74,17 +77,26 @@ def nearest_that_fits(vehicle: Vehicle, family: ManeuverFamily, room: Room, x: F
                 fitting.append(f"{name} {value:.3g}")
     changes = [f"{' or '.join(fitting)} fits"] if fitting else []
     lacking = f"needs {shortage:.2f} m more room in the area"
-    return f"{lacking}: {'; '.join([*changes, _larger(room, shortage)])}"
+    return f"{lacking}: {'; '.join([*changes, _larger(vehicle, family, room, x, shortage)])}"
 
 
-def _larger(room: Room, shortage: float) -> str:
-    """What change of the area makes up for a shortage [m]."""
-    margin = room.area.margin
-    smaller = f", or margin {margin - shortage:.2f} instead of {margin:.2f} m"
-    return (
-        f"keep_in {shortage:.2f} m further out on every side would do"
-        f"{smaller if shortage < margin else ''}"
-    )
+def _larger(
+    vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray, shortage: float
+) -> str:
+    """What change of the area makes up for a shortage [m] of a maneuver."""
+    import shapely  # only who plans on an area needs it
+
+    area, margin = room.area, room.area.margin
+    margins = f"margin {margin - shortage:.2f} instead of {margin:.2f} m"
+    if area.keep_out:  # the shortage may be that to a keep_out, or of a start inside
+        outwards = shapely.Polygon(area.keep_in).buffer(shortage + TOLERANCE, join_style="mitre")
+        wider = replace(room, area=replace(area, keep_in=rings_of(outwards)[0]))
+        still = _shortage(vehicle, family, wider, x)
+        if still is None or still > 0.0:
+            blamed = "a keep_out is in its way, however large keep_in is"
+            return f"{blamed}; {margins} would do" if shortage < margin else blamed
+    change = f"keep_in {shortage:.2f} m further out on every side would do"
+    return f"{change}, or {margins}" if shortage < margin else change
 
 
 def _shortage(vehicle: Vehicle, family: ManeuverFamily, room: Room, x: FloatArray) -> float | None:
