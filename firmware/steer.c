@@ -45,12 +45,17 @@ void board_begin_tick(struct plc *plc, uint32_t now)
 		board->holding = false;
 }
 
+static bool wire_broken(const struct board *board)
+{
+	return board->adc < ADC_LOW || board->adc > ADC_HIGH;
+}
+
 uint16_t board_find_fault(struct plc *plc, uint32_t now)
 {
 	struct board *board = &plc->board;
 	if (plc->state != PLC_STATE_ARMED)
 		return 0;
-	if (board->adc < ADC_LOW || board->adc > ADC_HIGH)
+	if (wire_broken(board))
 		return FAULT_SENSOR;
 	int32_t error = board->setpoint - 10L * board->angle;
 	if (error <= LARGEST_ERROR && error >= -LARGEST_ERROR) {
@@ -71,13 +76,12 @@ bool board_stopped(const struct plc *plc)
 
 bool board_ready(const struct plc *plc)
 {
-	(void)plc;
-	return true;
+	return !wire_broken(&plc->board);
 }
 
 void board_armed(struct plc *plc)
 {
-	plc->board.setpoint = 10L * plc->board.angle;
+	plc->board.setpoint = 10L * clamp(plc->board.angle, -END_STOP, END_STOP);
 	plc->board.off_track = false;
 	plc->board.holding = false;
 }

@@ -47,8 +47,8 @@ void save_reset_flags(void)
 ISR(WDT_vect)
 {
 	kept.hung = true;
-	TCCR1A = 0; /* the outputs as in reset: low */
-	PORTB = 0;
+	TCCR1A = 0;
+	DDRB = PORTB = 0; /* the outputs float as in reset: their resistors brake, without torque */
 	for (;;)
 		;
 }

@@ -106,7 +106,7 @@ def test_when_one_board_does_not_arm_neither_stays_armed(vehicle):
     vehicle.measured[STEER] = SteerMeasurement(adc=2)
     success, text = vehicle.arm()
     assert not success
-    assert text == "not armed: steer PLC is FAULT (SENSOR)"
+    assert text == "not armed: steer PLC is SAFE and refused ARM: preconditions"
     vehicle.step(150)
     assert {p.state for p in vehicle.plcs.values()} <= {PlcState.SAFE, PlcState.FAULT}
 
@@ -118,6 +118,11 @@ def test_every_precondition_is_checked(vehicle):
     late = now + 0.2
     assert arming_refusal(links, STANDSTILL, late, enabled=False) == (
         "steer PLC: telemetry 0.20 s old"
+    )
+    vehicle.measured[STEER] = SteerMeasurement(adc=2)
+    vehicle.step(2)
+    assert arming_refusal(links, STANDSTILL, vehicle.now, enabled=False) == (
+        "steer PLC: its potentiometer is at 2 counts, must be 5 to 1018: a broken wire"
     )
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.plc_link.link import DEGRADED_AGE, PlcLink
 from tricycle_bridge.plc_link.operations import OperationOutcome
+from tricycle_bridge.protocol.boards import ADC_HIGH, ADC_LOW
 from tricycle_bridge.protocol.limits import ARMING_COMMANDS, ARMING_SPEED
 from tricycle_bridge.protocol.messages import (
     Board,
@@ -20,6 +21,7 @@ from tricycle_bridge.protocol.messages import (
     PlcState,
     Result,
     StateFlag,
+    SteerState,
 )
 from tricycle_bridge.protocol.readable import state_and_faults
 from tricycle_bridge.protocol.units import SPEED_UNIT, VOLTAGE_UNIT
@@ -68,6 +70,12 @@ def arming_refusal(
     for link in links.values():
         if reason := supply_problem(link) or _setup_refusal(link):
             return reason
+    steer = links[Board.STEER].telemetry
+    if isinstance(steer, SteerState) and not ADC_LOW <= steer.adc <= ADC_HIGH:
+        return (
+            f"steer PLC: its potentiometer is at {steer.adc} counts, must be {ADC_LOW} to "
+            f"{ADC_HIGH}: a broken wire"
+        )
     speed = measured_speed(links[Board.DRIVE], now)
     if speed is not None and abs(speed) >= ARMING_SPEED:
         return f"the vehicle moves at {speed:.2f} m/s"

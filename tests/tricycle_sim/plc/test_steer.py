@@ -189,6 +189,17 @@ def test_a_broken_potentiometer_is_a_latched_fault(steer):
     assert steer.state.state == State.FAULT
 
 
+def test_with_a_broken_potentiometer_it_is_not_armed(make_bench):
+    steer = make_bench(STEER).booted()
+    for counts, result in ((4, Result.PRECONDITIONS), (1019, Result.PRECONDITIONS), (5, Result.OK)):
+        for _ in range(6):
+            steer.command()
+            steer.tick(adc=counts)
+        assert steer.control(Op.ARM) == result
+    steer.tick(angle=-1.2)  # as the sensor may say it
+    assert steer.state.servo >= 1000
+
+
 def test_a_blocked_steering_is_a_tracking_fault_after_a_second(steer):
     ticks = 0
     while steer.plc.state is State.ARMED:

@@ -27,8 +27,8 @@ from tricycle_core.errors import LinkError
 _LINE = 16384  # bytes
 _MV_PER_COUNT = 5000.0 / 1024
 # data memory addresses of the ATmega328P
-_PORTB, _PORTD, _TCCR1A, _OCR1A, _OCR1B = 0x25, 0x2B, 0x80, 0x88, 0x8A
-_COM1A1, _COM1B1, _PB0, _PD7 = 0x80, 0x20, 0x01, 0x80
+_DDRB, _PORTB, _PORTD, _TCCR1A, _OCR1A, _OCR1B = 0x24, 0x25, 0x2B, 0x80, 0x88, 0x8A
+_COM1A1, _COM1B1, _PB0, _PB2, _PD7 = 0x80, 0x20, 0x01, 0x04, 0x80
 
 
 @dataclass(frozen=True)
@@ -215,5 +215,8 @@ class SimulatedUno(Closing):
         mode = self._word(_TCCR1A)
         torque = self._word(_OCR1A) / PWM_TOP * MAX_TORQUE if mode & _COM1A1 else 0.0
         backward = bool(self._word(_PORTD) & _PD7)
-        brake = self._word(_OCR1B) / PWM_TOP if mode & _COM1B1 else 0.0
+        if mode & _COM1B1:
+            brake = self._word(_OCR1B) / PWM_TOP
+        else:  # a resistor pulls the pin up while it floats
+            brake = float(not self._word(_DDRB) & _PB2)
         return DrivePins(-torque if backward else torque, brake)

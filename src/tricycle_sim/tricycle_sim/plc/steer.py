@@ -126,7 +126,7 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand, SteerSetup]):
     def _find_fault(self, now_us: int) -> Fault:
         if self.state is not PlcState.ARMED:
             return Fault(0)
-        if not ADC_LOW <= self._measured.counts <= ADC_HIGH:
+        if not self._ready():
             return Fault.SENSOR
         if abs(self._setpoint - self._measured.angle) <= TRACKING_ERROR:
             self._tracking_since = None
@@ -140,10 +140,11 @@ class SteerPlc(Plc[SteerMeasurement, SteerOutput, SteerCommand, SteerSetup]):
         return not self._holds
 
     def _ready(self) -> bool:
-        return True
+        return ADC_LOW <= self._measured.counts <= ADC_HIGH
 
     def _armed(self) -> None:
-        self._setpoint = self._measured.angle
+        stop = STEERING_END_STOP
+        self._setpoint = min(max(self._measured.angle, -stop), stop)
         self._tracking_since = None
         self._holding_since = None
 
