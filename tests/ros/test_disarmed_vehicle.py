@@ -63,18 +63,14 @@ class StandingVehicle:
 
 
 @pytest.mark.parametrize(
-    ("when", "error", "refusal"),
+    ("when", "error"),
     [
-        (
-            "before",
-            "maneuver_driver/start: the vehicle is not armed: hardware",
-            "no start event",
-        ),
-        ("during", "maneuver aborted: the vehicle is not armed: hardware", "maneuver was aborted"),
+        ("before", "maneuver_driver/start: the vehicle is not armed: hardware"),
+        ("during", "maneuver aborted: the vehicle is not armed: hardware"),
     ],
 )
 def test_a_drive_of_a_vehicle_that_is_not_armed_fails(
-    ros_environment, ros_node, tmp_path, when, error, refusal
+    ros_environment, ros_node, tmp_path, when, error
 ):
     request = PlanRequest(load_vehicle(), Circle(duration=8.0), "cornering_stiffness", samples=50)
     save_plan(plan_at(request, np.array([2.5, 1.0])), tmp_path / "plan.json")
@@ -96,8 +92,11 @@ def test_a_drive_of_a_vehicle_that_is_not_armed_fails(
         vehicle.until(lambda: drive.poll() is not None)
         _, errors = drive.communicate()
     assert (drive.returncode, errors.splitlines()[-1]) == (2, f"tricycle: {error} e-stop pressed")
-    with pytest.raises(JudgeError, match=refusal):
-        read_drive(tmp_path / "bag")
+    if when == "before":
+        assert not (tmp_path / "bag").exists()  # the next try may have this name
+    else:
+        with pytest.raises(JudgeError, match="maneuver was aborted"):
+            read_drive(tmp_path / "bag")
 
 
 def test_each_of_several_drives_waits_for_enter_and_for_what_fails_to_be_mended(

@@ -117,7 +117,10 @@ def _identifying(vehicle: Vehicle) -> dict[str, Any]:
 
 
 def _alike(found: Any, expected: Any) -> bool:
-    return np.shape(found) == np.shape(expected) and np.allclose(found, expected, rtol=1e-6, atol=0)
+    # the bridge's own defaults are rounded, and coefficients of a polynomial may vanish
+    return np.shape(found) == np.shape(expected) and np.allclose(
+        found, expected, rtol=1e-3, atol=1e-6
+    )
 
 
 def _short(value: Any) -> str:

@@ -22,11 +22,13 @@ from std_srvs.srv import SetBool, Trigger
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
 from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP, MUST_STAND
+from excitation_planner.preflight import RECORDER
 from trajectory_recorder.recording import LACKS
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import NodeError
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, ignore_impossible_times
@@ -40,7 +42,7 @@ GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 TOLD = 6.0  # s of wall time after which it says what it waits for
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
-LOOK_AROUND = 1.0  # s of wall time in which nodes of a domain are found
+LOOK_AROUND = 2.0  # s of wall time in which nodes of a domain are found
 
 
 class ServiceCaller:
@@ -129,15 +131,19 @@ def refuse_company(domain: int, names: Collection[str]) -> None:
         while time.monotonic() < end:
             there = {n for n, space in node.get_node_names_and_namespaces() if space == "/"}
             if company := sorted(there.intersection(names)):
-                raise NodeError(
-                    f"ROS domain {domain} has a {', a '.join(company)} already, of a vehicle or "
-                    "another simulation: unset ROS_DOMAIN_ID or choose another one; a vehicle's "
-                    "nodes are used with --vehicle-nodes"
-                )
+                raise NodeError(_company(domain, company))
             time.sleep(LOOK_AROUND / 20.0)
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)
+
+
+def _company(domain: int, names: Sequence[str]) -> str:
+    return (
+        f"ROS domain {domain} has a {', a '.join(names)} already, of a vehicle or another "
+        "simulation: unset ROS_DOMAIN_ID or choose another one; a vehicle's nodes are used with "
+        "--vehicle-nodes"
+    )
 
 
 class Operator(Closing):
@@ -256,6 +262,8 @@ class Operator(Closing):
             ask()
         if self._simulated:
             self._arm()
+        elif ask is None:
+            self._check_start(back=back)
         with self._recording(bag):
             if back:
                 self._go_back()
@@ -383,6 +391,14 @@ class Operator(Closing):
         # what the middleware sends again may come seconds later: after the start
         self._wait(self._plans.received, "every subscriber of maneuver/* to take the plan")
 
+    def _check_start(self, *, back: bool) -> None:
+        """Refuse what the driver would refuse, before there is a bag of it."""
+        # the recorder records then, and the driver waits until the vehicle rests
+        later = {RECORDER, "standstill", *(["start"] if back else [])}
+        for name, item in self.preflight().items():
+            if item.level is Level.ERROR and name not in later:
+                raise NodeError(f"maneuver_driver/start: {item.message}")
+
     def _go_back(self) -> None:
         with self._driving("go_back"):
             begun = (PlaybackState.RETURNING, PlaybackState.ABORTED)
@@ -457,6 +473,9 @@ class Operator(Closing):
 
     def _arm(self) -> None:
         """Ask for ARM until both PLCs are linked and hear the standstill stream."""
+        names = [name for name, space in self._node.get_node_names_and_namespaces() if space == "/"]
+        if names.count("tricycle_bridge") > 1:  # of a vehicle that was found late
+            raise NodeError(_company(self._domain, ["tricycle_bridge"]))
         deadline = time.monotonic() + LINK_TIMEOUT
         while True:
             answer = self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True))
