@@ -353,7 +353,12 @@ def _special(kind: type, value: object) -> object:
             array = np.array(value, dtype=float)
         except (TypeError, ValueError, OverflowError):
             array = None
-        if isinstance(value, list) and array is not None:
+        if (
+            isinstance(value, list)
+            and array is not None
+            # which NumPy takes for 1 and 2: true and "2"
+            and not any(isinstance(v, bool | str) for v in np.array(value, dtype=object).flat)
+        ):
             return array
         raise ValueError("needs a list of numbers")
     raise NotImplementedError(f"{kind} has no JSON form")

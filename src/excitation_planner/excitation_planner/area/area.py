@@ -235,8 +235,10 @@ def _check_polygon(name: str, polygon: FloatArray) -> None:
     far = ~(np.abs(polygon) <= FARTHEST)
     if far.any():
         corner = int(np.argmax(far.any(axis=1)))
+        x, y = polygon[corner]
         raise PlanError(
-            f"{name}[{corner}]: needs metres within {FARTHEST / 1e3:g} km of the origin"
+            f"{name}[{corner}]: [{x:g}, {y:g}] must be metres within {FARTHEST / 1e3:g} km of the "
+            "origin"
         )
     reason = shapely.is_valid_reason(shapely.Polygon(polygon))
     if reason != "Valid Geometry":
