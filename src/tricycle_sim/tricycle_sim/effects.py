@@ -95,9 +95,10 @@ class Effect:
 _COARSE = {"servo_backlash": 0.1}
 
 _CHANCES = {
-    # no tyre has the curve of a law exactly, and each road has its own friction
-    **dict.fromkeys(("tyre saturation", TYRE_ROUNDING, ROAD_FRICTION), 0.3),
-    SLIP_BY_SPEED: 0.02,  # of simulators only
+    # the force of a tyre bends with the third power of the slip, as Pacejka's formula has it, and
+    # each road has its own friction
+    **dict.fromkeys((TYRE_ROUNDING, ROAD_FRICTION), 0.8),
+    **dict.fromkeys(("tyre saturation", SLIP_BY_SPEED), 0.02),  # of simulators
 }
 
 # by law of a part: the law that adds constants to it, and moves alike with these at their defaults

@@ -12,7 +12,7 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
 from excitation_planner.area.stops import RUN_OUT, longest_stop
 from excitation_planner.way_back.pursuit import CREEPING_SPEED, DECELERATION, WALKING_SPEED
-from excitation_planner.way_back.route import RouteRequest, find_route
+from excitation_planner.way_back.route import Room, RouteRequest, find_route
 from tricycle_core.errors import PlanError
 
 FOOTPRINT = np.array([[1.8, 0.5], [1.8, -0.5], [-0.4, -0.5], [-0.4, 0.5]])
@@ -88,6 +88,19 @@ ALLEY = Area(np.array([[0.0, 0.0], [25.0, 0.0], [25.0, 3.0], [0.0, 3.0]]))
 def test_where_there_is_no_room_to_turn_it_says_so() -> None:
     with pytest.raises(PlanError, match=r"no way back to the start: .* no room to turn"):
         find_route(request((6.0, 1.5, 0.0), (15.0, 1.5, math.pi), ALLEY))
+
+
+def test_a_thin_wall_is_not_driven_through() -> None:
+    wall = np.array([[12.0, 0.2], [12.02, 0.2], [12.02, 2.8], [12.0, 2.8]])
+    open_ground, walled = (
+        Room(request((5.0, 1.5, 0.0), (20.0, 1.5, 0.0), Area(ALLEY.keep_in, walls, margin=0.0)))
+        for walls in ((), (wall,))
+    )
+    along = np.linspace(11.0, 13.0, 41)
+    poses = along, np.full(41, 1.5), np.zeros(41)
+    assert open_ground.holds(*poses).all()
+    across = (along - 0.4 < 12.02) & (along + 1.8 > 12.0)
+    assert not walled.holds(*poses)[across].any()
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,9 @@ PATHS = 400
 SPACING = 0.2
 """Between the poses of a path that are looked at [m]."""
 
+ALONG = 0.7
+"""Between the points of the border that are looked at: as a share of the footprint's width."""
+
 
 @dataclass(frozen=True)
 class RouteRequest:
@@ -119,7 +122,11 @@ class Room:
 
         grown = shapely.Polygon(request.footprint).buffer(clearance, join_style="mitre")
         self._footprint = np.asarray(grown.exterior.coords)[:-1]
-        self._border = np.concatenate(request.ground)
+        # points along it, so that a thin wall has some within a footprint that lies across it
+        sides = np.hypot(*np.diff(self._footprint, axis=0).T)
+        apart = max(ALONG * float(sides.min()), SPACING)
+        rings = (shapely.segmentize(shapely.LinearRing(r), apart) for r in request.ground)
+        self._border = np.concatenate([np.asarray(ring.coords)[:-1] for ring in rings])
 
     def holds(self, x: FloatArray, y: FloatArray, heading: FloatArray) -> NDArray[np.bool_]:
         """Return whether the footprint is on the ground.
