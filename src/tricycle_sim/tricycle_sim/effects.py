@@ -95,9 +95,8 @@ class Effect:
 _COARSE = {"servo_backlash": 0.1}
 
 _CHANCES = {
-    # the force of a tyre bends with the third power of the slip, as Pacejka's formula has it, and
-    # each road has its own friction
-    **dict.fromkeys((TYRE_ROUNDING, ROAD_FRICTION), 0.8),
+    TYRE_ROUNDING: 0.8,  # a tyre bends with the third power of its slip, as in Pacejka's formula
+    ROAD_FRICTION: 0.3,  # each road has its own
     **dict.fromkeys(("tyre saturation", SLIP_BY_SPEED), 0.02),  # of simulators
 }
 

@@ -275,7 +275,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         "--fmu": args.fmu,
         "--held-out": args.held_out,
         "--robust": args.robust,
-        "--inputs": args.inputs == "measured",
+        "--inputs": args.inputs != "either",
     }
     if wrong := [name for name, given in others.items() if given]:
         raise IdentificationError(f"--drive-by-drive: not together with {', '.join(wrong)}")
