@@ -168,7 +168,7 @@ def test_a_board_that_hangs_lets_go_before_it_resets(driving):
     uno = driving.unos[DRIVE]
     uno.hang()
     driving.run(0.045)
-    assert (uno.drive_pins(), uno.alive) == (DrivePins(0.0, 0.0), False)
+    assert (uno.drive_pins(), uno.alive) == (DrivePins(0.0, 1.0), False)
     driving.run(0.1)
     assert uno.drive_pins() == DrivePins(0.0, 1.0)
     assert driving.states()[1] == PlcState.SAFE
