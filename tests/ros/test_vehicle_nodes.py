@@ -82,9 +82,9 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
         another = simulated_session(
             vehicle_file=None, true_seed=-1, real_time_factor=1.0, folder=tmp_path / "another"
         )
+        wait(armed, "both boards")
         with company, another:
             pass
-        wait(armed, "both boards")
         interrupted = drive("long.json", "first")
         wait(lambda: state.get("state") == "running" and float(state["elapsed"]) >= 1, "driving")
         interrupted.send_signal(signal.SIGINT)
@@ -112,6 +112,8 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
             _, errors = refused.communicate(timeout=60)
             assert (refused.returncode, refusal in errors) == (2, True), errors
             assert services.call(service, Trigger, Trigger.Request()).success
+            if service.endswith("abort"):
+                wait(lambda: stopped in vehicle["reason"], "the boards' stop")
             wait(armed, "rest")
 
         ended = clock["now"]

@@ -42,7 +42,7 @@ GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 TOLD = 6.0  # s of wall time after which it says what it waits for
 LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
-LOOK_AROUND = 2.0  # s of wall time in which nodes of a domain are found
+LOOK_AROUND = 10.0  # s of wall time in which the nodes of a domain are found at the latest
 
 
 class ServiceCaller:
@@ -106,7 +106,7 @@ class ServiceCaller:
         self._wait(greeted, f"an answer of {greeter.srv_name}")
 
 
-def refuse_company(domain: int, names: Collection[str]) -> None:
+def refuse_company(domain: int, names: Collection[str], others: int) -> None:
     """Raise an error if nodes run already in a domain where a simulation is to begin.
 
     Both would hear each other: a simulation would arm the vehicle.
@@ -117,6 +117,8 @@ def refuse_company(domain: int, names: Collection[str]) -> None:
         ROS domain id.
     names : collection of str
         Of the simulation's nodes.
+    others : int
+        How many processes communicate there: so many nodes are waited for.
 
     Raises
     ------
@@ -128,11 +130,13 @@ def refuse_company(domain: int, names: Collection[str]) -> None:
     node = rclpy.create_node("newcomer", context=context)
     end = time.monotonic() + LOOK_AROUND
     try:
-        while time.monotonic() < end:
-            there = {n for n, space in node.get_node_names_and_namespaces() if space == "/"}
+        found: list[tuple[str, str]] = []
+        while len(found) <= others and time.monotonic() < end:  # it is found itself
+            found = [n for n in node.get_node_names_and_namespaces() if n[0] != UNNAMED]
+            there = {name for name, space in found if space == "/"}
             if company := sorted(there.intersection(names)):
                 raise NodeError(_company(domain, company))
-            time.sleep(LOOK_AROUND / 20.0)
+            time.sleep(0.05)
     finally:
         node.destroy_node()
         rclpy.try_shutdown(context=context)

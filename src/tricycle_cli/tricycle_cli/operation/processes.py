@@ -44,23 +44,26 @@ def free_domain() -> int:
     Two processes may have the same one, and each would take the other's nodes for its own. If all
     hundred are in use it is the first.
     """
-    return next(filter(is_free, map(own_domain, range(DOMAINS))), own_domain())
+    domains = map(own_domain, range(DOMAINS))
+    return next((domain for domain in domains if not participants(domain)), own_domain())
 
 
-def is_free(domain: int) -> bool:
-    """Return whether nobody on this machine communicates in a ROS domain.
+def participants(domain: int) -> int:
+    """Return how many processes on this machine communicate in a ROS domain.
 
     Parameters
     ----------
     domain : int
         Its id.
     """
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
-        try:  # where the first participant of a domain listens (DDSI-RTPS, section 9.6.1)
-            port.bind(("", 7410 + 250 * domain))
-        except OSError:
-            return False
-        return True
+    found = 0
+    for number in range(120):  # where each of them listens (DDSI-RTPS, section 9.6.1)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
+            try:
+                port.bind(("", 7410 + 250 * domain + 2 * number))
+            except OSError:
+                found += 1
+    return found
 
 
 def ros_environment(*, domain: int, log_dir: Path) -> dict[str, str]:

@@ -25,7 +25,7 @@ from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import (
     NodeProcesses,
     free_domain,
-    is_free,
+    participants,
     ros_environment,
 )
 from tricycle_core.diagnostics import Level
@@ -115,8 +115,8 @@ def simulated_session(
     from tricycle_cli.operation.operator_node import Operator, refuse_company
 
     domain = int(os.environ.get("ROS_DOMAIN_ID") or free_domain())
-    if not is_free(domain):
-        refuse_company(domain, OF_VEHICLE)
+    if others := participants(domain):
+        refuse_company(domain, OF_VEHICLE, others)
     env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
     os.environ.update(env)
     ports = {
