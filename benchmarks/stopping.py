@@ -60,8 +60,8 @@ STOPS: dict[Cause, Callable[[Host], object]] = {
     Cause.ESTOP: lambda host: host.bridge.emergency_stop(host.now),
     Cause.DISARM: lambda host: host.bridge.disarm(host.now),
     Cause.KILLED: lambda host: host.kill(),
-    Cause.DISABLED: lambda host: host.bridge.stop_by_command(
-        stamp=host.now, now=host.now, source=Source.JOINT_COMMANDS
+    Cause.DISABLED: lambda host: host.bridge.set_command(
+        None, stamp=host.now, now=host.now, source=Source.JOINT_COMMANDS
     ),
 }
 

@@ -78,7 +78,7 @@ def test_what_the_fence_stops_stays_within_its_margin(
             command = playback.tick(now)
             host.target = None
             if command is not None and command.stop:
-                host.bridge.stop_by_command(stamp=now, now=now, source=Source.JOINT_COMMANDS)
+                host.bridge.set_command(None, stamp=now, now=now, source=Source.JOINT_COMMANDS)
             elif command is not None:
                 host.target = VehicleCommand(
                     command.steering_motor_angle, command.wheel_rate * VEHICLE.tyre_radius

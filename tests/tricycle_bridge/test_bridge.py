@@ -148,8 +148,8 @@ def test_a_second_commander_is_refused_by_name_and_reported(driving):
 def test_a_commander_has_the_boards_stop_the_vehicle_until_it_is_armed(driving):
     def stop(name):
         now = driving.now
-        return driving.bridge.stop_by_command(
-            stamp=now, now=now, source=Source.JOINT_COMMANDS, name=name
+        return driving.bridge.set_command(
+            None, stamp=now, now=now, source=Source.JOINT_COMMANDS, name=name
         )
 
     assert stop("/other").startswith("joint_commands of /other is refused")

@@ -568,6 +568,10 @@ class Playback:
         return origin if origin is not None and origin.finite else None
 
     @property
+    def _disarmed(self) -> bool:
+        return self._readiness is not None and not self._readiness.armed
+
+    @property
     def _active(self) -> bool:
         return self.state.driving
 
@@ -750,8 +754,7 @@ class Playback:
 
     def _rolls_out(self, now: float) -> bool:
         """Whether the motor alone may not stop the vehicle on its area, e.g. on a slope."""
-        armed = self._readiness is not None and self._readiness.armed
-        if self._fence is None or not armed or self._rests(now):
+        if self._fence is None or self._disarmed or self._rests(now):
             return False
         return bool(self._trespass(self._fence, now, float(self._fence.curvature[-1]), 0.0))
 
@@ -766,8 +769,7 @@ class Playback:
         )
 
     def _end(self, state: PlaybackState, angle: float, reason: str = "") -> None:
-        disarmed = self._readiness is not None and not self._readiness.armed
-        stop = state is PlaybackState.ABORTED and self.state in DRIVEN and not disarmed
+        stop = state is PlaybackState.ABORTED and self.state in DRIVEN and not self._disarmed
         self._held = JointCommand(angle, 0.0, stop)
         self.state, self.reason, self.seconds_left = state, reason, 0
         self._stopping_since, self._back = self._ticked_at, None

@@ -222,7 +222,7 @@ class Bridge:
 
     def set_command(
         self,
-        command: VehicleCommand,
+        command: VehicleCommand | None,
         *,
         stamp: float,
         now: float,
@@ -233,8 +233,9 @@ class Bridge:
 
         Parameters
         ----------
-        command : VehicleCommand
-            What is wanted; beyond the vehicle's limits it counts as standstill.
+        command : VehicleCommand or None
+            What is wanted; beyond the vehicle's limits it counts as standstill. None: the boards
+            are to stop the vehicle, until the operator's next ARM.
         stamp : float
             Time at which it was wanted [s].
         now : float
@@ -249,38 +250,14 @@ class Bridge:
         refusal : str or None
             Why it is refused; None if it was taken.
         """
-        if (reason := limit_refusal(command, self.settings)) is not None:
+        if command is not None and (reason := limit_refusal(command, self.settings)) is not None:
             return self.refuse_command(reason, stamp=stamp, now=now, source=source, name=name)
         commander = Commander(source, name)
-        refusal = self.commands.add(command, stamp=stamp, now=now, commander=commander)
+        wanted = command or VehicleCommand(self.resting_angle(), 0.0)
+        refusal = self.commands.add(wanted, stamp=stamp, now=now, commander=commander)
         if refusal is None:
-            self._send_commands(now)
-        return refusal
-
-    def stop_by_command(
-        self, *, stamp: float, now: float, source: Source, name: str = ""
-    ) -> str | None:
-        """Take a commander's wish that the boards stop the vehicle, until the operator's next ARM.
-
-        Parameters
-        ----------
-        stamp, now : float
-            Time at which it was sent, time of arrival [s].
-        source : Source
-            Topic on which it came.
-        name : str
-            Name that the commander gives itself.
-
-        Returns
-        -------
-        refusal : str or None
-            Why it is refused; None if it was taken.
-        """
-        commander = Commander(source, name)
-        standstill = VehicleCommand(self.resting_angle(), 0.0)
-        refusal = self.commands.add(standstill, stamp=stamp, now=now, commander=commander)
-        if refusal is None:
-            self._withdraw(f"by {commander}")
+            if command is None:
+                self._withdraw(f"by {commander}")
             self._send_commands(now)
         return refusal
 

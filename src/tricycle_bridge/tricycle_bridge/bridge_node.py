@@ -493,14 +493,9 @@ class BridgeNode(LifecycleNode):
                     str(error), stamp=wanted, now=now, source=source, name=name
                 )
             else:
-                if command is None:
-                    refusal = bridge.stop_by_command(
-                        stamp=wanted, now=now, source=source, name=name
-                    )
-                else:
-                    refusal = bridge.set_command(
-                        command, stamp=wanted, now=now, source=source, name=name
-                    )
+                refusal = bridge.set_command(
+                    command, stamp=wanted, now=now, source=source, name=name
+                )
             self._flush(bridge, ports, now)
         if refusal is not None:
             self._log_throttled(refusal)
