@@ -33,4 +33,8 @@ def progress_bar(description: str) -> Iterator[Progress]:
         console=Console(stderr=True),
     ) as bar:
         task = bar.add_task(description, total=1)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        try:
+            yield lambda done, total: bar.update(task, completed=done, total=total)
+        except BaseException:
+            bar.live.transient = True  # what is said of the error stands alone
+            raise
