@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
-from parameter_identification.drives.smoothing import smooth
+from parameter_identification.drives.smoothing import SLOPE, TIMES, VALUE, smooth
 
 TIME = np.arange(0.0, 40.0, 0.02)
 
@@ -20,6 +21,15 @@ def test_speed_and_position_are_off_by_what_is_said(noise: float) -> None:
     assert found.white == pytest.approx(noise, rel=0.15)
     assert 0.4 < value / found.value_std < 1.2
     assert 0.4 < slope / found.slope_std < 1.2
+
+
+def test_noise_that_is_left_is_the_integral_of_the_gain() -> None:
+    def gain(x: float) -> float:
+        return 1.0 - (x**4 / (1.0 + x**4)) ** TIMES
+
+    assert quad(lambda x: gain(x) ** 2, 0.0, np.inf, limit=500)[0] == pytest.approx(VALUE, rel=1e-4)
+    squared = quad(lambda x: (x * gain(x)) ** 2, 0.0, np.inf, limit=500)[0]
+    assert squared == pytest.approx(SLOPE, rel=1e-4)
 
 
 def test_more_noise_is_smoothed_more() -> None:
