@@ -76,9 +76,9 @@ class Box:
 
     def check_samples(self, samples: int) -> None:
         """Raise DesignError where a metamodel over this box needs more samples."""
-        if samples < len(self) + 2:
+        if not isinstance(samples, int | np.integer) or samples < len(self) + 2:
             need = f"{len(self)} unknown parameters need {len(self) + 2} at least"
-            raise DesignError(f"samples = {samples}: {need}")
+            raise DesignError(f"samples = {samples!r}: {need}")
 
     def bounds(self) -> dict[str, tuple[float, float]]:
         """Return the box as ``{name: (low, high), ...}``."""

@@ -129,7 +129,14 @@ def _raises(x, P):
     [
         (_always_infeasible, {}, "no maneuver can be driven and judged: wheel lifts"),
         (_raises, {}, "f raised KeyError: 'gearbox', at a = -1, b = 0"),
-        (lambda x, P: P, {}, r"f returned shape \(20, 3\) for 20 samples"),
+        (lambda x, P: P, {}, r"f returned \(20, 3\) for 20 samples"),
+        (lambda x, P: (P[:, 0], P), {}, r"f returned \(20,\) and \(20, 3\) for 20 samples; .* one"),
+        (lambda x, P: (), {}, "f returned nothing for 20 samples"),
+        (interior, {"noise_variance": lambda m: -1.0}, "noise variance -1"),
+        (interior, {"noise_variance": "3"}, "noise variance '3'"),
+        (interior, {"starts": np.zeros((2, 3))}, r"starts have shape \(2, 3\): \(starts, 2\)"),
+        (interior, {"samples": 20.5}, "samples = 20.5"),
+        (interior, {"search": "one-shot-factorial", "budget": 240}, "5 are needed for two levels"),
         (lambda x, P: np.ones(len(P)), {}, "the output is constant"),
         (lambda x, P: np.full(len(P), np.nan), {}, "20 of 20 simulations failed"),
         (lambda x, P: ["stiff"] * len(P), {}, "f must return real numbers: could not convert"),
@@ -188,3 +195,19 @@ def test_boxes_are_taken_as_they_are():
         workers=1,
     )
     assert len(design.x) == 2
+
+
+def test_a_simulator_that_changes_its_inputs_gives_the_same_design():
+    def in_place(x, P):
+        x += 1.0
+        P *= 2.0
+        return interior(x - 1.0, P / 2.0)
+
+    arguments = {"samples": 10, "budget": 300}
+    assert same(best(in_place, "p", **arguments), best(interior, "p", **arguments))
+
+
+def test_noise_that_vanishes_is_no_noise_of_a_one_shot_search():
+    arguments = {"search": "one-shot-sobol", "samples": 10, "budget": 300}
+    vanishing = best(interior, "p", noise_variance=lambda m: 0.0, **arguments)
+    assert same(vanishing, best(interior, "p", **arguments))

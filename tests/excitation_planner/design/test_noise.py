@@ -81,3 +81,24 @@ def test_a_heading_and_faster_sensors_tell_more():
     # four and nine times the samples of 20 Hz: half and a third of the deviation
     assert noise.of_trajectory.std == pytest.approx((0.01, 0.01, 0.002, 0.002))
     assert noise.of_trajectory.heading_channel == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "shape", "message"),
+    [
+        ({"std": (0.1, 0.1, 0.1)}, (40, 2), "3 std does not fit 40 time points of 2 channels"),
+        ({"bias_std": (0.1, 0.1)}, (40, 3), "2 bias_std, for those that are no pose, does not"),
+        ({"start_position_std": 0.1}, (40, 1), "a start pose"),
+        ({"heading_channel": 3}, (40, 3), "heading_channel = 3"),
+        ({"delay_std": 0.1}, (1, 2), "delay_std"),
+    ],
+)
+def test_noise_of_other_trajectories_is_named(arguments, shape, message):
+    with pytest.raises(DesignError, match=message):
+        TrajectoryNoise(**arguments).check_channels(*shape)
+
+
+def test_noise_of_as_many_channels_fits():
+    TrajectoryNoise(std=(0.1, 0.1, 0.2, 0.3), heading_channel=2, bias_std=(0.1,)).check_channels(
+        40, 4
+    )

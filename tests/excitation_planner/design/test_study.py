@@ -140,6 +140,14 @@ def test_a_line_cut_off_by_a_crash_is_asked_again(tmp_path, cut):
     assert_same(Study.open(path).design(), whole)
 
 
+@pytest.mark.parametrize("name", ["p", "sample"])
+def test_columns_of_one_name_are_refused(tmp_path, name):
+    operation = {"a": (-1.0, 1.0), name: (0.0, 2.0)}
+    with pytest.raises(DesignError, match=f"columns of a study would have one name: {name}"):
+        Study.create(tmp_path / "study", operation, UNKNOWN, "q", **ARGUMENTS)
+    assert not (tmp_path / "study").exists()
+
+
 def test_outputs_are_never_overwritten(tmp_path):
     study = Study.create(tmp_path, OPERATION, UNKNOWN, "p", **ARGUMENTS)
     p = study.ask()[0]
@@ -164,6 +172,7 @@ def test_outputs_are_never_overwritten(tmp_path):
         ("point,output\n0,1\n", "column sample is missing"),
         ("point,sample,output\n0,0,1\n0,1,fast\n", "line 3: .* output 'fast' must be numbers"),
         ("point,sample,output\nzero,0,1\n", "line 2: point 'zero'"),
+        ("point,sample,output\n0,0,1,5\n", "line 2: has more cells than the header"),
         ("point,sample,output\n0,0,1\n99,0,infeasible: x\n", "point 99 was never asked for"),
         ("point,sample,output\n0,0,1\n0,1,infeasible: x\n", "point 0 has an output and is infeas"),
     ],

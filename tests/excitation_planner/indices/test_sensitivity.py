@@ -180,3 +180,28 @@ def test_monte_carlo_converges_to_the_exact_indices():
     result = monte_carlo_indices(lambda U: math_model(TABLE_1, U), 4, samples=2**15)
     assert largest_error(result, exact) < 0.05
     assert result.variance == pytest.approx(exact.variance, rel=1e-2)
+
+
+def test_masked_outputs_are_failed_simulations():
+    box = {"p": (0.0, 1.0), "q": (0.0, 1.0)}
+
+    def f(P):
+        return np.where(P[:, 0] < 0.2, 1e3, P[:, 0] + 0.3 * P[:, 1])
+
+    masked = sensitivity(lambda P: np.ma.masked_greater(f(P), 100.0), box, samples=20)
+    failed = sensitivity(lambda P: np.where(f(P) > 100.0, np.nan, f(P)), box, samples=20)
+    assert masked.failed == failed.failed > 0
+    assert np.array_equal(masked.main, failed.main)
+
+
+def test_wrong_outputs_and_infills_are_named():
+    box = {"p": (0.0, 1.0), "q": (0.0, 1.0)}
+    with pytest.raises(DesignError, match="not complex ones"):
+        sensitivity(lambda P: P[:, 0] + 1j, box, samples=20)
+    with pytest.raises(DesignError, match="unknown infill 'most'; one of: 'largest-variance', "):
+        sensitivity(lambda P: P[:, 0], box, samples=20, infill=5, infill_by="most")
+    by_name, by_member = (
+        sensitivity(lambda P: P[:, 0] + P[:, 1] ** 2, box, samples=12, infill=5, infill_by=by)
+        for by in ("index-variance", Infill.INDEX_VARIANCE)
+    )
+    assert np.array_equal(by_name.main, by_member.main)

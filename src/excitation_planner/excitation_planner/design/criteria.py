@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from excitation_planner.design.choice import Choice
+from excitation_planner.choice import Choice
 from tricycle_core.quantities import FloatArray
 
 

@@ -11,7 +11,6 @@ import threading
 from collections.abc import Sequence
 from contextlib import nullcontext
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -29,6 +28,7 @@ from excitation_planner.design.problem import (
     Outcome,
     Simulator,
     Verified,
+    checked_variance,
 )
 from excitation_planner.indices.sampling import parameter_samples
 from excitation_planner.indices.sensitivity import (
@@ -36,6 +36,7 @@ from excitation_planner.indices.sensitivity import (
     check_outputs,
     fit_metamodel,
     half_width,
+    real_outputs,
     sensitivity_of_model,
     sensitivity_of_outputs,
 )
@@ -131,7 +132,7 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
         Parameters in the unit box, and what is beside them.
     """
     try:
-        returned = f(x, simulated_values(problem, U))
+        returned = f(x.copy(), simulated_values(problem, U))
     except InfeasibleManeuver as infeasible:
         return str(infeasible) or "infeasible"
     except DesignError:
@@ -141,27 +142,20 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
             f"{name} = {value:g}" for name, value in zip(problem.operation.names, x, strict=True)
         )
         raise DesignError(f"f raised {type(error).__name__}: {error}, at {where}") from error
-    outputs = tuple(map(_real, returned if isinstance(returned, tuple) else (returned,)))
+    outputs = tuple(map(real_outputs, returned if isinstance(returned, tuple) else (returned,)))
     n, shapes = len(U), [Y.shape for Y in outputs]
+    told = f"f returned {' and '.join(map(str, shapes)) or 'nothing'} for {n} samples"
     if problem.criterion is Criterion.H:
         if shapes != [(n,)]:
-            raise DesignError(f"f returned shape {shapes[0]} for {n} samples; it must be ({n},)")
-    elif any(len(shape) != 3 or shape[0] != n for shape in shapes):
+            raise DesignError(f"{told}; it must be one array ({n},)")
+    elif not shapes or any(len(shape) != 3 or shape[0] != n or 0 in shape for shape in shapes):
         raise DesignError(
-            f"f returned shape {shapes[0]} for {n} samples; criterion {problem.criterion} needs "
-            f"trajectories ({n}, time points, channels)"
+            f"{told}; criterion {problem.criterion} needs trajectories ({n}, time points, channels)"
         )
+    else:
+        for shape in shapes:
+            problem.trajectory_noise.check_channels(*shape[1:])
     return outputs
-
-
-def _real(returned: Any) -> FloatArray:
-    """Outputs as a contiguous array: sums over it must not depend on where it comes from."""
-    if np.iscomplexobj(returned):
-        raise DesignError("f must return real numbers, not complex ones")
-    try:
-        return np.ascontiguousarray(returned, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise DesignError(f"f must return real numbers: {error}") from error
 
 
 def joined(chunks: Sequence[Outcome]) -> Outcome:
@@ -203,7 +197,7 @@ def _assess(
     indices = sobol_indices(model)
     noise_variance = problem.noise_variance
     if callable(noise_variance):
-        noise_variance = float(noise_variance(m[np.isfinite(m)]))
+        noise_variance = checked_variance(noise_variance(m[np.isfinite(m)]))
     noise_share, target = noise_variance / indices.variance, problem.target_index
     if target is None:
         raise DesignError("criterion h needs a target")

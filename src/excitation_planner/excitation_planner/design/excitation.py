@@ -298,6 +298,10 @@ def design_excitation(
         prior=prior,
         beside=beside,
     )
+    if starts is not None and np.shape(starts)[1:] != (len(problem.operation),):
+        raise DesignError(
+            f"starts have shape {np.shape(starts)}: (starts, {len(problem.operation)}) is needed"
+        )
     # one BLAS thread here too: what it computes must not depend on the number of cores, and the
     # threads of an executor share the setting
     with (
@@ -397,7 +401,9 @@ def _judge(
     target, names = problem.target_index, problem.unknown.names
     if problem.criterion is not Criterion.H or target is None:
         # what is left of the prior's deviation; of the worst parameter when all are meant
-        left = at_x.posterior_std * math.sqrt(PRIOR_INFORMATION)
+        prior = problem.prior
+        information = PRIOR_INFORMATION if prior is None else 1.0 / np.diag(prior.covariance)
+        left = at_x.posterior_std * np.sqrt(information)
         judged = int(np.argmax(left)) if target is None else target
         text = f"the drive leaves {left[judged]:.1%} of the prior deviation of {names[judged]}"
         learnt = left[judged] <= SHOWN

@@ -204,7 +204,14 @@ def posterior_covariance(
     known[:k, :k] = (
         PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
     )
-    return np.asarray(np.linalg.inv(F + known), dtype=np.float64)[:, :k, :k]
+    try:
+        covariance = np.asarray(np.linalg.inv(F + known), dtype=np.float64)
+    except np.linalg.LinAlgError:
+        raise DesignError(
+            "parameters act alike in these drives, and their noise is so small that what was known "
+            "before is lost in rounding"
+        ) from None
+    return covariance[:, :k, :k]
 
 
 def information_costs(

@@ -102,6 +102,35 @@ class TrajectoryNoise:
         if not (self.drift_time > 0 and self.period > 0):
             raise DesignError("noise: drift_time and period must be positive")
 
+    def check_channels(self, times: int, channels: int) -> None:
+        """Refuse trajectories that this noise does not fit.
+
+        Parameters
+        ----------
+        times, channels : int
+            Number of time points and of channels of a trajectory.
+
+        Raises
+        ------
+        DesignError
+            Naming what does not fit.
+        """
+        posed = {0, 1} | ({self.heading_channel} - {None})
+        start = self.start_position_std > 0 or self.start_heading_std > 0
+        if np.size(self.std) not in (1, channels):
+            what = f"{np.size(self.std)} std"
+        elif np.size(self.bias_std) not in (1, channels - len(posed)):
+            what = f"{np.size(self.bias_std)} bias_std, for those that are no pose,"
+        elif start and channels < 2:
+            what = "a start pose (x and y)"
+        elif self.heading_channel is not None and not 2 <= self.heading_channel < channels:
+            what = f"heading_channel = {self.heading_channel}"
+        elif self.delay_std > 0 and times < 2:
+            what = "delay_std"
+        else:
+            return
+        raise DesignError(f"noise: {what} does not fit {times} time points of {channels} channels")
+
 
 @dataclass(frozen=True)
 class MeasurementNoise:

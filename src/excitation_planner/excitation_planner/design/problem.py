@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from excitation_planner.box import Box
-from excitation_planner.design.choice import Choice
+from excitation_planner.choice import Choice
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
@@ -166,8 +166,8 @@ class DesignProblem:
             self.unknown.index(self.target)
         elif self.criterion in (Criterion.H, Criterion.C):
             raise DesignError(f"criterion {self.criterion} needs a target: {self._names}")
-        if not callable(self.noise_variance) and not 0 <= self.noise_variance < math.inf:
-            raise DesignError(f"noise variance {self.noise_variance:g} must be 0 or more, finite")
+        if not callable(self.noise_variance):
+            checked_variance(self.noise_variance)
         if self.prior is not None and len(self.prior.mean) != len(self.unknown):
             raise DesignError(f"prior: must be about {self._names}")
         if self.criterion is Criterion.H and self.beside.steps:
@@ -212,3 +212,16 @@ class DesignProblem:
     def points(self) -> int:
         """Maneuvers that the search may evaluate."""
         return (self.budget - self._reserve) // self.runs(verification=False)
+
+
+def checked_variance(value: float) -> float:
+    """Return V_n as a float; refuse what is no finite number of 0 or more.
+
+    Parameters
+    ----------
+    value : float
+        V_n.
+    """
+    if not isinstance(value, int | float | np.number) or not 0 <= value < math.inf:
+        raise DesignError(f"noise variance {value!r}: must be a finite number, 0 or more")
+    return float(value)

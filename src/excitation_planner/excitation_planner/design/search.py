@@ -208,7 +208,9 @@ def modelled_cost(
 
     main_models = [modelled(y) for y in main.T]
     total_models = [modelled(y) for y in total.T]
-    share = None if noise_share is None else modelled(np.log(noise_share))
+    share = None
+    if noise_share is not None and noise_share.any():
+        share = modelled(np.log(np.maximum(noise_share, 1e-12)))
 
     def cost(x: FloatArray) -> float:
         S, ST = np.array([g(x) for g in main_models]), np.array([g(x) for g in total_models])
@@ -376,9 +378,13 @@ def search_steps(problem: DesignProblem, starts: FloatArray | None = None) -> Se
     if problem.search is Search.ONE_SHOT_SOBOL:
         X = sobol_sequence(points - 1, dimensions, seed=problem.seed)
     else:
-        levels = np.linspace(
-            0.0, 1.0, int((points - 1 + 1e-9) ** (1 / dimensions))
-        )  # c levels per axis
+        c = int((points - 1 + 1e-9) ** (1 / dimensions))
+        if c < 2:
+            raise DesignError(
+                f"search {problem.search}: the budget allows {points} points, "
+                f"{2**dimensions + 1} are needed for two levels per axis"
+            )
+        levels = np.linspace(0.0, 1.0, c)
         X = np.stack(np.meshgrid(*[levels] * dimensions, indexing="ij"), axis=-1).reshape(
             -1, dimensions
         )

@@ -24,8 +24,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-import numpy as np
-
 from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.evaluation import (
@@ -45,6 +43,7 @@ from excitation_planner.design.store import (
     read_study_file,
 )
 from excitation_planner.design.trajectories import read_trajectories
+from excitation_planner.indices.sensitivity import real_outputs
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import DesignError
@@ -151,9 +150,14 @@ class Study:
             raise DesignError(f"{path}: holds a study already; open it")
         if Criterion(criterion) is not Criterion.H:
             check_installed("pyarrow", "a study of trajectories")
+        operation, unknown = Box.of(operation), Box.of(unknown)
+        names = ["point", "sample", "output", *operation.names, *unknown.names]
+        names += _beside_names(beside)
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise DesignError(f"columns of a study would have one name: {', '.join(twice)}")
         problem = DesignProblem(
-            operation=Box.of(operation),
-            unknown=Box.of(unknown),
+            operation=operation,
+            unknown=unknown,
             target=target,
             criterion=Criterion(criterion),
             noise_variance=noise_variance,
@@ -185,8 +189,11 @@ class Study:
         else:
             proposals = []
         problem = self._store.problem
-        beside = [f"beside{i}" for i in range(len(problem.beside.steps))]
-        names = (*problem.operation.names, *problem.unknown.names, *beside)
+        names = (
+            *problem.operation.names,
+            *problem.unknown.names,
+            *_beside_names(problem.beside),
+        )
         header = ["point", "sample", *names]
         rows = [
             [p.point, sample, *map(repr, p.x.tolist()), *map(repr, values)]
@@ -249,8 +256,7 @@ class Study:
         """
         point, samples = _whole(point), [_whole(sample) for sample in samples]
         told = tuple(
-            np.ascontiguousarray(Y, dtype=float)
-            for Y in (outputs if isinstance(outputs, tuple) else (outputs,))
+            real_outputs(Y) for Y in (outputs if isinstance(outputs, tuple) else (outputs,))
         )
         dimensions = 1 if self._store.problem.criterion is Criterion.H else 3
         if not told or any(
@@ -295,6 +301,11 @@ class Study:
                 raise DesignError(f"{path}: column {', '.join(sorted(missing))} is missing")
             for row in reader:
                 output = (row["output"] or "").strip()
+                if None in row:
+                    raise DesignError(
+                        f"{path}, line {reader.line_num}: has more cells than the header; numbers "
+                        "need a decimal point"
+                    )
                 try:
                     if output.startswith(INFEASIBLE):
                         reasons[int(row["point"])] = output.removeprefix(INFEASIBLE)
@@ -379,6 +390,10 @@ class PendingError(DesignError):
     def __init__(self, points: list[FloatArray], verification: bool) -> None:
         super().__init__(f"simulations of {len(points)} maneuvers are missing: ask for them")
         self.points, self.verification = points, verification
+
+
+def _beside_names(beside: BesideParameters) -> list[str]:
+    return [f"beside{i}" for i in range(len(beside.steps))]
 
 
 def _whole(number: object) -> int:

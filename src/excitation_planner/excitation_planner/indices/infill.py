@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
-
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
+from excitation_planner.choice import Choice
 from excitation_planner.indices.kriging import Kriging, amplitudes
 from excitation_planner.indices.sampling import sobol_sequence, training_points
 from excitation_planner.indices.sobol import effects
@@ -17,7 +16,7 @@ _CANDIDATES = 1024
 _REFERENCE = 2048  # points of the integrals of the criterion by index variance
 
 
-class Infill(StrEnum):
+class Infill(Choice):
     """What an infill point is to reduce."""
 
     LARGEST_VARIANCE = "largest-variance"  # the paper's Algorithm 1

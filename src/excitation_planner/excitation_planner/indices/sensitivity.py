@@ -171,7 +171,7 @@ def sensitivity(
     >>> result.main.round(2), result.total.round(2)
     (array([0.31, 0.44, 0.  ]), array([0.56, 0.44, 0.24]))
     """
-    unknown = Box.of(unknown)
+    unknown, infill_by = Box.of(unknown), Infill(infill_by)
     if batch < 1 or infill < 0:
         raise DesignError(f"infill = {infill}, batch = {batch}: 0 or more, in batches of 1 or more")
     with THREADPOOLS.limit(limits=1):
@@ -205,16 +205,36 @@ def call_simulator(f: Callable[[FloatArray], FloatArray], P: FloatArray) -> Floa
         Unknown parameters.
     """
     try:
-        m = np.asarray(f(P), dtype=float)
+        returned = f(P)
     except (DesignError, InfeasibleManeuver):
         raise
     except Exception as error:
         raise DesignError(f"f raised {type(error).__name__}: {error}") from error
+    m = real_outputs(returned)
     if m.shape != (len(P),):
         raise DesignError(
             f"f returned shape {m.shape} for {len(P)} samples; it must be ({len(P)},)"
         )
     return m
+
+
+def real_outputs(returned: Any) -> FloatArray:
+    """Return what a simulator gave as a contiguous array; NaN where it is masked.
+
+    Sums over it do not depend on where it comes from then.
+
+    Parameters
+    ----------
+    returned : array_like
+        Real numbers.
+    """
+    if np.iscomplexobj(returned):
+        raise DesignError("f must return real numbers, not complex ones")
+    try:
+        numbers: Any = np.ma.asanyarray(returned, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise DesignError(f"f must return real numbers: {error}") from error
+    return np.asarray(np.ma.filled(numbers, np.nan), order="C")
 
 
 def sensitivity_of_outputs(
