@@ -58,6 +58,13 @@ def _whole_where_it_is(text):
     return int(number) if number.is_integer() else number  # as jq and JavaScript write it
 
 
+def test_whole_numbers_are_read_back(plan, tmp_path):
+    noise = dataclasses.replace(plan.noise, pose_rate=100)
+    operation = dict.fromkeys(plan.operation, 3)
+    save_plan(dataclasses.replace(plan, noise=noise, operation=operation), tmp_path / "plan.json")
+    assert load_plan(tmp_path / "plan.json").noise == noise
+
+
 def test_the_noise_stands_beside_the_other_fields(plan, tmp_path):
     save_plan(plan, tmp_path / "plan.json")
     document = json.loads((tmp_path / "plan.json").read_text())
@@ -97,6 +104,8 @@ def _with(document, value, *path):
         (lambda d: _without(d, "target"), "lacks `target`"),
         (lambda d: _without(d, "drift_std"), r"noise\.drift_std: needs a number, not nothing"),
         (lambda d: _with(d, -1.0, "drift_std"), "drift_std = -1 m must be from 0 to 10"),
+        (lambda d: _with(d, "mass", "target"), "target 'mass' is no unknown parameter"),
+        (lambda d: _without(d, "main", "yaw_inertia"), "main must have an index of each unknown"),
         (lambda d: _with(d, 99, "schema"), "schema 99; this version reads 3"),
         (lambda d: _with(d, "b", "criterion"), "criterion: Invalid enum value 'b'"),
         (

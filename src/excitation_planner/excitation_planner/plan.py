@@ -139,7 +139,8 @@ class Plan:
     cost : float
         H of the target (Eq. 11, with the noise term where `noise_std` > 0).
     criterion_cost : float
-        Of the whole set: H, or the cost by the criterion C, D or A, in ranges.
+        Of the whole set: H, or the cost by the criterion C, D or A, in ranges; where the maneuver
+        was not searched for, of the expected covariance.
     predicted_cost : float or None
         What the search expected of `criterion_cost`; None where the maneuver was not searched for.
     predicted_std : mapping of str to float
@@ -250,6 +251,11 @@ class Plan:
 
     def __post_init__(self) -> None:
         _check_array("path", self.path, (None, 2))
+        if self.target not in self.unknown:
+            raise PlanError(f"target {self.target!r} is no unknown parameter of the plan")
+        for name in ("main", "total"):
+            if set(getattr(self, name)) != set(self.unknown):
+                raise PlanError(f"{name} must have an index of each unknown parameter")
         if not 0.0 < self.tyre_radius < math.inf:
             raise PlanError("tyre_radius must be above 0")
         if not 0.0 <= self.lead_in <= self.commands.duration:
@@ -338,6 +344,7 @@ def save_plan(plan: Plan, path: Path) -> None:
     OSError
         If it cannot be written.
     """
+    plan = decode(Plan, encode(plan), str(path), PlanError)  # whole numbers as they are read
     document: dict[str, Any] = {"schema": SCHEMA, "id": plan.id, "checksum": plan.checksum}
     for name, value in encode(plan).items():
         document |= value if name == "noise" else {name: value}

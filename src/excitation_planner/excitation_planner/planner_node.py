@@ -129,6 +129,7 @@ class ExcitationPlanner(Node):
         self._plan: Plan | None = None
         self._process: SpawnProcess | None = None
         self._connection: Connection | None = None
+        self._planned = Path()  # file of the plan that is being made
         self._progress = (0, 0)
         self._problem = ""
         self._diagnostics = self.create_publisher(
@@ -202,8 +203,9 @@ class ExcitationPlanner(Node):
             response.message = message_of(error)
             return response
         self._connection, theirs = SPAWN.Pipe(duplex=False)
+        self._planned = self._file.absolute()
         self._process = SPAWN.Process(
-            target=_plan_in_process, args=(settings, self._file.absolute(), theirs)
+            target=_plan_in_process, args=(settings, self._planned, theirs)
         )
         self._process.start()
         theirs.close()
@@ -231,11 +233,14 @@ class ExcitationPlanner(Node):
                     self._end(content[0])
                     return
                 else:
+                    plan = load_plan(self._planned)
                     self._end("")
-                    self._publish(load_plan(self._file))
+                    self._publish(plan)
                     return
         except EOFError:
             self._end("the planning process died")
+        except (PlanError, OSError) as error:
+            self._end(message_of(error))
 
     def _end(self, problem: str) -> None:
         """End the planning process, or reap one that has ended."""

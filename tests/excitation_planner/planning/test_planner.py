@@ -68,6 +68,15 @@ def test_cost_is_eq_11_with_the_noise_as_one_more_contributor(request_, plan):
     assert plan.cost > quiet.cost
 
 
+def test_a_given_maneuver_has_the_cost_by_its_criterion(request_):
+    asked = dataclasses.replace(request_, criterion=Criterion.C)
+    plan = plan_at(asked, np.array([3.0, 0.8]))
+    low, high = VEHICLE.unknown[plan.target]
+    assert plan.criterion_cost == pytest.approx(
+        (plan.predicted_std[plan.target] / (high - low)) ** 2
+    )
+
+
 def test_a_random_point_can_be_driven_and_follows_its_seed(request_):
     points = [random_feasible_point(request_, np.random.default_rng(s)) for s in (3, 3, 4)]
     assert np.array_equal(points[0], points[1])

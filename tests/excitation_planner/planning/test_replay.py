@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from excitation_planner.maneuver import Circle
+from excitation_planner.maneuver.steering import SineSweep, StepSteer
 from excitation_planner.planning import PlanRequest
 from excitation_planner.planning.replay import (
     ReplayedTrajectoryError,
@@ -79,3 +80,12 @@ def test_no_maneuver_is_planned_for_a_motor_without_a_speed_loop(without_speed_l
         nominal_run(without_speed_loop, Circle(duration=3.0), np.array([2.0, 1.0]))
     with pytest.raises(PlanError, match=r"^[^\n]*: maneuvers are driven at a speed"):
         PlanRequest(without_speed_loop, Circle(), "yaw_inertia")
+
+
+@pytest.mark.parametrize(
+    ("family", "x"),
+    [(Circle(), [0.0, 0.8]), (StepSteer(), [0.2, -1.0]), (SineSweep(duration=0.0), [0.2, 1.0])],
+)
+def test_what_is_no_maneuver_cannot_be_driven(family, x):
+    with pytest.raises(InfeasibleManeuver):
+        nominal_run(VEHICLE, family, np.array(x))

@@ -104,8 +104,7 @@ class DrivenPath:
         # a chord is shorter than its arc, the more so where the path bends sharply
         if not (np.all(spacing > 0.0) and np.all(spacing < 1.01 * PATH_SPACING)):
             raise PlanError(f"a path needs points {PATH_SPACING:g} m apart: see `evenly_spaced`")
-        if not 0.0 < self.speed <= MAX_SPEED:
-            raise PlanError(f"speed {self.speed:g} m/s must be above 0 and at most {MAX_SPEED:g}")
+        check_speed(self.speed)
         if not 0.0 < self.length <= self.x.size * PATH_SPACING:
             raise PlanError(f"the path must go on beyond its length, {self.length:g} m")
 
@@ -222,3 +221,15 @@ def operation_point(family: ManeuverFamily, values: Mapping[str, float]) -> Floa
                 f"{high:g}; --range {name}=LOW:HIGH sets another"
             )
     return np.array([values[name] for name in names], dtype=float)
+
+
+def check_speed(speed: float) -> None:
+    """Refuse a speed [m/s] that no maneuver is driven at.
+
+    Parameters
+    ----------
+    speed : float
+        Held by a maneuver [m/s].
+    """
+    if not 0.0 < speed <= MAX_SPEED:
+        raise PlanError(f"speed {speed:g} m/s must be above 0 and at most {MAX_SPEED:g}")

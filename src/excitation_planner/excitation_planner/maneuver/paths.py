@@ -79,6 +79,8 @@ class Circle:
             Its nominal values.
         """
         radius, speed = (float(v) for v in x)
+        if radius <= 0.0:
+            raise PlanError(f"radius {radius:g} m must be above 0")
         run_in = _run_in_length(speed)
         arc = np.arange(0.0, speed * self.duration + LEAD_OUT, PATH_SPACING / 4)
         start = path_point(vehicle)

@@ -12,7 +12,12 @@ from typing import ClassVar
 import numpy as np
 
 from excitation_planner.box import Box
-from excitation_planner.maneuver.family import ACCELERATION, COMMAND_TICKS, SETTLING_TIME
+from excitation_planner.maneuver.family import (
+    ACCELERATION,
+    COMMAND_TICKS,
+    SETTLING_TIME,
+    check_speed,
+)
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
@@ -37,7 +42,13 @@ def steered(
         Steering motor angle (t,) [rad], left positive, at times (t,) [s] after the run-in.
     duration : float
         Time after the run-in [s].
+
+    Raises
+    ------
+    PlanError
+        If the speed is none of a maneuver.
     """
+    check_speed(speed)
     acceleration = min(ACCELERATION, vehicle.acceleration)
     run_in = speed / acceleration + SETTLING_TIME
     period = COMMAND_TICKS * TICK

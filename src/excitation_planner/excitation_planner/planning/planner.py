@@ -17,7 +17,7 @@ from excitation_planner.box import Box
 from excitation_planner.design.combinations import best_combinations
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.excitation import DRAWS, Design, Verdict, design_excitation
-from excitation_planner.design.information import ManeuverSet
+from excitation_planner.design.information import ManeuverSet, information_costs
 from excitation_planner.design.problem import VERIFICATION, VERIFIED, Search
 from excitation_planner.indices.sensitivity import Sensitivity, sensitivity
 from excitation_planner.indices.threads import THREADPOOLS
@@ -122,7 +122,7 @@ def plan_set(
     with THREADPOOLS.limit(limits=1), threads:
         try:
             design, points, tried = _searched(request, executor or threads, progress)
-            predicted_std = threads.submit(_predicted_std, request, points)
+            covariance = threads.submit(_predicted_covariance, request, points)
             if request.criterion is Criterion.H:
                 judged = [_Maneuver(design.x, design.sensitivity, design.cost)]
             else:
@@ -137,7 +137,7 @@ def plan_set(
             remedies = (closest_fit(request.vehicle, family, room) for family in request.families)
             reasons = filter(None, dict.fromkeys([str(error), *remedies]))
             raise PlanError("; ".join(reasons)) from error
-        return _plans(request, judged, predicted_std.result(), design, began, tried)
+        return _plans(request, judged, covariance.result(), design, began, tried)
 
 
 def _searched(
@@ -165,6 +165,8 @@ def _searched(
     unknown = Box.of(dict(request.vehicle.unknown))
     # as many simulations of a maneuver as without effects, but a few vehicles at least
     draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
+    runs = draws * (alone + len(beside.steps))
+    verification = VERIFIED * (VERIFICATION * (runs + request.samples) + 1)
     starts, taken, budget, fitting = None, 0, request.budget, None
 
     def report(done: int, _: int) -> None:
@@ -185,9 +187,12 @@ def _searched(
         )
         taken //= len(request.families)  # a run of the set is one of each maneuver
         budget -= taken
+        if budget < runs + verification:
+            raise PlanError(
+                f"budget = {request.budget} is too small: starts, an evaluation and the "
+                f"verification take {taken + runs + verification} runs"
+            )
     elif request.search is Search.ADAPTIVE and (room := _room(request)) is not None:
-        runs = draws * (alone + len(beside.steps))
-        verification = VERIFIED * (VERIFICATION * (runs + request.samples) + 1)
         spare, with_room = budget - verification, runs + ROOM_RUNS
         if spare >= 2 * with_room:
             fitting = FittingSearch(
@@ -272,7 +277,7 @@ def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
             reason = nearest_that_fits(request.vehicle, request.family, room, x)
         raise PlanError(f"{request.family.name}: {reason}") from error
     request = dataclasses.replace(request, others=())
-    (plan,) = _plans(request, [judged], _predicted_std(request, [x]), None, began)
+    (plan,) = _plans(request, [judged], _predicted_covariance(request, [x]), None, began)
     return plan
 
 
@@ -337,28 +342,28 @@ def _judge(request: PlanRequest, family: ManeuverFamily, x: FloatArray) -> _Mane
     return _Maneuver(x, result, cost)
 
 
-def _predicted_std(request: PlanRequest, points: list[FloatArray]) -> dict[str, float]:
-    """Standard deviations after drives with operation parameters (l,); none without noise."""
+def _predicted_covariance(request: PlanRequest, points: list[FloatArray]) -> FloatArray | None:
+    """Covariance (k, k) after drives with operation parameters (l,), in squared ranges.
+
+    None without noise.
+    """
     if request.noise.noise_std == 0.0:
-        return {}
-    unknown = Box.of(dict(request.vehicle.unknown))
-    covariance = predicted_covariance(
+        return None
+    return predicted_covariance(
         _trajectories(request, None),  # they fit
         tuple(points),
-        unknown,
+        Box.of(dict(request.vehicle.unknown)),
         request.noise.of_trajectory,
         seed=request.seed + 2,
         prior=request.prior,
         beside=beside_parameters(_effects(request)),
     )
-    std = np.sqrt(np.diag(covariance)) * (np.array(unknown.high) - unknown.low)
-    return dict(zip(unknown.names, std.tolist(), strict=True))
 
 
 def _plans(
     request: PlanRequest,
     maneuvers: list[_Maneuver],
-    predicted_std: dict[str, float],
+    covariance: FloatArray | None,
     design: Design | None,
     began: float,
     tried: SearchHistory | None = None,
@@ -366,6 +371,15 @@ def _plans(
     """A plan per maneuver of a set; `design` is how they were found, None if they were given."""
     vehicle = request.vehicle
     room = _room(request)
+    predicted_std: dict[str, float] = {}
+    criterion_cost = maneuvers[0].cost if design is None else design.cost
+    if covariance is not None:
+        unknown = Box.of(dict(vehicle.unknown))
+        std = np.sqrt(np.diag(covariance)) * (np.array(unknown.high) - unknown.low)
+        predicted_std = dict(zip(unknown.names, std.tolist(), strict=True))
+        if design is None and request.criterion is not Criterion.H:
+            target = unknown.index(request.target)
+            (criterion_cost,) = information_costs(covariance[None], request.criterion, target)
     columns = np.cumsum([0, *(len(maneuver.x) for maneuver in maneuvers)])
     plans = []
     for number, (family, maneuver) in enumerate(zip(request.families, maneuvers, strict=True)):
@@ -389,7 +403,7 @@ def _plans(
                 total=_indices(result.names, result.total, result.total_interval),
                 variance=float(result.variance),
                 cost=maneuver.cost,
-                criterion_cost=maneuver.cost if design is None else design.cost,
+                criterion_cost=float(criterion_cost),
                 predicted_cost=None if design is None else design.predicted_cost,
                 predicted_std=predicted_std,
                 leave_one_out_q2=float(result.leave_one_out_q2),

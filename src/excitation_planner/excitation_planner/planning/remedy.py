@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 import numpy as np
 
 from excitation_planner.area.polygons import rings_of
 from excitation_planner.area.room import Room
-from excitation_planner.area.tube import TOLERANCE
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.replay import nominal_run
@@ -20,6 +20,8 @@ from tricycle_sim.vehicle import Vehicle
 _INSIDE = 12  # points of the operation box that are tried beside its corners
 _STEPS = 5  # to each end of an operation parameter's range
 _HALVINGS = 4  # of the last of them
+_LEAST = 0.01  # m, step of what would be enough
+_FAR = 100.0  # m further out, where nothing is in the way of a maneuver
 
 
 def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
@@ -88,14 +90,22 @@ def _larger(
 
     area, margin = room.area, room.area.margin
     margins = f"margin {margin - shortage:.2f} instead of {margin:.2f} m"
-    if area.keep_out:  # the shortage may be that to a keep_out, or of a start inside
-        outwards = shapely.Polygon(area.keep_in).buffer(shortage + TOLERANCE, join_style="mitre")
+
+    def lacks(further: float) -> float:
+        """What it lacks still with a keep_in that is so much further out [m]."""
+        outwards = shapely.Polygon(area.keep_in).buffer(further, join_style="mitre")
         wider = replace(room, area=replace(area, keep_in=rings_of(outwards)[0]))
         still = _shortage(vehicle, family, wider, x)
-        if still is None or still > 0.0:
+        return math.inf if still is None else still
+
+    needed = shortage
+    if area.keep_out:  # the shortage may be that to a keep_out, or of a start inside
+        if lacks(_FAR) > 0.0:
             blamed = "a keep_out is in its way, however large keep_in is"
             return f"{blamed}; {margins} would do" if shortage < margin else blamed
-    change = f"keep_in {shortage:.2f} m further out on every side would do"
+        while needed < _FAR and (still := lacks(needed)) > 0.0:
+            needed += max(still, _LEAST)
+    change = f"keep_in {needed:.2f} m further out on every side would do"
     return f"{change}, or {margins}" if shortage < margin else change
 
 

@@ -177,7 +177,7 @@ def _driven(
     check_motor(vehicle)
     try:
         drive = family.drive(x, vehicle)
-    except PlanError as error:  # somewhere in ranges that the user has widened
+    except (PlanError, ValueError, ArithmeticError) as error:  # in ranges that the user has widened
         raise InfeasibleManeuver(str(error)) from error
     if isinstance(drive, Commands):
         _check_angles(vehicle, drive)

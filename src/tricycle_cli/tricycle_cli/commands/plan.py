@@ -134,11 +134,12 @@ def run(args: argparse.Namespace) -> int:
         earlier = _earlier_plans(args.output)
         check_output_files([*earlier, *_earlier_plans(args.output, ".png")], args)
         plans = _planned(request, args)
-        for file in earlier:  # a set of fewer drives must not leave one of the last set behind
-            file.unlink()
-            file.with_suffix(".png").unlink(missing_ok=True)
         for file, plan in plans.items():
             save_plan(plan, file)
+        for file in earlier:  # a set of fewer drives must not leave one of the last set behind
+            file.with_suffix(".png").unlink(missing_ok=True)
+            if file not in plans:
+                file.unlink()
     first, *others = plans.values()
     if args.json:
         print(json.dumps(_as_json(first) | {"others": [_as_json(plan) for plan in others]}))
