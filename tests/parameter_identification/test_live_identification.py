@@ -16,7 +16,6 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.identification import identify
 from parameter_identification.live_identification import LiveIdentification, Planned
-from tricycle_core.errors import IdentificationError
 from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 
@@ -181,21 +180,55 @@ def test_before_the_vehicle_moves_nothing_is_known():
     assert live.update() is None
 
 
-def test_a_sample_that_is_no_number_is_told():
-    live = LiveIdentification(VEHICLE)
-    live.begin(commands_of_pair()["circle"], START)
-    live.sense(Sensor.POSITION, START, (float("nan"), 0.0))
-    with pytest.raises(IdentificationError, match="finite"):
-        live.update()
-
-
-def test_a_clock_that_begins_anew_does_not_silence_the_sensors():
-    drive = driven(commands_of_pair()["circle"], standstill=1.0)
-    live = LiveIdentification(VEHICLE)
-    live.sense(Sensor.POSITION, START + 3600 * SECOND, (0.0, 0.0))  # of the run before a reset
+def positions_of(drive, end):
+    """Times, stamps and values of the positions until a time."""
     position = drive.signals[Sensor.POSITION]
-    for at, values in zip(position.time.tolist(), position.values.tolist(), strict=True):
-        live.sense(Sensor.POSITION, START + round(at * SECOND), tuple(values))
-        if abs(at) < 0.01:
+    samples = zip(position.time.tolist(), position.values.tolist(), strict=True)
+    return [(at, START + round(at * SECOND), tuple(v)) for at, v in samples if at <= end]
+
+
+def fed_positions(drive, samples):
+    """A live identification that has got positions, and the start event at the first one after."""
+    live, begun = LiveIdentification(VEHICLE), False
+    for at, stamp, values in samples:
+        if at > 0.0 and not begun:
             live.begin(drive.commands, START)
-    assert live.update() is not None
+            begun = True
+        live.sense(Sensor.POSITION, stamp, values)
+    return live
+
+
+@pytest.mark.parametrize(
+    "odd",
+    [
+        lambda at, stamp, values: [(stamp, (np.nan, 0.0) if abs(at + 0.5) < 0.03 else values)],
+        lambda at, stamp, values: [(stamp + 2 * SECOND * (at < -0.5), values)],
+        lambda at, stamp, values: [(stamp + 3600 * SECOND * (at < -0.5), values)],
+        lambda at, stamp, values: [
+            *([(stamp + 3 * SECOND // 2, values)] if abs(at - 2.5) < 0.02 else []),
+            (stamp, values),
+        ],
+    ],
+    ids=["no number", "clock set back", "clock begins anew", "one stamped ahead"],
+)
+def test_an_odd_sample_or_a_step_back_of_a_clock_costs_no_drive(odd):
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    samples = positions_of(drive, 8.0)
+    with_odd = [(sample[0], *one) for sample in samples for one in odd(*sample)]
+    expected, found = (fed_positions(drive, each).update() for each in (samples, with_odd))
+    assert found.elapsed == expected.elapsed
+    for name, estimate in expected.parameters.items():
+        std = estimate.standard_deviation
+        assert found.parameters[name].estimate == pytest.approx(estimate.estimate, abs=0.6 * std)
+
+
+def test_a_drive_that_is_replayed_again_takes_the_place_of_the_first_replay():
+    drive = driven(commands_of_pair()["circle"], standstill=1.0)
+    samples = positions_of(drive, 6.0)
+    live = fed_positions(drive, samples)
+    first = live.update().parameters["cornering_stiffness"]
+    for _, stamp, values in samples:
+        live.sense(Sensor.POSITION, stamp, values)
+    again = live.update().parameters["cornering_stiffness"]
+    assert again.standard_deviation == pytest.approx(first.standard_deviation, rel=0.05)
+    assert again.estimate == pytest.approx(first.estimate, abs=0.3 * first.standard_deviation)

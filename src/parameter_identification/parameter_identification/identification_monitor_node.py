@@ -101,8 +101,7 @@ class IdentificationMonitor(Node):
     def _on_odom(self, message: Odometry) -> None:
         x, y, heading = planar(message.pose.pose)
         self._live.sense(Sensor.POSITION, stamp_of(message), (x, y))
-        if not math.isnan(heading):
-            self._live.sense(Sensor.HEADING, stamp_of(message), (heading,))
+        self._live.sense(Sensor.HEADING, stamp_of(message), (heading,))
 
     def _on_imu(self, message: Imu) -> None:
         if message.angular_velocity_covariance[0] != -1.0:  # there is one (REP-145)
@@ -116,7 +115,7 @@ class IdentificationMonitor(Node):
         if angle is not None:
             self._live.steer(angle)
         rate = dict(zip(message.name, message.velocity, strict=False)).get(REAR_WHEEL_JOINT)
-        if rate is not None and not math.isnan(rate):
+        if rate is not None:
             self._live.sense(Sensor.WHEEL_SPEED, stamp_of(message), (rate,))
 
     def _on_commands(self, message: JointTrajectory) -> None:

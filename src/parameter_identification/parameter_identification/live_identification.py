@@ -271,15 +271,20 @@ class LiveIdentification:
         sensor : Sensor
             That measured.
         stamp : int
-            When [ns]; a sample that is not newer than the one before is left out.
+            When [ns]; a sample that is not newer than the one before is left out, unless its clock
+            has begun anew: those that are not older than it then go.
         values : tuple of float
-            One per channel.
+            One per channel; a sample that holds no finite number is left out.
         """
         samples = self._samples[sensor]
         if samples and samples[-1][0] - JUMP < stamp <= samples[-1][0]:
             return
+        if not all(map(math.isfinite, values)):
+            return
+        while samples and samples[-1][0] >= stamp:
+            samples.pop()
         samples.append((stamp, values))
-        while self._drive is None and abs(samples[0][0] - stamp) > KEPT:
+        while self._drive is None and stamp - samples[0][0] > KEPT:
             samples.popleft()
 
     def steer(self, angle: float) -> None:
@@ -339,7 +344,7 @@ class LiveIdentification:
         Raises
         ------
         IdentificationError
-            If a sample is not a finite number.
+            If the samples cannot be fitted.
         """
         return None if self._drive is None else self._update(self._drive, math.inf, last=False)
 
@@ -380,7 +385,7 @@ class LiveIdentification:
         Raises
         ------
         IdentificationError
-            If a sample is not a finite number.
+            If the samples cannot be fitted.
         """
         drive, self._drive = self._drive, None
         moment = None if drive is None else self._update(drive, elapsed, last=True)
