@@ -157,6 +157,16 @@ def test_a_drive_that_was_slower_or_clipped_says_so(plan, planned):
 
 
 @pytest.mark.slow
+def test_commands_that_were_not_played_are_not_said_to_be_clipped(plan, planned):
+    commands = plan.commands
+    live, _ = fed(driven(commands, standstill=1.0, others=SENSORS), planned, updates=False)
+    live.steer(np.abs(commands.steering_motor_angle[commands.time <= 2.5]).max())
+    _, verdict = live.end(2.5)
+    assert "ended after 2.5 of" in str(verdict)
+    assert "clipped" not in str(verdict)
+
+
+@pytest.mark.slow
 def test_targets_are_known_sooner_where_earlier_drives_count():
     drive = driven(commands_of_pair()["circle"], standstill=1.0, others=SENSORS)
     found = identify([drive], VEHICLE)

@@ -62,6 +62,9 @@ SLOWER = 0.9
 CLIPPED = 0.95
 """Share of the commanded steering below which it was clipped."""
 
+REACHED = 0.5
+"""Time in which the steering reaches a commanded angle [s]."""
+
 CHORD = 0.5
 """Time between the positions that a way is summed over [s]: shorter ones would add noise."""
 
@@ -429,7 +432,8 @@ class LiveIdentification:
         meant = float(np.interp(steps[-1], commands.time[1:], gone))
         if way < SLOWER * meant:
             yield f"slower: {way:.1f} m driven, {meant:.1f} m commanded"
-        most = float(np.abs(commands.steering_motor_angle).max())
+        played = commands.steering_motor_angle[commands.time <= moment.elapsed - REACHED]
+        most = float(np.abs(played).max(initial=0.0))
         if drive.steered is not None and drive.steered < CLIPPED * most:
             yield f"steering clipped: {drive.steered:.3f} rad reached, {most:.3f} rad commanded"
         noise = drive.planned.noise
