@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven
+from simulated_drives import HIGH, LOW, NAMES, TRUTH, VEHICLE, commands_of_pair, driven
 
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.maneuver import Circle
@@ -164,6 +164,23 @@ def test_commands_that_were_not_played_are_not_said_to_be_clipped(plan, planned)
     _, verdict = live.end(2.5)
     assert "ended after 2.5 of" in str(verdict)
     assert "clipped" not in str(verdict)
+
+
+@pytest.mark.slow
+def test_what_earlier_drives_have_shown_does_not_make_a_drive_informative(plan):
+    std = 0.01 * (HIGH - LOW)
+    earlier = GaussianPrior(NAMES, TRUTH, np.diag(std**2))
+    planned = Planned.of(plan, VEHICLE, earlier)
+    assert planned.at(0.0) == pytest.approx(std)
+    verdicts = []
+    for noise, gyro in ((0.01, SENSORS), (0.2, {Sensor.YAW_RATE: SensorNoise(0.02)})):
+        drive = driven(plan.commands, standstill=1.0, noise=noise, others=gyro)
+        live, _ = fed(drive, planned, prior=earlier, updates=False)
+        verdicts.append(live.end()[1])
+    as_planned, noisier = verdicts
+    assert as_planned.ratio == pytest.approx(1.0, abs=0.2)
+    assert not noisier.informative
+    assert "noise of position 0.2 m" in str(noisier)
 
 
 @pytest.mark.slow

@@ -78,6 +78,7 @@ class IdentificationMonitor(Node):
         self._commands: dict[str, Commands] = {}  # the newest by plan id
         self._stamp = 0  # of these commands
         self._lead_ins: dict[int, float] = {}  # the newest by stamp: its end
+        self._known: GaussianPrior | None = None  # before these commands
         self._planned: Planned | None = None  # of these commands
         self._running: int | None = None  # start of the drive under way, ns
         self._ended = math.inf  # when the newest drive ended early, s since its start
@@ -127,6 +128,7 @@ class IdentificationMonitor(Node):
             return
         self._commands = {plan_id: commands}
         self._stamp = stamp_of(message)
+        self._known = self._prior()
         self._planned = self._prediction(plan_id)
 
     def _on_lead_in(self, message: PathMessage) -> None:
@@ -148,7 +150,7 @@ class IdentificationMonitor(Node):
             plan = load_plan(Path(file))
             check_vehicle(plan, self._vehicle)
             if plan.id == plan_id:
-                return Planned.of(plan, self._vehicle)
+                return Planned.of(plan, self._vehicle, self._known)
             why = f"{file} holds plan {plan.id}, not {plan_id}"
         except (ExcitationError, OSError) as error:
             why = message_of(error)
@@ -186,17 +188,21 @@ class IdentificationMonitor(Node):
         self._late.cancel()
         self._running, self._plan_id = state.start_time, state.plan_id
         lead_in = self._lead_ins.get(self._stamp, 0.0)
-        self._live.begin(commands, state.start_time, self._planned, self._prior(), lead_in)
+        self._live.begin(commands, state.start_time, self._planned, self._known, lead_in)
 
     def _prior(self) -> GaussianPrior | None:
         """Return what earlier drives have shown; None, with the reason logged, if they cannot."""
         if not (file := self.get_parameter("known_file").value):
             return None
         try:
-            return load_identification_file(Path(file)).posterior()
+            found = load_identification_file(Path(file))
+            if found.vehicle_hash == self._vehicle.fingerprint:
+                return found.posterior()
+            why = f"{file} is of another vehicle, {found.vehicle} ({found.vehicle_hash})"
         except (ExcitationError, OSError) as error:
-            self.get_logger().warning(f"earlier drives do not count: {message_of(error)}")
-            return None
+            why = message_of(error)
+        self.get_logger().warning(f"earlier drives do not count: {why}")
+        return None
 
     def _enough(self, moment: Moment) -> bool | None:
         """Whether every target is known within the tolerance; None if that is not asked."""

@@ -21,6 +21,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan
 from excitation_planner.planning.prediction import predicted_progress
 from parameter_identification.drives.measured import (
@@ -91,7 +92,7 @@ class Planned:
     std: FloatArray
 
     @classmethod
-    def of(cls, plan: Plan, vehicle: Vehicle) -> "Planned":
+    def of(cls, plan: Plan, vehicle: Vehicle, prior: GaussianPrior | None = None) -> "Planned":
         """Return what a plan expects.
 
         Parameters
@@ -100,13 +101,19 @@ class Planned:
             Of the drive alone, also where it was planned as one of several.
         vehicle : Vehicle
             With the unknown parameters.
+        prior : GaussianPrior, optional
+            Knowledge before the drive, as that of `LiveIdentification.begin`.
 
         Raises
         ------
         DesignError
             If the plan predicts nothing.
         """
-        return cls(plan.target, plan.noise, *predicted_progress(plan, vehicle))
+        before = None
+        if prior is not None:
+            mean, information = prior_in_ranges(vehicle, prior)
+            before = BoxPrior(mean, np.asarray(np.linalg.inv(information), dtype=np.float64))
+        return cls(plan.target, plan.noise, *predicted_progress(plan, vehicle, before))
 
     def at(self, time: float) -> FloatArray:
         """Return the standard deviations (k,) at a time since the start event [s].
@@ -183,18 +190,23 @@ class Verdict:
         Parameter that the drive was planned for.
     estimate : LiveEstimate
         Of it, after the drive.
+    before : float
+        Standard deviation of it before the drive.
     reasons : tuple of str
         Why it was less informative, as far as they are seen.
     """
 
     target: str
     estimate: LiveEstimate
+    before: float
     reasons: tuple[str, ...]
 
     @property
     def ratio(self) -> float:
-        """Standard deviation in planned ones."""
-        return self.estimate.standard_deviation / (self.estimate.planned or math.inf)
+        """Standard deviation in planned ones, by what the drive has added to the knowledge."""
+        stds = self.estimate.standard_deviation, self.estimate.planned or math.inf
+        added, planned = (std**-2 - self.before**-2 for std in stds)
+        return math.sqrt(max(planned, 0.0) / added) if added > 0.0 else math.inf
 
     @property
     def informative(self) -> bool:
@@ -395,8 +407,10 @@ class LiveIdentification:
         if drive is None or moment is None or drive.planned is None:
             return moment, None
         target = drive.planned.target
-        at_end = float(drive.planned.at(math.inf)[list(moment.parameters).index(target)])
-        verdict = Verdict(target, replace(moment.parameters[target], planned=at_end), ())
+        of_target = list(moment.parameters).index(target)
+        before, at_end = (float(drive.planned.at(time)[of_target]) for time in (0.0, math.inf))
+        estimate = replace(moment.parameters[target], planned=at_end)
+        verdict = Verdict(target, estimate, before, ())
         if not verdict.informative:
             verdict = replace(verdict, reasons=tuple(self._reasons(drive, moment)))
         return moment, verdict

@@ -231,11 +231,13 @@ def predicted_covariance(
     return covariance
 
 
-def predicted_progress(plan: Plan, vehicle: Vehicle) -> tuple[FloatArray, FloatArray]:
-    """Predict what is known during one drive, from nothing but the ranges before it.
+def predicted_progress(
+    plan: Plan, vehicle: Vehicle, prior: BoxPrior | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Predict what is known during one drive.
 
-    After a drive that was planned alone it is the plan's `predicted_std`; the plan's effects are
-    counted.
+    After a drive that was planned alone with this prior it is the plan's `predicted_std`; the
+    plan's effects are counted.
 
     Parameters
     ----------
@@ -243,6 +245,8 @@ def predicted_progress(plan: Plan, vehicle: Vehicle) -> tuple[FloatArray, FloatA
         Of the drive.
     vehicle : Vehicle
         With k unknown parameters.
+    prior : BoxPrior, optional
+        What is known before; None: the ranges.
 
     Returns
     -------
@@ -271,7 +275,13 @@ def predicted_progress(plan: Plan, vehicle: Vehicle) -> tuple[FloatArray, FloatA
             return found[0][:, : round((STANDSTILL + end) / PERIOD) + 1]
 
         covariance = predicted_covariance(
-            (until_then,), (np.empty(0),), unknown, noise, seed=plan.seed + 2, beside=beside
+            (until_then,),
+            (np.empty(0),),
+            unknown,
+            noise,
+            seed=plan.seed + 2,
+            prior=prior,
+            beside=beside,
         )
         variance: FloatArray = np.diag(covariance)
         return np.sqrt(variance) * (np.array(unknown.high) - unknown.low)

@@ -1,0 +1,114 @@
+"""What identification_monitor makes of the messages of a drive, given to it one by one."""
+
+from dataclasses import replace
+
+import pytest
+import rclpy
+from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from found_identification import FOUND
+from nav_msgs.msg import Odometry
+from simulated_drives import VEHICLE, commands_of_pair, driven
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+from parameter_identification.drives.measured import Sensor
+from parameter_identification.identification_file import document_of, save_identification_file
+from parameter_identification.identification_monitor_node import IdentificationMonitor
+from tricycle_core.joints import JOINTS
+from tricycle_core.maneuver_state import ManeuverState, PlaybackState
+from tricycle_core.stamps import SECOND
+
+pytestmark = pytest.mark.ros
+
+START = 1_700_000_000 * SECOND
+
+
+class Driven:
+    """A monitor that hears the poses of a drive, and of its state what it is told."""
+
+    def __init__(self):
+        self.node = IdentificationMonitor()
+        self.told = []
+        self.node._estimates.publish = lambda message: self.told.append(message.message)
+        self.commands = commands_of_pair()["circle"]
+        position = driven(self.commands, standstill=1.0).signals[Sensor.POSITION]
+        self._poses = list(zip(position.time.tolist(), position.values.tolist(), strict=True))
+
+    def hand_over(self):
+        message = JointTrajectory(joint_names=list(JOINTS))
+        message.header.frame_id, message.header.stamp = "plan", stamp(-10.0)
+        played = self.commands
+        for row in zip(played.time, played.steering_motor_angle, played.speed, strict=True):
+            at, angle, speed = map(float, row)
+            message.points.append(
+                JointTrajectoryPoint(
+                    positions=[angle, 0.0],
+                    velocities=[0.0, speed / VEHICLE.driven_radius],
+                    time_from_start=Duration(sec=int(at), nanosec=round(at % 1.0 * SECOND)),
+                )
+            )
+        self.node._on_commands(message)
+
+    def state(self, state, elapsed=0.0):
+        told = ManeuverState(state, "plan", START, elapsed, self.commands.duration).values()
+        pairs = [KeyValue(key=key, value=value) for key, value in told.items()]
+        self.node._on_state(DiagnosticStatus(values=pairs))
+
+    def poses(self, begin, end):
+        for at, (x, y) in self._poses:
+            if begin <= at < end:
+                message = Odometry()
+                message.header.stamp = stamp(at)
+                message.pose.pose.position.x, message.pose.pose.position.y = x, y
+                message.pose.pose.orientation.w = 0.0  # no heading
+                self.node._on_odom(message)
+
+    def drive(self, end):
+        """Drive until a time, the state told every half second and the monitor asked then."""
+        self.hand_over()
+        self.poses(-1.0, 0.0)
+        for half in range(round(2.0 * end)):
+            self.state(PlaybackState.RUNNING, 0.5 * half)
+            self.poses(0.5 * half, 0.5 * half + 0.5)
+            self.node._update()
+
+
+def stamp(time):
+    nanoseconds = START + round(time * SECOND)
+    return Time(sec=nanoseconds // SECOND, nanosec=nanoseconds % SECOND)
+
+
+@pytest.fixture
+def monitor(ros_environment):
+    """Constructs a monitor with parameters, NAME=VALUE."""
+    made = []
+
+    def construct(**parameters):
+        pairs = [("-p", f"{name}:={value}") for name, value in parameters.items()]
+        rclpy.init(args=["--ros-args", *(word for pair in pairs for word in pair)])
+        made.append(Driven())
+        return made[-1]
+
+    yield construct
+    for one in made:
+        one.node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_estimates_come_while_it_drives(monitor):
+    driven = monitor()
+    driven.drive(3.0)
+    assert driven.told[-1].startswith("3.0 s: cornering_stiffness ")
+
+
+@pytest.mark.parametrize("other", [False, True])
+def test_earlier_drives_count_where_they_are_of_this_vehicle(monitor, tmp_path, capfd, other):
+    file = tmp_path / "known.json"
+    found = FOUND if other else replace(FOUND, vehicle_hash=VEHICLE.fingerprint)
+    save_identification_file(document_of(found), file)
+    driven = monitor(known_file=file)
+    driven.drive(3.0)
+    std = float(driven.told[-1].split()[5])
+    assert (std > 50.0) == other  # 5 after these drives
+    warned = f"earlier drives do not count: {file} is of another vehicle, tricycle (abc)"
+    assert (warned in capfd.readouterr().err) == other
