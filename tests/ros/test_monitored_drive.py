@@ -1,19 +1,24 @@
 """What identification_monitor makes of the messages of a drive, given to it one by one."""
 
+import re
 from dataclasses import replace
+from importlib.resources import files
 
 import pytest
 import rclpy
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from found_identification import FOUND
-from nav_msgs.msg import Odometry
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import JointState
 from simulated_drives import VEHICLE, commands_of_pair, driven
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.identification_file import document_of, save_identification_file
 from parameter_identification.identification_monitor_node import IdentificationMonitor
+from tricycle_core.errors import IdentificationError
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.stamps import SECOND
@@ -29,7 +34,7 @@ class Driven:
     def __init__(self):
         self.node = IdentificationMonitor()
         self.told = []
-        self.node._estimates.publish = lambda message: self.told.append(message.message)
+        self.node._estimates.publish = self.told.append
         self.commands = commands_of_pair()["circle"]
         position = driven(self.commands, standstill=1.0).signals[Sensor.POSITION]
         self._poses = list(zip(position.time.tolist(), position.values.tolist(), strict=True))
@@ -62,6 +67,11 @@ class Driven:
                 message.pose.pose.position.x, message.pose.pose.position.y = x, y
                 message.pose.pose.orientation.w = 0.0  # no heading
                 self.node._on_odom(message)
+
+    def played(self, time, **values):
+        message = JointState(name=list(JOINTS), **values)
+        message.header.stamp = stamp(time)
+        self.node._on_played(message)
 
     def drive(self, end):
         """Drive until a time, the state told every half second and the monitor asked then."""
@@ -98,7 +108,7 @@ def monitor(ros_environment):
 def test_estimates_come_while_it_drives(monitor):
     driven = monitor()
     driven.drive(3.0)
-    assert driven.told[-1].startswith("3.0 s: cornering_stiffness ")
+    assert driven.told[-1].message.startswith("3.0 s: cornering_stiffness ")
 
 
 @pytest.mark.parametrize("other", [False, True])
@@ -108,7 +118,70 @@ def test_earlier_drives_count_where_they_are_of_this_vehicle(monitor, tmp_path, 
     save_identification_file(document_of(found), file)
     driven = monitor(known_file=file)
     driven.drive(3.0)
-    std = float(driven.told[-1].split()[5])
+    std = float(driven.told[-1].message.split()[5])
     assert (std > 50.0) == other  # 5 after these drives
     warned = f"earlier drives do not count: {file} is of another vehicle, tricycle (abc)"
     assert (warned in capfd.readouterr().err) == other
+
+
+@pytest.mark.parametrize(
+    "state", [PlaybackState.WAITING, PlaybackState.STARTING, PlaybackState.RETURNING, None]
+)
+def test_a_drive_whose_driver_is_gone_gets_no_verdict(monitor, capfd, state):
+    driven = monitor()
+    driven.drive(3.0)
+    if state is None:
+        driven.poses(3.0, 4.5)
+        driven.node._update()
+        assert driven.told[-1].message.startswith("4.")  # a message may be late
+        driven.poses(4.5, 5.2)
+    else:
+        driven.state(state)
+    told = len(driven.told)
+    driven.node._update()
+    assert len(driven.told) == told
+    line = f"the driver is {state.value if state else 'silent'}: the drive of plan plan gets no"
+    assert line in capfd.readouterr().err
+    driven.poses(5.2, 11.5)
+    kept = driven.node._live._samples[Sensor.POSITION]
+    assert kept[-1][0] - kept[0][0] < 6 * SECOND
+    driven.drive(3.0)  # replayed
+    assert driven.told[-1].message.startswith("3.0 s: ")
+
+
+@pytest.mark.parametrize(("first", "line"), [(0.0, ""), (1.5, "first 1.5 s"), (9.0, "first 2.0 s")])
+def test_set_points_of_a_lead_in_that_were_not_heard_are_told(monitor, capfd, first, line):
+    driven = monitor()
+    lead_in = Path()
+    lead_in.header.stamp = stamp(-10.0)
+    lead_in.poses.append(PoseStamped())
+    lead_in.poses[-1].header.stamp = Time(sec=2)
+    driven.node._on_lead_in(lead_in)
+    driven.drive(3.0)
+    driven.played(first, velocity=[0.0, 1.0])  # no angle
+    for tick in range(300):
+        if tick >= 100.0 * first:
+            driven.played(0.01 * tick, position=[0.0, 0.0])
+    driven.state(PlaybackState.ABORTED, 3.0)
+    for _ in range(2):
+        driven.node._end()
+    said = capfd.readouterr().err
+    assert (
+        f"/joint_commands: the steering in the {line} of the lead-in was not heard" in said
+    ) == (bool(line))
+    assert ("was not heard" in said) == bool(line)
+
+
+def test_targets_may_stand_apart(monitor, capfd):
+    driven = monitor(targets="cornering_stiffness, yaw_inertia", tolerance=0.5)
+    driven.drive(2.0)
+    assert {pair.key: pair.value for pair in driven.told[-1].values}["known"] == "false"
+    assert "no unknown parameter" not in capfd.readouterr().err
+
+
+def test_a_vehicle_of_which_all_is_known_is_refused(monitor, tmp_path):
+    packaged = (files("tricycle_sim") / "tricycle.yaml").read_text(encoding="utf-8")
+    known = re.sub(r"nominal: ([^,]+), range: \[[^\]]*\]", r"value: \1", packaged)
+    (tmp_path / "known.yaml").write_text(known, encoding="utf-8")
+    with pytest.raises(IdentificationError, match="tricycle has no unknown parameter"):
+        monitor(vehicle_file=tmp_path / "known.yaml")

@@ -30,13 +30,15 @@ from tricycle_core.diagnostics import Level
 from tricycle_core.errors import ExcitationError, IdentificationError, message_of
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
-from tricycle_core.nodes import LATCHED, declare, overridable, run_node
-from tricycle_core.stamps import seconds_of
+from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
+from tricycle_core.stamps import SECOND, seconds_of
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 
 PERIOD = 1.0  # s of wall time between updates
 LATE = 0.2  # s of wall time in which a sensor that has more samples tells one
+SILENT = 2 * SECOND  # of the driver's state, which it repeats every half second of a drive
+UNHEARD = 0.1  # s of the steering in a lead-in that may be missing
 TOPIC = "identification/estimates"
 SENSORS = QoSProfile(
     depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT
@@ -74,6 +76,10 @@ class IdentificationMonitor(Node):
             read_only=False,
         )
         self._vehicle = load_vehicle(Path(file) if file else None)
+        if not self._vehicle.unknown:
+            raise IdentificationError(
+                f"vehicle_file: {self._vehicle.name} has no unknown parameter: nothing to identify"
+            )
         self._live = LiveIdentification(self._vehicle)
         self._commands: dict[str, Commands] = {}  # the newest by plan id
         self._stamp = 0  # of these commands
@@ -81,6 +87,7 @@ class IdentificationMonitor(Node):
         self._known: GaussianPrior | None = None  # before these commands
         self._planned: Planned | None = None  # of these commands
         self._running: int | None = None  # start of the drive under way, ns
+        self._heard = 0  # until when the driver has told its state, ns
         self._ended = math.inf  # when the newest drive ended early, s since its start
         self._plan_id = ""  # of the newest drive
         self._estimates = self.create_publisher(DiagnosticStatus, TOPIC, **overridable(LATCHED))
@@ -88,7 +95,7 @@ class IdentificationMonitor(Node):
         for kind, topic, callback, qos in (
             (JointTrajectory, topics.commands, self._on_commands, LATCHED),
             (PathMessage, topics.lead_in, self._on_lead_in, LATCHED),
-            (JointState, topics.played, self._on_played, 10),
+            (JointState, topics.played, self._on_played, RECORDED),
             (DiagnosticStatus, topics.state, self._on_state, LATCHED),
             (Odometry, topics.pose, self._on_odom, SENSORS),
             (Imu, topics.imu, self._on_imu, SENSORS),
@@ -137,8 +144,8 @@ class IdentificationMonitor(Node):
 
     def _on_played(self, message: JointState) -> None:
         """Take a set-point of the driver, which steers the lead-in itself."""
-        if self._running is not None and STEERING_JOINT in message.name:
-            angle = message.position[message.name.index(STEERING_JOINT)]
+        angle = dict(zip(message.name, message.position, strict=False)).get(STEERING_JOINT)
+        if angle is not None:
             self._live.play(stamp_of(message), angle)
 
     def _prediction(self, plan_id: str) -> Planned | None:
@@ -163,18 +170,32 @@ class IdentificationMonitor(Node):
         except ValueError as error:
             self.get_logger().error(f"maneuver/state: {error}", throttle_duration_sec=10.0)
             return
-        if state.state is PlaybackState.RUNNING and state.start_time != self._running:
-            self._begin(state)
-        elif state.state.ended and self._running is not None:
+        if state.state is PlaybackState.RUNNING:
+            if state.start_time != self._running:
+                self._begin(state)
+            self._heard = (state.start_time or 0) + round(state.elapsed * SECOND)
+        elif self._running is not None and state.state.ended:
             self._running = None
             whole = state.state is PlaybackState.DONE and not state.reason
             self._ended = math.inf if whole else state.elapsed
             self._late.reset()
+        elif self._running is not None:
+            self._abandon(f"the driver is {state.state.value}")
+
+    def _abandon(self, why: str) -> None:
+        self._running = None
+        self._live.abandon()
+        self.get_logger().warning(f"{why}: the drive of plan {self._plan_id} gets no verdict")
 
     def _end(self) -> None:
         """Tell what the drive has shown, once its last samples have come."""
         if self._live.complete(self._ended):
             self._late.cancel()
+            if (missing := self._live.unheard) > UNHEARD:
+                self.get_logger().warning(
+                    f"{self.resolve_topic_name(TopicNames().played)}: the steering in the first "
+                    f"{missing:.1f} s of the lead-in was not heard; the plan's is taken for it"
+                )
             self._tell(lambda: self._live.end(self._ended))
 
     def _begin(self, state: ManeuverState) -> None:
@@ -207,20 +228,25 @@ class IdentificationMonitor(Node):
     def _enough(self, moment: Moment) -> bool | None:
         """Whether every target is known within the tolerance; None if that is not asked."""
         tolerance = self.get_parameter("tolerance").value
-        targets = [name for name in self.get_parameter("targets").value.split(",") if name]
+        given = self.get_parameter("targets").value.split(",")
+        targets = [name for one in given if (name := one.strip())]
         if not tolerance or not targets:
             return None
         if unknown := set(targets) - set(moment.parameters):
             self.get_logger().warning(
                 f"targets: {', '.join(sorted(unknown))}: no unknown parameter of "
                 f"{self._vehicle.name}; there are: {', '.join(moment.parameters)}",
-                once=True,
+                throttle_duration_sec=10.0,
             )
             return None
         return moment.known(targets, tolerance)
 
     def _update(self) -> None:
-        if self._running is not None:
+        if self._running is None:
+            return
+        if self._live.newest(Sensor.POSITION) > self._heard + SILENT:
+            self._abandon("the driver is silent")
+        else:
             self._tell(lambda: (self._live.update(), None))
 
     def _tell(self, learn: Callable[[], tuple[Moment | None, Verdict | None]]) -> None:

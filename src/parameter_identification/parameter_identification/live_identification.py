@@ -353,6 +353,29 @@ class LiveIdentification:
         if drive is not None and 0.0 <= (time := (stamp - drive.start) * 1e-9) < drive.lead_in:
             drive.led.append((time, angle))
 
+    @property
+    def unheard(self) -> float:
+        """Time of the lead-in before the first set-point that was heard [s]."""
+        drive = self._drive
+        if drive is None:
+            return 0.0
+        return drive.led[0][0] if drive.led else drive.lead_in
+
+    def newest(self, sensor: Sensor) -> int:
+        """Return the stamp of the newest sample [ns]; 0 before any.
+
+        Parameters
+        ----------
+        sensor : Sensor
+            That measured it.
+        """
+        samples = self._samples[sensor]
+        return samples[-1][0] if samples else 0
+
+    def abandon(self) -> None:
+        """End the drive without a verdict."""
+        self._drive = None
+
     def update(self) -> Moment | None:
         """Return what all samples of the drive have shown so far; None before they show anything.
 

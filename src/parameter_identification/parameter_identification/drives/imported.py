@@ -35,6 +35,7 @@ from tricycle_sim.vehicle.batch import simulate
 
 STANDING = 0.02  # m/s
 STANDSTILL = 0.6  # s: half before the start event, for the judge, half until the vehicle moves
+STATE_EVERY = 0.5  # s, as the maneuver driver repeats its state
 LATCHED = (OfferedQos(durability="transient_local", depth=1),)
 KINDS = {
     "/odom": "nav_msgs/msg/Odometry",
@@ -196,7 +197,9 @@ def _driven(
         _message("nav_msgs/msg/Path", header=_header(first), poses=poses),
     )
     yield first, "/maneuver/commands", _trajectory(first, commands, vehicle.driven_radius)
-    for state, elapsed in ((PlaybackState.RUNNING, 0.0), (PlaybackState.DONE, commands.duration)):
+    states = dict.fromkeys(np.arange(0.0, commands.duration, STATE_EVERY), PlaybackState.RUNNING)
+    states[commands.duration] = PlaybackState.DONE
+    for elapsed, state in states.items():
         values = ManeuverState(state, "imported", at, elapsed, commands.duration).values()
         pair = "diagnostic_msgs/msg/KeyValue"
         yield (
