@@ -7,10 +7,13 @@ import pytest
 from simulated_drives import VEHICLE, commands_of_pair, driven
 
 from parameter_identification.drives.imported import recording_of, write_bag
-from parameter_identification.drives.measured import Sensor, read_measured_drive
+from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
+from parameter_identification.drives.recorded import read_drive
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
+from trajectory_recorder.bag.reader import BagReader
 from tricycle_core.errors import IdentificationError, JudgeError
+from tricycle_core.stamps import SECOND
 
 ALL = {sensor: SensorNoise(1e-3, rate=50.0) for sensor in Sensor}
 
@@ -74,3 +77,34 @@ def test_a_bag_without_a_start_names_the_table_to_identify_from(drive, tmp_path)
         JudgeError, match=r"begins while the vehicle moves; identify from the table"
     ):
         read_measured_drive(tmp_path / "bag", VEHICLE)
+
+
+def test_a_measured_steering_angle_is_in_the_bag(drive, tmp_path):
+    recording = dataclasses.replace(recording_of(drive), steering_measured=True)
+    steering = SteeringMap(gain=0.5)
+    start = write_bag(recording, VEHICLE, steering, tmp_path / "bag")
+    again = read_measured_drive(tmp_path / "bag", VEHICLE)
+    assert Input.STEERING in again.told
+    angle = again.steering_angle
+    expected = steering.angle(recording.steering.at(angle.time + start))
+    np.testing.assert_allclose(angle.values, expected, atol=1e-9)
+
+
+def test_a_clock_that_begins_below_zero_begins_at_zero_in_the_bag(drive, tmp_path):
+    recording = dataclasses.replace(recording_of(drive), start=-3.0)
+    start = write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag")
+    assert read_drive(tmp_path / "bag").start == round(start * SECOND)
+
+
+def test_times_that_no_message_can_hold_are_refused(drive, tmp_path):
+    recording = dataclasses.replace(recording_of(drive), start=1.7e12)  # ms
+    with pytest.raises(IdentificationError, match="give the unit of the column in the mapping"):
+        write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
+def test_the_state_of_a_bag_comes_as_the_drivers(drive, tmp_path):
+    write_bag(recording_of(drive), VEHICLE, SteeringMap(), tmp_path / "bag")
+    with BagReader(tmp_path / "bag") as bag:
+        stamps = [message.stamp for message in bag.messages(["/maneuver/state"])]
+    assert np.diff(stamps).max() <= 0.5 * SECOND

@@ -6,7 +6,7 @@ where the set-points of the speed were recorded, identified from as a drive of a
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
 from parameter_identification.drives.windows import MEASURED, commands_of
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
+from tricycle_core.errors import IdentificationError
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
@@ -35,6 +36,7 @@ from tricycle_sim.vehicle.batch import simulate
 
 STANDING = 0.02  # m/s
 STANDSTILL = 0.6  # s: half before the start event, for the judge, half until the vehicle moves
+LAST = 2.0**31 - 1.0  # s, of the stamp of a message
 STATE_EVERY = 0.5  # s, as the maneuver driver repeats its state
 LATCHED = (OfferedQos(durability="transient_local", depth=1),)
 KINDS = {
@@ -109,9 +111,9 @@ def write_bag(
     CommandsError
         If the commands are beyond what the model takes.
     IdentificationError
-        If the vehicle has no wheel of a name.
+        If the vehicle has no wheel of a name, or a time is none of a bag.
     """
-    rows = list(_sensed(recording, vehicle))
+    rows = list(_sensed(recording, vehicle, steering))
     start = _start(recording)
     if start is not None:
         rows += _driven(recording, vehicle, steering, start)
@@ -143,7 +145,7 @@ def _start(recording: Recording) -> float | None:
     return float(motion.time[standing[-1]]) - 0.5 * STANDSTILL
 
 
-def _sensed(recording: Recording, vehicle: Vehicle) -> Iterator[Row]:
+def _sensed(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> Iterator[Row]:
     yaw = recording.yaw if recording.yaw is not None else np.zeros(len(recording.time))
     for time, x, y, heading in zip(recording.time, recording.x, recording.y, yaw, strict=True):
         stamp = _stamp(recording, time)
@@ -154,14 +156,21 @@ def _sensed(recording: Recording, vehicle: Vehicle) -> Iterator[Row]:
         ahead = Samples(left.time, ahead.at(left.time))
     for stamp, *values in _rows(recording, [more.get("yaw_rate"), ahead, left]):
         yield stamp, "/imu", _imu(stamp, *values)
-    driving = [more.get("wheel_speed"), more.get("motor_torque")]
-    for stamp, *wheel in _rows(recording, driving):
-        joints = {STEERING_JOINT: (math.nan, math.nan), REAR_WHEEL_JOINT: (wheel[0], wheel[1])}
+    told, angle = recording.steering, None
+    if recording.steering_measured:
+        angle = Samples(told.time, steering.angle(told.values))
+    driving = [angle, more.get("wheel_speed"), more.get("motor_torque")]
+    for stamp, *row in _rows(recording, driving):
+        joints = {
+            STEERING_JOINT: (row[0], math.nan, math.nan),
+            REAR_WHEEL_JOINT: (math.nan, row[1], row[2]),
+        }
         yield stamp, "/joint_states", _joint_state(stamp, joints)
     wheels = recording.wheel_speeds(vehicle)
     for stamp, *speeds in _rows(recording, list(wheels.values())):
         joints = {
-            f"{w}{SPIN_JOINT}": (speed, math.nan) for w, speed in zip(wheels, speeds, strict=True)
+            f"{w}{SPIN_JOINT}": (math.nan, speed, math.nan)
+            for w, speed in zip(wheels, speeds, strict=True)
         }
         yield stamp, "/joint_states", _joint_state(stamp, joints)
 
@@ -217,7 +226,13 @@ def _driven(
 
 
 def _stamp(recording: Recording, time: float) -> int:
-    return round(recording.start * 1e9) + round(time * 1e9)
+    start = max(recording.start, 0.0)  # a message has no time before 0
+    if start + time >= LAST:
+        raise IdentificationError(
+            f"{recording.name}: time {start + time:.10g} s: a bag's end in 2038, at {LAST:.0f} s; "
+            "give the unit of the column in the mapping, as time: {column: t, unit: ms}"
+        )
+    return round(start * 1e9) + round(time * 1e9)
 
 
 def _message(kind: str, /, **entries: Any) -> Any:
@@ -257,14 +272,14 @@ def _odometry(stamp: int, x: float, y: float, heading: float | None) -> Any:
     )
 
 
-def _joint_state(stamp: int, joints: dict[str, tuple[float, float]]) -> Any:
-    """Velocity and effort by joint."""
-    velocity, effort = (np.array(values) for values in zip(*joints.values(), strict=True))
+def _joint_state(stamp: int, joints: Mapping[str, tuple[float, ...]]) -> Any:
+    """Position, velocity and effort by joint."""
+    position, velocity, effort = (np.array(values) for values in zip(*joints.values(), strict=True))
     return _message(
         KINDS["/joint_states"],
         header=_header(stamp),
         name=list(joints),
-        position=np.full(len(joints), math.nan),
+        position=position,
         velocity=velocity,
         effort=effort,
     )
