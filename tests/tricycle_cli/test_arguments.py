@@ -4,7 +4,13 @@ from argparse import ArgumentTypeError
 
 import pytest
 
-from tricycle_cli.arguments import nonnegative_number, parse_assignments, real_time_factor, seed
+from tricycle_cli.arguments import (
+    namespace,
+    nonnegative_number,
+    parse_assignments,
+    real_time_factor,
+    seed,
+)
 from tricycle_core.errors import PlanError
 
 
@@ -13,6 +19,7 @@ from tricycle_core.errors import PlanError
     [
         (seed, {"0": 0, "12": 12}, ["-1", "1.5", "\u0663", ""]),
         (real_time_factor, {"0": 0.0, "2.5": 2.5, "1000": 1000.0}, ["-1", "1001", "nan", "fast"]),
+        (namespace, {n: n for n in ("", "one", "/yard/one")}, ["/x/", "a b", "9x", "\u00e4"]),
         (nonnegative_number, {"0": 0.0, "1e3": 1000.0}, ["-1", "inf", "nan", "much"]),
     ],
 )

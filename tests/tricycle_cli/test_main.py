@@ -118,14 +118,27 @@ def test_help_fits_a_terminal_of_80_columns(command, capsys, monkeypatch):
         ("judge bag --datum 91,11", "datum 91.0, 11.0: latitude is -90 to 90 degrees"),
         ("identify a.csv --window 0", "argument --window: '0': needs a number above 0 (see"),
         ("demo --real-time-factor fast", "'fast' must be from 0 (as fast as it runs) to 1000"),
+        ("plc probe x --baud -5", "'-5' must be a whole number from 9600 to 1000000"),
+        ("plc probe x --boot-wait nan", "'nan': needs a number, 0 or more"),
+        ("plc monitor x --seconds 1e400", "'1e400': needs a number, 0 or more"),
+        ("plc probe --json ", "needs the path of a serial device"),
+        ("monitor --namespace /x/", "'/x/' is not a namespace, as in first or /yard/first"),
     ],
 )
 def test_an_argument_that_cannot_be_is_status_2(line, message, capsys):
     with pytest.raises(SystemExit) as stop:
-        main(line.split())
+        main(line.split(" "))
     assert stop.value.code == 2
     (said,) = capsys.readouterr().err.splitlines()
     assert message in said
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("domain", ["-1", "233", "\u00b2"])
+def test_a_domain_that_there_is_not_is_refused(domain, monkeypatch, capsys):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    assert main(["monitor", "--json"]) == 2
+    assert f"ROS_DOMAIN_ID = {domain}: must be a number" in capsys.readouterr().err
 
 
 @pytest.mark.slow

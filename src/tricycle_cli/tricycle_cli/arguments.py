@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from argparse import ArgumentParser, ArgumentTypeError, Namespace, _ArgumentGroup
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -460,6 +461,24 @@ def positive_number(text: str) -> float:
     if not 0.0 < value < math.inf:
         raise ArgumentTypeError(f"{text!r}: needs a number above 0")
     return value
+
+
+def namespace(text: str) -> str:
+    """Return a namespace of ROS nodes.
+
+    Parameters
+    ----------
+    text : str
+        Argument; empty: none.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If no node can have it.
+    """
+    if not re.fullmatch(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?", text, re.ASCII):
+        raise ArgumentTypeError(f"'{text}' is not a namespace, as in first or /yard/first")
+    return text
 
 
 def parameter_name(text: str) -> str:

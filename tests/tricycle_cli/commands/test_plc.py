@@ -15,6 +15,7 @@ pytestmark = pytest.mark.real_time
     [
         (["check", "one"], "two ports"),
         (["check", "one", "two"], "--engineer NAME"),
+        (["check", "one", "./one", "--engineer", "A"], "one and ./one are one port"),
         (["probe", "one", "two"], "takes one port, not 2"),
         pytest.param(
             ["check", "nowhere", "nirgends", "--engineer", "A", "--boot-wait", "0"],

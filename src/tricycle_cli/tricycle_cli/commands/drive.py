@@ -1,11 +1,10 @@
 """`tricycle drive`: drive a plan, on a simulation of its own or on nodes that run already."""
 
 import argparse
-import re
 import shlex
 from pathlib import Path
 
-from tricycle_cli.arguments import real_time_factor, seed
+from tricycle_cli.arguments import namespace, real_time_factor, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
 from tricycle_core.errors import PlanError
@@ -69,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="drive a plan of another vehicle: one that differs in what shapes the commands",
     )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
-    add("--namespace", type=_namespace, default="", metavar="NAME", help="of those nodes")
+    add("--namespace", type=namespace, default="", metavar="NAME", help="of those nodes")
     parser.set_defaults(run=run)
 
 
@@ -134,9 +133,3 @@ def run(args: argparse.Namespace) -> int:
                 drive(one, bag, progress)
             print(f"bag: {bag}   judge it: {shlex.join(['tricycle', 'judge', str(bag)])}")
     return 0
-
-
-def _namespace(text: str) -> str:
-    if not re.fullmatch(r"(/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*)?", text, re.ASCII):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a namespace, as in first or /yard/first")
-    return text

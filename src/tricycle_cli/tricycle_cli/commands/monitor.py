@@ -5,6 +5,7 @@ import json
 import os
 import time
 
+from tricycle_cli.arguments import namespace
 from tricycle_core.errors import NodeError
 
 EXAMPLE = """\
@@ -32,7 +33,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument
-    add("--namespace", default="", metavar="NAME", help="of the tricycle (default: none)")
+    add(
+        "--namespace",
+        type=namespace,
+        default="",
+        metavar="NAME",
+        help="of the tricycle (default: none)",
+    )
     add("--json", action="store_true", help="print what is heard as one JSON object and end")
     parser.set_defaults(run=run)
 
@@ -52,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.operation.monitor_node import Monitor
 
     text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not text.isdigit() or int(text) > 232:
+    if not text.isdecimal() or int(text) > 232:
         raise NodeError(f"ROS_DOMAIN_ID = {text}: must be a number from 0 to 232")
     where = f"domain {text}" + (f", namespace {args.namespace}" if args.namespace else "")
     with Monitor(domain=int(text), namespace=args.namespace) as monitor:

@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import json
 import math
+import os
 import sys
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,7 +20,7 @@ from tricycle_bridge.protocol.messages import (
 )
 from tricycle_bridge.protocol.readable import fault_names, state_name
 from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT
-from tricycle_cli.arguments import add_overwrite_option, check_output_files
+from tricycle_cli.arguments import add_overwrite_option, check_output_files, nonnegative_number
 from tricycle_core.documents import encode
 from tricycle_core.errors import LinkError
 
@@ -61,20 +62,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "ports",
         nargs="+",
+        type=_port,
         metavar="PORT",
         help="serial device; check: that of the steer PLC, then that of the drive PLC",
     )
-    add("--baud", type=int, default=BAUD, help=f"bits per second (default: {BAUD})")
+    add("--baud", type=_baud, default=BAUD, help=f"bits per second (default: {BAUD})")
     add(
         "--boot-wait",
-        type=float,
+        type=nonnegative_number,
         default=2.0,
         metavar="S",
         help="silence after opening, for a UNO's bootloader (default: 2)",
     )
     add(
         "--seconds",
-        type=float,
+        type=nonnegative_number,
         metavar="S",
         help="how long to watch (default: stats 2, monitor until Ctrl-C)",
     )
@@ -127,9 +129,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _port(text: str) -> str:
+    if not text:
+        raise argparse.ArgumentTypeError("needs the path of a serial device, as /dev/ttyACM0")
+    return text
+
+
+def _baud(text: str) -> int:
+    if not text.isdecimal() or not 9600 <= int(text) <= 1_000_000:
+        raise argparse.ArgumentTypeError(f"{text!r} must be a whole number from 9600 to 1000000")
+    return int(text)
+
+
 def _check(args: argparse.Namespace) -> int:
     if len(args.ports) != 2:
         raise LinkError("plc check takes two ports: that of the steer PLC, that of the drive PLC")
+    if len({os.path.realpath(port) for port in args.ports}) < 2:
+        raise LinkError(f"plc check: {' and '.join(args.ports)} are one port; each PLC has its own")
     if not (args.engineer or "").strip():
         raise LinkError("plc check needs --engineer NAME: somebody signs the record off")
 
