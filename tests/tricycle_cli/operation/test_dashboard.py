@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 
 import pytest
 from rich.console import Console
@@ -71,13 +72,25 @@ def test_values_of_another_software_do_not_end_it(damage):
     assert "running" in text_of(Dashboard(maneuver=RUNNING | damage))
 
 
+@pytest.mark.parametrize(
+    ("reason", "shown"), [("", "20.0 of 20.0 s"), ("ended early", "5.0 of 20.0 s")]
+)
+def test_a_drive_that_ended_early_is_not_shown_as_driven_to_its_end(reason, shown):
+    assert shown in text_of(Dashboard(maneuver=RUNNING | {"state": "done", "reason": reason}))
+
+
 def test_a_snapshot_is_json():
     dashboard = Dashboard(
-        {"a: b": DiagnosticEntry(Level.WARN, "hm", 1.0)}, RUNNING, JointReading(0.1, 0.2)
+        {"a: b": DiagnosticEntry(Level.WARN, "hm", 1.0)},
+        RUNNING,
+        JointReading(0.1, 0.2),
+        JointReading(math.nan, 0.3),
     )
-    told = json.loads(json.dumps(dashboard.snapshot()))
+    told = json.loads(json.dumps(dashboard.snapshot(), allow_nan=False))
     assert told["diagnostics"] == {"a: b": {"level": "warn", "message": "hm"}}
     assert told["commanded"] == {"steering_motor_angle": 0.1, "wheel_rate": 0.2}
+    assert told["measured"] == {"steering_motor_angle": None, "wheel_rate": 0.3}
+    assert told["odom"] is None
     assert told["odom"] is None
 
 

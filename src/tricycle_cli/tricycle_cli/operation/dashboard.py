@@ -1,5 +1,6 @@
 """What a live run looks like in a terminal: links, maneuver, speeds, progress."""
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -125,16 +126,22 @@ class Dashboard:
     preflight: Mapping[str, DiagnosticEntry] = field(default_factory=dict)
 
     def snapshot(self) -> dict[str, object]:
-        """Return the same as JSON values."""
+        """Return the same as JSON values; a number that is not finite is None."""
         return {
             "maneuver": dict(self.maneuver),
             "learnt": self.learnt,
             "preflight": _levels_and_messages(self.preflight),
             "diagnostics": _levels_and_messages(self.diagnostics),
-            "commanded": self.commanded and vars(self.commanded),
-            "measured": self.measured and vars(self.measured),
-            "odom": self.odometry and vars(self.odometry),
+            "commanded": _numbers(self.commanded),
+            "measured": _numbers(self.measured),
+            "odom": _numbers(self.odometry),
         }
+
+
+def _numbers(reading: JointReading | OdometryReading | None) -> dict[str, float | None] | None:
+    if reading is None:
+        return None
+    return {n: value if math.isfinite(value) else None for n, value in vars(reading).items()}
 
 
 def _levels_and_messages(entries: Mapping[str, DiagnosticEntry]) -> dict[str, dict[str, str]]:
@@ -185,7 +192,7 @@ def _maneuver(dashboard: Dashboard) -> RenderableType:
         f"   {values.get('reason', '')}",
     )
     elapsed, duration = (_number(values.get(key)) for key in ("elapsed", "duration"))
-    if state == PlaybackState.DONE.value:
+    if state == PlaybackState.DONE.value and not values.get("reason"):
         elapsed = duration
     bar = Table.grid(padding=(0, 1), expand=True)
     bar.add_column(ratio=1)
