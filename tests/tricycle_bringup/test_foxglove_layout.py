@@ -3,9 +3,13 @@
 import base64
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 import tricycle_bringup
+import tricycle_sim
 from tricycle_bringup.layout import foxglove_layout
 from tricycle_bringup.urdf import tricycle_urdf
 from tricycle_sim.vehicle import load_vehicle
@@ -55,6 +59,24 @@ def test_the_model_is_the_vehicles():
     kind, _, data = url.partition(",")
     assert kind == "data:application/xml;base64"
     assert base64.b64decode(data).decode() == tricycle_urdf(longer)
+
+
+@pytest.mark.parametrize(
+    ("unknown", "shown", "label", "unit"),
+    [
+        (None, "front.cornering_stiffness", "front cornering stiffness", "N/rad"),
+        ({"yaw_inertia": (0.001, 0.01)}, "yaw_inertia", "yaw inertia", "kg m^2"),
+    ],
+)
+def test_the_standard_deviation_shown_is_of_a_parameter_of_the_vehicle(unknown, shown, label, unit):
+    car = load_vehicle(Path(tricycle_sim.__file__).parent / "car_1_10.yaml")
+    car = car if unknown is None else replace(car, unknown=unknown)
+    panel = json.loads(foxglove_layout(car))["configById"]["Plot!learnt"]
+    names = [re.search(r'key=="(.+?)"', path["value"])[1] for path in panel["paths"]]
+    assert names == [f"{shown} std", f"{shown} planned std"]
+    assert shown in car.unknown
+    assert panel["paths"][0]["label"] == label
+    assert panel["yAxisLabel"] == unit
 
 
 def test_scripts_make_poses_and_transforms_of_what_is_published():
