@@ -92,17 +92,20 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
         assert HALF_WIDTH * known.std <= 0.05 * known.estimate
         assert abs(known.estimate - TRUTH[name]) < 4.0 * known.std
     # as it was when it is opened again; a finished one has nothing left to do
+    known, drives = campaign.known(), len(campaign.steps)
+    del campaign
     again = Campaign(tmp_path / "c", request())
     assert again.finished
-    assert again.known() == campaign.known()
+    assert again.known() == known
     report = campaign_report(again, TRUTH)
     assert report["targets"]["camber_stiffness"]["within_tolerance"]
-    assert len(report["steps"]) == report["drives"] == len(campaign.steps)
+    assert len(report["steps"]) == report["drives"] == drives
+    del again
     # a finer tolerance goes on from there, with what is known as the prior
-    finer = Campaign(tmp_path / "c", request(tolerance=0.002, most_drives=len(campaign.steps) + 1))
+    finer = Campaign(tmp_path / "c", request(tolerance=0.002, most_drives=drives + 1))
     before = finer.known()
     go_on(finer, track)
-    assert len(finer.steps) == len(campaign.steps) + 1
+    assert len(finer.steps) == drives + 1
     target = finer.steps[-1].target
     assert finer.steps[-1].predicted_std[target] < before[target].std
     # noise is estimated anew from all drives, so the deviation need not fall with every one
@@ -120,6 +123,7 @@ def test_a_bag_that_holds_no_drive_is_driven_again(tmp_path):
 
     with pytest.raises(PlanError, match=r"no poses; give the same command again"):
         campaign.identify(fail)
+    del campaign
     again = Campaign(tmp_path / "c", request())
     assert not again.steps[0].driven
     again.drive(track.drive, lambda done, total: None)
@@ -143,6 +147,14 @@ def test_a_drive_that_may_end_early_knows_what_the_ones_before_it_taught(tmp_pat
         at = prior.names.index(name)
         assert prior.mean[at] == pytest.approx(known.estimate)
         assert prior.covariance[at, at] == pytest.approx(known.std**2)
+
+
+def test_a_second_campaign_stays_out_of_a_folder_until_the_first_has_ended(tmp_path):
+    first = Campaign(tmp_path / "c", request())
+    with pytest.raises(PlanError, match="another campaign is at work in this folder"):
+        Campaign(tmp_path / "c", request())
+    del first
+    assert Campaign(tmp_path / "c", request()).steps == ()
 
 
 def test_other_settings_do_not_continue_a_campaign(tmp_path):

@@ -5,8 +5,11 @@ a kill the same call continues: a bag that was being recorded is driven again, a
 """
 
 import dataclasses
+import fcntl
 import math
+import os
 import shutil
+import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -30,6 +33,8 @@ from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
 HALF_WIDTH = 1.96  # standard deviations of a 95 % interval
+LOCK = "lock"
+"""File in the folder of a campaign, locked by the process that is at work there."""
 
 
 @dataclass(frozen=True)
@@ -73,23 +78,38 @@ class Campaign:
     Raises
     ------
     PlanError
-        If the folder holds a campaign with other settings, or its state cannot be read.
+        If the folder holds a campaign with other settings, its state cannot be read, or another
+        process is at work in it.
     """
 
     def __init__(self, folder: Path, request: CampaignRequest) -> None:
         self.folder, self.request = folder, request
         self.steps: tuple[Step, ...] = ()
         self.left_out: tuple[str, ...] = ()
-        if self._state.exists():
-            self.steps = self._read()
-        else:
+        if not self._state.exists():
             check_folder(folder)
-            if folder.exists() and any(folder.iterdir()):
+            if folder.exists() and any(file.name != LOCK for file in folder.iterdir()):
                 raise PlanError(
                     f"{folder}: holds something else; give a new folder for the campaign"
                 )
             folder.mkdir(parents=True, exist_ok=True)
+        self._lock()
+        if self._state.exists():
+            self.steps = self._read()
+        else:
             self._keep(())
+
+    def _lock(self) -> None:
+        """Keep other campaigns out of the folder as long as this object lives."""
+        lock = os.open(self.folder / LOCK, os.O_WRONLY | os.O_CREAT, 0o666)
+        weakref.finalize(self, os.close, lock)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise PlanError(
+                f"{self.folder}: another campaign is at work in this folder; wait for its end, or "
+                "give another folder"
+            ) from None
 
     @property
     def _state(self) -> Path:
