@@ -159,9 +159,17 @@ def test_a_second_campaign_stays_out_of_a_folder_until_the_first_has_ended(tmp_p
 
 def test_other_settings_do_not_continue_a_campaign(tmp_path):
     Campaign(tmp_path / "c", request())
-    noise = MeasurementNoise(noise_std=0.02, yaw_rate_std=0.005)
-    with pytest.raises(PlanError, match=r"other settings \(different: true_seed, noise_std\)"):
-        Campaign(tmp_path / "c", request(noise=noise, true_seed=4))
+    changes = {
+        "true_seed, noise_std": {
+            "noise": MeasurementNoise(noise_std=0.02, yaw_rate_std=0.005),
+            "true_seed": 4,
+        },
+        "effects, weighed": {"effects": ("wheel-radius",), "weighed": True},
+        "plan_effects": {"plan_effects": ("wheel-radius",)},
+    }
+    for different, change in changes.items():
+        with pytest.raises(PlanError, match=rf"other settings \(different: {different}\)"):
+            Campaign(tmp_path / "c", request(**change))
 
 
 def test_another_area_does_not_continue_a_campaign(tmp_path):

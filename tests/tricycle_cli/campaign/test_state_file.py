@@ -46,8 +46,8 @@ def test_what_was_identified_is_read_with_it(tmp_path):
     [
         ("{", "is not JSON"),
         ("[]", "not the state of a campaign"),
-        (json.dumps({"schema": 9}), "schema 9; this one reads 2"),
-        (json.dumps({"schema": 2, "settings": {}}), "not the state of a campaign"),
+        (json.dumps({"schema": 9}), "schema 9; this one reads 3"),
+        (json.dumps({"schema": 3, "settings": {}}), "not the state of a campaign"),
     ],
 )
 def test_another_file_is_refused_with_its_name(text, message, tmp_path):

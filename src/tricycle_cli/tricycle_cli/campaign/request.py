@@ -44,6 +44,10 @@ class Settings:
         Ground that the drives stay on.
     lead_in : float, optional
         Straight before the families' own run-ins [m]; None: no lead-in.
+    effects, plan_effects : tuple of str
+        As in `CampaignRequest`.
+    weighed : bool
+        As in `CampaignRequest`.
     """
 
     vehicle: str
@@ -55,6 +59,9 @@ class Settings:
     ranges: Mapping[str, tuple[float, float]]
     area: Area | None = None
     lead_in: float | None = None
+    effects: tuple[str, ...] = ()
+    weighed: bool = False
+    plan_effects: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -178,4 +185,7 @@ class CampaignRequest:
             },
             area=self.area,
             lead_in=next((f.length for f in self.families if isinstance(f, LedInFamily)), None),
+            effects=self.effects,
+            weighed=self.weighed,
+            plan_effects=self.plan_effects,
         )

@@ -10,7 +10,7 @@ from tricycle_cli.campaign.request import Settings
 from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
 from tricycle_core.errors import PlanError
 
-SCHEMA = 2
+SCHEMA = 3
 MAX_BYTES = 64_000_000
 
 
