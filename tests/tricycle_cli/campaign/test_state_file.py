@@ -42,6 +42,20 @@ def test_what_was_identified_is_read_with_it(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "elsewhere",
+    [{"bag": "/home/me"}, {"bag": "bags/../.."}, {"bag": "bags/01/.."}, {"plan": "../plan.json"}],
+)
+def test_plans_and_bags_elsewhere_are_refused(elsewhere, tmp_path):
+    file = tmp_path / "campaign.json"
+    CampaignState(SETTINGS, (STEP,)).write(file)
+    values = json.loads(file.read_text())
+    values["steps"][0] |= elsewhere
+    file.write_text(json.dumps(values))
+    with pytest.raises(PlanError, match=r"state of a campaign: steps\[0\]: '.*' must be"):
+        CampaignState.read(file)
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("{", "is not JSON"),

@@ -1,6 +1,7 @@
 """`campaign.json`: the state of a campaign, written after every step of work."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -38,6 +39,11 @@ class Step:
         Whether the bag is complete.
     identification : IdentificationDocument, optional
         What is known after it; None: not yet identified.
+
+    Raises
+    ------
+    PlanError
+        If plan or bag is a file elsewhere: the bag of a drive that was cut off is deleted.
     """
 
     target: str
@@ -50,6 +56,11 @@ class Step:
     predicted_std: Mapping[str, float]
     driven: bool = False
     identification: IdentificationDocument | None = None
+
+    def __post_init__(self) -> None:
+        for file, pattern in ((self.plan, "plans/[0-9]+[.]json"), (self.bag, "bags/[0-9]+")):
+            if not re.fullmatch(pattern, file):
+                raise PlanError(f"{file!r} must be plans/NUMBER.json, or bags/NUMBER of a bag")
 
 
 @dataclass(frozen=True)
