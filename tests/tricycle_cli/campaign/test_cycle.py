@@ -112,17 +112,26 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
     assert finer.known()[target].std < 1.2 * before[target].std
 
 
+def no_poses(bag, vehicle):
+    raise JudgeError(f"{bag}: no poses")
+
+
+def standing(bag, vehicle):
+    """A vehicle that did not move."""
+    drive = Track().read(bag, vehicle)
+    signal = drive.signals[Sensor.POSITION]
+    still = dataclasses.replace(signal, values=np.zeros_like(signal.values))
+    return dataclasses.replace(drive, signals={Sensor.POSITION: still})
+
+
 @pytest.mark.slow
-def test_a_bag_that_holds_no_drive_is_driven_again(tmp_path):
+@pytest.mark.parametrize(("read", "why"), [(no_poses, "no poses"), (standing, "too little motion")])
+def test_a_bag_that_holds_no_drive_is_driven_again(tmp_path, read, why):
     track, campaign = Track(), Campaign(tmp_path / "c", request())
     campaign.plan(silent)
     campaign.drive(track.drive, lambda done, total: None)
-
-    def fail(bag, vehicle):
-        raise JudgeError(f"{bag}: no poses")
-
-    with pytest.raises(PlanError, match=r"no poses; give the same command again"):
-        campaign.identify(fail)
+    with pytest.raises(PlanError, match=rf"{why}.*; give the same command again"):
+        campaign.identify(read)
     del campaign
     again = Campaign(tmp_path / "c", request())
     assert not again.steps[0].driven

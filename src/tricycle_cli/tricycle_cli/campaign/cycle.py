@@ -285,27 +285,28 @@ class Campaign:
         Raises
         ------
         PlanError
-            If the bag of the last drive holds none that can be used; it counts as not driven.
+            If the bag of the last drive holds none that can be used, or it teaches nothing; it
+            counts as not driven.
         """
         step = self.steps[-1]
         if step.identification is None:
             vehicle = self.request.vehicle
             drives = [read(self.folder / s.bag, vehicle) for s in self.steps[:-1]]
-            try:
+            request = self.request
+            try:  # those before it were identified from, so it is the last one that cannot be used
                 drives.append(read(self.folder / step.bag, vehicle))
+                found = identify(
+                    drives,
+                    vehicle,
+                    effects=request.effects,
+                    weighed=request.weighed,
+                    seed=request.seed,
+                    progress=progress,
+                )
             except ExcitationError as error:
                 self._keep((*self.steps[:-1], dataclasses.replace(step, driven=False)))
                 again = "give the same command again, and it is driven again"
                 raise PlanError(f"{error}; {again}") from error
-            request = self.request
-            found = identify(
-                drives,
-                vehicle,
-                effects=request.effects,
-                weighed=request.weighed,
-                seed=request.seed,
-                progress=progress,
-            )
             identified = dataclasses.replace(
                 step,
                 identification=document_of(found),
