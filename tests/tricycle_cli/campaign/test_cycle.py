@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -143,6 +144,11 @@ def test_a_bag_that_holds_no_drive_is_driven_again(tmp_path, read, why):
 def test_a_drive_that_may_end_early_knows_what_the_ones_before_it_taught(tmp_path):
     track, campaign = Track(), Campaign(tmp_path / "c", request(tolerance=0.002, most_drives=2))
     for drive in range(2):
+        if drive:  # whose bag is gone: that is told before another one is planned
+            shutil.move(tmp_path / "c/bags/01", tmp_path / "01")
+            with pytest.raises(PlanError, match=r"c/bags/01: missing, .* put it back"):
+                campaign.plan(silent)
+            shutil.move(tmp_path / "01", tmp_path / "c/bags/01")
         campaign.plan(silent)
         campaign.drive(track.drive, lambda done, total: None, stop_early=True)
         enough = track.enough

@@ -178,8 +178,14 @@ class Campaign:
         Raises
         ------
         PlanError
-            If no family has a maneuver for the target.
+            If no family has a maneuver for the target, or the bag of an earlier drive is missing.
         """
+        bags = [self.folder / step.bag for step in self.steps if step.identification is not None]
+        if missing := [str(bag) for bag in bags if not bag.exists()]:
+            raise PlanError(
+                f"{', '.join(missing)}: missing, and all bags are identified from: put it back, or "
+                "begin a campaign in a new folder"
+            )
         if self.steps and self.steps[-1].identification is None:
             return load_plan(self.folder / self.steps[-1].plan)
         number, target = len(self.steps) + 1, self.missing()[0]
