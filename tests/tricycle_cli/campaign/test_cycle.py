@@ -14,10 +14,15 @@ from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import load_plan
 from parameter_identification.drives.measured import Sensor, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
-from parameter_identification.identification_file import load_identification_file
+from parameter_identification.identification_file import (
+    IdentificationDocument,
+    ParameterEntry,
+    load_identification_file,
+)
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.results import campaign_report
+from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_core.errors import ExcitationError, JudgeError, PlanError
 from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.batch import simulate
@@ -206,6 +211,36 @@ def test_on_an_area_a_family_that_does_not_fit_is_left_out_and_named(tmp_path):
     (problem,) = campaign.left_out
     assert problem.startswith("double_lane_change: ")
     assert "m further out on every side would do" in problem
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"predicted_std": {}}, "campaign.json: drive bags/01: needs predicted_std of every"),
+        ({"parameters": ["cornering_stiffness", "x"]}, "drive bags/01: .* estimates of param"),
+        ({"covariance": np.empty((0, 0))}, r"prior: needs mean \(1,\) and covariance"),
+    ],
+)
+def test_a_state_of_which_a_part_is_missing_is_told(change, message, tmp_path):
+    entry = ParameterEntry(
+        estimate=700.0, low=690.0, high=710.0, standard_deviation=100.0, range=(500.0, 1500.0)
+    )
+    names = change.get("parameters", ["cornering_stiffness"])
+    found = IdentificationDocument(
+        level=0.95,
+        parameters=dict.fromkeys(names, entry),
+        covariance=change.get("covariance", np.array([[1e4]])),
+    )
+    step = Step(
+        *("cornering_stiffness", "plans/01.json", "bags/01", "circle", {}, "id", 8.0),
+        predicted_std=change.get("predicted_std", dict.fromkeys(TARGETS, 1.0)),
+        driven=True,
+        identification=found,
+    )
+    (tmp_path / "bags/01").mkdir(parents=True)
+    CampaignState(request().settings(), (step,)).write(tmp_path / "campaign.json")
+    with pytest.raises(ExcitationError, match=message):
+        Campaign(tmp_path, request()).plan(silent)
 
 
 def test_a_foreign_folder_or_a_damaged_state_is_left_alone(tmp_path):

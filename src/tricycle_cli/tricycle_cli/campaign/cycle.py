@@ -126,6 +126,15 @@ class Campaign:
                 f"{self.folder}: is a campaign with other settings (different: "
                 f"{', '.join(different)}); give another folder, or the same settings to go on"
             )
+        unknown = set(self.request.vehicle.unknown)
+        for step in state.steps:
+            found = step.identification
+            parameters = unknown if found is None else found.parameters.keys()
+            if not (step.predicted_std.keys() >= {*self.request.targets} and parameters <= unknown):
+                raise PlanError(
+                    f"{self._state}: drive {step.bag}: needs predicted_std of every target, and "
+                    f"estimates of parameters of {self.request.vehicle.name} only"
+                )
         return state.steps
 
     def _keep(self, steps: tuple[Step, ...]) -> None:
@@ -228,10 +237,10 @@ class Campaign:
         found = self.steps[-1].identification
         if found is None:
             raise PlanError("a campaign plans after the identification of the last drive")
-        low, high = np.array([self.request.vehicle.unknown[name] for name in found.parameters]).T
-        estimates = np.array([entry.estimate for entry in found.parameters.values()])
-        covariance = found.covariance / np.outer(high - low, high - low)
-        return BoxPrior((estimates - low) / (high - low), 0.5 * (covariance + covariance.T))
+        known = found.posterior()
+        low, high = np.array([self.request.vehicle.unknown[name] for name in known.names]).T
+        covariance = known.covariance / np.outer(high - low, high - low)
+        return BoxPrior((known.mean - low) / (high - low), 0.5 * (covariance + covariance.T))
 
     def _known_effects(self) -> dict[str, float]:
         """Standard deviations of what all drives have in common beside the parameters."""
