@@ -1,6 +1,8 @@
 """What a campaign found, as numbers, as a table and as a figure."""
 
+import dataclasses
 import io
+import json
 
 import numpy as np
 import pytest
@@ -59,12 +61,29 @@ def test_the_report_says_what_is_known_after_each_drive(campaign):
 
 
 def test_the_table_has_a_row_per_drive(campaign):
-    console = Console(width=120, file=io.StringIO(), record=True)
-    console.print(campaign_table(campaign, TRUTH))
-    text = console.export_text()
+    text = text_of(campaign_table(campaign, TRUTH))
     for part in ("wanted: ± 5 %", "nothing: the ranges", "1: circle", "710 ± 2.76%", "700"):
         assert part in text
     assert "expected: if no effects act" not in text  # those of this campaign count none either
+
+
+def test_an_estimate_of_zero_has_no_share(campaign, tmp_path):
+    step = campaign.steps[0]
+    entry = step.identification.parameters["cornering_stiffness"]
+    zero = {"cornering_stiffness": dataclasses.replace(entry, estimate=0.0)}
+    found = dataclasses.replace(step.identification, parameters=zero)
+    campaign.steps = (dataclasses.replace(step, identification=found),)
+    report = campaign_report(campaign, TRUTH)
+    json.dumps(report, allow_nan=False)
+    assert report["targets"]["cornering_stiffness"]["half_width"] is None
+    assert "0 ± inf%" in text_of(campaign_table(campaign, TRUTH))
+    plot_campaign(campaign, TRUTH, tmp_path / "report.png")
+
+
+def text_of(table):
+    console = Console(width=120, file=io.StringIO(), record=True)
+    console.print(table)
+    return console.export_text()
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from excitation_planner.area.area import Area
 from parameter_identification.drives.recorded import read_drive, read_way_back
-from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
+from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign, Knowledge
 from tricycle_cli.campaign.request import WAY_BACK
 from tricycle_cli.reports.static_figures import draw_borders
 from tricycle_core.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
@@ -38,7 +38,7 @@ def campaign_report(campaign: Campaign, truth: Mapping[str, float] | None = None
             name: {
                 "estimate": known[name].estimate,
                 "standard_deviation": known[name].std,
-                "half_width": known[name].share,
+                "half_width": known[name].share if known[name].estimate else None,
                 "within_tolerance": name not in missing,
                 **({"truth": truth[name]} if truth else {}),
             }
@@ -95,7 +95,7 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
         step = campaign.steps[number - 1] if number else None
         after = f"{number}: {step.maneuver}" if step else "nothing: the ranges"
         for name in campaign.request.targets:
-            expected = step and HALF_WIDTH * step.predicted_std[name] / abs(known[name].estimate)
+            expected = step and Knowledge(known[name].estimate, step.predicted_std[name]).share
             table.add_row(
                 after,
                 name,
@@ -191,7 +191,7 @@ def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: P
         above.set_title(name.replace("_", " "))
         below.plot(drives, [100.0 * k.share for k in known], "o-", color=BLUE, label="came")
         expected = [
-            100.0 * HALF_WIDTH * step.predicted_std[name] / abs(k.estimate)
+            100.0 * Knowledge(k.estimate, step.predicted_std[name]).share
             for step, k in zip(steps, known[1:], strict=True)
         ]
         below.plot(drives[1:], expected, "x", color=VERMILLION, label="expected when planned")
