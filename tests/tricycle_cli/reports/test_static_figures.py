@@ -1,8 +1,10 @@
 """Figures as image files."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.reports.static_figures import plot_drives, plot_plan
@@ -15,6 +17,18 @@ PNG, SVG = b"\x89PNG", b"<?xml"
 def test_a_plan_is_drawn_in_the_format_of_the_suffix(suffix, begin, plan, tmp_path):
     plot_plan(plan, tmp_path / f"plan.{suffix}")
     assert (tmp_path / f"plan.{suffix}").read_bytes().startswith(begin)
+
+
+def test_a_figure_that_is_cut_off_leaves_the_old_one(plan, tmp_path, monkeypatch):
+    def cut_off(figure, file, **_):
+        Path(file).write_bytes(PNG)
+        raise OSError
+
+    monkeypatch.setattr(Figure, "savefig", cut_off)
+    (tmp_path / "plan.png").write_text("old")
+    with pytest.raises(OSError):  # noqa: PT011
+        plot_plan(plan, tmp_path / "plan.png")
+    assert [file.read_text() for file in tmp_path.iterdir()] == ["old"]
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from parameter_identification.drives.recorded import read_drive, read_way_back
 from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign, Knowledge
 from tricycle_cli.campaign.request import WAY_BACK
 from tricycle_cli.reports.static_figures import draw_borders
+from tricycle_core.documents import replacing
 from tricycle_core.palette import BLUE, GREEN, ORANGE, PURPLE, VERMILLION
 
 FAMILIES = (BLUE, GREEN, ORANGE, PURPLE)  # on the yard
@@ -79,7 +80,7 @@ def campaign_table(campaign: Campaign, truth: Mapping[str, float] | None) -> Tab
     """
     wanted = f"wanted: ± {100.0 * campaign.request.tolerance:g} %"
     table = Table(
-        title=f"estimates ± half their 95 % intervals (2σ), {wanted}",
+        title=f"estimates ± 1.96σ (half a 95 % interval; ranges as if uniform), {wanted}",
         caption="expected: if no effects act; the estimates reckon with them"
         if campaign.request.effects
         else None,
@@ -161,7 +162,8 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
     axes.legend(
         fontsize="small", loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, columnspacing=1.0
     )
-    figure.savefig(path, dpi=150, bbox_inches="tight")
+    with replacing(path) as file:
+        figure.savefig(file, dpi=150, bbox_inches="tight")
 
 
 def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: Path) -> None:
@@ -205,4 +207,5 @@ def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: P
             axis.legend(fontsize="small")
     axes[0, 0].set_ylabel("value in the unit of the vehicle file")
     axes[1, 0].set_ylabel("half width / % of the estimate")
-    figure.savefig(path, dpi=150)
+    with replacing(path) as file:
+        figure.savefig(file, dpi=150)

@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import json
 from collections.abc import Iterator
+from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -187,8 +188,9 @@ def run(args: argparse.Namespace) -> int:
     plot_campaign(campaign, truth, args.output / "report.png")
     if request.area is not None:
         plot_yard(campaign, request.area, args.output / "yard.png")
-    with (args.output / "report.txt").open("w", encoding="utf-8") as file:
-        Console(file=file, width=120).print(table)
+    text = StringIO()
+    Console(file=text, width=120).print(table)
+    write_whole(args.output / "report.txt", text.getvalue())
     if args.json:
         print(json.dumps(report))
     else:

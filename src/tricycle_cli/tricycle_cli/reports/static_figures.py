@@ -17,6 +17,7 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
 from excitation_planner.indices.figure import Spread, draw_indices
 from excitation_planner.plan import Index, Plan
+from tricycle_core.documents import replacing
 from tricycle_core.palette import BLUE, VERMILLION
 from tricycle_core.quantities import FloatArray
 
@@ -85,7 +86,8 @@ def plot_plan(plan: Plan, path: Path) -> None:
         )  # fmt: skip
     for axes in panels.values():
         axes.grid(alpha=0.3)
-    figure.savefig(path, dpi=150)
+    with replacing(path) as file:
+        figure.savefig(file, dpi=150)
 
 
 def _spread(indices: Mapping[str, Index]) -> Spread:
@@ -175,7 +177,8 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
         below.set_xlabel("time since the start / s")
         below.set_ylabel("distance / mm")
         below.grid(alpha=0.3)
-    figure.savefig(path, dpi=150)
+    with replacing(path) as file:
+        figure.savefig(file, dpi=150)
 
 
 def fleet_figure(fleet: Fleet) -> Figure:
