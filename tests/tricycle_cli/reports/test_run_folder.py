@@ -1,10 +1,12 @@
 """What is found in a folder of results; what is damaged is refused."""
 
+import dataclasses
 import json
 
 import numpy as np
 import pytest
 
+from excitation_planner.plan import save_plan
 from tricycle_cli.reports.run_folder import read_run
 from tricycle_core.errors import IdentificationError, ReportError
 
@@ -17,6 +19,24 @@ def test_a_bag_is_shown_with_the_plan_that_was_driven_whatever_their_names(folde
     assert maneuver.te_expected == 0.00123
     assert np.all(maneuver.joints.wheel_rate == 2.0)
     assert maneuver.joints.time[0] == 0.0
+
+
+def test_every_drive_and_every_plan_is_shown_under_a_name_of_its_own(plan, record_drive, tmp_path):
+    reference = dataclasses.replace(plan.reference, x=plan.reference.x + 1e-6)
+    other = dataclasses.replace(plan, reference=reference)
+    for bag in ("bags/1", "bags/2", "day1/bag", "day2/bag"):  # one plan driven four times
+        record_drive(tmp_path / bag)
+    save_plan(plan, tmp_path / "plans" / "designed.json")
+    found = {m.name: m for m in read_run(tmp_path).maneuvers}
+    assert list(found) == ["bags/1", "bags/2", "day1/bag", "day2/bag"]
+    assert all(m.plan.id == plan.id and m.judgement is not None for m in found.values())
+    # without it, and with plans that were not driven
+    (tmp_path / "plans" / "designed.json").unlink()
+    for file in ("plans/1.json", "set/plan-1.json", "set/plan-2.json"):
+        save_plan(other, tmp_path / file)
+    names = [m.name for m in read_run(tmp_path).maneuvers]
+    planned = ["plans/1.json", "plan-1", "plan-2"]
+    assert names == [*planned, "bags/1", "2", "day1/bag", "day2/bag"]
 
 
 def test_no_directory_is_told(tmp_path):

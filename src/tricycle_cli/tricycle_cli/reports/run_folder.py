@@ -48,7 +48,7 @@ class Maneuver:
     Attributes
     ----------
     name : str
-        Of its plan or bag.
+        Of its plan or bag; its path in the run where another one has this name.
     plan : Plan, optional
         None where only its bag is there.
     judgement : Judgement, optional
@@ -78,7 +78,7 @@ class Run:
     folder : Path
         The directory.
     maneuvers : tuple of Maneuver
-        Each plan with its drive, and drives whose plan is elsewhere.
+        Each plan with its drives, one for each, and drives whose plan is elsewhere.
     identifications : tuple of (str, IdentificationDocument)
         Of these or other drives, each with the name of its directory.
     """
@@ -109,22 +109,36 @@ def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive
     """
     if not folder.is_dir():
         raise ReportError(f"{folder}: is not a directory; give that of a demo, a plan or a bag")
-    plans = {_name(file): load_plan(file) for file in _plan_files(folder)}
+    plans = {file: load_plan(file) for file in _plan_files(folder)}
     result = DemoResult.read(folder / "result.json")
-    driven: dict[str, Maneuver] = {}
-    for bag in _bags(folder):
-        maneuver = _driven(bag, read, plans, result)
-        driven[maneuver.name] = maneuver
-    planned = {name: Maneuver(name, plan) for name, plan in plans.items()}
-    maneuvers = planned | driven
+    driven = {bag: _driven(bag, read, plans, result) for bag in _bags(folder)}
+    found: dict[Path, Maneuver] = {}
+    for file, plan in plans.items():
+        drives = {
+            bag: m for bag, m in driven.items() if m.plan is not None and m.plan.id == plan.id
+        }
+        found |= drives or {file: Maneuver(_name(file), plan)}
+    maneuvers = _named_apart(found | driven, folder)
     files = [found for depth in ("", "*/", "*/*/") for found in folder.glob(f"{depth}{IDENTIFIED}")]
     identifications = tuple(_identification(file, result) for file in sorted(files))
     if not maneuvers and not identifications:
         raise ReportError(
-            f"{folder}: holds no plan (plan.json, plans/*.json), no bag (metadata.yaml or *.mcap) "
-            f"and no {IDENTIFIED}, here or up to two directories below"
+            f"{folder}: holds no plan (plan.json, plan-1.json, plans/*.json), no bag "
+            f"(metadata.yaml or *.mcap) and no {IDENTIFIED}, here or up to two directories below"
         )
-    return Run(folder, tuple(maneuvers.values()), identifications)
+    return Run(folder, maneuvers, identifications)
+
+
+def _named_apart(found: Mapping[Path, Maneuver], folder: Path) -> tuple[Maneuver, ...]:
+    """The maneuvers of plan files and bags, by their paths where one name is that of several."""
+    paths = [path.relative_to(folder).as_posix() for path in found]
+    names = [maneuver.name for maneuver in found.values()]
+    return tuple(
+        dataclasses.replace(maneuver, name=path)
+        if names.count(maneuver.name) > 1 or maneuver.name in {*paths} - {path}
+        else maneuver
+        for path, maneuver in zip(paths, found.values(), strict=True)
+    )
 
 
 def _identification(file: Path, result: DemoResult) -> tuple[str, IdentificationDocument]:
@@ -140,8 +154,10 @@ def _identification(file: Path, result: DemoResult) -> tuple[str, Identification
 
 
 def _plan_files(folder: Path) -> list[Path]:
-    found = [*folder.glob("plan.json"), *folder.glob("*/plan.json"), *folder.glob("plans/*.json")]
-    return sorted(set(found))
+    patterns = [
+        f"{depth}{name}" for depth in ("", "*/") for name in ("plan.json", "plan-[0-9].json")
+    ]
+    return sorted({file for one in (*patterns, "plans/*.json") for file in folder.glob(one)})
 
 
 def _name(plan_file: Path) -> str:
@@ -161,18 +177,19 @@ def _is_bag(path: Path) -> bool:
 def _driven(
     bag: Path,
     read: Callable[[Path], RecordedDrive],
-    plans: Mapping[str, Plan],
+    plans: Mapping[Path, Plan],
     result: DemoResult,
 ) -> Maneuver:
-    """The drive in a bag, with the plan that was driven if it is there; else that of its name."""
+    """The drive in a bag, with the plan that was driven and its name if it is there."""
     name = bag.resolve().name
     try:
         drive = read(bag)
         judgement, joints = judge_drive(drive), _joints(drive)
     except (BagError, JudgeError) as error:
-        return Maneuver(name, plans.get(name), failure=str(error))
-    for known, plan in plans.items():
+        return Maneuver(name, failure=str(error))
+    for file, plan in plans.items():
         if plan.id == drive.plan_id:
+            known = _name(file)
             noted = result.drives.get(known)
             expected = None if noted is None else noted.te_expected
             return Maneuver(known, plan, judgement, joints, te_expected=expected)
