@@ -15,6 +15,16 @@ def test_the_command_writes_one_file_and_says_where(folder, capsys):
     assert {p.name for p in folder.iterdir()} == {"plans", "bags", "result.json", "report.html"}
 
 
+def test_the_page_is_there_also_where_a_figure_cannot_be_written(tmp_path, monkeypatch):
+    def fail(*_):
+        raise OSError
+
+    (tmp_path / "identification.json").write_text('{"level": 0.95, "parameters": {}}')
+    monkeypatch.setattr("tricycle_cli.reports.figure_files.write_figures", fail)
+    assert main(["report", str(tmp_path), "--figures", str(tmp_path / "figures")]) == 2
+    assert (tmp_path / "run.html").exists()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("where", ["", "bags", "bags/recorded", "plans/.."])
 def test_any_directory_of_a_run_will_do(folder, where, capsys):

@@ -6,11 +6,13 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 
 from excitation_planner.plan import load_plan, save_plan
 from tricycle_cli.main import main
-from tricycle_cli.reports.figure_files import write_figures
+from tricycle_cli.reports.figure_files import figures_by_file, write_figures
+from tricycle_cli.reports.html_page import PlotBlock, Section
 from tricycle_cli.reports.run_folder import Maneuver, Run, read_run, wheel_loads
 from tricycle_cli.reports.run_page import run_page, run_sections
 from tricycle_sim.vehicle import load_vehicle
@@ -66,6 +68,17 @@ def test_every_figure_is_a_file_on_demand(folder, tmp_path, suffix):
     }
     begin = {"svg": b"<?xml", "pdf": b"%PDF"}[suffix]
     assert all(file.read_bytes().startswith(begin) for file in files)
+
+
+def test_figures_of_drives_whose_names_look_alike_are_files_of_their_own(tmp_path):
+    section = Section("", (PlotBlock("error", (go.Figure(),), ""),))
+    titles = ["a b", "a_b", "run 10:00", "run 10:30", "run: circle for mass", "n" * 300]
+    sections = [dataclasses.replace(section, title=title) for title in titles]
+    files = [file.name for file in figures_by_file(sections, tmp_path, "svg")]
+    assert files[:2] == ["a_b_error.svg", "a_b_error-2.svg"]
+    assert files[2:5] == [f"run{at}_error.svg" for at in ("_10_00", "_10_30", "")]
+    assert len(files) == len(titles)
+    assert max(map(len, files)) < 100
 
 
 @pytest.mark.slow

@@ -68,8 +68,9 @@ def run(args: argparse.Namespace) -> int:
         from tricycle_cli.reports.figure_files import figures_by_file, write_figures
 
         check_output_files(figures_by_file(sections, args.figures, args.format), args)
-        files = write_figures(sections, args.figures, args.format)
     write_whole(output, page)
+    if args.figures is not None:
+        files = write_figures(sections, args.figures, args.format)
     if args.json:
         said = {"report": str(output), "maneuvers": [m.name for m in found.maneuvers]}
         print(json.dumps(said | ({"figures": [str(file) for file in files]} if files else {})))

@@ -17,6 +17,7 @@ from tricycle_core.documents import replacing
 
 WIDTH = 9.0  # inches, of a figure that a page shows alone
 PX = 100.0  # of a page in an inch
+MOST_LETTERS = 50  # of a maneuver in the name of a file, which may have 255 bytes
 _DASHES = {"dash": "--", "dot": ":", "solid": "-", None: "-"}
 _MARKERS = {"star": "*", "x-thin": "x"}
 
@@ -41,12 +42,15 @@ def figures_by_file(
             continue
         for k, plot in enumerate(block.plots, start=1):
             number = f"_{k}" if len(block.plots) > 1 else ""
-            maneuver = title.partition(":")[0]
+            maneuver = (title.rpartition(": ")[0] or title)[:MOST_LETTERS]
             name = "".join(
-                c if c.isalnum() or c in "-_" else "_" for c in f"{maneuver}_{block.name}"
+                c if c.isalnum() or c in "-_" else "_" for c in f"{maneuver}_{block.name}{number}"
             )
-            wide = WIDTH if len(block.plots) == 1 else WIDTH / 2
-            found[folder / f"{name}{number}.{suffix}"] = plot, wide
+            file, others = folder / f"{name}.{suffix}", 1
+            while file in found:
+                others += 1
+                file = folder / f"{name}-{others}.{suffix}"
+            found[file] = plot, WIDTH if len(block.plots) == 1 else WIDTH / 2
     return found
 
 
