@@ -36,9 +36,9 @@ def test_any_directory_of_a_run_will_do(folder, where, capsys):
     ("content", "message"),
     [
         ({}, "holds no plan"),
-        ({"result.json": "[1]"}, "result.json: needs entries by name"),
-        ({"result.json": "{"}, "not JSON"),
-        ({"result.json": "[" * 100_000}, "not JSON"),
+        ({"result.json": "[1]"}, "holds no plan"),
+        ({"plan.json": "{"}, "not JSON"),
+        ({"plan.json": "[" * 100_000}, "not JSON"),
         ({"plan.json": "{}"}, "plan.json: schema None"),
     ],
 )

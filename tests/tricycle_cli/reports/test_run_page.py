@@ -29,6 +29,15 @@ def test_the_table_says_what_was_measured(folder):
         assert f">{text}<" in table
 
 
+@pytest.mark.parametrize("text", ["[1]", '{"score": {"x": 1}}', "["])
+def test_the_result_of_another_program_is_left_out(text, identified, tmp_path):
+    (tmp_path / "result.json").write_text(text)
+    (tmp_path / "identification.json").write_text(json.dumps(identified))
+    assert "Not shown, as it is not of tricycle demo" in run_page(
+        read_run(tmp_path), vehicle=VEHICLE
+    )
+
+
 def test_a_bag_that_cannot_be_judged_is_shown_with_its_reason(record_drive, tmp_path):
     record_drive(tmp_path / "bag", end="aborted")
     (maneuver,) = read_run(tmp_path).maneuvers

@@ -81,11 +81,14 @@ class Run:
         Each plan with its drives, one for each, and drives whose plan is elsewhere.
     identifications : tuple of (str, IdentificationDocument)
         Of these or other drives, each with the name of its directory.
+    left_out : str
+        Why a `result.json` is not that of a demo; empty when it is, or where there is none.
     """
 
     folder: Path
     maneuvers: tuple[Maneuver, ...]
     identifications: tuple[tuple[str, IdentificationDocument], ...] = ()
+    left_out: str = ""
 
 
 def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive) -> Run:
@@ -110,7 +113,11 @@ def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive
     if not folder.is_dir():
         raise ReportError(f"{folder}: is not a directory; give that of a demo, a plan or a bag")
     plans = {file: load_plan(file) for file in _plan_files(folder)}
-    result = DemoResult.read(folder / "result.json")
+    result, left_out = DemoResult(), ""
+    try:
+        result = DemoResult.read(folder / "result.json")
+    except ReportError as error:  # many programs write a file of this name
+        left_out = f"Not shown, as it is not of tricycle demo: {error}"
     driven = {bag: _driven(bag, read, plans, result) for bag in _bags(folder)}
     found: dict[Path, Maneuver] = {}
     for file, plan in plans.items():
@@ -126,7 +133,7 @@ def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive
             f"{folder}: holds no plan (plan.json, plan-1.json, plans/*.json), no bag "
             f"(metadata.yaml or *.mcap) and no {IDENTIFIED}, here or up to two directories below"
         )
-    return Run(folder, maneuvers, identifications)
+    return Run(folder, maneuvers, identifications, left_out)
 
 
 def _named_apart(found: Mapping[Path, Maneuver], folder: Path) -> tuple[Maneuver, ...]:

@@ -70,7 +70,7 @@ def run_sections(
     """
     results = _results(run) if run.maneuvers else []
     results += [_estimates(name, found) for name, found in run.identifications]
-    sections = [Section("Results", tuple(results))]
+    sections = [Section("Results", (*results, *filter(None, [run.left_out])))]
     for done, maneuver in enumerate(run.maneuvers, start=1):
         sections.append(Section(_title(maneuver), tuple(_blocks(maneuver, vehicle))))
         if progress is not None:
