@@ -24,13 +24,13 @@ def progress_bar(description: str) -> Iterator[Progress]:
     from rich.console import Console
 
     with progress.Progress(
-        progress.TextColumn("{task.description}"),
+        progress.TextColumn("{task.description}", markup=False),
         progress.BarColumn(),
         progress.TextColumn("{task.completed:.0f}/{task.total:.0f}"),
         progress.TimeElapsedColumn(),
         progress.TextColumn("left"),
         progress.TimeRemainingColumn(),
-        console=Console(stderr=True),
+        console=Console(stderr=True, markup=False, emoji=False),
     ) as bar:
         task = bar.add_task(description, total=1)
         try:

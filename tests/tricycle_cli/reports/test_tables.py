@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+from pathlib import Path
 
 import pytest
 from found_identification import FOUND
@@ -11,6 +12,7 @@ from parameter_identification.estimation.results import EffectEstimate, HeldOut
 from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.reports.tables import (
+    WIDEST,
     allowed_rise,
     drives_table,
     judgement_table,
@@ -61,7 +63,7 @@ def test_a_prediction_is_given_in_units_and_as_shares(plan):
     assert "35%" in text  # of the deviation of a uniform parameter
 
 
-def test_drives_show_what_was_planned_and_what_was_measured(plan, record_drive, tmp_path):
+def test_drives_show_what_was_planned_and_what_was_measured(plan, record_drive, tmp_path, capsys):
     record_drive(tmp_path / "bag")
     judgement = judge(tmp_path / "bag")
     one = {"designed": plan}, {"designed": 0.00123}, {"designed": judgement}
@@ -71,6 +73,11 @@ def test_drives_show_what_was_planned_and_what_was_measured(plan, record_drive, 
     text = text_of(judgement_table([judgement, judgement]))
     assert text.count(f"{judgement.te_corrected:.5g}") >= 2
     assert "TE at anchor fit / m²" in text
+    many = [dataclasses.replace(judgement, bag=Path(f"[left] run:{k}:")) for k in range(12)]
+    table_console(width=WIDEST).print(judgement_table(many))
+    printed = capsys.readouterr().out
+    assert printed.count(f" {judgement.te_corrected:.5g} ") >= 12
+    assert all(one.bag.name in printed for one in many)
 
 
 @pytest.mark.parametrize(("level", "rise"), [(0.6827, 1.0), (0.95, 3.8415), (0.9545, 4.0)])

@@ -109,7 +109,7 @@ def run_info(args: argparse.Namespace) -> int:
         print(json.dumps(found))
         return 0
     fetched = f" ({bag.fetched / 1e6:.3f} MB fetched)" if bag.fetched else ""
-    console = Console()
+    console = Console(markup=False, emoji=False)
     console.print(f"files     {', '.join(names)} ({bag.kind})", highlight=False)
     console.print(f"size      {bag.size / 1e6:.3f} MB{fetched}", highlight=False)
     console.print(f"start     {_time(start)}", highlight=False)

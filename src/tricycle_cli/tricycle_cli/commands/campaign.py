@@ -175,7 +175,7 @@ def run(args: argparse.Namespace) -> int:
     )
     campaign = Campaign(args.output, request)
     warn_about(vehicle, args)
-    console = Console(stderr=True)
+    console = Console(stderr=True, markup=False, emoji=False)
     if campaign.steps:
         console.print(f"{args.output}: going on after {len(campaign.steps)} planned drives")
     if not campaign.finished:
@@ -189,7 +189,7 @@ def run(args: argparse.Namespace) -> int:
     if request.area is not None:
         plot_yard(campaign, request.area, args.output / "yard.png")
     text = StringIO()
-    Console(file=text, width=120).print(table)
+    Console(file=text, width=120, markup=False, emoji=False).print(table)
     write_whole(args.output / "report.txt", text.getvalue())
     if args.json:
         print(json.dumps(report))

@@ -109,9 +109,9 @@ def run(args: argparse.Namespace) -> int:
         found = [_as_json(judgement) for judgement in judgements]
         print(json.dumps(found[0] if len(args.bags) == 1 else {"bags": found}))
     else:
-        from tricycle_cli.reports.tables import judgement_table, table_console
+        from tricycle_cli.reports.tables import WIDEST, judgement_table, table_console
 
-        table_console().print(judgement_table(judgements))
+        table_console(width=WIDEST).print(judgement_table(judgements))
     if args.export:
         for path in export(judgements, args.output, ExportFormat(args.export)):
             print(f"saved {path}", file=sys.stderr)

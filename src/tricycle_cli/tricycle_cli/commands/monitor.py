@@ -75,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
             print(json.dumps(dashboard.snapshot()))
             return 0
         try:
-            with Live(console=Console(), auto_refresh=False, screen=True) as live:
+            with Live(
+                console=Console(markup=False, emoji=False), auto_refresh=False, screen=True
+            ) as live:
                 while True:
                     live.update(screen(dashboard, now=time.monotonic(), where=where), refresh=True)
                     monitor.listen(REFRESH)

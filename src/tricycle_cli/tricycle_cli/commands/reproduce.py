@@ -93,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({item.name: _as_json(item) for item in items}))
     else:
-        console = Console()
+        console = Console(markup=False, emoji=False)
         for item in items:
             console.print(comparison_table(item))
             for finding in item.findings:

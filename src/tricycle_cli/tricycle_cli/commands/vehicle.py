@@ -176,7 +176,7 @@ def run_check(args: argparse.Namespace) -> int:
         }
         print(json.dumps(result))
         return 0
-    console = Console(highlight=False)
+    console = Console(highlight=False, markup=False, emoji=False)
     console.print(f"{vehicle.name}: valid (hash {vehicle.fingerprint})")
     table = Table("unknown parameter", "low", "nominal", "high", "unit")
     for name, (low, high) in vehicle.unknown.items():

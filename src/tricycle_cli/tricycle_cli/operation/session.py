@@ -277,7 +277,7 @@ def _wait_for_enter(
     )
     while True:
         items = preflight()
-        Console().print(diagnostics_table(items, time.monotonic()))
+        Console(markup=False, emoji=False).print(diagnostics_table(items, time.monotonic()))
         # the way back ends at the start
         failing = {n for n, item in items.items() if item.level is Level.ERROR} - (
             {"start"} if back else set()

@@ -28,6 +28,9 @@ HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth"
 NARROWEST = 80
 """Characters of a table: in a narrower terminal its lines are folded, but its numbers are whole."""
 
+WIDEST = 100_000
+"""Characters of a table with a column per bag: it takes as many as its cells need."""
+
 MOST_MEMBERS = 12  # of a list that are printed
 MONTH = 30.0  # days, for which changes are shown
 CONTRADICTING = 2.0
@@ -55,7 +58,7 @@ def table_console(*, stderr: bool = False, width: int = NARROWEST) -> Console:
     width : int
         Least width [characters].
     """
-    console = Console(stderr=stderr, highlight=False)
+    console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
     console.width = max(console.width, width)
     return console
 
@@ -156,7 +159,7 @@ def judgement_table(judgements: Sequence[Judgement]) -> Table:
     """
     table = Table("", *(judgement.bag.name for judgement in judgements))
     for column in table.columns[1:]:
-        column.justify = "right"
+        column.justify, column.no_wrap = "right", True
 
     def add(label: str, value: Callable[[Judgement], str]) -> None:
         table.add_row(label, *map(value, judgements))
