@@ -1,5 +1,6 @@
 """Judged drives in files and figures."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,5 +35,6 @@ def test_csv_and_figure(tmp_path: Path) -> None:
     assert np.mean(table["along"] ** 2 + table["cross"] ** 2) == pytest.approx(j.te, rel=1e-12)
     again = export([j, j], tmp_path / "again", ExportFormat.CSV)
     assert [path.name for path in again] == ["bag.csv", "bag_2.csv"]
-    plot([j, j], tmp_path / "figures" / "figure.png")
+    dollars = replace(j, bag=tmp_path / "cost $x^{$")  # no formula
+    plot([j, dollars], tmp_path / "figures" / "figure.png")
     assert (tmp_path / "figures" / "figure.png").read_bytes().startswith(b"\x89PNG")

@@ -128,6 +128,22 @@ def test_figures_have_a_panel_per_drive_channel_and_profile(found):
     assert list(profile.lines[0].get_ydata()) == [3.9, 0.0, 3.9]
 
 
+def test_what_looks_like_a_formula_in_a_name_is_none(found):
+    name = "cost $x^{$"
+    drives = (dataclasses.replace(found.drives[0], name=name),)
+    tests = tuple(dataclasses.replace(test, drive=name) for test in found.whiteness)
+    found = dataclasses.replace(found, drives=drives, whiteness=tests)
+    for draw in (trajectories_figure, residuals_figure, lack_figure):
+        draw(found).savefig(io.BytesIO(), format="svg")
+
+
+def test_the_numbers_are_saved_also_where_a_figure_cannot_be_drawn(found, tmp_path, monkeypatch):
+    monkeypatch.delattr("tricycle_cli.reports.identification_page.trajectories_figure")
+    with pytest.raises(NameError):
+        save_identification(found, None, tmp_path)
+    assert load_identification_file(tmp_path / "identification.json").vehicle == "tricycle"
+
+
 def test_of_many_drives_those_that_fit_worst_are_drawn(found):
     (drive,) = found.drives
     position = drive.after[Sensor.POSITION]

@@ -112,7 +112,8 @@ def plot(judgements: Sequence[Judgement], path: Path) -> None:
         plane.plot(s.reference_x, s.reference_y, color="0.6", linewidth=3, label="reference")
         plane.plot(s.x, s.y, color=BLUE, linewidth=1, label="measured")
         error = f"TE {judgement.te:.4g} m², rms {1e3 * judgement.rms:.0f} mm"
-        plane.set(title=f"{judgement.bag.name}: {error}", xlabel="x / m", ylabel="y / m")
+        plane.set_title(f"{judgement.bag.name}: {error}", parse_math=False)
+        plane.set(xlabel="x / m", ylabel="y / m")
         plane.set_aspect("equal", "datalim")
         plane.legend()
         for label, color, values in (

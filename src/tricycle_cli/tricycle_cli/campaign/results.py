@@ -156,7 +156,8 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
             axes.plot([], [], "o-", color=color, label=f"{name.replace('_', ' ')}, from its start")
     if returned:
         axes.plot([], [], "--", color="0.6", linewidth=0.8, label="way back to a start")
-    axes.set(xlabel=f"x in {area.frame} / m", ylabel=f"y in {area.frame} / m")
+    axes.set_xlabel(f"x in {area.frame} / m", parse_math=False)
+    axes.set_ylabel(f"y in {area.frame} / m", parse_math=False)
     axes.set_aspect("equal")
     axes.grid(alpha=0.3)
     axes.legend(

@@ -48,7 +48,8 @@ def write_film(
     for judgement, track, distance in zip(judgements, axes[0], axes[1], strict=True):
         s = judgement.series
         track.plot(s.reference_x, s.reference_y, color=REFERENCE, linewidth=0.8, alpha=0.5)
-        track.set(title=judgement.bag.name, xlabel="x / m", ylabel="y / m")
+        track.set_title(judgement.bag.name, parse_math=False)
+        track.set(xlabel="x / m", ylabel="y / m")
         track.set_aspect("equal", adjustable="datalim")
         distance.set(xlabel="time / s", ylabel="distance / mm", ylim=(0, 1.05 * highest))
         distance.set_xlim(0, s.time[-1])

@@ -72,7 +72,8 @@ def trajectories_figure(found: Identification) -> Figure:
         axes.plot(*before.values.T, color=BLUE, label=f"before, rms {_rms(drive.before):.0f} mm")
         axes.plot(*after.values.T, color=VERMILLION, label=f"after, rms {_rms(drive.after):.0f} mm")
         axes.plot(*after.values[0], "o", color=GREEN, label="start")
-        axes.set(title=drive.name, xlabel="x / m", ylabel="y / m")
+        axes.set_title(drive.name, parse_math=False)
+        axes.set(xlabel="x / m", ylabel="y / m")
         axes.set_aspect("equal", adjustable="datalim")
         axes.grid(alpha=0.3)
         axes.legend(fontsize="small")
@@ -105,7 +106,7 @@ def residuals_figure(found: Identification) -> Figure:
     grid = figure.subplots(len(channels), len(drives), squeeze=False, sharex="col")
     for column, drive in zip(grid.T, drives, strict=True):
         tests = {t.channel: t for t in found.whiteness if t.drive == drive.name}
-        column[0].set_title(drive.name)
+        column[0].set_title(drive.name, parse_math=False)
         column[-1].set_xlabel("time since the start / s")
         for axes, (sensor, channel) in zip(column, channels, strict=True):
             if sensor not in drive.after or channel not in drive.after[sensor].channels:
@@ -145,7 +146,8 @@ def lack_figure(found: Identification) -> Figure:
     for axes, label in zip(grid[-1], CONDITIONS, strict=True):
         axes.set_xlabel(label)
     if len(lacks) <= MOST_DRAWN:
-        grid[0, 0].legend(fontsize="small")
+        for text in grid[0, 0].legend(fontsize="small").get_texts():
+            text.set_parse_math(False)
     return figure
 
 
@@ -308,6 +310,7 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
     OSError
         If something cannot be written.
     """
+    save_identification_file(document_of(found), folder / "identification.json")
     texts = {
         "vehicle.yaml": identified_vehicle(found, vehicle_file),
         "report.html": identification_page(found),
@@ -320,7 +323,6 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         figures["lack"] = lack_figure(found)
     if any(e.profile is not None for e in found.parameters.values()):
         figures["profiles"] = profiles_figure(found)
-    save_identification_file(document_of(found), folder / "identification.json")
     for name, text in texts.items():
         write_whole(folder / name, text)
     for name in FIGURES:

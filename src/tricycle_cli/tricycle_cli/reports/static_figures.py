@@ -49,7 +49,9 @@ def plot_plan(plan: Plan, path: Path) -> None:
     track, indices, angle, speed = (panels[k] for k in ("track", "indices", "angle", "speed"))
     values = ", ".join(f"{name} {value:.3g}" for name, value in plan.operation.items())
     place = f", drive {plan.number} of {plan.drives}" if plan.drives > 1 else ""
-    figure.suptitle(f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}{place}")
+    figure.suptitle(
+        f"{plan.maneuver.replace('_', ' ')} ({values}) for {plan.target}{place}", parse_math=False
+    )
     legend: dict[str, Any] = {}
     if plan.area is None or plan.start_pose is None:
         track.plot(*plan.path.T, color="0.6", label="path of the rear axle, with lead-out")
@@ -166,7 +168,7 @@ def plot_drives(drives: Mapping[str, Judgement], path: Path) -> None:
             above.plot(*joined, color="0.2", linewidth=1.2, marker="o", markersize=3.5, zorder=3)
         label = f"same time, every {MARKS:g} s"
         above.plot([], [], color="0.2", linewidth=1.2, marker="o", markersize=3.5, label=label)
-        above.set_title(f"{title}\nTE = {judgement.te:.4g} m²")
+        above.set_title(f"{title}\nTE = {judgement.te:.4g} m²", parse_math=False)
         above.set_xlabel("x / m")
         above.set_ylabel("y / m")
         above.set_aspect("equal", adjustable="datalim")
@@ -209,7 +211,7 @@ def fleet_figure(fleet: Fleet) -> Figure:
         axes.plot([], [], color=REFERENCE, linewidth=2.0, label="with the population")
         axes.plot([], [], color=MEASURED, linewidth=2.0, label="odd")
         axes.locator_params(axis="x", nbins=5)
-        axes.set_yticks(range(len(members)), [m.vehicle for m in members])
+        axes.set_yticks(range(len(members)), [m.vehicle for m in members], parse_math=False)
         unit = next(iter(fleet.vehicles.values())).parameters[name].unit
         axes.set_xlabel(name if unit == "1" else f"{name} / ({unit})")
         axes.grid(alpha=0.3)

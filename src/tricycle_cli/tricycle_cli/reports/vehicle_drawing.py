@@ -59,6 +59,7 @@ def draw_vehicle(vehicle: Vehicle, path: Path) -> None:
         f"smallest turn in plans: radius {radius:.3g} m, steering motor at "
         f"{math.degrees(reach):.3g}° (dashed)",
         fontsize="medium",
+        parse_math=False,
     )
     handles = [
         Patch(facecolor=VERMILLION, label="driven"),
