@@ -244,8 +244,6 @@ def run(args: argparse.Namespace) -> int:
             if redraw is None
             else "the intervals count, by tables that were simulated and identified in the same way"
         )
-        if redraw is not None and any(drive.turn_std > 0.0 for drive in used):
-            counted += ": with a measured steering angle, not all of it (page on recordings)"
         console.print(
             f"the positions scatter by {1e3 * white:.2g} mm, and the speed is smoothed from them: "
             f"what that errs by, alike in all windows, {counted}",
