@@ -88,7 +88,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
         f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
     )
     if isinstance(found, Identification) and found.effects:
-        header += "# estimated beside them:\n" + "".join(f"#   {e}\n" for e in found.effects)
+        header += "# effects, estimated too:\n" + "".join(f"#   {e}\n" for e in found.effects)
     body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     return header + body
 

@@ -81,7 +81,7 @@ def test_drive_by_drive_writes_what_it_found(tricycle, tmp_path, capsys):
     assert tricycle("identify", *bags, *options, *more) == 0
     printed = capsys.readouterr()
     assert "left out" in printed.err
-    assert "beside them: steering zero" in printed.err
+    assert "effect: steering zero" in printed.err
     document = load_identification_file(tmp_path / "out" / "identification.json")
     stiffness = document.parameters["cornering_stiffness"]
     assert json.loads(printed.out)["parameters"]["cornering_stiffness"]["low"] == stiffness.low

@@ -98,12 +98,12 @@ def test_effects_that_do_not_act_are_only_counted():
 
     effects = (effect("steering zero", 0.98), effect("steering play", 0.01), effect("slope", 0.04))
     lines = remarks(dataclasses.replace(FOUND, effects=effects))
-    beside = [line for line in lines if line.startswith("beside them")]
-    assert "steering zero" in beside[0]
-    assert beside[1].startswith("beside them: 2 effects that do not act, each with more than 95%")
+    told = [line for line in lines if line.startswith("effect")]
+    assert "steering zero" in told[0]
+    assert told[1].startswith("effects: 2 others, each with a probability below 5%")
     estimated = tuple(dataclasses.replace(effect, acts=None) for effect in effects)
     lines = remarks(dataclasses.replace(FOUND, effects=estimated))
-    assert sum(line.startswith("beside them") for line in lines) == 3
+    assert sum(line.startswith("effect: ") for line in lines) == 3
 
 
 def test_parameters_that_were_not_identified_are_said_to_be_taken_as_known():

@@ -376,6 +376,6 @@ def _used(recording: Recording, selection: Selection, windows: Windows) -> str:
     count, whole = len(selection.drives), recording.time[-1] - recording.time[0]
     return (
         f"{recording.name}: {count} windows of {windows.length:g} s are "
-        f"{count * windows.length:.3g} of its {whole:.3g} s; left out of those that could begin "
-        f"every {windows.every:g} s beside them: {selection}"
+        f"{count * windows.length:.3g} of its {whole:.3g} s; left out of the other "
+        f"possible windows, one every {windows.every:g} s: {selection}"
     )

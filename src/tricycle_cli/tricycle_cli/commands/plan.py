@@ -274,7 +274,7 @@ def _search_summary(plan: Plan) -> str:
     predicted = (
         ""
         if plan.predicted_cost is None
-        else f" (the search had {plan.predicted_cost:.4g}), {plan.simulations} simulations"
+        else f" ({plan.predicted_cost:.4g} in the search), {plan.simulations} simulations"
     )
     return (
         f"criterion {plan.criterion} = {plan.criterion_cost:.4g}{predicted} in {plan.seconds:.1f} s"

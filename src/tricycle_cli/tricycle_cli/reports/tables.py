@@ -101,7 +101,7 @@ def prediction_table(plan: Plan) -> Table:
     drives = "the drive" if plan.drives == 1 else f"the {plan.drives} drives"
     table = Table(title=f"expected after {drives}", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("unknown parameter", no_wrap=True)
-    for heading in ("1σ", "of the range", "left of its spread"):
+    for heading in ("1σ", "of the range", "of the prior 1σ"):
         table.add_column(heading, justify="right", no_wrap=True)
     for name, std in plan.predicted_std.items():
         low, high = plan.unknown[name]
@@ -262,7 +262,7 @@ def remarks(found: Identification) -> list[str]:
     drives = kind_of_drives(found)
     lines = [
         f"not shown by these {drives}: {combination} "
-        f"({combination.remaining:.0%} of its prior deviation is left)"
+        f"(1σ is {combination.remaining:.0%} of the prior 1σ)"
         for combination in found.hidden
     ]
     if found.fixed:
@@ -312,11 +312,11 @@ def remarks(found: Identification) -> list[str]:
             "slips; the intervals do not count it"
         )
     absent = [e for e in found.effects if e.acts is not None and e.acts < IMPROBABLE]
-    lines += [f"beside them: {effect}" for effect in found.effects if effect not in absent]
+    lines += [f"effect: {effect}" for effect in found.effects if effect not in absent]
     if absent:
         lines.append(
-            f"beside them: {len(absent)} effects that do not act, each with more than "
-            f"{1.0 - IMPROBABLE:.0%} (identification.json)"
+            f"effects: {len(absent)} others, each with a probability below {IMPROBABLE:.0%} "
+            "(identification.json)"
         )
     if found.rivals:
         lines.append(
@@ -397,7 +397,7 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
             "model lacks an effect or a sensor drifts. More drives do not mend that"
         )
     lines += _contradictions(found, "drives")
-    lines += [f"beside them: {effect}" for effect in found.effects]
+    lines += [f"effect: {effect}" for effect in found.effects]
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
 
