@@ -69,11 +69,11 @@ def test_a_fleet_has_a_population_and_an_odd_vehicle(tmp_path, capsys):
 
     keep = ["--keep", str(out / "drives"), "--workers", "1"]
     assert main([*command, *map(str, bags[:3]), *keep]) == 2
-    assert "3 vehicles (trike_0, trike_1, trike_2) are no fleet" in capsys.readouterr().err
+    assert "at least 4 vehicles; given: trike_0, trike_1, trike_2" in capsys.readouterr().err
     assert main([*command, pattern, *keep, "--vehicles", "vehicle_id"]) == 2
     assert "its metadata has no 'vehicle_id'; there is: imported_from" in capsys.readouterr().err
     assert main([*command, pattern, *keep, "--vehicles", "vehicle_id", "--leave-out"]) == 2
-    assert "0 vehicles" in capsys.readouterr().err
+    assert "at least 4 vehicles; given: none" in capsys.readouterr().err
     assert main([*command, str(out / "x" / "trike_0" / "drive"), pattern, *keep]) == 2
     assert "two folders of bags have one name" in capsys.readouterr().err
 

@@ -154,7 +154,7 @@ def identify_fleet(
     _check_names(vehicle, shared, own, changing)
     if len(bags) < FEWEST:
         raise IdentificationError(
-            f"{len(bags)} vehicles ({', '.join(bags)}) are no fleet: {FEWEST} are needed"
+            f"a fleet needs at least {FEWEST} vehicles; given: {', '.join(bags) or 'none'}"
         )
     every = [bag for drives in bags.values() for bag in drives]
     if len(set(every)) < len(every):
