@@ -32,6 +32,11 @@ def test_replacing_a_value_changes_the_fingerprint_and_keeps_the_ranges():
         ({"mass": -1.0}, "mass: -1 kg is not in"),
         ({"mass": math.nan}, "mass: nan"),
         ({"cornering_stiffness": 2000.0}, "outside [500, 1500]"),
+        ({"wheel_inertia": 1.0}, "wheel_inertia: no wheel reads it, but front_wheel_inertia and"),
+        (
+            {f"{wheel}.cornering_stiffness": 800.0 for wheel in ("left", "right", "rear")},
+            "cornering_stiffness: no wheel reads it",  # its range would be that of nothing
+        ),
     ],
 )
 def test_replace_refuses_what_cannot_be(values, message):

@@ -11,7 +11,7 @@ import difflib
 import functools
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -270,12 +270,15 @@ class Vehicle:
         Raises
         ------
         VehicleError
-            If a name is no constant of a vehicle or a value is out of its range.
+            If a name is no constant of a vehicle, no wheel reads it, or a value is out of its
+            range.
         """
         entries = constant_entries(self.wheels, self.parts)
         for name in values:
             check_entry(name, entries)
-        return dataclasses.replace(self, values={**self.values, **values})
+        given = {**self.values, **values}
+        check_read(self.wheels, self.parts, given, told={*values, *self.unknown})
+        return dataclasses.replace(self, values=given)
 
 
 def constant_entries(wheels: tuple[Wheel, ...], parts: Mapping[str, str]) -> dict[str, Constant]:
@@ -380,7 +383,12 @@ def missing_entries(
     return [f"{name}: is missing ({entries[name].unit})" for name in missing()]
 
 
-def check_read(wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Iterable[str]) -> None:
+def check_read(
+    wheels: tuple[Wheel, ...],
+    parts: Mapping[str, str],
+    given: Iterable[str],
+    told: Collection[str] | None = None,
+) -> None:
     """Raise a `VehicleError` for an entry of which every wheel has a more special one.
 
     Parameters
@@ -391,8 +399,11 @@ def check_read(wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Itera
         Law by part.
     given : iterable of str
         Entries that there are, all of them of this vehicle.
+    told : collection of str, optional
+        Those that have to be read; by default all.
     """
     names = set(given)
+    looked_at = names if told is None else set(told)
     for constant in declared(wheels, parts).values():
         if not constant.per_wheel:
             continue
@@ -402,7 +413,7 @@ def check_read(wheels: tuple[Wheel, ...], parts: Mapping[str, str], given: Itera
             if reads(wheel, parts, constant)
         ]
         read = {entries[0] for entries in spelt if entries}
-        for name in (name for entries in spelt for name in entries if name not in read):
+        for name in (name for entries in spelt for name in entries if name in looked_at - read):
             first = " and ".join(dict.fromkeys(e[0] for e in spelt if name in e))
             raise VehicleError(f"{name}: no wheel reads it, but {first} instead; leave it out")
 
