@@ -27,6 +27,7 @@ from tricycle_cli.arguments import (
     parse_assignments,
     ranges_of,
     seed,
+    warn_about,
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
@@ -117,6 +118,8 @@ def run(args: argparse.Namespace) -> int:
     nominal = load_vehicle(args.vehicle)
     vehicle = nominal.replace(**parse_assignments(args.set))
     commands = _commands(args, nominal)
+    if args.samples is not None:
+        warn_about(vehicle, args)
     picture = args.output.with_suffix(".png") if args.plot == Path() else args.plot
     check_output_files(filter(None, (args.output, picture)), args)
     _check_size(args.samples or 1, commands)

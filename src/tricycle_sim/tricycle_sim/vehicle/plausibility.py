@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterator
 
+from tricycle_core.errors import VehicleError
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.constants import Vehicle
 
 
@@ -14,7 +16,7 @@ def warnings_about(vehicle: Vehicle) -> tuple[str, ...]:
     vehicle : Vehicle
         With each constant in its bounds.
     """
-    return (*_inertia(vehicle), *_loads(vehicle), *_stability(vehicle))
+    return (*_inertia(vehicle), *_loads(vehicle), *_stability(vehicle), *_steps(vehicle))
 
 
 def _inertia(vehicle: Vehicle) -> Iterator[str]:
@@ -68,3 +70,15 @@ def _stability(vehicle: Vehicle) -> Iterator[str]:
                 f"vehicle oversteers and is unstable from {critical:.1f} m/s, below its top speed "
                 f"of {top:.1f} m/s"
             )
+
+
+def _steps(vehicle: Vehicle) -> Iterator[str]:
+    """Warn of ranges that hold vehicles whose simulation explodes."""
+    from tricycle_sim.vehicle.stability import check_step  # loading a vehicle does without
+
+    for name, ends in vehicle.unknown.items():
+        for end in ends:
+            try:
+                check_step(vehicle.replace(**{name: end}), TICK)
+            except VehicleError as error:
+                yield f"{name}.range: with {end:g} {vehicle.unit(name)} {error}"
