@@ -70,6 +70,8 @@ def test_the_firmwares_logic_drives_it_too(bicycle, firmware_libraries):
     ("old", "new", "message"),
     [
         ("yaw_rate = v", "yaw_rate = math.nan * v", r"Bicycle at 0\.00 s: x is nan"),
+        ("acceleration - yaw_rate * vy", "math.nan", r"specific_force is \(nan, "),
+        ("return self.state(tick, (", "self.state(tick, (", "tells NoneType, no LiveState"),
         ("held = TICK", "held = 1 / (tick < 99) * TICK", r"at 0\.99 s: ZeroDivisionError"),
     ],
 )

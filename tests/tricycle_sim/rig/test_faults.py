@@ -11,6 +11,7 @@ from tricycle_sim.rig.faults import FaultKind, FaultPlan, RigFault
 from tricycle_sim.rig.firmware import FirmwareRig
 from tricycle_sim.rig.host import Host
 from tricycle_sim.rig.native import NativeRig
+from tricycle_sim.rig.sensors import HallSensor
 from tricycle_sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle()
@@ -54,6 +55,14 @@ def state(host, board):
 
 def faults(host, board):
     return Fault(host.bridge.links[board].telemetry.faults)
+
+
+def test_the_pulses_of_a_plant_that_diverges_are_counted_at_once():
+    hall = HallSensor(0.5)
+    hall.turn(1e12, 0.01, {})
+    hall.turn(0.6, 0.02, {FaultKind.HALL_HALF: 0.0})
+    assert hall.count == 1_000_000_000_000  # of 2e12 every second back
+    assert hall.edge_at == pytest.approx(0.02)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """What every rig is: vehicle, steer board and drive board on one clock."""
 
+import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Collection
@@ -14,11 +15,9 @@ from tricycle_sim.rig.faults import NO_FAULTS, FaultKind, FaultPlan, RigFault
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.live import ORIGIN, LiveState
 
-# what a plant has to tell in numbers
-_FINITE = (
-    *("x", "y", "yaw", "vx", "vy", "yaw_rate", "drive_speed", "drive_angle"),
-    *("steering_motor_angle", "steering_motor_rate", "motor_torque", "motor_current"),
-)
+_VECTORS = {"quaternion", "specific_force", "wheel_speeds", "loads"}
+# what a plant has to tell in numbers: name, whether there are several
+_TOLD = [(field.name, field.name in _VECTORS) for field in dataclasses.fields(LiveState)]
 _RESET = {Board.STEER: FaultKind.STEER_RESET, Board.DRIVE: FaultKind.DRIVE_RESET}
 _HANG = {Board.STEER: FaultKind.STEER_HANG, Board.DRIVE: FaultKind.DRIVE_HANG}
 _CABLE = {Board.STEER: FaultKind.STEER_CABLE, Board.DRIVE: FaultKind.DRIVE_CABLE}
@@ -200,13 +199,13 @@ class Rig(Closing):
         what = f"plant {type(self._plant).__name__} at {self.time:.2f} s"
         try:
             state = move()
+            wrong = _wrong(state)
         except ExcitationError:
             raise
         except Exception as error:  # whatever somebody's plant may raise
             raise PlantError(f"{what}: {error!r}") from error
-        wrong = [name for name in _FINITE if not math.isfinite(getattr(state, name))]
         if wrong:
-            raise PlantError(f"{what}: {wrong[0]} is {getattr(state, wrong[0])}, no finite number")
+            raise PlantError(f"{what}: {wrong}")
         self._state = state
 
     def _fail(self) -> None:
@@ -236,3 +235,14 @@ class Rig(Closing):
     @abstractmethod
     def _step(self, hung: set[Board]) -> dict[Board, bytes]:
         """Run one tick, in which the hung boards keep their outputs; return what boards sent."""
+
+
+def _wrong(state: object) -> str:
+    """Return what no instrument could read of a plant's state; empty: nothing."""
+    if not isinstance(state, LiveState):
+        return f"tells {type(state).__name__}, no LiveState"
+    for name, several in _TOLD:
+        value = getattr(state, name)
+        if not math.isfinite(sum(value) if several else value):
+            return f"{name} is {value}, no finite number"
+    return ""

@@ -47,26 +47,17 @@ class HallSensor:
         """
         # half a pulse before its first edge at the start
         edge = math.floor(travel / self._pulse + 0.5)
-        for number in range(self._edge + 1, edge + 1):
-            self._pass(number, 1, travel, time, faults)
-        for number in range(self._edge, edge, -1):
-            self._pass(number, -1, travel, time, faults)
+        low, high = sorted((self._edge, edge))  # the edges from low + 1 to high have passed
+        every = 2 if FaultKind.HALL_HALF in faults else 1
+        passed = high // every - low // every
+        if passed and not _NO_PULSES & faults.keys():
+            forward = edge > self._edge
+            newest = every * (high // every if forward else low // every + 1)
+            place = (newest - 0.5) * self._pulse
+            share = (place - self._travel) / (travel - self._travel)
+            self.edge_at = self._time + min(max(share, 0.0), 1.0) * (time - self._time)
+            self.count += passed if forward or _FORWARD & faults.keys() else -passed
         self._edge, self._travel, self._time = edge, travel, time
-
-    def _pass(
-        self,
-        number: int,
-        direction: int,
-        travel: float,
-        time: float,
-        faults: dict[FaultKind, float],
-    ) -> None:
-        if _NO_PULSES & faults.keys() or (FaultKind.HALL_HALF in faults and number % 2):
-            return
-        place = (number - 0.5) * self._pulse
-        share = (place - self._travel) / (travel - self._travel)
-        self.edge_at = self._time + min(max(share, 0.0), 1.0) * (time - self._time)
-        self.count += 1 if _FORWARD & faults.keys() else direction
 
 
 def measured_speed(speed: float, faults: dict[FaultKind, float]) -> float:
