@@ -1,9 +1,14 @@
 """Mapping files, and what does not fit an FMU: one line each."""
 
+import zipfile
+
 import pytest
 
 from tricycle_core.errors import PlantError
 from tricycle_sim.fmi.mapping import load_mapping
+from tricycle_sim.vehicle import load_vehicle
+
+VEHICLE = load_vehicle()
 
 pytest.importorskip("fmpy")
 
@@ -20,6 +25,10 @@ pytest.importorskip("fmpy")
         ("fmu: a\ninputs: {}\noutputs: {speed: v}", r"outputs\.speed: unknown"),
         ("fmu: a\ninputs: {}\noutputs: {}\nstep: 0", "step: 0 must be positive"),
         ("fmu: a\ninputs: {}\noutputs: {x: {variable: x, scale: 0}}", "scale: 0 must be finite"),
+        (
+            "fmu: a\ninputs: {}\noutputs: {heading: {variable: psi, scael: -1}}",
+            r"outputs\.heading\.scael: unknown; did you mean scale",
+        ),
         ("inputs: {}\noutputs: {}", "lacks `fmu`"),
     ],
 )
@@ -29,6 +38,13 @@ def test_a_wrong_mapping_is_one_line(tmp_path, text, line):
     with pytest.raises(PlantError, match=line) as problem:
         load_mapping(path)
     assert "\n" not in str(problem.value)
+
+
+def test_a_mapping_that_is_not_there_is_one_line():
+    from tricycle_sim.plants.installed import plant_by_name
+
+    with pytest.raises(PlantError, match=r"^plant 'fmu': none\.yaml: No such file"):
+        plant_by_name("fmu:none.yaml", VEHICLE)
 
 
 @pytest.mark.slow
@@ -64,6 +80,37 @@ def test_a_file_that_is_no_fmu_is_one_line(tmp_path):
     (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
     with pytest.raises(PlantError, match=r"a\.fmu: is no FMU"):
         Fmu(load_mapping(tmp_path / "m.yaml"))
+
+
+def test_an_fmu_of_fmi_1_is_one_line(tmp_path):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    with zipfile.ZipFile(tmp_path / "a.fmu", "w") as archive:
+        archive.writestr(
+            "modelDescription.xml",
+            '<fmiModelDescription fmiVersion="1.0" modelName="a" modelIdentifier="a" guid="a" '
+            'numberOfContinuousStates="0" numberOfEventIndicators="0"><Implementation>'
+            "<CoSimulation_StandAlone><Capabilities/></CoSimulation_StandAlone></Implementation>"
+            "<ModelVariables/></fmiModelDescription>",
+        )
+    (tmp_path / "m.yaml").write_text("fmu: a.fmu\ninputs: {}\noutputs: {}")
+    with pytest.raises(
+        PlantError, match=r"a\.fmu: needs an FMU 2\.0 or 3\.0; this one is of FMI 1"
+    ):
+        Fmu(load_mapping(tmp_path / "m.yaml"))
+
+
+@pytest.mark.slow
+def test_a_start_value_that_is_no_number_is_one_line_and_leaves_nothing(
+    mapping_file, tmp_path, monkeypatch
+):
+    from tricycle_sim.plants.installed import plant_by_name
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    file = mapping_file(start_values={"slewed": float("inf")})
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: refuses slewed = inf"):
+        plant_by_name(f"fmu:{file}", VEHICLE)
+    assert not list(tmp_path.glob("fmu-*"))
 
 
 @pytest.mark.slow

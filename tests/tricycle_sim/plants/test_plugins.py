@@ -87,9 +87,16 @@ def test_a_plant_that_cannot_be_made_is_one_line(bicycle):
         bicycle("self.vehicle = vehicle", "self.vehicle = car")
 
 
-def test_an_unknown_name_is_one_line_with_the_known_ones():
-    with pytest.raises(PlantError, match="unknown plant 'swan'; there are: own") as caught:
-        plant_by_name("swan", VEHICLE)
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("swan", "unknown plant 'swan'; there are: own"),
+        ("own:car.yaml", "the plant own takes no file"),
+    ],
+)
+def test_a_wrong_name_is_one_line(name, message):
+    with pytest.raises(PlantError, match=message) as caught:
+        plant_by_name(name, VEHICLE)
     assert "\n" not in str(caught.value)
 
 

@@ -56,6 +56,9 @@ class Fmu:
             self._description = fmpy.read_model_description(str(path), validate=False)
         except Exception as error:
             raise PlantError(f"{path}: is no FMU: {_line(error)}") from error
+        version = self._description.fmiVersion
+        if not version.startswith(("2", "3")):
+            raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
         if self._description.coSimulation is None:
             raise PlantError(f"{path}: needs an FMU for co-simulation; this one is not")
         self._variables = {v.name: v for v in self._description.modelVariables}
@@ -195,7 +198,8 @@ class Instance:
             references, numbers = by_kind.setdefault(kind, ([], []))
             references.append(reference)
             number = value / factor
-            numbers.append(number if kind in _FLOATS else round(number))
+            with self._telling(f"refuses {name} = {number:g}"):
+                numbers.append(number if kind in _FLOATS else round(number))
         for kind, (references, numbers) in by_kind.items():
             with self._telling(
                 f"refuses {', '.join(f'{name} = {v:g}' for name, v in values.items())}"

@@ -1,5 +1,6 @@
 """The mapping file: which variables of an FMU are which of our quantities."""
 
+import dataclasses
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
@@ -164,6 +165,12 @@ def load_mapping(path: Path) -> FmuMapping:
             name: {"variable": entry} if isinstance(entry, str) else entry
             for name, entry in entries.items()
         }
+        keys = [entry.name for entry in dataclasses.fields(Variable)]
+        for name, entry in entries.items():
+            for key in entry if isinstance(entry, Mapping) else ():
+                if key not in keys:
+                    hint = suggest_name(str(key), keys)
+                    raise PlantError(f"{path}: {part}.{name}.{key}: unknown; {hint}")
         for name in () if part == "parameters" else entries:
             right = [q for q in QUANTITIES if (q in INPUTS) == (part == "inputs")]
             if name not in right:

@@ -3,7 +3,7 @@
 from importlib.metadata import entry_points
 from pathlib import Path
 
-from tricycle_core.errors import ExcitationError, PlantError
+from tricycle_core.errors import ExcitationError, PlantError, message_of
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.plants.plant import Plant
@@ -54,7 +54,9 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
         Unknown name, with those that are known; or a plant that cannot be made, with the reason.
     """
     name, _, file = name.partition(":")
-    if name == OWN and not file:
+    if name == OWN:
+        if file:
+            raise PlantError(f"the plant {OWN} takes no file: the vehicle file is its own")
         return OwnPlant(vehicle, seed)
     check_plant(name)
     # a colcon workspace over an installed wheel registers the same class twice
@@ -67,6 +69,8 @@ def plant_by_name(name: str, vehicle: Vehicle, seed: int = 0) -> Plant:
         plant: Plant = point.load()(vehicle, seed, *more)
     except ExcitationError:
         raise
+    except OSError as error:  # of its file
+        raise PlantError(f"plant {name!r}: {message_of(error)}") from error
     except Exception as error:  # whatever an installed package may raise
         raise PlantError(f"plant {name!r} cannot be made of {value}: {error!r}") from error
     return plant
