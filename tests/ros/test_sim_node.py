@@ -114,10 +114,12 @@ def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
     start_simulation()
     watch.wait(lambda: watch.now > 0.2)
     services = ServiceCaller(watch.node, lambda condition, _: watch.wait(condition))
-    parameter = Parameter("real_time_factor", value=4.0).to_parameter_msg()
-    request = SetParameters.Request(parameters=[parameter])
-    answer = services.call("tricycle_sim/set_parameters", SetParameters, request)
-    assert answer.results[0].successful
+    for factor in (0.001, 4.0):  # a tick that would take 10 s is not waited for
+        parameter = Parameter("real_time_factor", value=factor).to_parameter_msg()
+        request = SetParameters.Request(parameters=[parameter])
+        answer = services.call("tricycle_sim/set_parameters", SetParameters, request)
+        assert answer.results[0].successful
+        time.sleep(0.1)
     assert watch.pace(4.0) > 2.0
 
 
@@ -183,6 +185,8 @@ def test_where_tf2_msgs_is_installed_the_transform_is_broadcast_with_the_pose(
         ({"plc": "firmware", "firmware": "/nowhere"}, "/nowhere/steer.elf does not exist"),
         ({"true_values": "[yaw_inertia]"}, "true_values: 'yaw_inertia' must be name=number"),
         ({"real_time_factor": -1.0}, "real_time_factor"),
+        ({"noise_seed": -2}, "noise_seed = -2 must be from -1 to 2147483647"),
+        ({"steer_port": "pty", "drive_port": "pty"}, "steer_port and drive_port are both pty"),
     ],
 )
 def test_a_users_mistake_is_one_line_and_status_2(start_simulation, parameters, said):

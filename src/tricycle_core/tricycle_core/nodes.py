@@ -61,7 +61,9 @@ _MISTAKES = (
 
 
 _WRONG_TYPE = re.compile(r"Trying to set parameter '(.*?)' to '(.*)' of type .* type '(\w+)'")
-_OUT_OF_RANGE = re.compile(r"Parameter (\S+) out of range Min: (\S+), Max: (\S+), value: ([^:]+):")
+_OUT_OF_RANGE = re.compile(
+    r"Parameter (\S+) out of range\.? Min: (\S+), Max: (\S+), value: ([^:]+):"
+)
 _KINDS = {
     "BOOL": "true or false",
     "INTEGER": "a whole number",

@@ -20,7 +20,7 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from tricycle_bridge.protocol.messages import Board
-from tricycle_core.errors import PlantError, VehicleError
+from tricycle_core.errors import LinkError, PlantError, VehicleError
 from tricycle_core.nodes import RECORDED, declare, overridable, run_node, time_message
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
@@ -100,6 +100,8 @@ class TricycleSim(Node):
             )
             for board, name in ((Board.STEER, "steer"), (Board.DRIVE, "drive"))
         }
+        if ports[Board.STEER] == ports[Board.DRIVE]:
+            raise LinkError(f"steer_port and drive_port are both {ports[Board.STEER]}")
         for name, (default, high, about) in LIVE_PARAMETERS.items():
             declare(self, name, default, about, (0.0, high), read_only=False)
         for name, (limit, about) in START_PARAMETERS.items():
@@ -203,8 +205,9 @@ class TricycleSim(Node):
                     if self._rig.state.rolled_over:
                         self.get_logger().error("the vehicle has rolled over", once=True)
                 period = TICK / self._factor if self._factor else 0.0
+                now = time.monotonic()
                 # what is late is caught up, but never more than ten ticks
-                due = max(due + period, time.monotonic() - 10 * period)
+                due = max(min(due, now) + period, now - 10 * period)
 
     def _plug(self, selector: selectors.BaseSelector) -> None:
         """Pull the cables of the boards that have none, and put back the others."""
@@ -222,9 +225,11 @@ class TricycleSim(Node):
         A tick that was not answered in time is followed by one that waits out all its patience:
         then no answer is left on its way, to be taken for that of a later tick.
         """
-        rig = self._rig
+        rig, factor = self._rig, self._factor
         deadline = time.monotonic() + self._patience
         while not self._stop.is_set():
+            if self._factor != factor:  # another pace counts at once
+                due = 0.0
             for board, port in self._ports.items():
                 if data := port.read():
                     port.write(rig.receive(board, data))
