@@ -83,6 +83,7 @@ GOOD = {
         ({"kind": None}, "kind"),
         ({"samples": 3.0}, "samples"),
         ({"samples": [1.0, "x"]}, "samples"),
+        ({"samples": [1.0, None]}, "samples"),
         ({"samples": [[1.0], [1.0, 2.0]]}, "samples"),
         ({"intervals": {"mass": {"low": True, "high": 1.0}}}, "low"),
         ({"intervals": {"mass": {"low": 0.0}}}, "high"),
@@ -108,6 +109,10 @@ def test_a_value_of_another_type_is_told_in_the_words_of_a_file():
         (b"a: 1\n\tb: 2", r"f:2: is not valid YAML: found character '\\t' that cannot start"),
         (b"a: &b 1\nc: *b", "f: is not valid YAML: aliases are not read"),
         (b"a: \0", "f: is not valid YAML: special characters are not allowed"),
+        (b"a: !!timestamp x", "f: is not valid YAML: 'NoneType' object"),
+        (b"a: !!int ''", "f: is not valid YAML: string index out of range"),
+        (b"a: !!bool x", "f: is not valid YAML: 'x'"),
+        (b"!!map [1]", "f: is not valid YAML: cannot unpack"),
     ],
 )
 def test_what_is_not_yaml_is_told_with_the_reason(content, message):
@@ -130,6 +135,11 @@ def test_infinity_is_a_number_and_nan_is_not():
     assert parse_json(b"[Infinity, -Infinity]", "f", PlanError) == [math.inf, -math.inf]
     with pytest.raises(PlanError, match="f: is not JSON"):
         parse_json(b"[NaN]", "f", PlanError)
+
+
+def test_the_mark_that_windows_puts_before_utf_8_is_no_content():
+    content = b'\xef\xbb\xbf{"a": 1}'
+    assert parse_json(content, "f", PlanError) == parse_yaml(content, "f", PlanError) == {"a": 1}
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"\xff", b"[" * 100_000, b"9" * 5000])

@@ -184,14 +184,17 @@ def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
         line = f":{mark.line + 1}" if mark else ""
         fault = getattr(problem, "problem", None) or getattr(problem, "reason", None) or problem
         raise error(f"{where}{line}: is not valid YAML: {fault}") from problem
-    # numbers beyond all bounds, dates that do not exist, lists a thousand deep
-    except (ValueError, OverflowError, RecursionError) as problem:
+    # numbers beyond all bounds, dates that do not exist, lists a thousand deep, tags that lie
+    except (
+        *(ValueError, OverflowError, RecursionError),
+        *(LookupError, AttributeError, TypeError),
+    ) as problem:
         raise error(f"{where}: is not valid YAML: {problem}") from problem
 
 
 def _text(content: bytes, where: str, error: type[ExcitationError]) -> str:
     try:
-        return content.decode()
+        return content.decode("utf-8-sig")  # Windows marks UTF-8
     except UnicodeDecodeError as problem:
         raise error(f"{where}: is not a text in UTF-8 (byte {problem.start})") from problem
 
@@ -345,6 +348,9 @@ def _plain(value: object) -> object:
     raise NotImplementedError(f"{type(value).__name__} has no JSON form")
 
 
+_NO_NUMBERS = (bool, str, type(None))
+
+
 def _special(kind: type, value: object) -> object:
     import numpy as np  # takes a while, and nodes that have no arrays do without
 
@@ -356,8 +362,8 @@ def _special(kind: type, value: object) -> object:
         if (
             isinstance(value, list)
             and array is not None
-            # which NumPy takes for 1 and 2: true and "2"
-            and not any(isinstance(v, bool | str) for v in np.array(value, dtype=object).flat)
+            # which NumPy takes for 1, 2 and NaN: true, "2" and null
+            and not any(isinstance(v, _NO_NUMBERS) for v in np.array(value, dtype=object).flat)
         ):
             return array
         raise ValueError("needs a list of numbers")

@@ -58,6 +58,7 @@ def constant(name, **entries):
         (lambda d: d["constants"].update(wings=1), "wings: is no constant"),
         (lambda d: d.update(colour="red"), "colour: is no key"),
         (lambda d: d.pop("name"), "name: needs a text"),
+        (lambda d: d.update(name="a\x1b[31m\nb"), "name: needs a text of one line"),
         (lambda d: d.pop("constants"), "needs the keys"),
         (constant("mass", unit="g"), "mass.unit: needs 'kg', not 'g'"),
         (constant("mass", value="heavy"), "mass.value: needs a number, not 'heavy'"),

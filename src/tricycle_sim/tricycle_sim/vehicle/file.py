@@ -95,8 +95,9 @@ def _parse(document: Any, where: str) -> Vehicle:
         _check_keys(f"{where}: ", document, KEYS, "a vehicle file")
     if not isinstance(document, dict) or not isinstance(document.get("constants"), dict):
         raise VehicleError(f"{where}: needs the keys 'name' and 'constants' (entries by name)")
-    if not isinstance(document.get("name"), str) or not document["name"]:
-        raise VehicleError(f"{where}: name: needs a text")
+    title = document.get("name")
+    if not isinstance(title, str) or not title or not title.isprintable():
+        raise VehicleError(f"{where}: name: needs a text of one line")
     parts = document.get("parts", {})
     if not isinstance(parts, dict) or not all(isinstance(n, str) for i in parts.items() for n in i):
         raise VehicleError(f"{where}: parts: needs names of laws by part")
@@ -111,9 +112,7 @@ def _parse(document: Any, where: str) -> Vehicle:
             values[name], limits = _parse_entry(name, constants, entry)
             if limits is not None:
                 unknown[name] = limits
-        vehicle = Vehicle(
-            name=document["name"], values=values, unknown=unknown, parts=parts, wheels=wheels
-        )
+        vehicle = Vehicle(name=title, values=values, unknown=unknown, parts=parts, wheels=wheels)
         check_read(wheels, parts, values)
     except VehicleError as error:
         raise VehicleError(f"{where}: {error}") from error
