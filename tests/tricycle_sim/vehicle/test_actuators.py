@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.actuators import (
     DIRECT_TORQUE,
@@ -19,7 +20,9 @@ from tricycle_sim.vehicle.actuators import (
     hub_motor,
     throttle_curve,
 )
+from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.kernel import functions_for
+from tricycle_sim.vehicle.kinematics import steered_wheels
 from tricycle_sim.vehicle.layout import LANES
 from tricycle_sim.vehicle.parts import servo_at_rest, steering_constants
 
@@ -48,6 +51,13 @@ def test_servo_follows_its_differential_equation(damping):
     system = [[0.0, 1.0], [-(25.0**2), -50.0 * damping]]
     exact = expm(0.1 * np.array(system)) @ [0.1 - 0.3, -0.5] + [0.3, 0.0]
     assert servo == pytest.approx(exact, rel=1e-12)
+
+
+def test_a_fast_servo_with_much_damping_steers_a_vehicle():
+    vehicle = VEHICLE.replace(servo_natural_frequency=500.0, servo_damping_ratio=2.0)
+    trajectory = simulate(vehicle, Commands([0.0, 0.5], [0.2, 0.2], [0.0, 0.0]))
+    assert trajectory.steering_motor_angle[0, -1] == pytest.approx(0.2, rel=1e-6)
+    assert steered_wheels(vehicle, 0.2) == steered_wheels(VEHICLE, 0.2)
 
 
 def test_servo_without_pulse_holds_its_angle():

@@ -10,6 +10,7 @@ import numpy as np
 from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import attitude_quaternion
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for
 from tricycle_sim.vehicle.layout import (
@@ -50,7 +51,7 @@ def motor_in_the_middle(vehicle: Vehicle, point: FloatArray | None = None) -> Fl
     """
     table, angles = np.empty((1, 8)), np.empty((2, 1))
     values = sample_values(vehicle, vehicle.nominal_point() if point is None else point)
-    constants = steering_constants(vehicle, 1.0, values)  # without set-points there is no step
+    constants = steering_constants(vehicle, TICK, values)  # without set-points there is no step
     functions_for(vehicle).steer(servo_at_rest(vehicle), np.empty(0), constants, 1, table, angles)
     return table
 
@@ -255,7 +256,7 @@ def _settle(vehicle: Vehicle, parameters: FloatArray, steered_by: list[int]) -> 
             poses = poses - np.linalg.solve(jacobian, residuals[:, 0, :, np.newaxis])[..., 0]
         except np.linalg.LinAlgError:
             raise VehicleError(
-                f"{vehicle.name} finds no rest on its tyres: mass, com_height or "
-                "vertical_stiffness are wrong"
+                f"{vehicle.name} finds no rest on its tyres: mass, com_height, "
+                "vertical_stiffness or the wheels' places are wrong"
             ) from None
     return poses

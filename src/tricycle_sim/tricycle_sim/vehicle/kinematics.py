@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.parts import steering_constants, structure_of
@@ -39,7 +40,7 @@ def steered_wheels(vehicle: Vehicle, motor_angle: float) -> dict[str, SteeredWhe
     """
     table, angles = np.empty((1, 8)), np.empty((2, 1))
     servo = np.array([motor_angle, 0.0])
-    constants = steering_constants(vehicle, 1.0)  # without set-points there is no step
+    constants = steering_constants(vehicle, TICK)  # without set-points there is no step
     functions_for(vehicle).steer(servo, np.empty(0), constants, 1, table, angles)
     axles = table.reshape(-1, 4).tolist()  # of each side: the direction of the axle, its rate
     unsteered = [vehicle.of(wheel) for wheel in vehicle.wheels if not wheel.steered]
@@ -69,7 +70,7 @@ def king_pin_angles(vehicle: Vehicle) -> dict[str, tuple[float, float]]:
     dict of str to (float, float)
         Angle [rad], left positive, and its slope by the motor's angle.
     """
-    constants = steering_constants(vehicle, 1.0)
+    constants = steering_constants(vehicle, TICK)
     *angles, left_slope, right_slope = functions_for(vehicle).wheel_angles(0.0, constants)
     slopes = left_slope, right_slope
     sides = structure_of(vehicle).sides
