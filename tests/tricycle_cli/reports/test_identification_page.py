@@ -106,7 +106,12 @@ def test_without_profiles_there_is_no_figure_of_them(found):
 
 def test_remarks_say_what_a_reader_must_know(found):
     lines = remarks(found)
-    for text in ("yaw_inertia (97% of its prior", "1 other set(s)", "3 samples", "second, not"):
+    for text in (
+        "yaw_inertia (1σ is 97% of the prior",
+        "1 other set(s)",
+        "3 samples",
+        "second, not",
+    ):
         assert any(text in line for line in lines), text
 
 
