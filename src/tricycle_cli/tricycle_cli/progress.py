@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from tricycle_cli.console import plain_console
 from tricycle_core.quantities import Progress
 
 
@@ -21,7 +22,6 @@ def progress_bar(description: str) -> Iterator[Progress]:
         `report(done, total)` moves the bar; it may be called from any thread.
     """
     from rich import progress
-    from rich.console import Console
 
     with progress.Progress(
         progress.TextColumn("{task.description}", markup=False),
@@ -30,7 +30,7 @@ def progress_bar(description: str) -> Iterator[Progress]:
         progress.TimeElapsedColumn(),
         progress.TextColumn("left"),
         progress.TimeRemainingColumn(),
-        console=Console(stderr=True, markup=False, emoji=False),
+        console=plain_console(stderr=True),
     ) as bar:
         task = bar.add_task(description, total=1)
         try:

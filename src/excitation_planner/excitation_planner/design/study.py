@@ -151,8 +151,7 @@ class Study:
         if Criterion(criterion) is not Criterion.H:
             check_installed("pyarrow", "a study of trajectories")
         operation, unknown = Box.of(operation), Box.of(unknown)
-        names = ["point", "sample", "output", *operation.names, *unknown.names]
-        names += _beside_names(beside)
+        names = ["output", *_header(operation, unknown, beside)]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise DesignError(f"columns of a study would have one name: {', '.join(twice)}")
         problem = DesignProblem(
@@ -189,12 +188,7 @@ class Study:
         else:
             proposals = []
         problem = self._store.problem
-        names = (
-            *problem.operation.names,
-            *problem.unknown.names,
-            *_beside_names(problem.beside),
-        )
-        header = ["point", "sample", *names]
+        header = _header(problem.operation, problem.unknown, problem.beside)
         rows = [
             [p.point, sample, *map(repr, p.x.tolist()), *map(repr, values)]
             for p in proposals
@@ -392,8 +386,10 @@ class PendingError(DesignError):
         self.points, self.verification = points, verification
 
 
-def _beside_names(beside: BesideParameters) -> list[str]:
-    return [f"beside{i}" for i in range(len(beside.steps))]
+def _header(operation: Box, unknown: Box, beside: BesideParameters) -> list[str]:
+    """Columns of what is pending."""
+    others = [f"beside{i}" for i in range(len(beside.steps))]
+    return ["point", "sample", *operation.names, *unknown.names, *others]
 
 
 def _whole(number: object) -> int:

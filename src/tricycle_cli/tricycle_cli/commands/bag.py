@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tricycle_cli.arguments import BAG_HELP, bag_argument, nonnegative_number
+from tricycle_cli.console import plain_console
 from tricycle_cli.progress import progress_bar
 
 if TYPE_CHECKING:
@@ -83,7 +84,6 @@ def run_info(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
     from rich.table import Table
 
     from trajectory_recorder.bag.reader import BagReader
@@ -109,7 +109,7 @@ def run_info(args: argparse.Namespace) -> int:
         print(json.dumps(found))
         return 0
     fetched = f" ({bag.fetched / 1e6:.3f} MB fetched)" if bag.fetched else ""
-    console = Console(markup=False, emoji=False)
+    console = plain_console()
     console.print(f"files     {', '.join(names)} ({bag.kind})", highlight=False)
     console.print(f"size      {bag.size / 1e6:.3f} MB{fetched}", highlight=False)
     console.print(f"start     {_time(start)}", highlight=False)

@@ -30,6 +30,7 @@ from tricycle_cli.arguments import (
     warn_about,
 )
 from tricycle_cli.campaign.request import WAY_BACK, CampaignRequest
+from tricycle_cli.console import plain_console
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import PlanError
@@ -145,8 +146,6 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
-
     from tricycle_cli.campaign.cycle import Campaign
     from tricycle_cli.campaign.results import (
         campaign_report,
@@ -175,7 +174,7 @@ def run(args: argparse.Namespace) -> int:
     )
     campaign = Campaign(args.output, request)
     warn_about(vehicle, args)
-    console = Console(stderr=True, markup=False, emoji=False)
+    console = plain_console(stderr=True)
     if campaign.steps:
         console.print(f"{args.output}: going on after {len(campaign.steps)} planned drives")
     if not campaign.finished:
@@ -189,7 +188,7 @@ def run(args: argparse.Namespace) -> int:
     if request.area is not None:
         plot_yard(campaign, request.area, args.output / "yard.png")
     text = StringIO()
-    Console(file=text, width=120, markup=False, emoji=False).print(table)
+    plain_console(file=text, width=120).print(table)
     write_whole(args.output / "report.txt", text.getvalue())
     if args.json:
         print(json.dumps(report))

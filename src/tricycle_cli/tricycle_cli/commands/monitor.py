@@ -6,6 +6,7 @@ import os
 import time
 
 from tricycle_cli.arguments import namespace
+from tricycle_cli.console import plain_console
 from tricycle_core.errors import NodeError
 
 EXAMPLE = """\
@@ -52,7 +53,6 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
     from rich.live import Live
 
     from tricycle_cli.operation.dashboard import screen
@@ -75,9 +75,7 @@ def run(args: argparse.Namespace) -> int:
             print(json.dumps(dashboard.snapshot()))
             return 0
         try:
-            with Live(
-                console=Console(markup=False, emoji=False), auto_refresh=False, screen=True
-            ) as live:
+            with Live(console=plain_console(), auto_refresh=False, screen=True) as live:
                 while True:
                     live.update(screen(dashboard, now=time.monotonic(), where=where), refresh=True)
                     monitor.listen(REFRESH)

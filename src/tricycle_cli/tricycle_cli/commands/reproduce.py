@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from paper_reproduction.published import ITEMS
 from tricycle_cli.arguments import add_overwrite_option, check_output_files
+from tricycle_cli.console import plain_console
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, replacing, write_whole
 
@@ -62,8 +63,6 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
-
     from excitation_planner.design.executors import process_pool
     from paper_reproduction.figures import draw
     from paper_reproduction.first_stage import PaperBudget
@@ -93,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({item.name: _as_json(item) for item in items}))
     else:
-        console = Console(markup=False, emoji=False)
+        console = plain_console()
         for item in items:
             console.print(comparison_table(item))
             for finding in item.findings:

@@ -11,6 +11,7 @@ import yaml
 
 from tricycle_cli.arguments import add_overwrite_option, check_output_files
 from tricycle_cli.completion import HelpFormatter
+from tricycle_cli.console import plain_console
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
 from tricycle_core.timing import TICK
@@ -151,7 +152,6 @@ def run_check(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
-    from rich.console import Console
     from rich.table import Table
 
     from tricycle_sim.vehicle.stability import LIMIT, check_step, fastest_mode
@@ -176,7 +176,7 @@ def run_check(args: argparse.Namespace) -> int:
         }
         print(json.dumps(result))
         return 0
-    console = Console(highlight=False, markup=False, emoji=False)
+    console = plain_console(highlight=False)
     console.print(f"{vehicle.name}: valid (hash {vehicle.fingerprint})")
     table = Table("unknown parameter", "low", "nominal", "high", "unit")
     for name, (low, high) in vehicle.unknown.items():

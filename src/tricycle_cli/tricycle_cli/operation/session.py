@@ -20,6 +20,7 @@ from tricycle_bringup.configuration import (
     check_bridge,
     driver_parameters,
 )
+from tricycle_cli.console import plain_console
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import (
@@ -263,8 +264,6 @@ def _wait_for_enter(
     plan: Plan, preflight: Callable[[], Mapping[str, DiagnosticEntry]], back: bool
 ) -> None:
     """Show the pre-flight until nothing fails and somebody says Enter."""
-    from rich.console import Console
-
     along, across, stop = plan.space
     start = "its start"
     if plan.area is not None and plan.start_pose is not None:
@@ -277,7 +276,7 @@ def _wait_for_enter(
     )
     while True:
         items = preflight()
-        Console(markup=False, emoji=False).print(diagnostics_table(items, time.monotonic()))
+        plain_console().print(diagnostics_table(items, time.monotonic()))
         # the way back ends at the start
         failing = {n for n, item in items.items() if item.level is Level.ERROR} - (
             {"start"} if back else set()

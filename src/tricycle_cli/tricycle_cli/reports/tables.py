@@ -13,6 +13,7 @@ from rich.table import Table
 
 from parameter_identification.drives.measured import Input
 from parameter_identification.judging.judgement import Anchor, Judgement
+from tricycle_cli.console import plain_console
 from tricycle_sim.effects import TYRE_ROUNDING
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def table_console(*, stderr: bool = False, width: int = NARROWEST) -> Console:
     width : int
         Least width [characters].
     """
-    console = Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    console = plain_console(stderr=stderr, highlight=False)
     console.width = max(console.width, width)
     return console
 

@@ -1,0 +1,35 @@
+"""Where the commands print."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+def plain_console(
+    *,
+    stderr: bool = False,
+    file: TextIO | None = None,
+    width: int | None = None,
+    highlight: bool = True,
+) -> Console:
+    """Return a console that prints names of files as they are: `[left]` and `:car:` are no markup.
+
+    Parameters
+    ----------
+    stderr : bool
+        Whether it prints there.
+    file : TextIO, optional
+        Where else it prints.
+    width : int, optional
+        Of its lines [characters]; default: that of the terminal.
+    highlight : bool
+        Whether numbers and paths are coloured.
+    """
+    from rich.console import Console
+
+    return Console(
+        stderr=stderr, file=file, width=width, highlight=highlight, markup=False, emoji=False
+    )
