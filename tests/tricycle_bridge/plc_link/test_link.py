@@ -364,7 +364,7 @@ def test_a_command_for_the_other_board_is_a_mistake():
 
 def test_lost_and_repeated_frames_are_counted():
     line = Line()
-    line.step(20)
+    line.step(180)  # between two PING
     kept = iter([b""] * 3)
     line.to_host = lambda data: next(kept, data)
     line.step(4)

@@ -46,6 +46,22 @@ def test_stamps_are_right_across_wrap_drift_and_asymmetric_delays(drift):
     assert worst < 0.007
 
 
+def test_first_replies_that_waited_for_a_busy_host_are_forgotten_within_half_a_second():
+    clock = PlcClock()
+    waited = [0.015, 0.012, 0.001, 0.009]  # s
+    last = -1.0
+    for tick in range(200):
+        t = tick * 0.01
+        if tick % 7 == 0:
+            back = waited[tick // 7] if tick // 7 < len(waited) else 0.002
+            clock.add_ping(t, _reading(t, start=0), _reading(t, start=0), t + back)
+        stamp = clock.to_host(_reading(t, start=0), received=t + 0.02)
+        assert stamp > last
+        last = stamp
+        if tick >= 50:
+            assert stamp == pytest.approx(t, abs=0.0011)  # half of the best round trip, or a little more
+
+
 def test_a_stamp_is_never_in_the_future():
     clock = PlcClock()
     clock.add_ping(10.0, 0, 0, 10.0)

@@ -56,6 +56,9 @@ from tricycle_core.errors import LinkError
 PING_PERIOD = 0.5
 """Time between two PING [s]."""
 
+FIRST_PING_PERIOD = 0.07
+"""Time between two PING until the PLC's clock is settled [s]; apart from LIMITS_REQ, STATS_REQ."""
+
 STATS_PERIOD = 1.0
 """Time between two requests for STATS [s]."""
 
@@ -480,7 +483,7 @@ class PlcLink:
             self._greet_again(now)
             return
         if now >= self._next_ping:
-            self._next_ping = now + PING_PERIOD
+            self._next_ping = now + (PING_PERIOD if self.clock.settled else FIRST_PING_PERIOD)
             token = self._rng.getrandbits(32)
             self._pings = {t: at for t, at in self._pings.items() if now - at < 4 * PING_PERIOD}
             self._pings[token] = now

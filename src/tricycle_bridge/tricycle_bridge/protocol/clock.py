@@ -10,6 +10,7 @@ from collections import deque
 _WRAP = 1 << 32  # us: 71.6 minutes
 _SAMPLES = 16  # newest pings, of which the one that tells the offset best gives it
 _SLEW = 0.01  # s of correction per s: twice what a UNO's ceramic resonator can be off
+_FIRST_SLEW = 0.005  # s of correction per ping, of the first 16: half of a tick
 _STEP = 0.05  # s: a larger error is not drift and is corrected at once
 
 
@@ -34,7 +35,8 @@ class PlcClock:
 
     The offset is that of the ping, among the last 16, with the shortest round trip plus 1 % of its
     age: half of either is what it may be off by, as the clocks drift by 0.5 % at most. It is
-    approached at 1 % at most, so that stamps stay monotonic.
+    approached at 1 % at most, and by half of a tick at each of the first 16 pings, whose replies
+    may wait for a busy host: so stamps stay monotonic.
 
     Attributes
     ----------
@@ -50,6 +52,11 @@ class PlcClock:
         self._samples: deque[tuple[float, float, float]] = deque(maxlen=_SAMPLES)
         self._offset: float | None = None  # s, PLC minus host
         self._updated = 0.0
+
+    @property
+    def settled(self) -> bool:
+        """Whether enough pings were answered to choose among."""
+        return len(self._samples) == _SAMPLES
 
     def unwrap(self, t: int) -> float:
         """Return a reading [us] as seconds since the zero before the first reading."""
@@ -74,6 +81,7 @@ class PlcClock:
         t3 : float
             Host time at which PONG arrived [s].
         """
+        settled = self.settled
         rx, tx = self.unwrap(t_rx), self.unwrap(t_tx)
         self.round_trip = (t3 - t0) - (tx - rx)
         self._samples.append((self.round_trip, t3, (rx + tx) / 2 - (t0 + t3) / 2))
@@ -81,7 +89,7 @@ class PlcClock:
         if self._offset is None or abs(target - self._offset) > _STEP:
             self._offset = target
         else:
-            most = _SLEW * max(t3 - self._updated, 0.0)
+            most = _SLEW * max(t3 - self._updated, 0.0) if settled else _FIRST_SLEW
             self._offset += min(max(target - self._offset, -most), most)
         self._updated = t3
 
