@@ -312,13 +312,14 @@ def test_a_worker_of_another_version_gets_no_work():
         small_design(must_not_run, executor=pool)
 
 
-def test_what_is_no_chunk_and_no_time():
+def test_what_is_no_chunk_no_time_and_no_number_of_workers():
     for arguments, message in [
         ({"chunk": 0}, "chunk = 0 must be 1 or more"),
+        ({"workers": -1}, "workers = -1 must be 1 or more"),
         ({"timeout": 0.0}, "timeout = 0 s must be positive"),
     ]:
         with pytest.raises(DesignError, match=message):
-            small_design(workers=2, **arguments)
+            small_design(**{"workers": 2} | arguments)
     pool = ThreadPoolExecutor(1)
     pool.shutdown()
     with pytest.raises(DesignError, match="the executor takes no work: cannot schedule new"):

@@ -233,10 +233,11 @@ def evaluations(
     Raises
     ------
     DesignError
-        A chunk or timeout that is not positive; f that cannot be sent.
+        A chunk, timeout or number of workers that is not positive; f that cannot be sent.
     """
-    if chunk is not None and chunk < 1:
-        raise DesignError(f"chunk = {chunk} must be 1 or more")
+    for name, number in (("chunk", chunk), ("workers", workers)):
+        if number is not None and number < 1:
+            raise DesignError(f"{name} = {number} must be 1 or more")
     work = partial(_work, f, problem)
     jobs: Jobs[_Job, _Result]
     if executor is not None:
