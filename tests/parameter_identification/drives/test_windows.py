@@ -371,12 +371,14 @@ def logged(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("position", "yaw_rate"), [(0.0, 0.0), (0.002, 0.001)])
+@pytest.mark.parametrize(
+    ("position", "yaw_rate", "duration"), [(0.0, 0.0, 24.0), (0.002, 0.001, 30.0)]
+)
 def test_parameters_of_a_vehicle_unlike_the_file_are_found_from_a_table(
-    tmp_path: Path, position: float, yaw_rate: float
+    tmp_path: Path, position: float, yaw_rate: float, duration: float
 ) -> None:
     """Its speed is not that of the file's vehicle under the same set-points, nor is its start."""
-    time = np.arange(0.0, 40.0, 0.01)
+    time = np.arange(0.0, duration, 0.01)
     angle = 0.3 * np.sin(0.35 * time) + 0.25 * np.sin(0.9 * time + 1.0)
     commands = Commands(time, angle * np.minimum(1.0, time / 3.0), np.minimum(0.9, time))
     truth = VEHICLE.nominal | {
