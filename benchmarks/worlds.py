@@ -1,6 +1,7 @@
 """Identification in worlds that the vehicle file lacks: coverage, width, and what was wrong.
 
     python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all|random]
+                                [--predict]
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz, the steering's angle on every tick in
@@ -16,7 +17,10 @@ parameter, or more than twice as wide.
 
 The maneuvers are fixed, or planned as a pair by criterion d, counting no effects or all of them
 (then the widths that the plan expects are printed, too), or drawn from their boxes, another pair
-for each vehicle. benchmarks/firmware_world.py has the world of the own firmware.
+for each vehicle. With --predict each vehicle drives a slalom too, another one each, that is
+predicted with what was found: printed are the distance by which the positions are off and the
+expected one [mm] (both RMS), and the mean and the least share of them inside the 95 % band.
+benchmarks/firmware_world.py has the world of the own firmware.
 """
 
 import argparse
@@ -30,6 +34,7 @@ from scipy.signal import lfilter
 
 from excitation_planner import Criterion
 from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.maneuver import Slalom
 from excitation_planner.planning import PlanRequest, plan_set, random_feasible_point
 from excitation_planner.planning.replay import nominal_run
 from parameter_identification.drives.measured import Sensor, Signal
@@ -46,6 +51,7 @@ SENSORS = {
     Sensor.YAW_RATE: SensorNoise(0.005),
     Sensor.WHEEL_SPEED: SensorNoise(0.0),
 }
+FAMILIES = tuple(family for family, _ in MANEUVERS)
 WAYS = ("none", "all", "weighed", "oracle")
 PARAMETERS = ("cornering_stiffness", "camber_stiffness", "yaw_inertia")
 
@@ -164,7 +170,7 @@ def late_drive(commands, truth):
 
 def planned_pair(effects):
     """Commands of a circle and a double lane change planned together; prints what is expected."""
-    first, second = (family for family, _ in MANEUVERS)
+    first, second = FAMILIES
     noise = MeasurementNoise(yaw_rate_std=0.005, wheel_speed_std=0.003)
     request = PlanRequest(
         VEHICLE, first, PARAMETERS[0], Criterion.D, (second,), noise=noise, effects=effects
@@ -181,11 +187,11 @@ def planned_pair(effects):
     return [plan.commands for plan in plans]
 
 
-def random_pair(seed):
-    """Commands of a circle and a double lane change anywhere in their boxes."""
+def random_commands(families, seed):
+    """Commands of a maneuver of each family, anywhere in its box."""
     rng = np.random.default_rng([seed, 6])
     found = []
-    for family, _ in MANEUVERS:
+    for family in families:
         x = random_feasible_point(PlanRequest(VEHICLE, family, PARAMETERS[0]), rng)
         found.append(nominal_run(VEHICLE, family, x).commands)
     return found
@@ -227,12 +233,12 @@ WORLDS = {  # motion, and the effects that act
 }
 
 
-def drives_in(world, truth, seed, pair):
+def drives_in(world, truth, seed, all_commands):
     rng = np.random.default_rng([seed, 3])
     late = world.startswith("localisation")
     sensors = SENSORS | ({Sensor.POSITION: SensorNoise(0.01, 0.01)} if late else {})
     found = []
-    for name, commands in zip(("circle", "lane"), pair, strict=True):
+    for name, commands in zip(("circle", "lane", "slalom"), all_commands, strict=False):
         motion = WORLDS[world][0](commands, truth)
         drive = rounded(
             measure(motion, commands, sensors, rng=rng, name=name, steering_step=1.0 / ADC_SCALE)
@@ -246,22 +252,32 @@ def drives_in(world, truth, seed, pair):
 
 
 def one_vehicle(job):
-    """For each way and parameter: shown, covered, width in ranges; whether told."""
-    world, seed, pair, ways = job
+    """For each way and parameter: shown, covered, width in ranges, whether told; predictions."""
+    world, seed, all_commands, ways = job
     truth = draw(seed)
-    drives = drives_in(world, truth, seed, pair)
+    drives = drives_in(world, truth, seed, all_commands)
     true = dict(zip(VEHICLE.unknown, truth, strict=True))
-    rows = []
+    rows, predicted = [], []
     for way in ways:
         effects = {"none": (), "oracle": WORLDS[world][1]}.get(way, EFFECTS)
-        found = identify(drives, VEHICLE, effects=effects, weighed=way == "weighed")
+        found = identify(
+            drives[:2], VEHICLE, effects=effects, weighed=way == "weighed", held_out=drives[2:]
+        )
+        predicted += [(h.rms_estimated, h.expected, h.inside) for h in found.held_out]
         told = bool(found.deviations) or not found.white
         rows.append([])
         for name in PARAMETERS:
             e = found.parameters[name]
             width = (e.high - e.low) / (e.range[1] - e.range[0])
             rows[-1].append((e.identifiable, e.low <= true[name] <= e.high, width, told))
-    return rows
+    return rows, predicted
+
+
+def columns_of(predicted):
+    """Distance that predictions are off by and the expected one; mean and least share inside."""
+    off, expected = 1e3 * np.sqrt(np.mean(predicted[:, :2] ** 2, axis=0))
+    inside = predicted[:, 2]
+    return f"{off:6.0f}{expected:10.0f}{inside.mean():8.0%}{inside.min():7.0%}"
 
 
 def too_cautious(world, ways, table):
@@ -285,24 +301,31 @@ def main():
     parser.add_argument("--world", choices=WORLDS, action="append", default=[])
     parser.add_argument("--way", choices=WAYS, action="append", default=[])
     parser.add_argument("--plan", choices=("none", "all", "random"))
+    parser.add_argument("--predict", action="store_true")
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
     if arguments.plan == "random":
-        pairs = [random_pair(seed) for seed in range(arguments.vehicles)]
+        pairs = [random_commands(FAMILIES, seed) for seed in range(arguments.vehicles)]
     else:
         planned = {"none": (), "all": EFFECTS}.get(arguments.plan)
         pair = commands_of_pair() if planned is None else planned_pair(planned)
         pairs = [pair] * arguments.vehicles
+    if arguments.predict:
+        pairs = [[*pair, *random_commands([Slalom()], seed)] for seed, pair in enumerate(pairs)]
     ways = tuple(arguments.way or WAYS)
     print(f"{arguments.vehicles} vehicles; a cell: shown, covered where shown, wrong; width %")
     print(
-        f"{'world':37s}{'effects':>8s}" + "".join(f"{name:>26s}" for name in PARAMETERS) + "   told"
+        f"{'world':37s}{'effects':>8s}"
+        + "".join(f"{name:>26s}" for name in PARAMETERS)
+        + "   told"
+        + "   off  expected  inside  least" * arguments.predict
     )
     tallies, cautious = {way: Tally() for way in ways}, []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in arguments.world or WORLDS:
             jobs = [(world, seed, pair, ways) for seed, pair in enumerate(pairs)]
-            table = np.array(list(pool.map(one_vehicle, jobs)), dtype=float)
+            rows, predicted = zip(*pool.map(one_vehicle, jobs), strict=True)
+            table = np.array(rows, dtype=float)
             for number, way in enumerate(ways):
                 line = f"{world:37s}{way:>8s}"
                 for i in range(len(PARAMETERS)):
@@ -312,7 +335,10 @@ def main():
                         tallies[way].count(f"{world}, {PARAMETERS[i]}", held)
                     share = f"{covered[shown == 1].mean():.0%}" if shown.any() else "-"
                     line += f"{shown.mean():8.0%}{share:>6s}{wrong:4d}{100 * np.median(width):8.1f}"
-                print(line + f"{told.mean():7.0%}", flush=True)
+                line += f"{told.mean():7.0%}"
+                if arguments.predict:
+                    line += columns_of(np.array([of_ways[number] for of_ways in predicted]))
+                print(line, flush=True)
             cautious += too_cautious(world, ways, table)
     for way, tally in tallies.items():
         print(f"{way}: {tally.summary()}")
