@@ -9,7 +9,7 @@ import sys
 import time
 from pathlib import Path
 
-PAUSE = 0.1  # s
+PAUSE = 0.05  # s: a command passes four processes and threads, and boards wait for 0.2 s
 PERIOD = 0.01  # s
 WINDOW = 0.3  # s
 _JIFFY = 1.0 / os.sysconf("SC_CLK_TCK")  # s
