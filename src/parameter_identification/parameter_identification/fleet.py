@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
+from excitation_planner.design.prior import PRIOR_INFORMATION
 from parameter_identification.drives.kept import began
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.population import FEWEST, Member, Population
-from parameter_identification.estimation.prior import UNIFORM_VARIANCE
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.many_drives import (
     ManyDrives,
@@ -305,7 +305,7 @@ def course(found: ManyDrives, parameter: str) -> Course:
     reduced = information[:, rest[:, None], rest]
     reduced = reduced - across[:, :, None] * across[:, None, :] / alone[:, None, None]
     slopes = gradient[:, rest] - across * (gradient[:, i] / alone)[:, None]
-    prior = np.append(np.full(k, 1.0 / UNIFORM_VARIANCE), np.ones(c - k))[rest]
+    prior = np.append(np.full(k, PRIOR_INFORMATION), np.ones(c - k))[rest]
     mean = np.append(np.full(k, 0.5), np.zeros(c - k))[rest]
     of_rest = np.linalg.inv(reduced.sum(axis=0) + np.diag(prior))
     step = -of_rest @ (slopes.sum(axis=0) + prior * (at.mean(axis=0)[rest] - mean))

@@ -21,7 +21,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.noise import MeasurementNoise
-from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan
 from excitation_planner.planning.prediction import predicted_progress
 from parameter_identification.drives.measured import (
@@ -37,7 +36,7 @@ from parameter_identification.estimation.checks import MIN_POSITIONS, check_moti
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import ROUGH, settled
-from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.prior import GaussianPrior, box_prior, prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
@@ -109,10 +108,7 @@ class Planned:
         DesignError
             If the plan predicts nothing.
         """
-        before = None
-        if prior is not None:
-            mean, information = prior_in_ranges(vehicle, prior)
-            before = BoxPrior(mean, np.asarray(np.linalg.inv(information), dtype=np.float64))
+        before = None if prior is None else box_prior(vehicle, prior)
         return cls(plan.target, plan.noise, *predicted_progress(plan, vehicle, before))
 
     def at(self, time: float) -> FloatArray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated_drives import NAMES, VEHICLE
 
-from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.prior import GaussianPrior, box_prior, prior_in_ranges
 from tricycle_core.errors import IdentificationError
 
 
@@ -23,6 +23,9 @@ def test_a_prior_replaces_the_ranges_of_its_parameters():
     assert information[i, i] == pytest.approx((high - low) ** 2 / 25.0)
     others = np.delete(np.arange(len(NAMES)), i)
     np.testing.assert_allclose(np.diag(information)[others], 12.0)
+    known = box_prior(VEHICLE, prior)
+    np.testing.assert_array_equal(known.mean, mean)
+    np.testing.assert_allclose(known.covariance @ information, np.eye(len(NAMES)), atol=1e-12)
 
 
 def test_a_prior_must_be_one():

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from excitation_planner.design.prior import PRIOR_INFORMATION, BoxPrior
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
-
-UNIFORM_VARIANCE = 1.0 / 12.0  # of a parameter that is uniform in its range, in ranges squared
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,8 +36,8 @@ class GaussianPrior:
             raise IdentificationError("prior: the covariance must be positive definite")
 
 
-def prior_in_ranges(vehicle: Vehicle, prior: GaussianPrior | None) -> tuple[FloatArray, FloatArray]:
-    """Return mean and information matrix of the unknown parameters, in their ranges (0 to 1).
+def box_prior(vehicle: Vehicle, prior: GaussianPrior | None) -> BoxPrior:
+    """Return what is known of the unknown parameters, in their ranges (0 to 1).
 
     Parameters
     ----------
@@ -46,22 +45,29 @@ def prior_in_ranges(vehicle: Vehicle, prior: GaussianPrior | None) -> tuple[Floa
         Its k unknown parameters, with their ranges.
     prior : GaussianPrior, optional
         Replaces the ranges for the parameters that it names.
-
-    Returns
-    -------
-    mean : ndarray of float, shape (k,)
-        Middle of the range unless the prior says otherwise.
-    information : ndarray of float, shape (k, k)
-        Inverse covariance.
     """
     names = tuple(vehicle.unknown)
     low, high = np.array(list(vehicle.unknown.values())).T
-    mean, covariance = np.full(len(names), 0.5), UNIFORM_VARIANCE * np.eye(len(names))
+    mean, covariance = np.full(len(names), 0.5), np.eye(len(names)) / PRIOR_INFORMATION
     if prior is not None:
         given = [i for i, name in enumerate(names) if name in prior.names]
         taken = [prior.names.index(names[i]) for i in given]
         width = (high - low)[given]
         mean[given] = (prior.mean[taken] - low[given]) / width
         part = prior.covariance[np.ix_(taken, taken)] / np.outer(width, width)
-        covariance[np.ix_(given, given)] = part
-    return mean, np.asarray(np.linalg.inv(covariance), dtype=np.float64)
+        covariance[np.ix_(given, given)] = 0.5 * (part + part.T)  # round-off aside, the same
+    return BoxPrior(mean, covariance)
+
+
+def prior_in_ranges(vehicle: Vehicle, prior: GaussianPrior | None) -> tuple[FloatArray, FloatArray]:
+    """Return mean (k,) and information matrix (k, k), the inverse covariance, of `box_prior`.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its k unknown parameters, with their ranges.
+    prior : GaussianPrior, optional
+        Replaces the ranges for the parameters that it names.
+    """
+    known = box_prior(vehicle, prior)
+    return known.mean, np.asarray(np.linalg.inv(known.covariance), dtype=np.float64)

@@ -15,12 +15,11 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.estimation.prior import box_prior
 from parameter_identification.identification import identify
 from parameter_identification.identification_file import document_of, save_identification_file
 from tricycle_cli.campaign.request import CampaignRequest
@@ -237,10 +236,7 @@ class Campaign:
         found = self.steps[-1].identification
         if found is None:
             raise PlanError("a campaign plans after the identification of the last drive")
-        known = found.posterior()
-        low, high = np.array([self.request.vehicle.unknown[name] for name in known.names]).T
-        covariance = known.covariance / np.outer(high - low, high - low)
-        return BoxPrior((known.mean - low) / (high - low), 0.5 * (covariance + covariance.T))
+        return box_prior(self.request.vehicle, found.posterior())
 
     def _known_effects(self) -> dict[str, float]:
         """Standard deviations of what all drives have in common beside the parameters."""
