@@ -16,6 +16,7 @@ import numpy as np
 
 from excitation_planner.area.area import Area
 from excitation_planner.area.fence import Fence
+from excitation_planner.area.stops import longest_stop
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.documents import (
@@ -28,7 +29,6 @@ from tricycle_core.documents import (
 )
 from tricycle_core.errors import CommandsError, PlanError
 from tricycle_core.quantities import FloatArray
-from tricycle_core.stopping import Cause, stopping_distance
 from tricycle_sim.commands import Commands
 
 SCHEMA = 3
@@ -301,8 +301,7 @@ class Plan:
     @property
     def checksum(self) -> str:
         """Sixteen hexadecimal digits that change with any field."""
-        content = json.dumps(encode(self), sort_keys=True)
-        return hashlib.sha256(content.encode()).hexdigest()[:16]
+        return _checksum(encode(self))
 
     @property
     def space(self) -> tuple[float, float, float]:
@@ -312,9 +311,8 @@ class Plan:
         point.
         """
         along, across = np.ptp(self.path, axis=0)
-        fastest = float(np.abs(self.commands.speed).max())
-        stop = max(stopping_distance(cause, fastest) for cause in Cause)
-        return float(along), float(across), stop
+        stop = longest_stop(np.abs(self.commands.speed).max())
+        return float(along), float(across), float(stop)
 
 
 def _check_array(
@@ -327,6 +325,10 @@ def _check_array(
     )
     if not fits or (finite and not np.isfinite(array).all()):
         raise PlanError(f"{name} must be a list of finite numbers {shape}")
+
+
+def _checksum(content: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def save_plan(plan: Plan, path: Path) -> None:
@@ -345,8 +347,9 @@ def save_plan(plan: Plan, path: Path) -> None:
         If it cannot be written.
     """
     plan = decode(Plan, encode(plan), str(path), PlanError)  # whole numbers as they are read
-    document: dict[str, Any] = {"schema": SCHEMA, "id": plan.id, "checksum": plan.checksum}
-    for name, value in encode(plan).items():
+    content = encode(plan)
+    document = {"schema": SCHEMA, "id": plan.id, "checksum": _checksum(content)}
+    for name, value in content.items():
         document |= value if name == "noise" else {name: value}
     write_whole(path, json.dumps(document))
 
