@@ -313,7 +313,7 @@ def design_excitation(
             workers=workers,
             chunk=chunk,
             timeout=timeout,
-            memory=None if store is None else Store.of(store, problem),
+            store=None if store is None else Store.of(store, problem),
             progress=None if progress is None else lambda done: progress(done, budget),
         ) as evaluate_all,
     ):

@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from excitation_planner.design.evaluation import (
     joined,
@@ -21,45 +21,12 @@ from excitation_planner.design.evaluation import (
 )
 from excitation_planner.design.jobs import Jobs, JobsHere, JobsOfExecutor
 from excitation_planner.design.problem import DesignProblem, Outcome, Simulator, Verified
+from excitation_planner.design.store import Store
 from excitation_planner.indices.threads import THREADPOOLS
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
 IDLE_TIME = 60  # s, after which a process without work ends
-
-
-class Memory(Protocol):
-    """Keeps what f gave, as `Store` does."""
-
-    def recall(
-        self, x: FloatArray, samples: range | None = None, *, verification: bool
-    ) -> Outcome | None:
-        """Return what f gave, if all of it is known.
-
-        Parameters
-        ----------
-        x : ndarray of float, shape (l,)
-            Operation parameters.
-        samples : range, optional
-            Numbers of the simulations; by default all.
-        verification : bool
-            Whether the samples are those of the verification.
-        """
-
-    def keep(self, x: FloatArray, samples: range, outcome: Outcome, *, verification: bool) -> None:
-        """Keep what f gave.
-
-        Parameters
-        ----------
-        x : ndarray of float, shape (l,)
-            Operation parameters.
-        samples : range
-            Numbers of the simulations.
-        outcome : tuple or str
-            What f gave there.
-        verification : bool
-            Whether the samples are those of the verification.
-        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +88,8 @@ class Evaluations:
         What is evaluated.
     chunk : int or None
         Simulations of one job; None: all of a maneuver.
-    memory : Memory, optional
-        What is known, and is kept.
+    store : Store, optional
+        Keeps every simulation; what it has is not run again.
     progress : callable, optional
         Called with the simulations of all maneuvers so far.
     """
@@ -133,11 +100,11 @@ class Evaluations:
         problem: DesignProblem,
         *,
         chunk: int | None,
-        memory: Memory | None,
+        store: Store | None,
         progress: Callable[[int], None] | None,
     ) -> None:
         self._jobs, self._problem = jobs, problem
-        self._chunk, self._memory, self._progress = chunk, memory, progress
+        self._chunk, self._store, self._progress = chunk, store, progress
         self._done = 0
 
     def __call__(self, points: list[FloatArray], verification: bool) -> list[Verified]:
@@ -164,11 +131,13 @@ class Evaluations:
 
         for number, x in enumerate(points):
             for chunk in chunks:
-                known = self._recalled(x, chunk, verification)
+                known = None
+                if self._store is not None:
+                    known = self._store.recall(x, chunk, verification=verification)
                 if known is not None:
                     outcomes[number][chunk.start] = known
                     continue
-                back = self._memory is not None or not whole
+                back = self._store is not None or not whole
                 here = U[chunk.start : chunk.stop]
                 self._jobs.add(_Job(number, x, verification, chunk, here, None, whole, back))
             if len(outcomes[number]) == len(chunks):
@@ -178,8 +147,8 @@ class Evaluations:
             number = job.maneuver
             if outcome is not None:
                 outcomes[number][job.samples.start] = outcome
-                if self._memory is not None:
-                    self._memory.keep(job.x, job.samples, outcome, verification=verification)
+                if self._store is not None:
+                    self._store.keep(job.x, job.samples, outcome, verification=verification)
                 if not isinstance(outcome, str) and not whole:
                     count(number, counted[number] + len(job.samples))
             if judged is not None:
@@ -188,11 +157,6 @@ class Evaluations:
             elif len(outcomes[number]) == len(chunks):
                 judge(number)
         return [verified[number] for number in range(len(points))]
-
-    def _recalled(self, x: FloatArray, samples: range, verification: bool) -> Outcome | None:
-        if self._memory is None:
-            return None
-        return self._memory.recall(x, samples, verification=verification)
 
 
 @contextmanager
@@ -204,7 +168,7 @@ def evaluations(
     workers: int | None = None,
     chunk: int | None = None,
     timeout: float | None = None,
-    memory: Memory | None = None,
+    store: Store | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Iterator[Evaluations]:
     """Give a function that evaluates maneuvers.
@@ -225,8 +189,8 @@ def evaluations(
         Simulations of one job; by default all of a maneuver.
     timeout : float, optional
         Time without any result [s] after which jobs are given to other workers.
-    memory : Memory, optional
-        What is known, and is kept.
+    store : Store, optional
+        Keeps every simulation; what it has is not run again.
     progress : callable, optional
         Called with the simulations so far.
 
@@ -250,7 +214,7 @@ def evaluations(
             work, pool, replaced=partial(_replaced_pool, workers), timeout=timeout
         )
     try:
-        yield Evaluations(jobs, problem, chunk=chunk, memory=memory, progress=progress)
+        yield Evaluations(jobs, problem, chunk=chunk, store=store, progress=progress)
     finally:
         jobs.close()
 
