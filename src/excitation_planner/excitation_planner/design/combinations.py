@@ -16,6 +16,7 @@ from excitation_planner.design.information import (
     information,
     information_costs,
     posterior_covariance,
+    simulated_values,
 )
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
@@ -80,7 +81,7 @@ def best_combinations(
     """
     k = len(unknown)
     U = difference_points(k, draws, seed=seed, prior=prior, beside=beside)
-    P = np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
+    P = simulated_values(unknown, U)
     shape, simulations = k + beside.shared, 0
     points, total = np.empty((1, 0)), np.zeros((1, draws, shape, shape))
     for simulate, box in zip(maneuvers.simulators, maneuvers.operations, strict=True):

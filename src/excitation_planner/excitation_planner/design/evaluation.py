@@ -20,6 +20,7 @@ from excitation_planner.design.information import (
     information,
     information_costs,
     posterior_covariance,
+    simulated_values,
 )
 from excitation_planner.design.problem import (
     VERIFICATION,
@@ -103,20 +104,6 @@ def judge_outcome(
         return _assess_trajectories(problem, x, U, outcome, verification=verification)
 
 
-def simulated_values(problem: DesignProblem, U: FloatArray) -> FloatArray:
-    """Return what f takes (n, k + e) at points of the unit box.
-
-    Parameters
-    ----------
-    problem : DesignProblem
-        Has the ranges of the parameters.
-    U : ndarray of float, shape (n, k + e)
-        Parameters in the unit box, and what is beside them.
-    """
-    k = len(problem.unknown)
-    return np.hstack([problem.unknown.from_unit(U[:, :k]), U[:, k:]])
-
-
 def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray) -> Outcome:
     """Return the outcome of f at one maneuver.
 
@@ -132,7 +119,7 @@ def simulate(f: Simulator, problem: DesignProblem, x: FloatArray, U: FloatArray)
         Parameters in the unit box, and what is beside them.
     """
     try:
-        returned = f(x.copy(), simulated_values(problem, U))
+        returned = f(x.copy(), simulated_values(problem.unknown, U))
     except InfeasibleManeuver as infeasible:
         return str(infeasible) or "infeasible"
     except DesignError:

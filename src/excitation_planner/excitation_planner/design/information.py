@@ -68,6 +68,20 @@ def difference_points(
     return points.reshape(-1, axes)
 
 
+def simulated_values(unknown: Box, U: FloatArray) -> FloatArray:
+    """Return what a simulator takes (n, k + e) at points of the unit box.
+
+    Parameters
+    ----------
+    unknown : Box
+        Ranges of the k unknown parameters.
+    U : ndarray of float, shape (n, k + e)
+        Parameters in the unit box, and what is beside them.
+    """
+    k = len(unknown)
+    return np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
+
+
 def _steps(base: FloatArray, k: int, beside: BesideParameters) -> FloatArray:
     steps: FloatArray = np.where(base < 0.5, _STEP, -_STEP)  # inwards
     steps[:, k:] = beside.steps

@@ -26,12 +26,9 @@ from typing import Self
 
 from excitation_planner.box import Bounds, Box
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.evaluation import (
-    judge_outcome,
-    parameter_points,
-    simulated_values,
-)
+from excitation_planner.design.evaluation import judge_outcome, parameter_points
 from excitation_planner.design.excitation import DRAWS, Design, search_design
+from excitation_planner.design.information import simulated_values
 from excitation_planner.design.noise import TrajectoryErrorNoise, TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
 from excitation_planner.design.problem import DesignProblem, Search, Trajectories, Verified
@@ -358,7 +355,7 @@ class Study:
         missing = self._store.missing(point, verification=verification)
         kept = missing if samples is None else sorted(set(samples) & set(missing))
         U = parameter_points(self._store.problem, verification=verification)[kept]
-        return Proposal(point, tuple(kept), x, simulated_values(self._store.problem, U))
+        return Proposal(point, tuple(kept), x, simulated_values(self._store.problem.unknown, U))
 
     def _pending_text(self) -> str:
         file = self._store.path / PENDING

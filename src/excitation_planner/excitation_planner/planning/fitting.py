@@ -31,6 +31,7 @@ from excitation_planner.design.information import (
     information,
     information_costs,
     posterior_covariance,
+    simulated_values,
 )
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.design.prior import BoxPrior
@@ -270,7 +271,7 @@ class FittingSearch:
         k = len(unknown)
         draws = max(1, JUDGING // (k + len(beside.steps) + 1))
         U = difference_points(k, draws, seed=self.seed, prior=self.prior, beside=beside)
-        return U, np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
+        return U, simulated_values(unknown, U)
 
     @property
     def _found(self) -> list[_Tried]:

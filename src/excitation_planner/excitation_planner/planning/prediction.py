@@ -16,6 +16,7 @@ from excitation_planner.design.information import (
     difference_points,
     information,
     posterior_covariance,
+    simulated_values,
 )
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
@@ -220,7 +221,7 @@ def predicted_covariance(
     """
     k = len(unknown)
     U = difference_points(k, DRAWS, seed=seed, prior=prior, beside=beside)
-    P = np.hstack([unknown.from_unit(U[:, :k]), U[:, k:]])
+    P = simulated_values(unknown, U)
     F = np.zeros((DRAWS, k + beside.shared, k + beside.shared))
     for f, x in zip(simulators, points, strict=True):
         F += information(U, f(x, P), noise, beside)
