@@ -201,7 +201,7 @@ def best_that_fits(family, area, evaluations, seed):
         PlanRequest(VEHICLE, family, TARGET, Criterion.C).noise,
         Box.of(VEHICLE.unknown),
     )
-    room, rng = Room.measured(area, FOOTPRINT, noise), np.random.default_rng(seed)
+    room, rng = Room(area, FOOTPRINT, noise.position_std), np.random.default_rng(seed)
     U = difference_points(len(unknown), DRAWS, seed=1)
     fitting = []
 

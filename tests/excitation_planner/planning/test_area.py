@@ -37,7 +37,7 @@ def request(area: Area) -> PlanRequest:
 
 def shortage(area: Area, x: ArrayLike) -> float:
     vehicle = load_vehicle()
-    room = Room.measured(area, footprint_of(vehicle), MeasurementNoise())
+    room = Room(area, footprint_of(vehicle), MeasurementNoise().position_std)
     return room.fit(vehicle, nominal_run(vehicle, Circle(), np.asarray(x)).commands).shortage
 
 
@@ -94,7 +94,7 @@ def test_a_slalom_in_a_small_yard_teaches_as_much_whatever_the_seed() -> None:
 
 def fitting(family: ManeuverFamily, area: Area) -> FittingSearch:
     vehicle, noise = load_vehicle(), MeasurementNoise()
-    room = Room.measured(area, footprint_of(vehicle), noise)
+    room = Room(area, footprint_of(vehicle), noise.position_std)
     return FittingSearch(vehicle, family, room, Criterion.C, 0, noise)
 
 

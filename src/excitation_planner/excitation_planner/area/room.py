@@ -11,7 +11,6 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.fence import START_POSITION_TOLERANCE
 from excitation_planner.area.placement import Placement, at_pose, best_placement, clearance_of
 from excitation_planner.area.tube import BEYOND, TOLERANCE, tube_of
-from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.commands import Commands
@@ -71,21 +70,6 @@ class Room:
     area: Area
     footprint: FloatArray
     position_std: float = 0.0
-
-    @classmethod
-    def measured(cls, area: Area, footprint: FloatArray, noise: MeasurementNoise) -> Room:
-        """Room for drives whose position is measured with a noise.
-
-        Parameters
-        ----------
-        area : Area
-            The ground.
-        footprint : ndarray of float, shape (m, 2)
-            Corners of the vehicle in its body frame [m].
-        noise : MeasurementNoise
-            Has the deviations of the position.
-        """
-        return cls(area, footprint, noise.position_std)
 
     @property
     def needed(self) -> float:

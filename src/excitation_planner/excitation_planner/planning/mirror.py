@@ -38,7 +38,7 @@ def mirrored(plan: Plan, vehicle: Vehicle) -> Plan:
         raise InfeasibleManeuver(f"mirrored: {'; '.join(motion.feasibility.reasons(0))}")
     place = {}
     if plan.area is not None and plan.footprint is not None:
-        room = Room.measured(plan.area, plan.footprint, plan.noise)
+        room = Room(plan.area, plan.footprint, plan.noise.position_std)
         try:
             place = on_area(room, vehicle, commands)
         except InfeasibleManeuver as error:

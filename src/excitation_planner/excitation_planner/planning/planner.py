@@ -249,7 +249,7 @@ def _history(design: Design) -> SearchHistory:
 def _room(request: PlanRequest) -> Room | None:
     if request.area is None:
         return None
-    return Room.measured(request.area, footprint_of(request.vehicle), request.noise)
+    return Room(request.area, footprint_of(request.vehicle), request.noise.position_std)
 
 
 def plan_at(request: PlanRequest, x: FloatArray) -> Plan:
