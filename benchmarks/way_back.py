@@ -20,7 +20,7 @@ from excitation_planner.localisation import PlanarState
 from excitation_planner.playback import AREA_PARTS, Playback, Schedule
 from excitation_planner.way_back.dubins import Arc, Pose
 from excitation_planner.way_back.pursuit import Chassis
-from excitation_planner.way_back.route import Room, RouteRequest, find_route
+from excitation_planner.way_back.route import FreeGround, RouteRequest, find_route
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings, turning_geometry
 from tricycle_core.errors import PlanError
@@ -71,7 +71,7 @@ def random_pose(rng: np.random.Generator, area: Area, footprint: np.ndarray) -> 
     while True:
         x, y = rng.uniform(low, high).tolist()
         pose = x, y, float(rng.uniform(-math.pi, math.pi))
-        room = Room(RouteRequest(pose, pose, 1.0, ground, footprint))
+        room = FreeGround(RouteRequest(pose, pose, 1.0, ground, footprint))
         if room.free((Arc(pose, 0.0, 0.1), Arc(pose, 0.0, -0.1))):
             return pose
 

@@ -12,7 +12,7 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
 from excitation_planner.area.stops import RUN_OUT, longest_stop
 from excitation_planner.way_back.pursuit import CREEPING_SPEED, DECELERATION, WALKING_SPEED
-from excitation_planner.way_back.route import Room, RouteRequest, find_route
+from excitation_planner.way_back.route import FreeGround, RouteRequest, find_route
 from tricycle_core.errors import PlanError
 
 FOOTPRINT = np.array([[1.8, 0.5], [1.8, -0.5], [-0.4, -0.5], [-0.4, 0.5]])
@@ -93,7 +93,9 @@ def test_where_there_is_no_room_to_turn_it_says_so() -> None:
 def test_a_thin_wall_is_not_driven_through() -> None:
     wall = np.array([[12.0, 0.2], [12.02, 0.2], [12.02, 2.8], [12.0, 2.8]])
     open_ground, walled = (
-        Room(request((5.0, 1.5, 0.0), (20.0, 1.5, 0.0), Area(ALLEY.keep_in, walls, margin=0.0)))
+        FreeGround(
+            request((5.0, 1.5, 0.0), (20.0, 1.5, 0.0), Area(ALLEY.keep_in, walls, margin=0.0))
+        )
         for walls in ((), (wall,))
     )
     along = np.linspace(11.0, 13.0, 41)

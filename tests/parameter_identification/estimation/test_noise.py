@@ -9,7 +9,7 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.noise import (
     NoiseLevel,
     Residuals,
-    Samples,
+    SampleWeights,
     restricted_noise,
     white_level,
     whiten,
@@ -32,7 +32,7 @@ def dense_covariance(time, noise, samples):
 def test_whitening_is_the_inverse_root_of_the_covariance(seed, white, drift, drift_time):
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.uniform(0.01, 1.0, 30))
-    samples = Samples(rng.uniform(0.1, 1.0, 30), rng.uniform(0.0, 1e-4, 30))
+    samples = SampleWeights(rng.uniform(0.1, 1.0, 30), rng.uniform(0.0, 1e-4, 30))
     columns = rng.standard_normal((30, 3))
     noise = NoiseLevel(white, drift, drift_time)
     V = dense_covariance(time, noise, samples)
@@ -57,7 +57,7 @@ def estimated(white, drift, drift_time, rng, m=800, start=None):
     time = 0.05 * np.arange(m)
     line = np.column_stack([np.ones(m), time - time.mean()])
     columns = np.column_stack([line, noise])
-    channel = Residuals(time, columns, np.arange(3), Samples.alike(m))
+    channel = Residuals(time, columns, np.arange(3), SampleWeights.alike(m))
     others = np.diag([1e-9, 1e-9, 0.0])
     start = start or NoiseLevel(white_level(time, noise[:, None]))
     return restricted_noise([channel], others, start, floor=1e-6)

@@ -86,24 +86,24 @@ def find_route(request: RouteRequest) -> tuple[Arc, ...]:
         If there is none.
     """
     none = "no way back to the start:"
-    if not Room(request, CLEARANCES[-1]).holds(*np.array([request.start]).T):
+    if not FreeGround(request, CLEARANCES[-1]).holds(*np.array([request.start]).T):
         raise PlanError(
             f"{none} the vehicle is not {CLEARANCES[-1]:g} m inside the ground less its margin; "
             "drive it there by hand"
         )
     for clearance in CLEARANCES:
-        room = Room(request, clearance)
+        ground = FreeGround(request, clearance)
         for approaches, arcs in ((APPROACHES, 0), ((*APPROACHES, SHORT_APPROACH), POSES)):
             legs = [_into(request.goal, way) for a in approaches for way in (a, -a)]
-            legs = [leg for leg in legs if room.free((leg,))]
-            if route := _search(room, request, legs, arcs):
+            legs = [leg for leg in legs if ground.free((leg,))]
+            if route := _search(ground, request, legs, arcs):
                 return route
     lacks = "room to turn" if legs else f"{SHORT_APPROACH:g} m straight ahead of it or behind it"
     raise PlanError(f"{none} the ground less its margin leaves no {lacks}; drive it by hand")
 
 
-class Room:
-    """Whether the vehicle has room on a path.
+class FreeGround:
+    """Where on the ground of a request the vehicle may be and drive.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class Room:
         return np.asarray(corners & ~border.any(axis=-1))
 
     def free(self, arcs: tuple[Arc, ...]) -> bool:
-        """Return whether the whole path is, with the room to stop beyond each of its arcs.
+        """Return whether a path is on the ground, with the room to stop beyond each of its arcs.
 
         Parameters
         ----------
@@ -227,20 +227,22 @@ def _into(goal: Pose, way: float) -> Arc:
     return Arc(Arc(goal, 0.0, -way).end, 0.0, way)
 
 
-def _search(room: Room, request: RouteRequest, legs: list[Arc], arcs: int) -> tuple[Arc, ...]:
+def _search(
+    ground: FreeGround, request: RouteRequest, legs: list[Arc], arcs: int
+) -> tuple[Arc, ...]:
     """Shortest chain of free paths over one of the legs to the goal; empty: none."""
     if not legs:
         return ()
     rng = np.random.default_rng(0)
     begins = np.array([request.start, *(leg.start for leg in legs)])
-    poses = [begins, room.draw(rng, POSES)]
+    poses = [begins, ground.draw(rng, POSES)]
     if arcs:
-        poses += [room.grow(rng, end, arcs) for end in (request.start, request.goal)]
-    return _chain(np.vstack(poses), legs, room, request)
+        poses += [ground.grow(rng, end, arcs) for end in (request.start, request.goal)]
+    return _chain(np.vstack(poses), legs, ground, request)
 
 
 def _chain(
-    poses: FloatArray, legs: list[Arc], room: Room, request: RouteRequest
+    poses: FloatArray, legs: list[Arc], ground: FreeGround, request: RouteRequest
 ) -> tuple[Arc, ...]:
     """Shortest chain of free paths from the first pose, over a leg from one of the next."""
     from scipy.sparse.csgraph import dijkstra
@@ -265,7 +267,7 @@ def _chain(
             word = int(np.argmin(cost[:, last, node]))
             start: Pose = tuple(poses[last].tolist())
             path = dubins_arcs(start, words[word], lengths[word, :, last, node], request.radius)
-            if not room.free(path):
+            if not ground.free(path):
                 cost[word, last, node] = np.inf
                 graph[last, node] = cost[:, last, node].min()
                 break

@@ -22,7 +22,7 @@ from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.recorded import IMPORTED_FROM
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
-from parameter_identification.drives.windows import MEASURED, commands_of
+from parameter_identification.drives.windows import MEASURED, recorded_commands
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_core.errors import IdentificationError
@@ -193,7 +193,7 @@ def _driven(
     recording: Recording, vehicle: Vehicle, steering: SteeringMap, start: float
 ) -> Iterator[Row]:
     """Commands, reference and start event."""
-    commands = commands_of(recording, vehicle, steering, start)
+    commands = recorded_commands(recording, vehicle, steering, start)
     nominal = simulate(vehicle, commands, vehicle.nominal_point()[np.newaxis], threads=1)
     first, at = _stamp(recording, recording.time[0]), _stamp(recording, start)
     poses = [

@@ -464,7 +464,7 @@ def _drive(
     )
 
 
-def commands_of(
+def recorded_commands(
     recording: Recording, vehicle: Vehicle, steering: SteeringMap, start: float
 ) -> Commands:
     """Return the commands of a recording from a time on to its end.

@@ -76,7 +76,7 @@ def _whiten(
 
 
 def whiten(
-    columns: FloatArray, time: FloatArray, noise: NoiseLevel, samples: "Samples | None" = None
+    columns: FloatArray, time: FloatArray, noise: NoiseLevel, samples: "SampleWeights | None" = None
 ) -> tuple[FloatArray, float]:
     """Make the noise of columns white and of unit variance.
 
@@ -88,7 +88,7 @@ def whiten(
         Increasing [s].
     noise : NoiseLevel
         Of the sensor.
-    samples : Samples, optional
+    samples : SampleWeights, optional
         Weights, where samples are not all alike.
 
     Returns
@@ -99,7 +99,7 @@ def whiten(
         Of the covariance.
     """
     out = np.empty(columns.shape)
-    samples = samples or Samples.alike(len(time))
+    samples = samples or SampleWeights.alike(len(time))
     log_determinant = _whiten(
         np.ascontiguousarray(columns),
         time,
@@ -114,7 +114,7 @@ def whiten(
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class SampleWeights:
     """Weights of the samples of a signal.
 
     Attributes
@@ -129,7 +129,7 @@ class Samples:
     stamps: FloatArray
 
     @classmethod
-    def alike(cls, m: int) -> "Samples":
+    def alike(cls, m: int) -> "SampleWeights":
         """Return `m` samples of weight 1 with exact stamps."""
         return cls(np.ones(m), np.zeros(m))
 
@@ -146,14 +146,14 @@ class Residuals:
         Jacobian by the variables `at`, then the residual.
     at : ndarray of int, shape (c,)
         Place of these variables among all.
-    samples : Samples
+    samples : SampleWeights
         Their weights.
     """
 
     time: FloatArray
     columns: FloatArray
     at: NDArray[np.int64]
-    samples: Samples
+    samples: SampleWeights
 
 
 def white_level(time: FloatArray, values: FloatArray) -> float:

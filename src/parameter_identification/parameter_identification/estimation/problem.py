@@ -26,7 +26,7 @@ from parameter_identification.estimation.model import DriveModel, Prediction
 from parameter_identification.estimation.noise import (
     NoiseLevel,
     Residuals,
-    Samples,
+    SampleWeights,
     restricted_noise,
     white_level,
     whiten,
@@ -123,7 +123,7 @@ class LeastSquares(Closing):
         self.noise = {sensor: NoiseLevel(white) for sensor, white in self._white_levels().items()}
         self._samples = [
             {
-                sensor: Samples(_run_weights(s.values), np.zeros(len(s.time)))
+                sensor: SampleWeights(_run_weights(s.values), np.zeros(len(s.time)))
                 for sensor, s in model.drive.signals.items()
             }
             for model in models
@@ -222,7 +222,7 @@ class LeastSquares(Closing):
     def _signals_gram(
         self,
         predictions: Sequence[Prediction],
-        samples: dict[Sensor, Samples],
+        samples: dict[Sensor, SampleWeights],
         at: NDArray[np.int64],
         noise: dict[Sensor, NoiseLevel],
     ) -> FloatArray:
@@ -482,14 +482,14 @@ class LeastSquares(Closing):
                 plain = samples[p.sensor] = self._plain_weights(drive, p)
                 if self._robust:
                     excess = np.maximum(1.0, self._innovations(drive, p) / OUTLYING) ** 2
-                    samples[p.sensor] = Samples(plain.weights / excess, plain.stamps * excess)
+                    samples[p.sensor] = SampleWeights(plain.weights / excess, plain.stamps * excess)
 
-    def _plain_weights(self, drive: int, p: Prediction) -> Samples:
+    def _plain_weights(self, drive: int, p: Prediction) -> SampleWeights:
         """Weights of samples that are rounded and whose stamps jitter, without the loss."""
         signal = self.models[drive].drive.signals[p.sensor]
         slope = np.abs(np.gradient(p.values, p.time, axis=0)).max(axis=1)
         alike = max(1.0, STAMPS_ALIKE / float(np.median(np.diff(p.time))))
-        return Samples(_run_weights(signal.values), alike * (slope * signal.jitter) ** 2)
+        return SampleWeights(_run_weights(signal.values), alike * (slope * signal.jitter) ** 2)
 
     def _innovations(self, drive: int, p: Prediction) -> FloatArray:
         """Largest innovation (m,) of each sample, in standard deviations."""
