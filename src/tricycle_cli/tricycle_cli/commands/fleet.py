@@ -16,6 +16,7 @@ from tricycle_cli.arguments import (
     add_overwrite_option,
     add_topic_options,
     check_output_files,
+    parameter_names,
     seed,
     topics_of,
 )
@@ -70,14 +71,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML of all (default: the paper's)")
     add(
         "--shared",
-        type=_names,
+        type=parameter_names,
         default=[],
         metavar="NAME,NAME",
         help="parameters that are the same in all vehicles, estimated from all drives together",
     )
     add(
         "--own",
-        type=_names,
+        type=parameter_names,
         default=[],
         metavar="NAME,NAME",
         help="parameters of each vehicle that tell nothing of another one; the rest is drawn from "
@@ -85,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add(
         "--changing",
-        type=_names,
+        type=parameter_names,
         default=[],
         metavar="NAME,NAME",
         help="parameters of the population that change over the months, each vehicle's at its own "
@@ -117,10 +118,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_overwrite_option(identify)
     add_topic_options(identify, sensors=True)
     identify.set_defaults(run=run)
-
-
-def _names(text: str) -> list[str]:
-    return text.replace("-", "_").split(",")
 
 
 def run(args: argparse.Namespace) -> int:
