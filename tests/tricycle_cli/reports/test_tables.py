@@ -13,7 +13,6 @@ from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.judging.judgement import judge
 from tricycle_cli.reports.tables import (
     WIDEST,
-    allowed_rise,
     drives_table,
     judgement_table,
     plan_table,
@@ -78,11 +77,6 @@ def test_drives_show_what_was_planned_and_what_was_measured(plan, record_drive, 
     printed = capsys.readouterr().out
     assert printed.count(f" {judgement.te_corrected:.5g} ") >= 12
     assert all(one.bag.name in printed for one in many)
-
-
-@pytest.mark.parametrize(("level", "rise"), [(0.6827, 1.0), (0.95, 3.8415), (0.9545, 4.0)])
-def test_the_rise_is_the_quantile_of_chi_square(level, rise):
-    assert allowed_rise(level) == pytest.approx(rise, abs=1e-3)
 
 
 def test_it_is_said_when_the_vehicle_moves_as_the_model_cannot():

@@ -33,7 +33,6 @@ def fleet_page(fleet: Fleet) -> str:
     fleet : Fleet
         What `identify_fleet` found.
     """
-    drives = sum(len(found.drives) for found in fleet.vehicles.values())
     first, last = _span(fleet)
     days = (last - first) / DAY
     sections = [
@@ -46,7 +45,7 @@ def fleet_page(fleet: Fleet) -> str:
     return html_page(
         f"{len(fleet.vehicles)} vehicles",
         sections,
-        subtitle=f"{drives} drives in {days:.3g} days, from {_date(first)} to {_date(last)}; "
+        subtitle=f"{fleet.drives} drives in {days:.3g} days, from {_date(first)} to {_date(last)}; "
         f"{fleet.level:.0%} intervals",
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
@@ -17,7 +18,7 @@ from parameter_identification.identified_vehicle import (
     named_drives,
 )
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
-from tricycle_cli.reports.tables import HEADINGS, allowed_rise, parameter_rows, remarks
+from tricycle_cli.reports.tables import HEADINGS, parameter_rows, remarks
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.palette import BLUE, GREEN, VERMILLION
 
@@ -165,7 +166,7 @@ def profiles_figure(found: Identification) -> Figure:
     columns = min(3, len(profiled))
     rows = math.ceil(len(profiled) / columns)
     figure = Figure(figsize=(3.7 * columns, 2.9 * rows), layout="constrained")
-    allowed = allowed_rise(found.level)
+    allowed = chi_square.quantile(found.level, 1)
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, (name, e, profile) in zip(grid, profiled, strict=False):
         axes.plot(profile.values, profile.rise, "o-", color=BLUE, markersize=3)

@@ -12,10 +12,10 @@ from plotly.subplots import make_subplots
 
 from excitation_planner.plan import Plan, SearchHistory
 from parameter_identification.drives.recorded import JointStates
+from parameter_identification.estimation import chi_square
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from parameter_identification.judging.judgement import Judgement
 from tricycle_cli.reports.run_folder import WheelLoads
-from tricycle_cli.reports.tables import allowed_rise
 from tricycle_core.palette import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILLION
 from tricycle_core.quantities import FloatArray
 
@@ -293,7 +293,7 @@ def profiles(found: IdentificationDocument) -> tuple[go.Figure, ...]:
     found : IdentificationDocument
         What `tricycle identify` found.
     """
-    allowed = allowed_rise(found.level)
+    allowed = chi_square.quantile(found.level, 1)
     drawn = []
     for name, parameter in found.parameters.items():
         if parameter.profile is None:

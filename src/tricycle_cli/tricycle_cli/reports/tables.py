@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
@@ -411,8 +410,7 @@ def population_table(fleet: Fleet) -> Table:
     fleet : Fleet
         What `identify_fleet` found.
     """
-    drives = sum(len(found.drives) for found in fleet.vehicles.values())
-    title = f"{len(fleet.vehicles)} vehicles, {drives} drives; {fleet.level:.0%} intervals"
+    title = f"{len(fleet.vehicles)} vehicles, {fleet.drives} drives; {fleet.level:.0%} intervals"
     table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("parameter, vehicle", no_wrap=True)
     for heading in ("value", "interval", "from the others / σ"):
@@ -490,27 +488,6 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
             "lacks something, or vehicles differ in what they are said to share"
         )
     return lines + [f"left out: {reason}" for reason in fleet.left_out]
-
-
-def allowed_rise(level: float) -> float:
-    """Return the rise of the cost at the ends of a profile-likelihood interval.
-
-    Parameters
-    ----------
-    level : float
-        Probability of the interval.
-
-    Returns
-    -------
-    rise : float
-        Quantile of the chi-square distribution with one degree of freedom.
-
-    Examples
-    --------
-    >>> round(allowed_rise(0.95), 3)
-    3.841
-    """
-    return NormalDist().inv_cdf(0.5 + 0.5 * level) ** 2
 
 
 def _milliseconds(seconds: float, deviation: float) -> str:
