@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from parameter_identification.drives.table import Columns, Recording
     from parameter_identification.drives.windows import Selection, Windows
     from parameter_identification.estimation.redrawn import Table
+    from parameter_identification.estimation.results import Identification
     from tricycle_sim.vehicle import Vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
@@ -158,12 +159,11 @@ def run(args: argparse.Namespace) -> int:
     _refuse_what_has_no_effect(args)
     if args.drive_by_drive is not None:
         return _drive_by_drive(args)
-    from parameter_identification.drives.measured import Input, Sensor
     from parameter_identification.drives.table import load_columns
     from parameter_identification.estimation.inputs import Inputs, effects_of_columns
     from parameter_identification.estimation.model import Simulator
     from parameter_identification.estimation.problem import Loss
-    from parameter_identification.estimation.redrawn import SCATTERED, redraw_of
+    from parameter_identification.estimation.redrawn import redraw_of
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import FILES, save_identification
@@ -217,44 +217,61 @@ def run(args: argparse.Namespace) -> int:
         )
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(parameter_table(found))
-    for remark in (*remarks(found), *remarks_on_tables):
+    told = _remarks_on_measurements(
+        found, drives, used, tables=columns is not None, redrawn=redraw is not None
+    )
+    for remark in (*remarks(found), *remarks_on_tables, *told):
         console.print(remark, soft_wrap=True)
-    for drive in chain.from_iterable(drives):
-        if not drive.complete:
-            console.print(
-                f"{drive.name}: its bag is not whole (cut off before the drive's end, or a file or "
-                "messages are missing); used as far as it goes",
-                soft_wrap=True,
-            )
-    inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
-    unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
-    for sensor in sorted(unused, key=lambda sensor: sensor.value):
-        console.print(f"{sensor.value}: measured, but not used: the model does not give it")
-    white = found.noise[Sensor.POSITION].white
-    if args.columns is not None and white < EXACT:
-        console.print(
-            f"the positions are exact to {1e3 * white:.2g} mm, as of a simulation: the "
-            "inputs that are found in a table err by more, and the intervals do "
-            "NOT count it; add the noise of a sensor",
-            soft_wrap=True,
-        )
-    if redraw is not None or (white > SCATTERED and any(d.speed is not None for d in used)):
-        counted = (
-            "the intervals do NOT count where such tables are used with other drives or an FMU"
-            if redraw is None
-            else "the intervals count, by tables that were simulated and identified in the same way"
-        )
-        console.print(
-            f"the positions scatter by {1e3 * white:.2g} mm, and the speed is smoothed from them: "
-            f"what that errs by, alike in all windows, {counted}",
-            soft_wrap=True,
-        )
     if args.output is not None:
         save_identification(found, args.vehicle, args.output)
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:
         print(json.dumps(document_of(found).to_json(), allow_nan=False))
     return 0
+
+
+def _remarks_on_measurements(
+    found: Identification,
+    drives: Sequence[Sequence[MeasuredDrive]],
+    used: Sequence[MeasuredDrive],
+    *,
+    tables: bool,
+    redrawn: bool,
+) -> Iterator[str]:
+    """What a reader must know of the measurements: bags cut off, unused sensors, exact positions.
+
+    `redrawn`: whether the intervals count what smoothing the speed errs by.
+    """
+    from parameter_identification.drives.measured import Input, Sensor
+    from parameter_identification.estimation.redrawn import SCATTERED
+
+    for drive in chain.from_iterable(drives):
+        if not drive.complete:
+            yield (
+                f"{drive.name}: its bag is not whole (cut off before the drive's end, or a file or "
+                "messages are missing); used as far as it goes"
+            )
+    inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
+    unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
+    for sensor in sorted(unused, key=lambda sensor: sensor.value):
+        yield f"{sensor.value}: measured, but not used: the model does not give it"
+    white = found.noise[Sensor.POSITION].white
+    if tables and white < EXACT:
+        yield (
+            f"the positions are exact to {1e3 * white:.2g} mm, as of a simulation: the "
+            "inputs that are found in a table err by more, and the intervals do "
+            "NOT count it; add the noise of a sensor"
+        )
+    if redrawn or (white > SCATTERED and any(drive.speed is not None for drive in used)):
+        counted = (
+            "the intervals count, by tables that were simulated and identified in the same way"
+            if redrawn
+            else "the intervals do NOT count where such tables are used with other drives or an FMU"
+        )
+        yield (
+            f"the positions scatter by {1e3 * white:.2g} mm, and the speed is smoothed from them: "
+            f"what that errs by, alike in all windows, {counted}"
+        )
 
 
 def _drive_by_drive(args: argparse.Namespace) -> int:
