@@ -145,24 +145,13 @@ def _searched(
 ) -> tuple[Design, list[FloatArray], SearchHistory]:
     """The design, the operation parameters (l,) of each maneuver, and what was tried on the way."""
     if request.criterion is Criterion.H:
-        design = design_excitation(
-            ReplayedTrajectoryError(request.vehicle, request.family, _room(request)),
-            request.family.operation,
-            dict(request.vehicle.unknown),
-            request.target,
-            noise_variance=request.noise.of_trajectory_error,
-            samples=request.samples,
-            budget=request.budget,
-            seed=request.seed,
-            search=request.search,
-            executor=executor,
-            progress=progress,
-        )
+        design = _searched_by_indices(request, executor, progress)
         return design, [design.x], _history(design)
     operations = tuple(family.operation for family in request.families)
     maneuvers = ManeuverSet(_trajectories(request, _room(request)), operations)
     beside, alone = beside_parameters(_effects(request)), len(request.vehicle.unknown) + 1
     unknown = Box.of(dict(request.vehicle.unknown))
+    target = unknown.index(request.target)
     # as many simulations of a maneuver as without effects, but a few vehicles at least
     draws = max(LEAST_DRAWS, DRAWS * alone // (alone + len(beside.steps)))
     runs = draws * (alone + len(beside.steps))
@@ -179,7 +168,7 @@ def _searched(
             unknown,
             request.noise.of_trajectory,
             request.criterion,
-            unknown.index(request.target),
+            target,
             draws=draws,
             seed=request.seed,
             prior=request.prior,
@@ -196,15 +185,8 @@ def _searched(
         spare, with_room = budget - verification, runs + ROOM_RUNS
         if spare >= 2 * with_room:
             fitting = FittingSearch(
-                request.vehicle,
-                request.family,
-                room,
-                request.criterion,
-                unknown.index(request.target),
-                request.noise,
-                request.prior,
-                _effects(request),
-                request.seed,
+                *(request.vehicle, request.family, room, request.criterion, target),
+                *(request.noise, request.prior, _effects(request), request.seed),
             )
             starts = fitting.starts(round(FITTING * spare), progress=report)
             taken = fitting.simulations
@@ -237,6 +219,25 @@ def _searched(
         x, cost = fitting.history()
         tried = SearchHistory(np.vstack([x, tried.x]), np.append(cost, tried.cost))
     return design, maneuvers.split(design.x), tried
+
+
+def _searched_by_indices(
+    request: PlanRequest, executor: Executor, progress: Progress | None
+) -> Design:
+    """The design by the criterion H: that of one maneuver."""
+    return design_excitation(
+        ReplayedTrajectoryError(request.vehicle, request.family, _room(request)),
+        request.family.operation,
+        dict(request.vehicle.unknown),
+        request.target,
+        noise_variance=request.noise.of_trajectory_error,
+        samples=request.samples,
+        budget=request.budget,
+        seed=request.seed,
+        search=request.search,
+        executor=executor,
+        progress=progress,
+    )
 
 
 def _history(design: Design) -> SearchHistory:
