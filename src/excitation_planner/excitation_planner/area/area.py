@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -153,6 +153,9 @@ class Area:
         return rings
 
 
+# the same in a file, where a coordinate of the start may be a number
+
+
 @dataclass(frozen=True)
 class _Start:
     x: float | Span | None = None
@@ -163,14 +166,15 @@ class _Start:
 @dataclass(frozen=True)
 class _File:
     keep_in: FloatArray
-    keep_out: tuple[FloatArray, ...] = ()
-    margin: float = 0.5
+    keep_out: tuple[FloatArray, ...] = Area.keep_out
+    margin: float = Area.margin
     start: _Start = _Start()
-    frame: str = "odom"
-    datum: Span | None = None
+    frame: str = Area.frame
+    datum: Span | None = Area.datum
 
 
-_KEYS = ("keep_in", "keep_out", "margin", "start", "frame", "datum", "about")
+_START_KEYS = tuple(field.name for field in fields(_Start))
+_KEYS = (*(field.name for field in fields(_File)), "about")
 
 
 def load_area(path: Path) -> Area:
@@ -194,7 +198,7 @@ def load_area(path: Path) -> Area:
         raise PlanError(f"{where}: needs keep_in: [[x, y], ...], and may have {_listed(_KEYS[1:])}")
     for name, allowed, values in (
         ("", _KEYS, document),
-        ("start.", ("x", "y", "heading"), document.get("start")),
+        ("start.", _START_KEYS, document.get("start")),
     ):
         if isinstance(values, dict) and (unknown := [key for key in values if key not in allowed]):
             raise PlanError(f"{where}: {name}{unknown[0]}: is no key; there are {_listed(allowed)}")
@@ -202,14 +206,7 @@ def load_area(path: Path) -> Area:
         _File, {key: document[key] for key in document if key != "about"}, where, PlanError
     )
     try:
-        return Area(
-            file.keep_in,
-            file.keep_out,
-            file.margin,
-            _start_region(file.start),
-            file.frame,
-            file.datum,
-        )
+        return Area(**vars(file) | {"start": _start_region(file.start)})
     except PlanError as error:
         raise PlanError(f"{where}: {error}") from error
 
