@@ -3,10 +3,6 @@
 from collections.abc import Callable
 from typing import Any
 
-import matplotlib as mpl
-
-mpl.use("Agg")  # files only: works without a display
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
