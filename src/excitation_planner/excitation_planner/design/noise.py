@@ -11,10 +11,10 @@ from tricycle_core.errors import DesignError, PlanError
 from tricycle_core.quantities import FloatArray
 
 DELAY_STD = 0.05
-"""Uncertainty of each sensor's clock [s]; identification estimates it, too."""
+"""Uncertainty of each sensor's clock [s]: the prior with which identification estimates it."""
 
 GYRO_BIAS_STD = 0.02
-"""Standard deviation of a gyro's constant offset [rad/s]; identification estimates it, too."""
+"""Of a gyro's constant offset [rad/s]: the prior with which identification estimates it."""
 
 
 @dataclass(frozen=True)

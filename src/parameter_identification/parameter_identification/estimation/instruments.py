@@ -5,6 +5,7 @@ An error is a nuisance of a drive: a constant, or in proportion to something of 
 
 from dataclasses import dataclass
 
+from excitation_planner.design.noise import GYRO_BIAS_STD
 from parameter_identification.drives.measured import Sensor, Signal
 
 CLOCKS = {  # position and heading come from one localisation
@@ -43,7 +44,7 @@ class SensorError:
 
 
 _ERRORS = {
-    Sensor.YAW_RATE: (SensorError("gyro bias", "rad/s", 0.02),),
+    Sensor.YAW_RATE: (SensorError("gyro bias", "rad/s", GYRO_BIAS_STD),),
     Sensor.LATERAL_ACCELERATION: (
         SensorError("accelerometer bias", "m/s^2", 0.3),  # tilted by 1 deg: 0.17
         # a body that rolls by other angles than the model's is one as well

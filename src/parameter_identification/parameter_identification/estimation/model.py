@@ -22,6 +22,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from excitation_planner.design.noise import DELAY_STD
 from parameter_identification.drives.following import (
     has_gains,
     measured_speed,
@@ -76,7 +77,6 @@ It vanishes at the first and at the last.
 
 # Standard deviations of the nuisances' priors
 START_SPEED = 0.02  # m/s: the vehicle should stand still, or its speed was measured
-TIME_OFFSET = 0.05  # s, of each clock against the commands'
 INPUT_OFFSET = 0.01  # s, of a measured input's: mostly one computer stamps both
 LEAST_OFF, LEAST_SPEED_OFF = 5e-4, 2e-4  # rad, of a measured steering angle; m/s
 STEERING_DELAY, STEERING_ZERO, STEERING_GAIN = (
@@ -415,7 +415,7 @@ class DriveModel:
                 Nuisance(SPEED_ZERO, "m/s", 0.0, off),
             ]
         clocks = dict.fromkeys(CLOCKS[sensor] for sensor in self.drive.signals)
-        found += [Nuisance(clock, "s", 0.0, TIME_OFFSET) for clock in clocks]
+        found += [Nuisance(clock, "s", 0.0, DELAY_STD) for clock in clocks]
         for errors in self._errors.values():
             found += [Nuisance(error.name, error.unit, 0.0, error.std) for error in errors]
         return tuple(found)
