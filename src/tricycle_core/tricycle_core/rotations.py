@@ -5,7 +5,6 @@ from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tricycle_core.quantities import FloatArray
 
@@ -42,23 +41,6 @@ def yaw_of(q: Quaternion) -> float:
         Unit quaternion, body to world.
     """
     return math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-
-
-def euler_angles(quaternion: ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return roll, pitch and yaw.
-
-    Parameters
-    ----------
-    quaternion : array_like of float, shape (4, ...)
-        Unit quaternions (w, x, y, z).
-
-    Returns
-    -------
-    roll, pitch, yaw : ndarray of float, shape (...)
-        ZYX angles [rad]; positive pitch is nose down.
-    """
-    attitude = np.asarray(quaternion, dtype=float)
-    return roll_angle(attitude), pitch_angle(attitude), yaw_angle(attitude)
 
 
 def roll_angle(quaternion: Iterable[FloatArray | float]) -> FloatArray:
