@@ -37,8 +37,8 @@ FASTMATH = {"reassoc", "contract", "arcp", "nsz", "afn"}
 def sources() -> list[Path]:
     """Return the files that are compiled into each other, or whose numbers are."""
     folder = Path(__file__).parent
-    wing = sorted(folder.glob("vehicle/*.py"))
-    return [*wing, folder / "setpoints.py", Path(__file__), Path(timing.__file__)]
+    vehicle = sorted(folder.glob("vehicle/*.py"))
+    return [*vehicle, folder / "setpoints.py", Path(__file__), Path(timing.__file__)]
 
 
 _FINGERPRINT = hashlib.sha256(b"".join(path.read_bytes() for path in sources())).hexdigest()

@@ -173,7 +173,8 @@ class FittingSearch:
             for u in new:
                 self._try(u)
             if turn == 0:  # the surrogate of the shortage needs some all over the box
-                list(filter(self._may_fit, self._found))
+                for one in self._found:
+                    self._may_fit(one)
             best = self._best()
             if progress is not None:
                 progress(self.simulations, budget)
@@ -290,6 +291,7 @@ class FittingSearch:
         return list(itertools.islice(filter(self._may_fit, self._by_cost()), STARTS))
 
     def _may_fit(self, one: _Tried) -> bool:
+        """Whether a few vehicles fit; their room is looked for where it was not yet."""
         if math.isnan(one.shortage):
             self.simulations += LANES
             try:

@@ -336,7 +336,7 @@ def slopes(
 def _evaluate_each(
     laws: Laws, g: FloatArray, lanes: int, table: FloatArray, row: int, drive: FloatArray
 ) -> None:
-    """Likewise, where each column of the table holds one number of each vehicle."""
+    """Write the slopes of a group whose table has a column for each number of each vehicle."""
     speed_mode, demand, brake = (
         drive[COMMAND.speed_mode],
         drive[COMMAND.demand],
