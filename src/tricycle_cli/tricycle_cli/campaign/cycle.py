@@ -116,10 +116,10 @@ class Campaign:
 
     def _read(self) -> tuple[Step, ...]:
         state = CampaignState.read(self._state)
-        wanted, found = map(encode, (self.request.settings(), state.settings))
-        for values in (wanted, found):
+        wanted, kept = map(encode, (self.request.settings(), state.settings))
+        for values in (wanted, kept):
             values |= values.pop("noise")
-        different = [name for name in wanted if found[name] != wanted[name]]
+        different = [name for name in wanted if kept[name] != wanted[name]]
         if different:
             raise PlanError(
                 f"{self.folder}: is a campaign with other settings (different: "
