@@ -24,7 +24,6 @@ of its range is not shown.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from scipy.special import ndtri
@@ -71,7 +70,7 @@ from parameter_identification.estimation.validation import (
 from parameter_identification.estimation.weighing import Mixture, weigh_effects
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
-from tricycle_sim.effects import EFFECTS, effects_of
+from tricycle_sim.effects import EFFECTS, Effect, effects_of
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
@@ -171,15 +170,15 @@ def identify(
         raise IdentificationError("an FMU follows its commands, not what was measured")
     unneeded = {name for one in measured for name in OF_INPUT[one]}
     beside = tuple(e for e in effects_of(known, effects) if e.name not in unneeded)
-    of_drive = partial(DriveModel, measured=measured)
-    with (
-        threadpool_limits(1, user_api="blas"),  # for small matrices more threads only cost
-        LeastSquares(
-            [of_drive(known, drive, beside, simulator) for drive in drives],
-            *prior_in_ranges(known, prior),
-            loss,
-        ) as problem,
-    ):
+
+    def problem_with(chosen: Sequence[Effect]) -> LeastSquares:
+        models = [
+            DriveModel(known, drive, chosen, simulator, measured=measured) for drive in drives
+        ]
+        return LeastSquares(models, *prior_in_ranges(known, prior), loss)
+
+    # for small matrices more threads only cost
+    with threadpool_limits(1, user_api="blas"), problem_with(beside) as problem:
         shown = [i for i, name in enumerate(known.unknown) if name in asked.unknown]
         weighs = bool(weighed and problem.constant_effects())
         to_optimum = starts * bool(beside) + steps_to_optimum(problem, starts)
@@ -189,11 +188,7 @@ def identify(
         step = Steps(progress, to_end)
         near = None
         if beside:  # without effects a search takes a tenth of the time
-            with LeastSquares(
-                [of_drive(known, drive, (), simulator) for drive in drives],
-                *prior_in_ranges(known, prior),
-                loss,
-            ) as without:
+            with problem_with(()) as without:
                 near = rough_minima(without, starts=starts, seed=seed, step=step)
         optimum = find_optimum(problem, starts=starts, seed=seed, level=level, near=near, step=step)
         step.pass_to(to_optimum)
