@@ -153,11 +153,8 @@ class Area:
         return rings
 
 
-# the same in a file, where a coordinate of the start may be a number
-
-
 @dataclass(frozen=True)
-class _Start:
+class _Start:  # in a file, where a coordinate may be a number
     x: float | Span | None = None
     y: float | Span | None = None
     heading: float | Span | None = None
