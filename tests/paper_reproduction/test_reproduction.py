@@ -1,5 +1,6 @@
 """The paper's numbers beside ours."""
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
@@ -7,8 +8,8 @@ import pytest
 
 from excitation_planner.indices.analytic import MATH_MODEL_UNKNOWN, math_model
 from paper_reproduction.comparison import Agreement, error_statistics
-from paper_reproduction.first_stage import PaperBudget, faithful, fast
-from paper_reproduction.math_model import exact_indices, largest_error, table_1
+from paper_reproduction.first_stage import OurBudget, PaperBudget, faithful, fast
+from paper_reproduction.math_model import exact_indices, figure_8_or_9, largest_error, table_1
 from paper_reproduction.published import TABLE_1_X
 
 SMALL = PaperBudget(initial=150, infill=10, monte_carlo=2**12, levels=3)
@@ -54,3 +55,12 @@ def test_table_1_holds_the_published_numbers():
     assert len(exact) == 8
     assert all(c.agreement is Agreement.REPRODUCED for c in exact)
     assert "8 reproduced" in item.verdict
+
+
+@pytest.mark.slow
+def test_the_cost_of_an_optimum_is_told_exactly():
+    few = OurBudget(samples=40, design_runs=1000)
+    with ThreadPoolExecutor(1) as executor:
+        item = figure_8_or_9("p1", few, None, executor, lambda done, total: None)
+    _, _, exact = item.data.optima["ours, x ≤ −0.5"]
+    assert f"H = {exact:.5f} (estimated " in item.findings[1]

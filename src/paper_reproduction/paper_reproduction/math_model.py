@@ -397,6 +397,10 @@ def figure_8_or_9(
     predicted = np.min(histories["DIRECT, Kriging"])
     noisy, bounded = designs["ours, noise"], designs["ours, x ≤ −0.5"]
     biased = abs(kriging_cost_at / cost_at - 1) > _VISIBLE
+    _, at_noisy, _ = optima["ours, noise"]
+    noisy_cost = excitation_cost(
+        at_noisy.main, at_noisy.total, axis, noise_share=_NOISE_VARIANCE / at_noisy.variance
+    )
     shrunk = [(scale, *_at(scale * noisy.x, axis)[1:]) for scale in (1.0, 0.1, 0.01)]
     comparisons = (
         Comparison(
@@ -422,9 +426,8 @@ def figure_8_or_9(
         + f". DIRECT stops before, at {_text(x)} with H = {cost_at:.3f} after {_DIRECT_POINTS} "
         "evaluations: it never samples the faces.",
         f"With a noise variance of {_NOISE_VARIANCE:g} as one more contributor there is an "
-        f"optimum, {_text(noisy.x)}, H = {noisy.cost:.5f} (95 %: {noisy.cost_interval[0]:.5f} to "
-        f"{noisy.cost_interval[1]:.5f}); with x ≤ -0.5 and no noise it is {_text(bounded.x)}, "
-        f"H = {bounded.cost:.5f}.",
+        f"optimum, {_told(noisy, noisy_cost)}; with x ≤ -0.5 and no noise it is "
+        f"{_told(bounded, optima['ours, x ≤ −0.5'][2])}.",
     ]
     if target == "p3":
         findings.append(
@@ -490,6 +493,15 @@ def _minimise(cost: Callable[[FloatArray], float], box: Box) -> tuple[FloatArray
 def _at(x: FloatArray, axis: int) -> tuple[FloatArray, Indices, float]:
     indices = exact_indices(x)
     return x, indices, excitation_cost(indices.main, indices.total, axis)
+
+
+def _told(design: Design, exact: float) -> str:
+    """The maneuver of a design, and H there: exactly, and as the design estimates it."""
+    low, high = design.cost_interval
+    return (
+        f"{_text(design.x)}, H = {exact:.5f} (estimated {design.cost:.5f}, 95 %: {low:.5f} to "
+        f"{high:.5f})"
+    )
 
 
 def _text(x: FloatArray) -> str:
