@@ -24,7 +24,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
-from stopping import LOAD, SLOPES, make_rig
+from stopping import BACKENDS, LOAD, SLOPES, check_built, make_rig
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.messages import Board, PlcState
@@ -85,10 +85,11 @@ def run(case: Case, backend: str, build: Path) -> tuple[float, float]:
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--backend", choices=["emulation", "native", "avr"], default="native")
+    parser.add_argument("--backend", choices=BACKENDS, default="native")
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
     parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
     args = parser.parse_args()
+    check_built(parser, [args.backend], args.build)
     cases = [
         Case(*fault, *rest)
         for fault, *rest in itertools.product(FAULTS, (True, False), SPEEDS, (False, True), SLOPES)

@@ -36,7 +36,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from stopping import STOPS, make_rig
+from stopping import BACKENDS, STOPS, check_built, make_rig
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
@@ -301,11 +301,12 @@ def main() -> int:
     parser.add_argument("--drives", type=int, default=1000)
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seed", type=int, help="one drive")
-    parser.add_argument("--backend", choices=["emulation", "native", "avr"], default="emulation")
+    parser.add_argument("--backend", choices=BACKENDS, default="emulation")
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
     parser.add_argument("--healthy", action="store_true", help="no faults")
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)))
     args = parser.parse_args()
+    check_built(parser, [args.backend], args.build)
     one = functools.partial(run, backend=args.backend, build=args.build, healthy=args.healthy)
     seeds = range(args.first, args.first + args.drives) if args.seed is None else [args.seed]
     started = time.perf_counter()

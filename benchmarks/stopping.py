@@ -28,6 +28,7 @@ from pathlib import Path
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.protocol.boards import AT_REST
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_core.errors import ExcitationError
 from tricycle_core.stopping import MAX_PAYLOAD, Cause, stopping_distance
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.faults import NO_FAULTS, FaultPlan
@@ -40,6 +41,7 @@ from tricycle_sim.vehicle.payload import Payload, with_payload
 LOAD = Payload(MAX_PAYLOAD, x=-0.3, z=0.6)
 SLOPES = (-0.05, 0.0, 0.05)
 SPEEDS = (1.0, 2.0, 3.0, 4.8)
+BACKENDS = ("emulation", "native", "avr")
 SETTLED = 1.0  # s of rest that end a run
 
 
@@ -54,6 +56,15 @@ def make_rig(backend: str, vehicle: Vehicle, build: Path, faults: FaultPlan = NO
             return NativeRig(vehicle, build, faults)
         case _:
             return FirmwareRig(vehicle, build, faults)
+
+
+def check_built(parser: argparse.ArgumentParser, backends: Iterable[str], build: Path) -> None:
+    """End with a line where the firmware that boards need is not built."""
+    for backend in backends:
+        try:
+            make_rig(backend, load_vehicle(), build).close()
+        except ExcitationError as error:
+            parser.error(str(error))
 
 
 STOPS: dict[Cause, Callable[[Host], object]] = {
@@ -177,11 +188,12 @@ def table(found: list[Stopped], backends: list[str]) -> str:
 def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--backends", nargs="+", default=["emulation", "native", "avr"])
+    parser.add_argument("--backends", nargs="+", choices=BACKENDS, default=BACKENDS)
     parser.add_argument("--speeds", nargs="+", type=float, default=SPEEDS)
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
     parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
     args = parser.parse_args()
+    check_built(parser, args.backends, args.build)
     started = time.perf_counter()
     todo = [case for backend in args.backends for case in cases(backend, args.speeds, args.build)]
     with multiprocessing.Pool(args.jobs) as pool:

@@ -36,6 +36,16 @@ def test_stops_are_as_short_as_is_published(firmware_libraries):
     assert done.returncode == 0, done.stdout
 
 
+@pytest.mark.parametrize(
+    ("script", "option"),
+    [("stopping.py", "--backends"), ("detection.py", "--backend"), ("fault_soak.py", "--backend")],
+)
+def test_firmware_that_is_not_built_is_told_in_a_line(script, option, tmp_path):
+    done = run(script, option, "native", "--build", tmp_path)
+    assert done.returncode == 2
+    assert "libsteer.so does not exist: build it with" in done.stderr.splitlines()[-1]
+
+
 def test_distances_grow_with_the_speed():
     for law in (BRAKED, RAMPED):
         assert 0.0 < law.distance(0.0) < law.distance(1.0) < 0.5 * law.distance(2.0)
