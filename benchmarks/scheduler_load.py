@@ -28,7 +28,7 @@ import numpy as np
 CLIENT, SCHEDULER, WORKER, LATENCY = 0.6e-3, 1.05e-3, 1.5e-3, 0.2e-3
 """Costs [s] that --validate printed for dask, and a guess of the network's."""
 
-BAG = 0.39, 0.07
+BAG = 0.11, 0.13
 """Time to read a bag, and to look at its drive in one of five passes [s]: task_costs.py."""
 
 WORKERS, EMPTY = 2, 300
