@@ -5,8 +5,9 @@
 Three pairs of circles are driven by random vehicles, measured as the simulation measures, and
 identified without effects. Printed, for each parameter that the plan expects to be shown: the
 expected standard deviation, the root mean square of those that identification states, that of the
-estimates' deviations from the truth, and both divided by what was expected. The first row of
-ratios expects what `tricycle plan` does without options, the second a position at 20 Hz alone.
+estimates' deviations from the truth, and both divided by what was expected; at last, what a plan
+expects of a position at 20 Hz alone, with the stated one divided by it. The first expectation is
+that of `tricycle plan` without options.
 """
 
 import argparse

@@ -7,9 +7,9 @@ nine-degree-of-freedom model, open loop), are measured with the noise of the col
 by `identify` from what was measured; the RMS of the estimates' errors in % of the parameter's range
 (which is its nominal value for both stiffnesses), with its standard error. All drives are 20 s long
 after 1 s at rest, pairs 40 s. The designs are made once, for a white noise of 1 cm and an unknown
-start pose, without a gyro, as `tricycle plan` makes them by default, and are judged in all columns.
-Strategies that came to the same maneuvers, within 2 % of the operation box, are driven once.
-Finished cells are kept in the output folder: an interrupted run goes on.
+start pose, without the heading and the gyro that `tricycle plan` counts on by default, and are
+judged in all columns. Strategies that came to the same maneuvers, within 2 % of the operation box,
+are driven once. Finished cells are kept in the output folder: an interrupted run goes on.
 """
 
 import argparse
