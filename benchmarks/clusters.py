@@ -66,6 +66,8 @@ def spread(client, kill):
 def dask():
     from distributed import Client
 
+    if "SCHEDULER" not in os.environ:
+        raise SystemExit("SCHEDULER is not set: benchmarks/two_machines.sh sets it")
     with Client(os.environ["SCHEDULER"]) as client:
         client.wait_for_workers(2, timeout=60)
         hosts = {worker["host"] for worker in client.scheduler_info()["workers"].values()}

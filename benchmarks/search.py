@@ -140,19 +140,21 @@ def run(case, search, seed):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--only", nargs="*", default=[""])
+    parser.add_argument("--only", nargs="*", default=[""], help="parts of the cases' names")
     parser.add_argument(
         "--search", nargs="*", type=Search, default=[Search.ADAPTIVE, Search.ONE_SHOT_SOBOL]
     )
     arguments = parser.parse_args()
+    every = [*math_cases(), *own_cases()]
+    cases = [case for case in every if any(part in case.name for part in arguments.only)]
+    if not cases:
+        parser.error(f"--only: no such case; there are: {', '.join(case.name for case in every)}")
     print(
         f"{'case':32s} {'search':16s} {'best H':>8s} {'<=1 %':>6s} {'median':>8s} {'worst':>8s}"
         f" {'runs of f':>9s} {'H in interval':>13s} {'s':>5s}"
     )
     with ProcessPoolExecutor(2) as pool:
-        for case in [*math_cases(), *own_cases()]:
-            if not any(part in case.name for part in arguments.only):
-                continue
+        for case in cases:
             best = case.best()
             for search in arguments.search:
                 seeds = range(arguments.seeds)

@@ -56,22 +56,23 @@ def main():
     )
     parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--budget", type=int, default=12_000)
-    parser.add_argument("--criterion", type=Criterion, default=Criterion.D)
+    parser.add_argument("--criterion", choices=[*"cda"], default="d")
     arguments = parser.parse_args()
+    criterion = Criterion(arguments.criterion)
     print("seed   from combinations   from anywhere")
     for seed in range(arguments.seeds):
         request = PlanRequest(
             VEHICLE,
             FAMILIES[0],
             TARGET,
-            criterion=arguments.criterion,
+            criterion=criterion,
             others=FAMILIES[1:],
             budget=arguments.budget,
             seed=seed,
         )
-        found = cost(plan_set(request), arguments.criterion)
+        found = cost(plan_set(request), criterion)
         with mock.patch.object(planner, "best_combinations", return_value=(None, 0)):
-            before = cost(plan_set(request), arguments.criterion)
+            before = cost(plan_set(request), criterion)
         print(f"{seed:4d}{found:16.4g}{before:16.4g}", flush=True)
 
 

@@ -145,6 +145,22 @@ def test_imports_of_pages_and_benchmarks_work(where):
             importlib.import_module(f"{module}.{name}")
 
 
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        (["search.py", "--only", "nosuch"], "--only: no such case; there are: Eq. 13 p1"),
+        (["sets.py", "--criterion", "h"], "invalid choice: 'h'"),
+        (["clusters.py", "dask"], "SCHEDULER is not set"),
+    ],
+)
+def test_benchmarks_tell_a_mistake_in_a_line(command, said):
+    command = [sys.executable, ROOT / "benchmarks" / command[0], *command[1:]]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode in (1, 2)
+    assert said in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+
+
 def assert_fresh(*pages):
     # in a process of its own: what it sets must not reach this one, nor the other way round
     done = subprocess.run(
