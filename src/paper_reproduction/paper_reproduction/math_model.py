@@ -30,7 +30,6 @@ from paper_reproduction.comparison import (
     Item,
 )
 from paper_reproduction.first_stage import (
-    FirstStage,
     OurBudget,
     PaperBudget,
     Predictions,
@@ -44,6 +43,7 @@ _RANDOM_REPEATS = 200  # repetitions of the estimator with random numbers
 _NOISE_VARIANCE = 1e-4  # that ends the degeneracy at x -> 0
 _DIRECT_POINTS = 500
 _VISIBLE = 0.05  # relative difference of two costs
+_DRAWS = 16  # of the points of the second stage: which are drawn decides what DIRECT finds
 _VALLEY = (-5.0, -0.5)  # range of x in which nothing is degenerate
 
 
@@ -359,14 +359,14 @@ def figure_8_or_9(
         "DIRECT, exact indices": (MATH_MODEL_OPERATION, partial(_exact_cost, axis)),
         "DIRECT, Kriging": (
             MATH_MODEL_OPERATION,
-            _kriging_cost(axis, MATH_MODEL_OPERATION, ours, executor),
+            _kriging_cost(axis, partial(_indices, ours), executor),
         ),
     }
     progress(1, 4)
     if budget is not None:
         searches["DIRECT, faithful Kriging"] = (
             MATH_MODEL_OPERATION,
-            _kriging_cost(axis, MATH_MODEL_OPERATION, budget, executor),
+            _kriging_cost(axis, partial(_indices, budget), executor),
         )
     histories, optima = {}, {}
     for label, (box, cost) in searches.items():
@@ -396,7 +396,15 @@ def figure_8_or_9(
     published_pair = {"p1": "p1 and p2", "p3": "p3 and p4"}[target]
     predicted = np.min(histories["DIRECT, Kriging"])
     noisy, bounded = designs["ours, noise"], designs["ours, x ≤ −0.5"]
-    biased = abs(kriging_cost_at / cost_at - 1) > _VISIBLE
+    drawn = [
+        _at(
+            _minimise(_kriging_cost(axis, _exact, executor, seed=seed), MATH_MODEL_OPERATION)[0],
+            axis,
+        )
+        for seed in range(_DRAWS)
+    ]
+    biased = sum(abs(cost / cost_at - 1) > _VISIBLE for _, _, cost in drawn)
+    as_published = biased if target == "p3" else _DRAWS - biased
     _, at_noisy, _ = optima["ours, noise"]
     noisy_cost = excitation_cost(
         at_noisy.main, at_noisy.total, axis, noise_share=_NOISE_VARIANCE / at_noisy.variance
@@ -406,8 +414,11 @@ def figure_8_or_9(
         Comparison(
             f"DIRECT on Kriging beside DIRECT on exact indices, {published_pair}",
             "a visible bias" if target == "p3" else "agreement",
-            f"exact H {kriging_cost_at:.3f} (predicted {predicted:.3f}) beside {cost_at:.3f}",
-            Agreement.REPRODUCED if biased == (target == "p3") else Agreement.NOT_REPRODUCED,
+            f"exact H {kriging_cost_at:.3f} (predicted {predicted:.3f}) beside {cost_at:.3f}; off "
+            f"by more than {_VISIBLE:.0%} with {biased} of {_DRAWS} draws of the "
+            f"{published.SECOND_STAGE_POINTS} points",
+            # the paper has one draw: reproduced unless its outcome is an unusual one
+            Agreement.REPRODUCED if 4 * as_published >= _DRAWS else Agreement.NOT_REPRODUCED,
         ),
         Comparison(
             "optimum of H on the box [-5, 0]⁴",
@@ -449,32 +460,37 @@ def figure_8_or_9(
     )
 
 
+def _exact(x: FloatArray) -> Indices:
+    return exact_indices(x, nodes=10)
+
+
 def _exact_cost(axis: int, x: FloatArray) -> float:
-    indices = exact_indices(x, nodes=10)
+    indices = _exact(x)
     return excitation_cost(indices.main, indices.total, axis)
 
 
 def _kriging_cost(
-    axis: int, box: Box, budget: OurBudget | PaperBudget, executor: Executor
+    axis: int, indices: Callable[[FloatArray], Indices], executor: Executor, *, seed: int = 0
 ) -> Callable[[FloatArray], float]:
-    """Cost by 2k Kriging models from 96 points (Eq. 12)."""
-    X = sobol_sequence(published.SECOND_STAGE_POINTS, len(box), seed=0)
-    found = list(executor.map(partial(_first_stage, budget), box.from_unit(X)))
+    """Cost by 2k Kriging models of the indices at 96 points (Eq. 12)."""
+    box = MATH_MODEL_OPERATION
+    X = sobol_sequence(published.SECOND_STAGE_POINTS, len(box), seed=seed)
+    found = list(executor.map(indices, box.from_unit(X)))
     cost = modelled_cost(
         X,
-        np.array([stage.indices.main for stage in found]),
-        np.array([stage.indices.total for stage in found]),
+        np.array([at_x.main for at_x in found]),
+        np.array([at_x.total for at_x in found]),
         target=axis,
     )
     return lambda x: cost(box.to_unit(x))
 
 
-def _first_stage(budget: OurBudget | PaperBudget, x: FloatArray) -> FirstStage:
+def _indices(budget: OurBudget | PaperBudget, x: FloatArray) -> Indices:
+    """Indices at x by the first stage."""
     f = partial(math_model, x)
     if isinstance(budget, OurBudget):
-        return fast(f, MATH_MODEL_UNKNOWN, samples=budget.samples)
-    paper = _for_math_model(budget)
-    return faithful(f, MATH_MODEL_UNKNOWN, budget=paper)
+        return fast(f, MATH_MODEL_UNKNOWN, samples=budget.samples).indices
+    return faithful(f, MATH_MODEL_UNKNOWN, budget=_for_math_model(budget)).indices
 
 
 def _minimise(cost: Callable[[FloatArray], float], box: Box) -> tuple[FloatArray, FloatArray]:
