@@ -234,6 +234,26 @@ def test_a_second_request_does_not_disturb_the_first(vehicle):
     assert outcomes[1:] == [(True, "armed")]
 
 
+def test_an_arm_that_was_lost_is_not_sent_again_after_the_end_of_the_request(vehicle):
+    for board, link in vehicle.bridge.links.items():
+
+        def operate(op, now, board=board, operate=link.operate):
+            if op is Op.ARM:
+                vehicle.cut.add(board)
+            operate(op, now)
+
+        link.operate = operate
+    vehicle.bridge.arm(vehicle.now, vehicle.outcomes.append)
+    vehicle.step(8)
+    assert vehicle.cut == {STEER, DRIVE}
+    vehicle.bridge.active = False
+    vehicle.bridge.stop("the bridge was deactivated")
+    vehicle.cut.clear()
+    for _ in range(30):
+        vehicle.step()
+        assert [p.state for p in vehicle.plcs.values()] == [PlcState.SAFE] * 2
+
+
 def test_boards_that_lose_the_commands_do_not_arm(vehicle):
     """Every command is lost, so that the boards refuse ARM."""
     receive = {board: plc.receive for board, plc in vehicle.plcs.items()}

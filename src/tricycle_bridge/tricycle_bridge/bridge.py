@@ -528,6 +528,8 @@ class Bridge:
     def _end_arming(self, outcome: ArmingOutcome) -> None:
         arming, self._arming = self._arming, None
         if arming is not None:
+            for link in self.links.values():
+                link.forget_operations()  # a lost ARM must not be sent again after the end
             self._arming_done(outcome)
 
     # ---- boards ----

@@ -333,6 +333,10 @@ class PlcLink:
         if self.up:
             self._operations.add(op, now)
 
+    def forget_operations(self) -> None:
+        """Send no operation again that is not answered yet."""
+        self._operations.clear()
+
     def take_frames(self) -> list[bytes]:
         """Return the frames to write since the last call, oldest first."""
         frames, self._frames = self._frames, []
