@@ -139,6 +139,27 @@ def test_a_board_in_estop_is_set_up_between_clear_and_arm(vehicle):
     assert link.set_up
 
 
+def test_a_board_that_refused_its_set_up_in_estop_is_armed_after_it(vehicle):
+    """Its first SETUP is lost, and the e-stop is pressed before the second."""
+    plc, link = vehicle.plcs[STEER], vehicle.bridge.links[STEER]
+    receive = plc.receive
+    plc.receive = lambda data, now_us: receive(
+        b"".join(f + b"\0" for f in data.split(b"\0") if f and len(f) < 17), now_us
+    )
+    plc.reset()
+    vehicle.step(6)
+    vehicle.measured[STEER] = SteerMeasurement(estop_pressed=True)
+    vehicle.step()
+    plc.receive = receive
+    vehicle.step(50)
+    vehicle.measured[STEER] = SteerMeasurement()
+    vehicle.step(2)
+    assert link.problem == "steer PLC refused its set-up: wrong state"
+    vehicle.bridge.arm(vehicle.now, vehicle.outcomes.append)
+    vehicle.step(110)  # SETUP is sent once per second
+    assert vehicle.outcomes == [(True, "armed")]
+
+
 def test_an_armed_board_that_the_operator_did_not_arm_is_still_stopping(vehicle):
     vehicle.arm()
     links, now = vehicle.bridge.links, vehicle.now

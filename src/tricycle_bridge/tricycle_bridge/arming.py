@@ -101,7 +101,7 @@ def _link_refusal(link: PlcLink, now: float, *, enabled: bool) -> str | None:
 
 def _setup_refusal(link: PlcLink) -> str | None:
     """A board in ESTOP or FAULT takes its set-up only after CLEAR, which arming sends."""
-    if link.set_up or (link.plc_state != PlcState.SAFE and link.problem is None):
+    if link.set_up or (link.plc_state != PlcState.SAFE and not link.setup_out_of_range):
         return None
     return link.problem or f"{link.board.plc_name} is not set up yet"
 

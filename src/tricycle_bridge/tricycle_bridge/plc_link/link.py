@@ -199,6 +199,8 @@ class PlcLink:
         What is wrong, for a person; None if nothing is known to be.
     set_up : bool
         Whether the PLC acknowledged its set-up in this session.
+    setup_out_of_range : bool
+        Whether the PLC refused its set-up in this session because a value is out of its range.
     telemetry : SteerState or DriveState or None
         Newest state frame of this session.
     identity : HelloAck or None
@@ -228,6 +230,7 @@ class PlcLink:
         self.board = board
         self.setup = setup
         self.set_up = False
+        self.setup_out_of_range = False
         self.boot_wait = boot_wait
         self.counters = LinkCounters()
         self.decoder = FrameDecoder(board, host=True)
@@ -250,7 +253,6 @@ class PlcLink:
         self._next_stats = 0.0
         self._next_limits = 0.0
         self._next_setup = 0.0
-        self._setup_out_of_range = False
         self._unanswered = 0  # handshakes since the port was opened
         self._telemetry_at = 0.0
         self._refused_at = 0.0
@@ -407,7 +409,7 @@ class PlcLink:
 
     def _forget_session(self) -> None:
         self.identity = self.telemetry = self.limits = None
-        self.set_up = self._setup_out_of_range = False
+        self.set_up = self.setup_out_of_range = False
         self._operations.clear()
         self._pings.clear()
         self.clock = PlcClock()
@@ -515,7 +517,7 @@ class PlcLink:
 
     def _poll_setup(self, now: float) -> None:
         """Send SETUP once per session, when the PLC can take it: in SAFE."""
-        wanted = self.setup is not None and not self.set_up and not self._setup_out_of_range
+        wanted = self.setup is not None and not self.set_up and not self.setup_out_of_range
         if (
             wanted
             and self.plc_state == PlcState.SAFE
@@ -537,13 +539,13 @@ class PlcLink:
         else:
             why = result.name.lower().replace("_", " ")
             self.problem = f"{self.board.plc_name} refused its set-up: {why}"
-        self._setup_out_of_range = result is Result.OUT_OF_RANGE
-        if not self._setup_out_of_range:
+        self.setup_out_of_range = result is Result.OUT_OF_RANGE
+        if not self.setup_out_of_range:
             self._add_event(LinkEventKind.SETUP_FAILED, self.problem)
 
     def _take_limits(self, limits: BoardLimits) -> None:
         first, self.limits = self.limits is None, limits
-        if not (first and self._setup_out_of_range and self.setup is not None):
+        if not (first and self.setup_out_of_range and self.setup is not None):
             return
         self.problem = f"{self.board.plc_name} refused its set-up: out of range"
         known = {f.name for f in dataclasses.fields(limits)}
