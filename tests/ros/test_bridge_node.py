@@ -469,12 +469,13 @@ def test_killing_the_bridge_at_speed_stops_the_vehicle(bridge, operator, plc_pai
 
 
 def test_sigterm_ends_the_bridge_quietly_and_the_drive_stops(bridge, operator, plc_pair):
-    operator.arm_at_standstill()
+    operator.drive(plc_pair, 0.0, 0.5)
     bridge.terminate()
+    operator.wait(lambda: plc_pair.drive.state is PlcState.SAFE, "SAFE")
+    assert not plc_pair.drive.faults & Fault.CMD_TIMEOUT  # told to, not timed out
     _, stderr = bridge.communicate(timeout=PATIENCE)
     assert bridge.returncode == 0
     assert "Traceback" not in stderr
-    operator.wait(lambda: plc_pair.drive.state is PlcState.SAFE, "SAFE")
 
 
 @pytest.mark.parametrize(

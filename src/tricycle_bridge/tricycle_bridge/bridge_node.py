@@ -307,7 +307,10 @@ class BridgeNode(LifecycleNode):
     def _close(self) -> None:
         with self._lock:
             if self._bridge is not None:
+                # the boards are told at once: there is no next tick
+                self._bridge.active = False
                 self._bridge.stop("the bridge ends")
+                self._bridge.poll(self._now())
                 self._step()
                 self._state(Readiness(False, "the bridge has ended"), Level.WARN, self._now())
             ports = self._ports
