@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.diagnosis import diagnose
 from tricycle_bridge.protocol.messages import Board, CommandFlag, Fault, PlcState
@@ -301,6 +302,26 @@ def test_disarm_takes_the_drive_away_at_once(driving):
     driving.bridge.disarm(driving.now)
     driving.step(2)
     assert [p.state for p in driving.plcs.values()] == [PlcState.SAFE] * 2
+
+
+@pytest.mark.parametrize(
+    ("ask", "op"), [(Bridge.disarm, "DISARM"), (Bridge.emergency_stop, "ESTOP")]
+)
+def test_a_stop_that_does_not_reach_a_board_is_told(driving, ask, op):
+    driving.plcs[DRIVE].receive = lambda _data, _now_us: b""
+    assert ask(driving.bridge, driving.now) == (True, f"{op} sent")
+    driving.step(25)
+    assert driving.warnings[-1] == f"drive PLC did not answer {op}"
+    driving.bridge.closed(DRIVE, "unplugged")
+    driving.step()
+    assert ask(driving.bridge, driving.now) == (False, f"{op} sent; no link to the drive PLC")
+
+
+def test_a_pulled_cable_is_told_once(driving):
+    for _ in range(2):
+        driving.bridge.closed(STEER, "unplugged")
+        driving.step()
+    assert driving.warnings == ["steer PLC: unplugged", "stopped: steer PLC: unplugged"]
 
 
 def test_stop_lets_the_vehicle_roll_out(driving):

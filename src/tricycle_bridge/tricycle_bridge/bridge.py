@@ -215,9 +215,9 @@ class Bridge:
             Why, for a person; it is logged once.
         """
         link = self.links[board]
-        was = link.problem
+        told = link.up or link.problem == reason  # a loss is an event
         self._take_events(board, link.closed(reason))
-        if reason != was:
+        if not told:
             self._warn(f"{board.plc_name}: {reason}")
 
     def set_command(
@@ -404,15 +404,33 @@ class Bridge:
         self.commands.release(now)
         return True, f"released by {commander}"
 
-    def disarm(self, now: float) -> str:
-        """Disarm both boards at once (outputs off, brake on); return a text for the operator."""
+    def disarm(self, now: float) -> tuple[bool, str]:
+        """Disarm both boards at once: outputs off, brake on.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+
+        Returns
+        -------
+        done : bool
+            Whether it was sent to both.
+        text : str
+            Text for the operator.
+        """
         self._withdraw("disarmed by the operator")
         return self._operate_all(Op.DISARM, now)
 
-    def emergency_stop(self, now: float) -> str:
-        """Latch ESTOP on both boards until the next ARM; return a text for the operator.
+    def emergency_stop(self, now: float) -> tuple[bool, str]:
+        """Latch ESTOP on both boards until the next ARM; return what `disarm` returns.
 
         It is sent as an operation and in the flags of every command.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
         """
         self._withdraw("emergency stop")
         self._estopped = True
@@ -507,12 +525,12 @@ class Bridge:
         self._stop_sent_at = -math.inf
         self._end_arming(ArmingOutcome(False, f"not armed: {reason}"))
 
-    def _operate_all(self, op: Op, now: float) -> str:
+    def _operate_all(self, op: Op, now: float) -> tuple[bool, str]:
         unreached = [board.name.lower() for board, link in self.links.items() if not link.up]
         for link in self.links.values():
             link.operate(op, now)
         missing = f"; no link to the {' and '.join(unreached)} PLC" if unreached else ""
-        return f"{op.name} sent{missing}"
+        return not unreached, f"{op.name} sent{missing}"
 
     # ---- arming ----
 
@@ -576,7 +594,9 @@ class Bridge:
         if self._arming is not None and outcome.op in (Op.CLEAR, Op.ARM):
             self._arming.take_outcome(board, outcome)
             self._finish_arming()
-        elif outcome.result not in (Result.OK, None):
+        elif outcome.result is None:
+            self._warn(f"{board.plc_name} did not answer {outcome.op.name}")
+        elif outcome.result is not Result.OK:
             self._warn(f"{board.plc_name} refused {outcome.op.name}: {outcome.result.name}")
 
     def _warn(self, text: str) -> None:

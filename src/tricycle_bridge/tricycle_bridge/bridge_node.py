@@ -540,7 +540,7 @@ class BridgeNode(LifecycleNode):
             response.success, response.message = await outcome
         else:
             with self._lock:
-                response.success, response.message = True, bridge.disarm(self._now())
+                response.success, response.message = bridge.disarm(self._now())
                 self._step()
         return response
 
@@ -563,8 +563,7 @@ class BridgeNode(LifecycleNode):
             response.success, response.message = False, "the bridge is not configured"
         else:
             with self._lock:
-                response.message = self._bridge.emergency_stop(self._now())
-                response.success = all(link.up for link in self._bridge.links.values())
+                response.success, response.message = self._bridge.emergency_stop(self._now())
                 self._step()
         return response
 
