@@ -36,3 +36,12 @@ def test_a_missing_port_and_a_silent_one_are_one_clear_line(tmp_path):
         pytest.raises(LinkError, match=r"silent: no PLC answers within 0\.3 s \(0 good frames"),
     ):
         probe.handshake(timeout=0.3)
+
+
+def test_a_plc_that_falls_silent_for_good_ends_it(plc_pair, monkeypatch):
+    monkeypatch.setattr("tricycle_bridge.plc_link.handshake.HELLO_PATIENCE", 0.2)
+    with PortProbe(plc_pair.drive_path, boot_wait=0.0) as probe:
+        probe.handshake()
+        plc_pair.stall(Board.DRIVE)
+        with pytest.raises(LinkError, match="no drive PLC answers"):
+            list(probe.events(20.0))

@@ -1,9 +1,11 @@
 """`tricycle plc check` as an engineer runs it, on emulated boards behind serial devices."""
 
 import json
+import threading
 
 import pytest
 
+from tricycle_bridge.protocol.messages import Board
 from tricycle_cli.main import main
 from tricycle_sim.plc.pair import PlcPair
 
@@ -29,6 +31,15 @@ def test_a_mistake_is_one_line_and_status_2(capsys, monkeypatch, tmp_path, argum
     assert main(["plc", *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_statistics_of_a_board_that_was_lost_are_none(capsys, tmp_path):
+    with PlcPair(tmp_path / "steer", tmp_path / "drive") as pair:
+        threading.Timer(1.0, pair.stall, [Board.DRIVE]).start()
+        assert main(["plc", "stats", pair.drive_path, "--boot-wait", "0"]) == 2
+    out, err = capsys.readouterr()
+    assert not out
+    assert "drive: no telemetry for" in err
 
 
 @pytest.mark.slow

@@ -75,7 +75,7 @@ class PortProbe(Closing):
         Raises
         ------
         LinkError
-            The port cannot be opened, or goes away.
+            The port cannot be opened, or goes away, or its PLC has not answered for long.
         """
         until = time.monotonic() + seconds
         while time.monotonic() < until:
@@ -93,6 +93,8 @@ class PortProbe(Closing):
             yield from self.link.poll(now)
             if self.link.answered_by not in (None, self.link.board):
                 self._change_board(now)
+            if self.link.wants_reopen:
+                raise LinkError(f"{self._path}: {self.link.down_reason}")
             self._ports.write(Board.ANY, self.link.take_frames())
 
     def _change_board(self, now: float) -> None:

@@ -120,6 +120,8 @@ def run(args: argparse.Namespace) -> int:
         elif args.what == "stats":
             for _ in probe.events(2.0 if args.seconds is None else args.seconds):
                 pass
+            if not link.up:
+                raise LinkError(f"{args.ports[0]}: {link.down_reason}")
         result = _describe(link, counters=args.what != "probe")
     if args.json:
         print(json.dumps(result))
