@@ -71,8 +71,12 @@ def test_it_holds_for_these_boards_and_for_a_while():
     assert "drive PLC 2.0.0 (2), not 2.0.1 (3)" in problem(drive="2.0.1 (3)")
     assert "steer PLC" in problem(steer="other")
     assert problem(now=TIME + MONTH) is None
-    assert problem(now=TIME + timedelta(days=31)) == (
-        "the bring-up is 31 days old, at most 30 are allowed"
+    assert problem(now=TIME + timedelta(days=30, hours=12)) == (
+        "the bring-up is 30.5 days old, at most 30.0 are allowed"
+    )
+    assert problem(now=TIME - timedelta(hours=1)) is None  # of another computer's clock
+    assert problem(now=TIME - timedelta(days=400)) == (
+        "the bring-up is dated 2026-05-01T12:00:00+00:00, 400.0 days ahead of this clock"
     )
     failed = StepResult("brake", False, {}, "it slips")
     record = dataclasses.replace(RECORD, steps=(*RECORD.steps, failed), complete=False)

@@ -5,6 +5,7 @@ import threading
 
 import pytest
 
+from tricycle_bridge.commissioning.record import StepResult, read_record
 from tricycle_bridge.protocol.messages import Board
 from tricycle_cli.main import main
 from tricycle_sim.plc.pair import PlcPair
@@ -31,6 +32,21 @@ def test_a_mistake_is_one_line_and_status_2(capsys, monkeypatch, tmp_path, argum
     assert main(["plc", *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_a_check_that_is_interrupted_ends_the_record_of_an_earlier_one(tmp_path, monkeypatch):
+    def interrupted(_stand):
+        yield StepResult("links", True, {})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tricycle_bridge.commissioning.bring_up.bring_up", interrupted)
+    record = tmp_path / "record.json"
+    record.write_text("an earlier one")
+    with PlcPair(tmp_path / "steer", tmp_path / "drive") as pair:
+        ports = [pair.steer_path, pair.drive_path]
+        options = ["--engineer", "A. Test", "--record", str(record), "--boot-wait", "0"]
+        assert main(["plc", "check", *ports, *options, "--overwrite"]) == 130
+    assert not read_record(record).complete
 
 
 def test_statistics_of_a_board_that_was_lost_are_none(capsys, tmp_path):

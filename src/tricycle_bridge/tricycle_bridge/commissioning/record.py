@@ -15,6 +15,7 @@ from tricycle_core.errors import LinkError
 
 _FORMAT = "tricycle bring-up 1"
 _LARGEST = 1_000_000  # bytes
+_DAY = timedelta(days=1)
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,10 @@ class BringUpRecord:
                 return f"the bring-up was made with {board.plc_name} {then[board]}, not {here}"
         age = now - datetime.fromisoformat(self.time)
         if age > max_age:
-            return f"the bring-up is {age.days} days old, at most {max_age.days} are allowed"
+            days, most = age / _DAY, max_age / _DAY
+            return f"the bring-up is {days:.1f} days old, at most {most:.1f} are allowed"
+        if age < -_DAY:  # less is two computers' clocks
+            return f"the bring-up is dated {self.time}, {-age / _DAY:.1f} days ahead of this clock"
         return None
 
 
@@ -102,8 +106,8 @@ def _digest(record: BringUpRecord) -> str:
     return hashlib.sha256(content.encode()).hexdigest()
 
 
-def write_record(path: Path, record: BringUpRecord) -> None:
-    """Write a record with its digest; an older file is replaced whole.
+def write_record(path: Path, record: BringUpRecord) -> BringUpRecord:
+    """Write a record with its digest, and return that; an older file is replaced whole.
 
     Parameters
     ----------
@@ -114,6 +118,7 @@ def write_record(path: Path, record: BringUpRecord) -> None:
     """
     sealed = replace(record, digest=_digest(record))
     write_whole(path, json.dumps(encode(sealed), indent=2) + "\n")
+    return sealed
 
 
 def read_record(path: Path) -> BringUpRecord:

@@ -167,27 +167,34 @@ def _check(args: argparse.Namespace) -> int:
     paths = dict(zip((Board.STEER, Board.DRIVE), args.ports, strict=True))
     print(f"Make sure that {STANDING}. Ctrl-C stops and disarms.", file=log)
     results: list[StepResult] = []
+    firmware: list[str] = []
     settings = bridge_settings(load_vehicle(Path(args.vehicle) if args.vehicle else None))
-    with PortStand(paths, settings, say, baud=args.baud, boot_wait=args.boot_wait) as stand:
-        stand.connect(args.boot_wait + 5.0)
-        firmware = [stand.firmware(board) for board in paths]
-        for number, result in enumerate(bring_up(stand), 1):
-            results.append(result)
-            measured = ", ".join(f"{k} {_readable(v)}" for k, v in result.measured.items())
-            outcome = measured or "passed" if result.passed else f"FAILED: {result.problem}"
-            print(f"{number:2}/{len(STEPS)} {result.name}: {outcome}", file=log, flush=True)
-    record = BringUpRecord(
-        engineer=args.engineer.strip(),
-        time=datetime.now(UTC).isoformat(timespec="seconds"),
-        steer_firmware=firmware[0],
-        drive_firmware=firmware[1],
-        steps=tuple(results),
-        complete=len(results) == len(STEPS) and all(result.passed for result in results),
-    )
-    write_record(args.record, record)
+    try:
+        with PortStand(paths, settings, say, baud=args.baud, boot_wait=args.boot_wait) as stand:
+            stand.connect(args.boot_wait + 5.0)
+            firmware = [stand.firmware(board) for board in paths]
+            for number, result in enumerate(bring_up(stand), 1):
+                results.append(result)
+                measured = ", ".join(f"{k} {_readable(v)}" for k, v in result.measured.items())
+                outcome = measured or "passed" if result.passed else f"FAILED: {result.problem}"
+                print(f"{number:2}/{len(STEPS)} {result.name}: {outcome}", file=log, flush=True)
+    finally:
+        # also where Ctrl-C ended it: the record of an earlier one must not hold any more
+        if firmware:
+            record = write_record(
+                args.record,
+                BringUpRecord(
+                    engineer=args.engineer.strip(),
+                    time=datetime.now(UTC).isoformat(timespec="seconds"),
+                    steer_firmware=firmware[0],
+                    drive_firmware=firmware[1],
+                    steps=tuple(results),
+                    complete=len(results) == len(STEPS) and all(r.passed for r in results),
+                ),
+            )
+            print(f"record: {args.record}", file=log)
     if args.json:
         print(json.dumps(encode(record)))
-    print(f"record: {args.record}", file=log)
     return 0 if record.complete else 1
 
 
