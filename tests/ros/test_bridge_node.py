@@ -452,6 +452,7 @@ def test_lifecycle_deactivate_stops_and_cleanup_closes(start_bridge, operator, p
     operator.wait_for("vehicle", "the bridge is not active")
     assert operator.change_state(Transition.TRANSITION_ACTIVATE)
     operator.drive(plc_pair, 0.0, 0.5)
+    assert not operator.change_state(Transition.TRANSITION_ACTIVATE)  # it is
     assert operator.change_state(Transition.TRANSITION_DEACTIVATE)
     operator.wait(lambda: _at_rest(plc_pair), "standstill")
     assert not plc_pair.drive.faults & Fault.CMD_TIMEOUT

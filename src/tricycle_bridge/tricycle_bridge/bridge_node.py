@@ -25,6 +25,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Twist, TwistStamped
+from lifecycle_msgs.srv import ChangeState
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.callback_groups import ReentrantCallbackGroup
@@ -87,6 +88,9 @@ class BridgeNode(LifecycleNode):
     def __init__(self) -> None:
         super().__init__("tricycle_bridge")
         self._declare_parameters()
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(_change_state, service.callback)
         self._lock = threading.RLock()  # guards the bridge, its ports and the attributes below
         self._bridge: Bridge | None = None
         self._ports: SerialPorts | None = None
@@ -565,6 +569,19 @@ class BridgeNode(LifecycleNode):
             with self._lock:
                 response.success, response.message = self._bridge.emergency_stop(self._now())
                 self._step()
+        return response
+
+
+def _change_state(
+    change: Callable[[ChangeState.Request, ChangeState.Response], ChangeState.Response],
+    request: ChangeState.Request,
+    response: ChangeState.Response,
+) -> ChangeState.Response:
+    """Refuse a transition that does not begin in this state; rclpy's own callback raises."""
+    try:
+        return change(request, response)
+    except RuntimeError:  # rcl has logged it
+        response.success = False
         return response
 
 
