@@ -484,7 +484,7 @@ def test_sigterm_ends_the_bridge_quietly_and_the_drive_stops(bridge, operator, p
     [
         ({"command_rate": 500.0}, "command_rate"),
         ({"baud": "fast"}, "baud"),
-        ({"steer_port": "/dev/same", "drive_port": "/dev/same"}, "both /dev/same"),
+        ({"steer_port": "/dev/same", "drive_port": "/dev/../dev/same"}, "both /dev/same"),
         ({"bring_up_record": "/nowhere.json"}, "`tricycle plc check` writes it"),
     ],
 )

@@ -205,12 +205,16 @@ def test_missing_devices_are_told_once_each_and_opened_when_they_appear(tmp_path
         host.ports.close()
 
 
-def test_a_file_in_place_of_a_device_is_told(tmp_path):
+def test_a_file_or_folder_in_place_of_a_device_is_told(tmp_path):
     (tmp_path / "steer").write_text("no board")
+    (tmp_path / "drive").mkdir()
     host = Host(str(tmp_path / "steer"), str(tmp_path / "drive"))
     try:
         host.until(lambda: len(host.closed) >= 2, "both")
-        assert f"{tmp_path}/steer is no serial port" in {e.reason for e in host.closed}
+        assert {e.reason for e in host.closed} == {
+            f"{tmp_path}/steer is no serial port",
+            f"{tmp_path}/drive is no serial port",
+        }
     finally:
         host.ports.close()
 

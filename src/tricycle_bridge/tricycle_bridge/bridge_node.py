@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import random
 import threading
 import time
@@ -263,8 +264,9 @@ class BridgeNode(LifecycleNode):
     def _mistake(self) -> str | None:
         """Return what is wrong with the parameters, if anything."""
         steer, drive = (self.get_parameter(f"{b}_port").value for b in ("steer", "drive"))
-        if steer == drive:
-            return f"steer_port and drive_port are both {steer}"
+        device = os.path.realpath(steer)
+        if device == os.path.realpath(drive):
+            return f"steer_port and drive_port are both {device}"
         try:
             self._settings()
             self._turning_geometry()

@@ -173,7 +173,7 @@ class SerialPorts(Closing):
                 except BlockingIOError:
                     return len(frames) - done
                 except _GONE as error:
-                    self._ask_reopen(board, str(error))
+                    self._ask_reopen(board, f"{self._paths[board]}: {error}")
                     return len(frames) - done
         return 0
 
@@ -303,6 +303,6 @@ def _open_problem(path: str, error: Exception) -> str:
         return f"{path}: no permission (is the user in the group dialout?)"
     if isinstance(error, BlockingIOError) or "lock" in str(error):
         return f"{path} is in use by another program"
-    if "Could not configure port" in str(error):
+    if "Could not configure port" in str(error) or os.path.isdir(path):  # noqa: PTH112 - as above
         return f"{path} is no serial port"
     return f"{path}: {' '.join(str(error).split())}"
