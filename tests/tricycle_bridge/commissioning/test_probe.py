@@ -39,9 +39,9 @@ def test_a_missing_port_and_a_silent_one_are_one_clear_line(tmp_path):
 
 
 def test_a_plc_that_falls_silent_for_good_ends_it(plc_pair, monkeypatch):
-    monkeypatch.setattr("tricycle_bridge.plc_link.handshake.HELLO_PATIENCE", 0.2)
     with PortProbe(plc_pair.drive_path, boot_wait=0.0) as probe:
         probe.handshake()
+        monkeypatch.setattr("tricycle_bridge.plc_link.handshake.HELLO_PATIENCE", 0.2)
         plc_pair.stall(Board.DRIVE)
         with pytest.raises(LinkError, match="no drive PLC answers"):
             list(probe.events(20.0))
