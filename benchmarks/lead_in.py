@@ -19,7 +19,9 @@ from excitation_planner.localisation import PlanarState
 from excitation_planner.maneuver import family_by_name, lead_in_of, with_lead_in
 from excitation_planner.maneuver.lead_in import OPEN_LOOP
 from excitation_planner.planning import PlanRequest, plan_at
-from excitation_planner.playback import Playback, Schedule
+from excitation_planner.playback import Playback
+from excitation_planner.schedule import Schedule
+from excitation_planner.vehicle_watch import VehicleWatch
 from excitation_planner.way_back.pursuit import Chassis
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
@@ -59,13 +61,13 @@ def begun(plan, seed, *, led):
     rig.reset((0.0, 0.0, 0.0))
     host = Host(rig, bridge_settings(VEHICLE))
     host.arm()
-    playback, chassis = Playback(max_deviation=3.0, odom_timeout=0.5), Chassis()
+    playback, chassis = Playback(VehicleWatch(odom_timeout=0.5), max_deviation=3.0), Chassis()
     commands = plan.commands
     rates = commands.speed / plan.tyre_radius
     playback.load(Schedule(commands.time, commands.steering_motor_angle, rates))
-    playback.load_path(plan.path)
+    playback.parts.add_path(plan.path)
     if led:
-        playback.load_lead_in(plan.lead_in)
+        playback.parts.add_lead_in(plan.lead_in)
     began, started = rig.time, None
     first = lead_in_of(commands) + OPEN_LOOP
     while started is None or rig.time < started + first:

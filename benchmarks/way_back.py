@@ -17,7 +17,10 @@ import numpy as np
 from excitation_planner.area.area import Area
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.localisation import PlanarState
-from excitation_planner.playback import AREA_PARTS, Playback, Schedule
+from excitation_planner.plan_parts import AREA_PARTS
+from excitation_planner.playback import Playback
+from excitation_planner.schedule import Schedule
+from excitation_planner.vehicle_watch import VehicleWatch
 from excitation_planner.way_back.dubins import Arc, Pose
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import FreeGround, RouteRequest, find_route
@@ -89,12 +92,14 @@ def go_back(vehicle: Vehicle, start: Pose, goal: Pose, seed: int, area: Area = Y
     rig.reset(start)
     host = Host(rig, bridge_settings(vehicle))
     host.arm()
-    playback = Playback(max_deviation=1.0, odom_timeout=0.5, chassis=chassis_of(vehicle))
+    playback = Playback(
+        VehicleWatch(odom_timeout=0.5), max_deviation=1.0, chassis=chassis_of(vehicle)
+    )
     playback.load(Schedule(np.array([0.0, 1.0]), np.zeros(2), np.zeros(2)))
     ground = area.frame, tuple(area.within(area.margin))
     parts = dict(zip(AREA_PARTS, (ground, footprint_of(vehicle), goal, np.zeros(2)), strict=True))
     for name, part in parts.items():
-        playback.load_area(name, part)
+        playback.parts.add_area(name, part)
     began, pending = rig.time, None
     while rig.time - began < LONGEST:
         now = rig.time

@@ -49,10 +49,13 @@ from excitation_planner.design.information import (
 from excitation_planner.indices.sampling import sobol_sequence
 from excitation_planner.localisation import PlanarState
 from excitation_planner.maneuver import family_by_name, family_names, with_ranges
+from excitation_planner.plan_parts import AREA_PARTS
 from excitation_planner.planning import PlanRequest, plan_maneuver
 from excitation_planner.planning.prediction import replayed
 from excitation_planner.planning.replay import nominal_commands
-from excitation_planner.playback import AREA_PARTS, Playback, Schedule
+from excitation_planner.playback import Playback
+from excitation_planner.schedule import Schedule
+from excitation_planner.vehicle_watch import VehicleWatch
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_bringup.configuration import bridge_settings
 from tricycle_core.errors import DesignError, InfeasibleManeuver, PlanError
@@ -261,16 +264,16 @@ def driven(area, plan, fault, seed):
     rig.reset(tuple(beside(plan.start_pose, rng, 1, 0.2)[0].tolist()))
     host = Host(rig, bridge_settings(VEHICLE))
     host.arm()
-    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    playback = Playback(VehicleWatch(odom_timeout=0.5), max_deviation=1.0)
     commands = plan.commands
     rates = commands.speed / plan.tyre_radius
     playback.load(Schedule(commands.time, commands.steering_motor_angle, rates))
-    playback.load_path(plan.path)
+    playback.parts.add_path(plan.path)
     fence = plan.fence
     ground = fence.frame, tuple(fence.ground)
     parts = ground, fence.footprint, fence.start, fence.curvature
     for part, value in zip(AREA_PARTS, parts, strict=True):
-        playback.load_area(part, value)
+        playback.parts.add_area(part, value)
     fault_at = math.inf if fault == "none" else rng.uniform(0.05, 0.95) * commands.duration
     began, started, pending, frozen, track, ended = rig.time, None, None, None, [], None
     while ended is None or rig.time < ended + 5.0:

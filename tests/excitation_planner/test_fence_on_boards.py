@@ -9,7 +9,9 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import contains, placed
 from excitation_planner.area.tube import footprint_of
 from excitation_planner.localisation import PlanarState
-from excitation_planner.playback import Playback, PlaybackState, Schedule
+from excitation_planner.playback import Playback, PlaybackState
+from excitation_planner.schedule import Schedule
+from excitation_planner.vehicle_watch import VehicleWatch
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_core.stopping import MAX_PAYLOAD
@@ -49,15 +51,15 @@ def test_what_the_fence_stops_stays_within_its_margin(
 ):
     """Also what rolls on after a run that was ended early, at x = `finished` [m]."""
     footprint = footprint_of(VEHICLE)
-    playback = Playback(max_deviation=50.0, odom_timeout=0.5)
+    playback = Playback(VehicleWatch(odom_timeout=0.5), max_deviation=50.0)
     playback.load(
         Schedule(np.array([0.0, 60.0]), np.zeros(2), np.full(2, speed / VEHICLE.tyre_radius))
     )
-    playback.load_path(np.array([[0.0, 0.0], [60.0, 0.0]]))
-    playback.load_area("ground", ("odom", Area(KEEP_IN, margin=MARGIN).within(MARGIN)))
-    playback.load_area("footprint", footprint)
-    playback.load_area("planned_start", (0.0, 0.0, 0.0))
-    playback.load_area("twist", np.zeros(2))
+    playback.parts.add_path(np.array([[0.0, 0.0], [60.0, 0.0]]))
+    playback.parts.add_area("ground", ("odom", Area(KEEP_IN, margin=MARGIN).within(MARGIN)))
+    playback.parts.add_area("footprint", footprint)
+    playback.parts.add_area("planned_start", (0.0, 0.0, 0.0))
+    playback.parts.add_area("twist", np.zeros(2))
     if boards == "emulated":
         rig = EmulatedRig(vehicle)
     else:

@@ -3,7 +3,7 @@
 import math
 import re
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -11,20 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from excitation_planner.localisation import PlanarState
-from excitation_planner.playback import (
-    MAX_ROWS,
-    PREPARATION,
-    JointCommand,
-    Playback,
-    PlaybackState,
-    Schedule,
-)
+from excitation_planner.playback import PREPARATION, JointCommand, Playback, PlaybackState
 from excitation_planner.preflight import Check
+from excitation_planner.schedule import MAX_ROWS, Schedule
+from excitation_planner.vehicle_watch import VehicleWatch
 from excitation_planner.way_back.dubins import Arc
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.readiness import Readiness
 
+WATCHED = {field.name for field in fields(VehicleWatch)}
 AT_REST = PlanarState(1.0, 2.0, np.pi / 2, 0.0)
 MOVING = PlanarState(1.0, 2.0, np.pi / 2, 0.8)
 ARMED = Readiness(armed=True)
@@ -38,9 +34,11 @@ def schedule():
 
 
 def ready(now=10.0, **options):
-    playback = Playback(**{"max_deviation": 1.0, "odom_timeout": 0.5, **options})
+    of_watch = {name: options.pop(name) for name in WATCHED & options.keys()}
+    watch = VehicleWatch(**{"odom_timeout": 0.5, **of_watch})
+    playback = Playback(watch, **{"max_deviation": 1.0, **options})
     playback.load(schedule())
-    playback.load_path(PATH)
+    playback.parts.add_path(PATH)
     playback.observe(AT_REST, now, now)
     playback.hear(ARMED, now)
     return playback
@@ -95,9 +93,9 @@ def test_rows_are_played_from_the_start_time():
 def test_in_the_lead_in_the_steering_leads_back_to_the_line_and_then_the_rows_alone_count():
     playback = ready()
     playback.load(Schedule(np.array([0.0, 1.0]), np.array([0.1, 0.1]), np.array([1.0, 1.0])), 7)
-    playback.load_path(PATH, 7)
-    playback.load_lead_in(0.5, 7)
-    playback.load_lead_in(0.9, 8)  # of another plan
+    playback.parts.add_path(PATH, 7)
+    playback.parts.add_lead_in(0.5, 7)
+    playback.parts.add_lead_in(0.9, 8)  # of another plan
     playback.start(10.0)
     beside = replace(AT_REST, x=AT_REST.x - 0.1, speed=0.5)  # left of the line, which leads along y
     angles = {}
@@ -115,7 +113,7 @@ def test_in_the_lead_in_the_steering_leads_back_to_the_line_and_then_the_rows_al
 @pytest.mark.parametrize("end", [-0.1, np.nan, np.inf])
 def test_a_lead_in_that_ends_at_no_time_is_refused(end):
     with pytest.raises(PlanError, match="needs a time from 0"):
-        ready().load_lead_in(end)
+        ready().parts.add_lead_in(end)
 
 
 def test_the_origin_of_the_path_is_where_the_vehicle_is_and_then_where_it_started():
@@ -127,7 +125,7 @@ def test_the_origin_of_the_path_is_where_the_vehicle_is_and_then_where_it_starte
     playback.observe(MOVING, 10.51, 10.51)
     playback.tick(10.51)
     assert playback.origin == AT_REST
-    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    playback = Playback(VehicleWatch(odom_timeout=0.5), max_deviation=1.0)
     assert playback.origin is None
     playback.observe(PlanarState(math.nan, 0.0, 0.0, 0.0), 1.0, 1.0)
     assert playback.origin is None
@@ -167,7 +165,7 @@ def test_the_newest_commands_of_a_run_are_taken_after_it():
     playback = running()
     playback.load(schedule(), stamp=1, plan_id="older")
     playback.load(schedule(), stamp=2, plan_id="newest")
-    playback.load_path(PATH, stamp=2)
+    playback.parts.add_path(PATH, stamp=2)
     assert (playback.state, playback.plan_id) == (PlaybackState.RUNNING, "")
     playback.tick(10.05)
     assert (playback.state, playback.plan_id) == (PlaybackState.DONE, "")
@@ -193,7 +191,7 @@ def test_commands_that_come_while_the_vehicle_is_stopped_are_taken_when_it_rests
 
 
 def without_commands():
-    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    playback = Playback(VehicleWatch(odom_timeout=0.5), max_deviation=1.0)
     playback.observe(AT_REST, 10.0, 10.0)
     playback.hear(ARMED, 10.0)
     return playback
@@ -207,14 +205,14 @@ def without_path():
 
 def with_another_path():
     playback = without_path()
-    playback.load_path(PATH, stamp=1)
+    playback.parts.add_path(PATH, stamp=1)
     return playback
 
 
 def without_readiness():
-    playback = Playback(max_deviation=1.0, odom_timeout=0.5)
+    playback = Playback(VehicleWatch(odom_timeout=0.5), max_deviation=1.0)
     playback.load(schedule())
-    playback.load_path(PATH)
+    playback.parts.add_path(PATH)
     playback.observe(AT_REST, 10.0, 10.0)
     return playback
 
@@ -282,7 +280,7 @@ def test_the_preflight_says_how_everything_stands_that_a_start_needs():
 
 
 def test_without_anything_the_preflight_says_what_is_missing():
-    items = Playback(max_deviation=1.0, odom_timeout=0.5).preflight(10.0)
+    items = Playback(VehicleWatch(odom_timeout=0.5), max_deviation=1.0).preflight(10.0)
     assert [i.name for i in items if i.level is Level.ERROR] == [
         "plan", "vehicle", "localisation", "standstill"
     ]  # fmt: skip
@@ -290,7 +288,7 @@ def test_without_anything_the_preflight_says_what_is_missing():
 
 def test_a_pose_that_jumps_at_rest_refuses_the_start_until_it_has_stayed_for_a_second():
     playback = ready()
-    playback.load_area("ground", ("", ()))
+    playback.parts.add_area("ground", ("", ()))
     away = replace(AT_REST, x=3.0)
     playback.observe(away, 10.05, 10.05)
     with pytest.raises(PlanError, match=r"the pose is 2\.00 m from where"):
@@ -450,7 +448,7 @@ def test_leaving_the_path_aborts_wherever_the_start_was():
 def test_any_point_of_a_long_path_is_near_enough():
     playback = ready()
     length = 0.02 * np.arange(100_000.0)  # out and back
-    playback.load_path(np.column_stack([1000.0 - abs(1000.0 - length), np.zeros(100_000)]))
+    playback.parts.add_path(np.column_stack([1000.0 - abs(1000.0 - length), np.zeros(100_000)]))
     playback.load(LONG)
     start(playback, 10.0)
     for tick, along in enumerate((0.0, 500.0, 5.0, 1000.0)):
@@ -466,14 +464,14 @@ def test_any_point_of_a_long_path_is_near_enough():
 def test_the_path_is_that_of_the_commands_whatever_other_plans_are_published():
     own, other = PATH, np.array([[9.0, 9.0], [9.0, 8.0]])
     playback = ready()
-    playback.load_path(other, stamp=1)
+    playback.parts.add_path(other, stamp=1)
     playback.load(schedule(), stamp=2)
     with pytest.raises(PlanError, match="no path on maneuver/path with the stamp"):
         playback.start(10.0)
-    playback.load_path(own, stamp=2)
-    playback.load_path(other, stamp=3)
+    playback.parts.add_path(own, stamp=2)
+    playback.parts.add_path(other, stamp=3)
     start(playback, 10.0)
-    playback.load_path(other, stamp=2)
+    playback.parts.add_path(other, stamp=2)
     playback.tick(10.0)
     assert playback.state is PlaybackState.RUNNING
 
@@ -513,7 +511,7 @@ def test_a_schedule_is_checked(time, angle, rate, message):
 def test_a_path_is_checked_and_none_means_no_start(points, message):
     playback = without_path()
     with pytest.raises(PlanError, match=message):
-        playback.load_path(points)
+        playback.parts.add_path(points)
     with pytest.raises(PlanError, match="no path"):
         playback.start(10.0)
 
@@ -569,7 +567,7 @@ def fenced(now=10.0, **parts):
     playback = ready(now)
     for part, value in (PARTS | parts).items():
         if value is not None:
-            playback.load_area(part, value)
+            playback.parts.add_area(part, value)
     playback.observe(AT_REST_IN_ODOM, now, now)
     return playback
 
@@ -593,11 +591,11 @@ def test_what_would_not_stay_on_its_area_is_not_started(parts, refusal):
 
 def test_an_area_of_another_stamp_means_no_start_and_an_empty_one_no_fence():
     playback = ready()
-    playback.load_area("ground", ("odom", (YARD,)), stamp=1)
+    playback.parts.add_area("ground", ("odom", (YARD,)), stamp=1)
     with pytest.raises(PlanError, match="nothing on maneuver/ground with the stamp"):
         playback.start(10.0)
     playback = ready()
-    playback.load_area("ground", ("", ()))
+    playback.parts.add_area("ground", ("", ()))
     playback.start(10.0)
     assert not playback.fenced
 
@@ -606,7 +604,7 @@ def test_a_plan_whose_ground_is_still_on_its_way_is_not_started_without_it():
     playback = ready(ground_needed=True)
     with pytest.raises(PlanError, match=r"nothing on maneuver/ground .* or set unfenced_plans"):
         playback.start(10.0)
-    playback.load_area("ground", ("", ()))
+    playback.parts.add_area("ground", ("", ()))
     playback.start(10.0)
     assert not playback.fenced
 
@@ -712,7 +710,7 @@ def backwards(playback, pose, now):
         pose = replace(pose, y=pose.y + 0.01 * speed, speed=abs(speed), slip=slip)
         playback.observe(pose, now, now)
         playback.hear(ARMED, now)
-        if playback.hold_timeout:
+        if playback.watch.hold_timeout:
             playback.hold(True, now)
     return now, pose
 
@@ -741,7 +739,7 @@ def backwards(playback, pose, now):
 )
 def test_what_ends_a_run_ends_the_way_back_too(fault, reason):
     playback, there, now = returning()
-    playback.hold_timeout = 1.0
+    playback.watch.hold_timeout = 1.0
     playback.hold(True, now)
     while playback.route_wanted is None:
         now, _ = backwards(playback, there, now)

@@ -3,7 +3,8 @@
 import pytest
 from rclpy.task import Future
 
-from excitation_planner.playback import BEING_STOPPED, MUST_STAND
+from excitation_planner.playback import BEING_STOPPED
+from excitation_planner.vehicle_watch import MUST_STAND
 from tricycle_cli.operation import operator_node
 from tricycle_cli.operation.operator_node import Operator, ServiceCaller
 from tricycle_core.errors import NodeError

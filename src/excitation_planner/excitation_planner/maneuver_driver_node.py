@@ -24,14 +24,10 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from excitation_planner.localisation import PlanarState
-from excitation_planner.playback import (
-    CLOCK_TOLERANCE,
-    FRAME,
-    MAX_ROWS,
-    Playback,
-    Schedule,
-)
+from excitation_planner.playback import FRAME, Playback
 from excitation_planner.preflight import RECORDER, Check, Report, clock, commanders, recording
+from excitation_planner.schedule import MAX_ROWS, Schedule
+from excitation_planner.vehicle_watch import CLOCK_TOLERANCE, VehicleWatch
 from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import RouteRequest, find_route
@@ -171,13 +167,15 @@ class ManeuverDriver(Node):
         self._ticked = time.monotonic()
         simulated = self.get_parameter("use_sim_time").value
         self._playback = Playback(
+            VehicleWatch(
+                odom_timeout=pose,
+                state_timeout=state,
+                commander=self._name,
+                clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
+                hold_timeout=hold,
+            ),
             max_deviation=deviation,
-            odom_timeout=pose,
-            state_timeout=state,
-            commander=self._name,
-            clock_tolerance=OVERTAKING if simulated else CLOCK_TOLERANCE,
             countdown=countdown,
-            hold_timeout=hold,
             ground_needed=not unfenced,
             chassis=self._chassis(),
         )
@@ -282,20 +280,20 @@ class ManeuverDriver(Node):
 
     def _on_path(self, message: Path) -> None:
         try:
-            self._playback.load_path(_points(message), nanoseconds_of(message.header.stamp))
+            self._playback.parts.add_path(_points(message), nanoseconds_of(message.header.stamp))
         except PlanError as error:
             self.get_logger().error(f"maneuver/path refused: {error}")
 
     def _on_lead_in(self, message: Path) -> None:
         end = max((seconds_of(pose.header.stamp) for pose in message.poses), default=0.0)
         try:
-            self._playback.load_lead_in(end, nanoseconds_of(message.header.stamp))
+            self._playback.parts.add_lead_in(end, nanoseconds_of(message.header.stamp))
         except PlanError as error:
             self.get_logger().error(f"maneuver/lead_in refused: {error}")
 
     def _on_area(self, part: str, read: Callable[[Any], Any], message: Any) -> None:
         try:
-            self._playback.load_area(part, read(message), nanoseconds_of(message.header.stamp))
+            self._playback.parts.add_area(part, read(message), nanoseconds_of(message.header.stamp))
         except PlanError as error:
             self.get_logger().error(f"maneuver/{part} refused: {error}")
 

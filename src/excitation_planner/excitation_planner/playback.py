@@ -6,36 +6,29 @@ Time is an argument everywhere; the node that owns a `Playback` passes its ROS c
 """
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
 from excitation_planner.area.fence import Fence
 from excitation_planner.lead_in import LeadIn
 from excitation_planner.localisation import PlanarState, PoseWatch, RestingPoses
+from excitation_planner.plan_parts import PlanParts
 from excitation_planner.preflight import Check
+from excitation_planner.schedule import Schedule
+from excitation_planner.vehicle_watch import CLOCK_TOLERANCE, VehicleWatch
 from excitation_planner.way_back.dubins import Arc, Pose
 from excitation_planner.way_back.pursuit import Chassis, WayBack
 from excitation_planner.way_back.route import RouteRequest
-from tricycle_bridge.protocol.limits import MAX_STEERING_ANGLE
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import PlanError
 from tricycle_core.maneuver_state import PlaybackState
 from tricycle_core.quantities import FloatArray
-from tricycle_core.readiness import PERIOD, TOPIC, Readiness
-from tricycle_sim.commands import LONGEST
+from tricycle_core.readiness import Readiness
 
 FRAME = "maneuver"
 """Frame of a maneuver's path and reference: its origin is the pose of the start."""
-
-STANDSTILL_SPEED = 0.05
-"""Speed above which a maneuver does not start, and below which the vehicle rests [m/s]."""
-
-CLOCK_TOLERANCE = 0.1
-"""Time by which a pose may be stamped ahead, or the clock may step back [s]."""
 
 STALL = 0.1
 """Time without a command [s] after which a run is not the planned one; the boards hold the last."""
@@ -47,7 +40,6 @@ The wheels turn to where the maneuver starts, and the bridge has changed over to
 """
 
 BEING_STOPPED = "the vehicle is being stopped after a run; try again when it rests"
-MUST_STAND = "it must stand still"
 """Why a start is refused that comes too soon."""
 
 SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
@@ -56,80 +48,11 @@ SHORTEST_STOP, LONGEST_STOP = 2.0, 5.0
 The shortest leaves an operator the time to record the standstill and to disarm.
 """
 
-PATHS_KEPT = 8
-"""Paths and areas that are kept until the commands with the same stamp arrive."""
-
-AREA_PARTS = ("ground", "footprint", "planned_start", "twist")
-"""What a plan with an area comes with, each on a topic `maneuver/…`."""
-
-MAX_ROWS = 360_000
-"""Largest number of commands, and of points of a path: an hour at 100 Hz."""
-
 NEAR = 1000
 """Points of the path, either way of the nearest one, among which it is looked for first."""
 
 DRIVEN = PlaybackState.RUNNING, PlaybackState.RETURNING
 """States in which the wheels turn as commanded."""
-
-MAX_WHEEL_RATE = 100.0
-"""Largest rate of the rear wheel [rad/s]; the PLC's limit is a speed, and far below."""
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """Commands to play, each held until the next one; the last row is the end.
-
-    Attributes
-    ----------
-    time : ndarray of float, shape (c,)
-        Time from the start of the maneuver, starting at 0 [s].
-    steering_motor_angle : ndarray of float, shape (c,)
-        Left positive [rad].
-    wheel_rate : ndarray of float, shape (c,)
-        Of the rear wheel, forward positive [rad/s].
-
-    Raises
-    ------
-    PlanError
-        If there are too few or too many rows, one holds a number that is not finite or is beyond
-        its limit, or the times do not start at 0 and increase; the message names the row.
-    """
-
-    time: FloatArray
-    steering_motor_angle: FloatArray
-    wheel_rate: FloatArray
-
-    def __post_init__(self) -> None:
-        rows = self.time.size
-        if not 2 <= rows <= MAX_ROWS:
-            raise PlanError(f"{rows} rows; needs 2 to {MAX_ROWS}, the last one is the end")
-        for name, column, limit, unit in (
-            ("time", self.time, LONGEST, "s"),
-            ("steering motor angle", self.steering_motor_angle, MAX_STEERING_ANGLE + 1e-9, "rad"),
-            ("wheel rate", self.wheel_rate, MAX_WHEEL_RATE, "rad/s"),
-        ):
-            if column.shape != (rows,):
-                raise PlanError(f"{name}: needs one number for each of the {rows} rows")
-            wrong = ~(np.abs(column) <= limit)  # so that NaN is wrong too
-            if wrong.any():
-                row = int(np.argmax(wrong))
-                raise PlanError(
-                    f"row {row}: {name} {column[row]:g}: needs a number within "
-                    f"{limit:g} {unit} of 0"
-                )
-        if self.time[0] != 0.0:
-            raise PlanError(f"row 0: time {self.time[0]:g} s: the first row is due at 0 s")
-        steps = np.diff(self.time)
-        if not (steps > 0.0).all():
-            row = int(np.argmin(steps > 0.0)) + 1
-            raise PlanError(
-                f"row {row}: time {self.time[row]:g} s does not come after {self.time[row - 1]:g} s"
-            )
-
-    @property
-    def duration(self) -> float:
-        """End of the maneuver in s."""
-        return float(self.time[-1])
 
 
 @dataclass(frozen=True)
@@ -169,26 +92,19 @@ class Playback:
 
     Attributes
     ----------
+    watch : VehicleWatch
+        What is heard of the vehicle; where it has a reason against, the run is aborted.
     max_deviation : float
         Distance from the path beyond which the run is aborted [m].
-    odom_timeout : float
-        Age of the newest pose beyond which the run is aborted [s].
-    state_timeout : float
-        Age of the newest message of `vehicle/state` beyond which no maneuver runs [s].
-    commander : str
-        Name of this driver, as the vehicle knows it; empty: whom the vehicle obeys is not watched.
-    clock_tolerance : float
-        Time by which a pose may be stamped ahead [s].
     countdown : float
         Time between the start and the first command [s].
-    hold_timeout : float
-        Age of the newest word of the hold-to-run button beyond which the run is aborted [s]; 0:
-        there is no button.
     ground_needed : bool
         Whether a plan has to say on what ground it may be driven, if only that there is none; a
         plan whose ground has not come yet is then not driven without its fence.
     chassis : Chassis
         What takes the vehicle back to a start.
+    parts : PlanParts
+        What plans come with beside their commands.
     state : PlaybackState
         What it is doing.
     reason : str
@@ -201,15 +117,12 @@ class Playback:
         Of the countdown.
     """
 
+    watch: VehicleWatch
     max_deviation: float
-    odom_timeout: float
-    state_timeout: float = 2 * PERIOD
-    commander: str = ""
-    clock_tolerance: float = CLOCK_TOLERANCE
     countdown: float = 0.0
-    hold_timeout: float = 0.0
     ground_needed: bool = False
     chassis: Chassis = field(default_factory=Chassis)
+    parts: PlanParts = field(default_factory=PlanParts)
     state: PlaybackState = PlaybackState.WAITING
     reason: str = ""
     start_time: float | None = None
@@ -218,24 +131,14 @@ class Playback:
     _plan: _Plan | None = None
     _next: _Plan | None = None  # came during the run
     _finishing: str = ""  # why the maneuver is to end at the next tick
-    _lead_ins: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
     _lead_in: LeadIn | None = None  # of the maneuver running
-    _paths: deque[tuple[int, FloatArray]] = field(default_factory=lambda: deque(maxlen=PATHS_KEPT))
-    _areas: dict[int, dict[str, Any]] = field(default_factory=dict)  # by stamp, part
     _fence: Fence | None = None  # of the maneuver running
     _resting: RestingPoses = field(default_factory=RestingPoses)  # before a start
-    _watch: PoseWatch = field(default_factory=PoseWatch)
+    _poses: PoseWatch = field(default_factory=PoseWatch)
     _contradiction: str = ""
     _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
     _nearest: int = 0  # point of it
     _asked_at: float = -math.inf  # when it was started
-    _observed: PlanarState | None = None
-    _observed_stamp: float = -math.inf
-    _observed_at: float = -math.inf
-    _readiness: Readiness | None = None
-    _heard_at: float = -math.inf
-    _pressed: bool = False
-    _pressed_at: float = -math.inf
     _anchor: PlanarState | None = None
     _back: WayBack | None = None  # while the vehicle returns
     _last_start: Pose | None = None  # where the newest maneuver began
@@ -259,64 +162,6 @@ class Playback:
         if not self._active and self._stopping_since is None:
             self._take_next()
 
-    def load_path(self, points: FloatArray, stamp: int = 0) -> None:
-        """Take the path of the schedule with the same stamp, for the deviation limit.
-
-        Parameters
-        ----------
-        points : ndarray of float, shape (m, 2)
-            Relative to the start pose [m].
-        stamp : int
-            Of its message [ns]; path and schedule may come in either order.
-
-        Raises
-        ------
-        PlanError
-            If it has too few or too many points, or one is not finite.
-        """
-        if not 2 <= len(points) <= MAX_ROWS:
-            raise PlanError(f"{len(points)} points; needs 2 to {MAX_ROWS}")
-        finite = np.isfinite(points).all(axis=1)
-        if not finite.all():
-            raise PlanError(f"point {int(np.argmin(finite))} holds a number that is not finite")
-        self._paths.append((stamp, points))
-
-    def load_lead_in(self, end: float, stamp: int = 0) -> None:
-        """Take how long the schedule with the same stamp leads straight ahead, closed loop.
-
-        Parameters
-        ----------
-        end : float
-            Time since the start of the maneuver [s].
-        stamp : int
-            Of its message [ns]; it and the schedule may come in either order.
-
-        Raises
-        ------
-        PlanError
-            If it is no time.
-        """
-        if not 0.0 <= end <= LONGEST:
-            raise PlanError(f"end at {end:g} s: needs a time from 0 to {LONGEST:g} s")
-        self._lead_ins.append((stamp, end))
-
-    def load_area(self, part: str, value: Any, stamp: int = 0) -> None:
-        """Take one of the `AREA_PARTS` of the schedule with the same stamp.
-
-        Parameters
-        ----------
-        part : str
-            Of `AREA_PARTS`.
-        value : object
-            Ground: frame and rings, none where the plan has no area. Footprint: corners (m, 2) [m].
-            Planned start: x, y [m] and heading [rad]. Twist: curvature of each command [1/m].
-        stamp : int
-            Of its message [ns]; parts and schedule may come in any order.
-        """
-        self._areas.setdefault(stamp, {})[part] = value
-        if len(self._areas) > PATHS_KEPT:
-            del self._areas[next(iter(self._areas))]  # the oldest
-
     def observe(self, state: PlanarState, stamp: float, now: float) -> None:
         """Take the newest pose and speed.
 
@@ -329,11 +174,11 @@ class Playback:
         now : float
             Time of receipt [s].
         """
-        self._observed, self._observed_stamp, self._observed_at = state, stamp, now
+        self.watch.observe(state, stamp, now)
         if not state.finite:
             return
         driven = self.state in DRIVEN and self._held.wheel_rate != 0.0
-        contradiction = self._watch.contradiction(state, stamp, driven=driven)
+        contradiction = self._poses.contradiction(state, stamp, driven=driven)
         if not self._active:
             self._contradiction = contradiction
             self._resting.take(state, stamp)
@@ -350,12 +195,12 @@ class Playback:
         now : float
             Time of receipt [s].
         """
-        self._readiness, self._heard_at = readiness, now
+        self.watch.hear(readiness, now)
         if readiness.armed:
             return
         self._held = replace(self._held, stop=False)
         if self._active:
-            self.abort(self._not_ready(now))
+            self.abort(self.watch.not_ready(now))
 
     def hold(self, pressed: bool, now: float) -> None:
         """Take whether the hold-to-run button is pressed; a run is aborted at once if it is not.
@@ -367,8 +212,8 @@ class Playback:
         now : float
             Time of receipt [s].
         """
-        self._pressed, self._pressed_at = pressed, now
-        if self._active and (reason := self._released(now)):
+        self.watch.hold(pressed, now)
+        if self._active and (reason := self.watch.released(now)):
             self.abort(reason)
 
     def preflight(self, now: float) -> tuple[Check, ...]:
@@ -388,17 +233,17 @@ class Playback:
         name = f"{plan.plan_id}, {plan.schedule.duration:.1f} s" if plan else ""
         localisation = Check.of("localisation", self._unwatched(now), "")
         if localisation.level is Level.OK:
-            localisation = self._resting.check(now - self._observed_stamp)
+            localisation = self._resting.check(now - self.watch.stamp)
         return (
             Check.of("plan", self._plan_missing(), name),
-            Check.of("vehicle", self._not_ready(now), "armed"),
+            Check.of("vehicle", self.watch.not_ready(now), "armed"),
             Check.of(
                 "hold to run",
-                self._released(now),
-                "pressed" if self.hold_timeout else "no button has to be held",
+                self.watch.released(now),
+                "pressed" if self.watch.hold_timeout else "no button has to be held",
             ),
             localisation,
-            Check.of("standstill", self._moves(), f"{self._speed:.2f} m/s"),
+            Check.of("standstill", self.watch.moves(), f"{self.watch.speed:.2f} m/s"),
             *self._check_ground(now),
         )
 
@@ -419,15 +264,16 @@ class Playback:
         """
         self._check_free()
         plan = self._plan
+        path = None if plan is None else self.parts.path(plan.stamp)
         failures = [c.message for c in self.preflight(now) if c.level is Level.ERROR]
         failures += [f"{c.name}: {c.message}" for c in others if c.level is Level.ERROR]
-        if failures or plan is None:
+        if failures or plan is None or path is None:
             raise PlanError(failures[0])
         self._fence = self._fence_of(plan)
-        self._watch, self._contradiction = PoseWatch(), ""
-        self._path, self._nearest = self._paths_of(plan)[-1], 0
+        self._poses, self._contradiction = PoseWatch(), ""
+        self._path, self._nearest = path, 0
         self._lead_in = self._lead_in_of(plan)
-        self._anchor = self._observed
+        self._anchor = self.watch.observed
         if self._anchor is not None:
             self._last_start = self._anchor.x, self._anchor.y, self._anchor.yaw
         self._asked_at = now
@@ -445,7 +291,7 @@ class Playback:
         """
         self._check_free()
         self._check_standing(now)
-        if reason := self._undirected():
+        if reason := self.watch.undirected():
             raise PlanError(reason)
         fence = self._fence_of(self._plan) if self._plan is not None else None
         goal = self._last_start if fence is None else fence.start
@@ -453,7 +299,7 @@ class Playback:
             raise PlanError("no start to go back to: no plan with an area, and nothing driven yet")
         if fence is not None and (reason := self._trespass(fence, now, 0.0, 0.0)):
             raise PlanError(f"{reason}; drive it back by hand")
-        self._fence, self._watch, self._contradiction = fence, PoseWatch(), ""
+        self._fence, self._poses, self._contradiction = fence, PoseWatch(), ""
         self._back = WayBack(goal, self.chassis, self._held.steering_motor_angle)
         self._anchor, self._held = None, JointCommand(self._held.steering_motor_angle, 0.0)
         self._asked_at = now
@@ -521,8 +367,8 @@ class Playback:
         back = self._ticked_at - now
         self._ticked_at = now
         if back > CLOCK_TOLERANCE:
-            self._observed = self._readiness = None  # of an unknown age
-            self._watch, self._contradiction = PoseWatch(), ""
+            self.watch.forget()
+            self._poses, self._contradiction = PoseWatch(), ""
             if self._stopping_since is not None:
                 self._stopping_since = now
             if self._active:
@@ -538,7 +384,7 @@ class Playback:
         if self._stopping_since is None:
             return None
         stopping = now - self._stopping_since
-        if stopping < SHORTEST_STOP or (stopping < LONGEST_STOP and not self._rests(now)):
+        if stopping < SHORTEST_STOP or (stopping < LONGEST_STOP and not self.watch.rests(now)):
             if self.state is PlaybackState.DONE and self._rolls_out(now):
                 self._held = replace(self._held, stop=True)
             return self._held
@@ -564,12 +410,8 @@ class Playback:
     @property
     def origin(self) -> PlanarState | None:
         """Pose to which the path is relative: of the start, before it the newest; None unknown."""
-        origin = self._anchor or self._observed
+        origin = self._anchor or self.watch.observed
         return origin if origin is not None and origin.finite else None
-
-    @property
-    def _disarmed(self) -> bool:
-        return self._readiness is not None and not self._readiness.armed
 
     @property
     def _active(self) -> bool:
@@ -581,13 +423,10 @@ class Playback:
         if self._stopping_since is not None:
             raise PlanError(BEING_STOPPED)
 
-    def _paths_of(self, plan: _Plan) -> list[FloatArray]:
-        return [points for stamp, points in self._paths if stamp == plan.stamp]
-
     def _plan_missing(self) -> str:
         if self._plan is None:
             return "no commands yet; publish a plan on maneuver/commands"
-        if not self._paths_of(self._plan):
+        if self.parts.path(self._plan.stamp) is None:
             return (
                 "no path on maneuver/path with the stamp of the commands, to limit the deviation "
                 "by; publish both with one stamp"
@@ -596,7 +435,7 @@ class Playback:
 
     def _check_ground(self, now: float) -> tuple[Check, ...]:
         """Whether the vehicle stands at the start of its plan, on its ground."""
-        plan, here = self._plan, self._observed
+        plan, here = self._plan, self.watch.observed
         if plan is None or here is None:
             return ()
         try:
@@ -617,27 +456,20 @@ class Playback:
     def _check_standing(self, now: float) -> None:
         """Refuse unless the vehicle obeys and stands where it can be watched."""
         if reason := (
-            self._not_ready(now) or self._released(now) or self._unwatched(now) or self._moves()
+            self.watch.not_ready(now)
+            or self.watch.released(now)
+            or self._unwatched(now)
+            or self.watch.moves()
         ):
             raise PlanError(reason)
 
-    def _moves(self) -> str:
-        """How fast the vehicle moves; empty where it stands."""
-        if self._speed <= STANDSTILL_SPEED:
-            return ""
-        return f"the vehicle moves at {self._speed:.2f} m/s; {MUST_STAND}"
-
-    @property
-    def _speed(self) -> float:
-        return self._observed.speed if self._observed else math.nan
-
     def _return(self, back: WayBack, now: float) -> JointCommand:
-        pursuit, here, self.elapsed = back.pursuit, self._observed, now - self._asked_at
+        pursuit, here, self.elapsed = back.pursuit, self.watch.observed, now - self._asked_at
         reason = (
-            self._not_ready(now)
-            or self._released(now)
-            or self._pose_lost(now)
-            or self._undirected()
+            self.watch.not_ready(now)
+            or self.watch.released(now)
+            or self.watch.pose_lost(now)
+            or self.watch.undirected()
             or self._contradiction
         )
         if not reason and self._fence is not None:
@@ -646,8 +478,8 @@ class Playback:
         command = None
         if not reason and here is not None:
             try:
-                pose = here.after(now - self._observed_stamp)
-                command = back.step(pose, now, rests=self._rests(now))
+                pose = here.after(now - self.watch.stamp)
+                command = back.step(pose, now, rests=self.watch.rests(now))
             except PlanError as error:
                 reason = str(error)
         if reason:
@@ -662,10 +494,10 @@ class Playback:
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
         if reason := (
-            self._not_ready(now)
-            or self._released(now)
-            or self._pose_lost(now)
-            or ("" if self._lead_in is None else self._undirected())
+            self.watch.not_ready(now)
+            or self.watch.released(now)
+            or self.watch.pose_lost(now)
+            or ("" if self._lead_in is None else self.watch.undirected())
             or self._contradiction
             or self._astray()
             or self._fenced_out(schedule, now, row)
@@ -696,19 +528,21 @@ class Playback:
 
     def _lead_in_of(self, plan: _Plan) -> LeadIn | None:
         """Lead-in of a plan along the line on which the vehicle rests; None without one."""
-        ends = [end for stamp, end in self._lead_ins if stamp == plan.stamp]
-        pose = self._resting.mean()
-        if not ends or ends[-1] == 0.0 or pose is None:
-            return None
-        return LeadIn(pose, ends[-1], self.chassis)
+        end, pose = self.parts.lead_in_end(plan.stamp), self._resting.mean()
+        return None if end == 0.0 or pose is None else LeadIn(pose, end, self.chassis)
+
+    def _fence_of(self, plan: _Plan) -> Fence | None:
+        """What keeps the vehicle on the area of a plan; None without one."""
+        rows = plan.schedule.time.size
+        return self.parts.fence(plan.stamp, rows, needed=self.ground_needed)
 
     def _led(self, now: float) -> float:
         """Steering motor angle that keeps the vehicle on the line of its lead-in [rad]."""
-        lead_in, here = self._lead_in, self._observed
+        lead_in, here = self._lead_in, self.watch.observed
         if lead_in is None or here is None or self.elapsed >= lead_in.end - 1e-6:
             self._lead_in = None
             return 0.0
-        pose = here.after(now - self._observed_stamp)
+        pose = here.after(now - self.watch.stamp)
         return lead_in.steer(pose, here.speed, self.elapsed)
 
     @staticmethod
@@ -717,32 +551,6 @@ class Playback:
         # 1 µs: a tick that is due at a row's time plays that row whatever the rounding
         row = int(np.searchsorted(schedule.time, elapsed + 1e-6, side="right")) - 1
         return max(row, 0)  # a clock may step back a little
-
-    def _fence_of(self, plan: _Plan) -> Fence | None:
-        """What keeps a plan's vehicle on its area; None without one."""
-        if not self._areas and not self.ground_needed:
-            return None
-        parts = self._areas.get(plan.stamp, {})
-        if "ground" in parts and not parts["ground"][1]:
-            return None
-        if missing := [part for part in AREA_PARTS if part not in parts]:
-            raise PlanError(
-                f"nothing on maneuver/{missing[0]} with the stamp of the commands; publish both "
-                "with one stamp"
-                + (
-                    " (an empty one where there is no area), or set unfenced_plans"
-                    if missing[0] == "ground" and self.ground_needed
-                    else ""
-                )
-            )
-        frame, rings = parts["ground"]
-        fence = Fence(frame, rings, parts["footprint"], parts["twist"], parts["planned_start"])
-        rows = plan.schedule.time.size
-        if len(fence.curvature) != rows:
-            raise PlanError(
-                f"{len(fence.curvature)} rows on maneuver/twist; the commands have {rows}"
-            )
-        return fence
 
     def _fenced_out(self, schedule: Schedule, now: float, row: int) -> str:
         """Where a stop would leave the area; empty while it does not."""
@@ -754,22 +562,22 @@ class Playback:
 
     def _rolls_out(self, now: float) -> bool:
         """Whether the motor alone may not stop the vehicle on its area, e.g. on a slope."""
-        if self._fence is None or self._disarmed or self._rests(now):
+        if self._fence is None or self.watch.disarmed or self.watch.rests(now):
             return False
         return bool(self._trespass(self._fence, now, float(self._fence.curvature[-1]), 0.0))
 
     def _trespass(self, fence: Fence, now: float, curvature: float, push: float) -> str:
-        if self._observed is None:
+        if self.watch.observed is None:
             return "no pose on odom"
         return fence.trespass(
-            self._observed,
-            age=now - self._observed_stamp,
+            self.watch.observed,
+            age=now - self.watch.stamp,
             curvature=curvature,
             push=push,
         )
 
     def _end(self, state: PlaybackState, angle: float, reason: str = "") -> None:
-        stop = state is PlaybackState.ABORTED and self.state in DRIVEN and not self._disarmed
+        stop = state is PlaybackState.ABORTED and self.state in DRIVEN and not self.watch.disarmed
         self._held = JointCommand(angle, 0.0, stop)
         self.state, self.reason, self.seconds_left = state, reason, 0
         self._stopping_since, self._back = self._ticked_at, None
@@ -783,66 +591,16 @@ class Playback:
         self.state, self.reason = PlaybackState.WAITING, ""
         self.start_time, self.elapsed = None, 0.0
 
-    def _not_ready(self, now: float) -> str:
-        """Why the vehicle does not obey; empty if it does."""
-        if self._readiness is None:
-            return f"nothing heard on {TOPIC}; is tricycle_bridge running?"
-        if not self._readiness.armed:
-            return f"the vehicle is not armed: {self._readiness.reason or 'no reason is given'}"
-        if now - self._heard_at > self.state_timeout:
-            return f"nothing heard on {TOPIC} for {now - self._heard_at:.2f} s"
-        if self.commander and self._readiness.commander not in ("", self.commander):
-            return f"the vehicle obeys another commander, {self._readiness.commander}"
-        return ""
-
-    def _released(self, now: float) -> str:
-        """Why the hold-to-run button does not count as pressed; empty if it does."""
-        if not self.hold_timeout:
-            return ""
-        if not self._pressed:
-            return "maneuver/hold is not pressed"
-        if now - self._pressed_at > self.hold_timeout:
-            return f"nothing heard on maneuver/hold for {now - self._pressed_at:.2f} s"
-        return ""
-
-    def _pose_lost(self, now: float) -> str:
-        """Why the pose is not known; empty if it is."""
-        if self._observed is None:
-            return "no pose on odom"
-        silence, age = now - self._observed_at, now - self._observed_stamp
-        if silence > self.odom_timeout:
-            return f"no pose on odom for {silence:.2f} s"
-        if not self._observed.finite:
-            return "the pose on odom is not finite, or its orientation is no unit quaternion"
-        if age < -self.clock_tolerance:
-            return f"odom is stamped {-age:.2f} s ahead of the clock: synchronise the clocks"
-        if age > self.odom_timeout:
-            return f"no pose on odom for {age:.2f} s, by its stamp"
-        return ""
-
-    def _undirected(self) -> str:
-        """Why the vehicle cannot be steered by its pose; empty if it can."""
-        if self._observed is None or self._observed.turns_known:
-            return ""
-        return "odom has no turn rate, without which the vehicle is not steered by its pose"
-
     def _unwatched(self, now: float) -> str:
         """Why the vehicle cannot be watched; empty if it can."""
-        reason = self._pose_lost(now) or self._contradiction
+        reason = self.watch.pose_lost(now) or self._contradiction
         return f"{reason}; the vehicle drives only where it can be watched" if reason else ""
-
-    def _rests(self, now: float) -> bool:
-        return (
-            self._observed is not None
-            and not self._pose_lost(now)
-            and self._observed.speed < STANDSTILL_SPEED
-        )
 
     def _astray(self) -> str:
         """How far the vehicle is off the path; empty within the limit."""
-        if self._observed is None or self._anchor is None:
+        if self.watch.observed is None or self._anchor is None:
             return "no pose on odom"
-        dx, dy = self._observed.x - self._anchor.x, self._observed.y - self._anchor.y
+        dx, dy = self.watch.observed.x - self._anchor.x, self.watch.observed.y - self._anchor.y
         c, s = math.cos(self._anchor.yaw), math.sin(self._anchor.yaw)
         here = np.array([c * dx + s * dy, -s * dx + c * dy])
         deviation = math.inf

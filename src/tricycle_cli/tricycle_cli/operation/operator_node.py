@@ -21,8 +21,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from excitation_planner.plan import Plan
 from excitation_planner.plan_publisher import PlanPublisher
-from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP, MUST_STAND
+from excitation_planner.playback import BEING_STOPPED, LONGEST_STOP
 from excitation_planner.preflight import RECORDER
+from excitation_planner.vehicle_watch import MUST_STAND
 from trajectory_recorder.recording import LACKS
 from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.enough import Enough
