@@ -34,12 +34,8 @@ from parameter_identification.estimation.bootstrap import REPEATS, Redraw, boots
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
-from parameter_identification.estimation.model import (
-    OF_INPUT,
-    DriveModel,
-    Simulator,
-    restrict,
-)
+from parameter_identification.estimation.model import OF_INPUT, DriveModel, restrict
+from parameter_identification.estimation.motions import Simulator
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import (
     Optimum,

@@ -15,9 +15,8 @@ the drive, `m` samples, `t` ticks.
 import dataclasses
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import chain
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,12 +37,11 @@ from parameter_identification.drives.measured import (
 )
 from parameter_identification.estimation.deviations import deviated
 from parameter_identification.estimation.instruments import CLOCKS, errors_of
+from parameter_identification.estimation.motions import Batch, Motions, Simulator
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
-from tricycle_sim.commands import Commands
-from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
     OF_SERVO,
@@ -57,7 +55,7 @@ from tricycle_sim.effects import (
     with_effects,
 )
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.batch import CommandedBatch, Run
+from tricycle_sim.vehicle.batch import CommandedBatch
 
 STEP = 1e-4  # of the finite differences by parameters, in ranges
 SPEED_STEP = 1e-3  # m/s
@@ -92,109 +90,6 @@ INPUT_STEPS = {
     SPEED_ZERO: 1e-4,
 }
 """Of the finite differences, in the nuisances' units."""
-
-
-class Batch(Protocol):
-    """Simulates samples of a vehicle under the same commands, as `CommandedBatch` does."""
-
-    time: FloatArray
-
-    @property
-    def available(self) -> Collection[str]:
-        """Names of the columns that it has."""
-        ...
-
-    def run(
-        self,
-        parameters: FloatArray,
-        columns: Sequence[str],
-        *,
-        speed: FloatArray | None = None,
-        steering_delay: FloatArray | None = None,
-        drive_delay: float = 0.0,
-        faster: FloatArray | None = None,
-        steered: FloatArray | None = None,
-    ) -> Run:
-        """Return the columns of samples.
-
-        Parameters
-        ----------
-        parameters : ndarray of float, shape (n, k)
-            Values of the vehicle's unknown parameters in its order.
-        columns : sequence of str
-            Names of columns of a trajectory.
-        speed : ndarray of float, shape (n,), optional
-            At which the samples roll at the start [m/s]; by default they are at rest.
-        steering_delay : ndarray of float, shape (n,), optional
-            By which each servo hears of its set-point later [s].
-        drive_delay : float
-            By which the motor hears of its set-point later [s].
-        faster : ndarray of float, shape (n, t), optional
-            Speed that is added to each motor's set-point [m/s].
-        steered : ndarray of float, shape (n, t), optional
-            Angle that is added to each servo's set-point [rad], heard later like it.
-        """
-        ...
-
-
-class Simulator(Protocol):
-    """Makes a `Batch`."""
-
-    def __call__(self, vehicle: Vehicle, commands: Commands, *, setpoint: float = 0.0) -> Batch:
-        """Return what simulates a vehicle under commands."""
-        ...
-
-
-@dataclass(frozen=True, eq=False)
-class _Motions:
-    """Motions of n vehicles from the origin, each (n, t) on the ticks.
-
-    Of the other sensors only what is measured, (c, n, t).
-    """
-
-    x: FloatArray
-    y: FloatArray
-    heading: FloatArray
-    yaw_rate: FloatArray
-    wheel_speed: FloatArray
-    others: dict[Sensor, FloatArray] = field(default_factory=dict, kw_only=True)
-
-    @property
-    def rows(self) -> tuple[FloatArray, ...]:
-        """All but `others`."""
-        return self.x, self.y, self.heading, self.yaw_rate, self.wheel_speed
-
-    def seen(self, sensor: Sensor) -> Sequence[FloatArray]:
-        """What a sensor sees, as `errors_of` says."""
-        if sensor is Sensor.LATERAL_ACCELERATION:
-            return [*self.others[sensor], np.gradient(self.yaw_rate, TICK, axis=1)]
-        if sensor in self.others:
-            return list(self.others[sensor])
-        x, y, heading, yaw_rate, wheel_speed = self.rows
-        return {
-            Sensor.POSITION: (x, y),
-            Sensor.HEADING: (heading,),
-            Sensor.YAW_RATE: (yaw_rate,),
-            Sensor.WHEEL_SPEED: (wheel_speed,),
-        }[sensor]
-
-    def sensed(self, sensor: Sensor, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What a sensor sees at times (m,): values (c, m, n), slopes (c, m) of the first motion."""
-        held = sensor not in (Sensor.POSITION, Sensor.HEADING)
-        seen = [_interpolate(rows, time, held) for rows in self.seen(sensor)]
-        values, slopes = zip(*seen, strict=True)
-        return np.array(values), np.array(slopes)
-
-    def with_another(self, more: "_Motions") -> "_Motions":
-        """These motions and others after them."""
-        both = (np.concatenate(pair) for pair in zip(self.rows, more.rows, strict=True))
-        others = {s: np.concatenate([own, more.others[s]], 1) for s, own in self.others.items()}
-        return _Motions(*both, others=others)
-
-    def one(self, i: int) -> "_Motions":
-        """One of the motions, as n = 1."""
-        others = {sensor: rows[:, i : i + 1] for sensor, rows in self.others.items()}
-        return _Motions(*(row[i : i + 1] for row in self.rows), others=others)
 
 
 @dataclass(frozen=True)
@@ -458,7 +353,7 @@ class DriveModel:
 
     def _motion(
         self, batch: Batch, constants: FloatArray, nuisances: FloatArray | None = None
-    ) -> "_Motions":
+    ) -> Motions:
         """Motions of vehicles with values (n, K) of the batch's unknown, and nuisances (n, q).
 
         By default the start speed is the measured one, and there is no dead time. The drive has the
@@ -494,12 +389,12 @@ class DriveModel:
             steered=steered,
         )
         seen = {s: np.array([run.columns[n] for n in own]) for s, own in self._columns.items()}
-        motion = _Motions(*(run.columns[name] for name in names[:5]), others=seen)
+        motion = Motions(*(run.columns[name] for name in names[:5]), others=seen)
         if self.drive.speed is None:
             return motion
         return self._at_speed(motion, run.columns["vx"], self.drive.speed)
 
-    def _at_speed(self, motion: "_Motions", own: FloatArray, wanted: FloatArray) -> "_Motions":
+    def _at_speed(self, motion: Motions, own: FloatArray, wanted: FloatArray) -> Motions:
         """Motions at a speed (t,), along the paths of those at their own speeds (n, t).
 
         The speeds differ by what resists each vehicle, that is little: its tyres are taken to
@@ -508,7 +403,7 @@ class DriveModel:
         moves = np.abs(own) > RESTING
         faster = np.where(moves, wanted / np.where(moves, own, 1.0), 1.0) - 1.0
         motions = deviated(np.array(motion.rows), faster, np.zeros_like(faster))
-        return _Motions(*motions, others=self._others_of(motion, motions))
+        return Motions(*motions, others=self._others_of(motion, motions))
 
     def _steered(
         self, nuisances: FloatArray, setpoints: FloatArray, measured: FloatArray
@@ -593,7 +488,7 @@ class DriveModel:
 
     def _stepped_motions(
         self, z: FloatArray, nuisances: FloatArray, b: FloatArray, *, steps: bool
-    ) -> tuple["_Motions", FloatArray]:
+    ) -> tuple[Motions, FloatArray]:
         """Motions (n, t) at a point and, with `steps`, one step of each variable from it.
 
         The variables are parameters, start speed and effects; returned with the lengths of the
@@ -635,7 +530,7 @@ class DriveModel:
             for constant, change in effect.constants.items():
                 points[:, self._place[constant]] += change * values[:, i]
 
-    def _distorted(self, motion: "_Motions", values: FloatArray) -> "_Motions":
+    def _distorted(self, motion: Motions, values: FloatArray) -> Motions:
         """Motions (n, t) with the effects that are no constants, by values (n, q).
 
         There may be more values than motions: the others are of the first motion.
@@ -660,9 +555,9 @@ class DriveModel:
         x, y, heading, yaw_rate, wheel_speed = motions
         named = {name: values[:, i] for name, i in self._at.items()}
         x, y, heading = as_sensed(x, y, heading, named)
-        return _Motions(x, y, heading, yaw_rate, wheel_speed, others=others)
+        return Motions(x, y, heading, yaw_rate, wheel_speed, others=others)
 
-    def _others_of(self, motion: "_Motions", motions: FloatArray) -> dict[Sensor, FloatArray]:
+    def _others_of(self, motion: Motions, motions: FloatArray) -> dict[Sensor, FloatArray]:
         """What the other sensors see of motions (5, n, t) that deviate from those given.
 
         There may be more of them: those deviate from the first one given. Wheels roll as the body
@@ -788,7 +683,7 @@ class DriveModel:
         return np.array([self._misfit(motion.one(i), signals, white) for i in range(len(Z))])
 
     def _misfit(
-        self, motion: "_Motions", signals: dict[Sensor, Signal], white: dict[Sensor, float]
+        self, motion: Motions, signals: dict[Sensor, Signal], white: dict[Sensor, float]
     ) -> float:
         k, q = len(self.low), len(self.nuisances)
         b = np.array([nuisance.mean for nuisance in self.nuisances])
@@ -842,24 +737,6 @@ def _thinned(signal: Signal) -> Signal:
     """Some 200 samples of a signal."""
     step = max(1, len(signal.time) // 200)
     return dataclasses.replace(signal, time=signal.time[::step], values=signal.values[::step])
-
-
-@compiled
-def _interpolate(rows: FloatArray, time: FloatArray, held: bool) -> tuple[FloatArray, FloatArray]:
-    """Values (m, n) of rows (n, t) on the ticks at times (m,), linearly, and the first row's slope.
-
-    Before the start positions go on with their first slope and rates, `held`, do not change.
-    """
-    values, slopes = np.empty((len(time), len(rows))), np.zeros(len(time))
-    for j in range(len(time)):
-        at = time[j] / TICK
-        left = min(max(math.floor(at), 0), rows.shape[1] - 2)
-        weight = max(at - left, 0.0) if held else at - left
-        for i in range(len(rows)):
-            values[j, i] = rows[i, left] + weight * (rows[i, left + 1] - rows[i, left])
-        if weight > 0.0 or not held:
-            slopes[j] = (rows[0, left + 1] - rows[0, left]) / TICK
-    return values, slopes
 
 
 def restrict(vehicle: Vehicle, parameters: Sequence[str]) -> Vehicle:

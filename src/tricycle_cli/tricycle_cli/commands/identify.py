@@ -161,7 +161,7 @@ def run(args: argparse.Namespace) -> int:
         return _drive_by_drive(args)
     from parameter_identification.drives.table import load_columns
     from parameter_identification.estimation.inputs import Inputs, effects_of_columns
-    from parameter_identification.estimation.model import Simulator
+    from parameter_identification.estimation.motions import Simulator
     from parameter_identification.estimation.problem import Loss
     from parameter_identification.estimation.redrawn import redraw_of
     from parameter_identification.identification import identify
