@@ -198,6 +198,10 @@ def random_commands(families, seed):
 
 
 RADIUS = {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}
+RELAXED = {
+    name: 0.4 * VEHICLE.values[name]
+    for name in ("lateral_relaxation_length", "longitudinal_relaxation_length")
+}
 WORLDS = {  # motion, and the effects that act
     "nothing": (of(), ()),
     "steering 2° off": (of(steering_offset=np.radians(2.0)), ("steering-zero",)),
@@ -208,6 +212,7 @@ WORLDS = {  # motion, and the effects that act
         ("sensor-forward", "sensor-left", "centre-of-mass-forward"),
     ),
     "stiffness grows with load": (of(load_sensitivity=1.0), ("load-sensitivity",)),
+    "relaxation length -60 %": (of(**RELAXED), ("relaxation-length",)),
     "tyre saturates": (saturating, ("tyre-saturation",)),
     "road friction -20 %": (slippery, ("road-friction",)),
     "wind 5 N": (

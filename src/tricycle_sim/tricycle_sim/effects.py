@@ -31,6 +31,7 @@ SLIP_BY_SPEED = "slip by speed"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
 WHEEL_RADIUS = "wheel radius"
 TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
+RELAXATION_LENGTH = "relaxation length"
 SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
 OF_SERVO = "servo bandwidth", SERVO_DEAD_TIME, "steering play"
 """Effects of how the steering's angle comes about; none where it is measured."""
@@ -97,6 +98,7 @@ _COARSE = {"servo_backlash": 0.1}
 _CHANCES = {
     TYRE_ROUNDING: 0.8,  # a tyre bends with the third power of its slip, as in Pacejka's formula
     ROAD_FRICTION: 0.3,  # each road has its own
+    RELAXATION_LENGTH: 0.3,  # hardly anybody has measured it
     **dict.fromkeys(("tyre saturation", SLIP_BY_SPEED), 0.02),  # of simulators
 }
 
@@ -126,6 +128,10 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
         ),
     ),
     ("load sensitivity", "1", 0.5, ({"load_sensitivity": 1.0},)),
+    (
+        *(RELAXATION_LENGTH, "1", 0.3),
+        ({"lateral_relaxation_length": None, "longitudinal_relaxation_length": None},),
+    ),
     ("tyre saturation", "1", 1.0, ({"tyre_saturation": 1.0},)),
     (TYRE_ROUNDING, "1", 0.5, ({"tyre_rounding": 1.0},)),
     (ROAD_FRICTION, "1", 0.15, ({"friction_coefficient": None},)),

@@ -186,16 +186,28 @@ def test_it_is_told_that_the_vehicle_moves_as_no_effect_can():
     assert found.deviations
 
 
+def shorter_relaxation(share):
+    names = ("lateral_relaxation_length", "longitudinal_relaxation_length")
+    return {name: (1.0 + share) * VEHICLE.values[name] for name in names}
+
+
 @pytest.mark.slow
-def test_larger_tyres_are_told_and_the_parameters_hold():
-    larger = VEHICLE.replace(tyre_radius=1.01 * VEHICLE.tyre_radius, speed_scale=1.01)
+@pytest.mark.parametrize(
+    ("effect", "size", "constants"),
+    [
+        ("wheel-radius", 0.01, {"tyre_radius": 1.01 * VEHICLE.tyre_radius, "speed_scale": 1.01}),
+        ("relaxation-length", -0.5, shorter_relaxation(-0.5)),
+    ],
+)
+def test_other_tyres_are_told_and_the_parameters_hold(effect, size, constants):
+    other = VEHICLE.replace(**constants)
     sensors = {Sensor.YAW_RATE: SensorNoise(0.005), Sensor.WHEEL_SPEED: SensorNoise(0.003)}
     drives = [
-        driven(commands, seed=i, name=name, vehicle=larger, others=sensors.items())
+        driven(commands, seed=i, name=name, vehicle=other, others=sensors.items())
         for i, (name, commands) in enumerate(commands_of_pair().items())
     ]
-    found = identify(drives, VEHICLE, effects=["wheel-radius"])
-    (radius,) = found.effects
-    assert radius.estimate == pytest.approx(0.01, abs=3.0 * radius.standard_deviation)
+    found = identify(drives, VEHICLE, effects=[effect])
+    (told,) = found.effects
+    assert told.estimate == pytest.approx(size, abs=3.0 * told.standard_deviation)
     for (name, e), truth in zip(found.parameters.items(), TRUTH, strict=True):
         assert abs(e.estimate - truth) < 3.0 * e.standard_deviation, name

@@ -92,6 +92,16 @@ def test_quantiles_and_moments_are_those_of_draws():
     assert found.covariance(about)[0, 0] == pytest.approx(np.mean((draws - 0.1) ** 2), rel=0.02)
 
 
+def test_an_interval_reaches_to_a_fit_that_bounds_keep_off():
+    found = weighed(*linear(1, 0.1))
+    low, middle, high = (found.quantile(0, p) for p in (0.025, 0.5, 0.975))
+    np.testing.assert_allclose(found.interval(0, middle, 0.95), (low, high))
+    below = low - 1.0
+    np.testing.assert_allclose(found.interval(0, below, 0.95), (below - middle + low, high))
+    above = high + 1.0
+    np.testing.assert_allclose(found.interval(0, above, 0.95), (low, above + high - middle))
+
+
 def test_an_effect_that_hides_behind_a_parameter_widens_its_tails():
     found = weighed(*linear(3, 0.0))
     without = found.weights.argmax()

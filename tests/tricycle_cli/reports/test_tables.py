@@ -129,6 +129,15 @@ def test_an_estimate_at_an_end_of_its_range_is_told():
     assert not any("at an end" in line for line in remarks(FOUND))
 
 
+def test_an_effect_far_from_the_vehicle_file_is_told():
+    near, far = (
+        EffectEstimate("centre of mass forward", "m", x, 0.01, 0.02) for x in (0.05, -0.08)
+    )
+    (line,) = (s for s in remarks(dataclasses.replace(FOUND, effects=(far,))) if "farther" in s)
+    assert "centre of mass forward" in line
+    assert not any("farther" in s for s in remarks(dataclasses.replace(FOUND, effects=(near,))))
+
+
 def test_where_the_tyres_curve_is_among_the_effects_nothing_is_told_of_friction():
     rounding = EffectEstimate("tyre rounding", "1", 0.1, 0.05, 0.5)
     hard = dataclasses.replace(FOUND, friction_used=0.853, effects=(rounding,))

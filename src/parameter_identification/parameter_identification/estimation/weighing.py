@@ -102,20 +102,21 @@ class Mixture:
         return float(brentq(excess, ends.min() - 1e-9, ends.max() + 1e-9))
 
     def interval(self, i: int, at: float, level: float) -> tuple[float, float]:
-        """Return the ends of the interval of a variable; it holds a point.
+        """Return the ends of the interval of a variable, which holds a point.
 
         Parameters
         ----------
         i : int
             Number of the variable.
         at : float
-            The point. Where the average lies beyond a bound at which it is, they move to it.
+            The point, a fit within bounds. Where these keep it off the interval, which knows none,
+            the ends are as far from both of them.
         level : float
             Probability of the interval.
         """
         low, middle, high = (self.quantile(i, 0.5 + s * 0.5 * level) for s in (-1, 0, 1))
         moved = 0.0 if low <= at <= high else at - middle
-        return low + moved, high + moved
+        return low + min(moved, 0.0), high + max(moved, 0.0)
 
 
 def mixture(

@@ -42,6 +42,8 @@ WORSE = 1.2
 IMPROBABLE = 0.05
 """Probability of an effect below which the remarks only count it."""
 
+FAR = 3.0  # standard deviations of an effect's prior beyond which its size is told as unexpected
+
 OFTEN_OUTSIDE = 0.15  # of a drive more than expected: its samples err together
 
 MUCH_FRICTION = 0.5
@@ -313,6 +315,11 @@ def remarks(found: Identification) -> list[str]:
         )
     absent = [e for e in found.effects if e.acts is not None and e.acts < IMPROBABLE]
     lines += [f"effect: {effect}" for effect in found.effects if effect not in absent]
+    if far := [e.name for e in found.effects if abs(e.estimate) > FAR * e.prior]:
+        lines.append(
+            f"farther from the vehicle file than expected: {', '.join(far)}. Measure it and correct"
+            " the file, or the model lacks something"
+        )
     if absent:
         lines.append(
             f"effects: {len(absent)} others, each with a probability below {IMPROBABLE:.0%} "
