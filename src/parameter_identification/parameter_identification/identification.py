@@ -85,6 +85,7 @@ def identify(
     *,
     parameters: Sequence[str] | None = None,
     hold_others: bool = False,
+    other_vehicle: bool = False,
     prior: GaussianPrior | None = None,
     held_out: Sequence[MeasuredDrive] = (),
     effects: Sequence[str] = (),
@@ -112,6 +113,9 @@ def identify(
     hold_others : bool
         Whether the others keep their nominal values. By default they are estimated too, with their
         ranges as prior: the intervals count that they are unknown.
+    other_vehicle : bool
+        Whether drives may have been planned for another vehicle, as with an earlier file of this
+        one, of which a constant has been corrected since.
     prior : GaussianPrior, optional
         Knowledge before the drives. Parameters that it does not name keep their ranges.
     held_out : sequence of MeasuredDrive, optional
@@ -158,7 +162,7 @@ def identify(
     asked = restrict(vehicle, tuple(vehicle.unknown) if parameters is None else parameters)
     known = asked if hold_others else vehicle
     everything = [*drives, *held_out]
-    check_drives(everything, vehicle)
+    check_drives(everything, vehicle, other_vehicle=other_vehicle)
     measured: frozenset[Input] = frozenset()
     if simulator is CommandedBatch:  # others have actuators of their own
         measured = measured_inputs(everything, vehicle, inputs)

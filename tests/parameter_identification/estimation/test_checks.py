@@ -137,7 +137,8 @@ def test_signs_are_right_backwards_too():
 def test_a_drive_planned_for_another_vehicle_is_refused(pair):
     cargo = load_vehicle(Path(str(resources.files("tricycle_sim") / "cargo_tadpole.yaml")))
     with pytest.raises(IdentificationError, match="another vehicle"):
-        check_reference(with_reference(pair[0], cargo), VEHICLE)
+        check_drives([with_reference(pair[0], cargo)], VEHICLE)
+    check_drives([with_reference(pair[0], cargo)], VEHICLE, other_vehicle=True)
 
 
 @pytest.mark.slow

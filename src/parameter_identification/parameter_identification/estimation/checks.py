@@ -48,7 +48,9 @@ FORWARD = {Sensor.WHEEL_SPEED: "forward"}
 WIDER = 2.5  # factor by which the parameters of a plan may lie outside the ranges
 
 
-def check_drives(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
+def check_drives(
+    drives: Sequence[MeasuredDrive], vehicle: Vehicle, *, other_vehicle: bool = False
+) -> None:
     """Raise if nothing can be identified from one of the drives.
 
     Parameters
@@ -57,6 +59,8 @@ def check_drives(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
         All of them, also those that will only be predicted.
     vehicle : Vehicle
         The one that should have driven.
+    other_vehicle : bool
+        Whether they may have been planned for another vehicle, as with an earlier file of this one.
 
     Raises
     ------
@@ -70,7 +74,8 @@ def check_drives(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
             raise IdentificationError(f"{a.name} and {b.name} are the same drive")
     for drive in drives:
         check_motion(drive)
-        check_reference(drive, vehicle)
+        if not other_vehicle:
+            check_reference(drive, vehicle)
     check_signs(drives, vehicle)
 
 
@@ -142,7 +147,8 @@ def check_reference(drive: MeasuredDrive, vehicle: Vehicle) -> None:
         raise IdentificationError(
             f"{drive.name}: planned for another vehicle: whatever its unknown parameters, "
             f"{vehicle.name} comes no closer than {distance:.2g} m (rms) to the plan's reference; "
-            "give the file that it was planned with, and drive plans with that file too"
+            "give the file that it was planned with; a corrected one with --other-vehicle "
+            "(other_vehicle=True)"
         )
 
 

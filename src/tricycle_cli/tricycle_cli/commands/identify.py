@@ -86,6 +86,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="take what --parameters leaves out as known, at its nominal value",
     )
     add(
+        "--other-vehicle",
+        action="store_true",
+        help="take drives that were planned for another vehicle: as with an earlier file of this "
+        "one, of which a constant has been corrected since",
+    )
+    add(
         "--held-out",
         type=bag_argument,
         metavar="DRIVE",
@@ -205,6 +211,7 @@ def run(args: argparse.Namespace) -> int:
             vehicle,
             parameters=args.parameters,
             hold_others=args.hold_others,
+            other_vehicle=args.other_vehicle,
             held_out=list(chain.from_iterable(drives[len(args.drives) :])),
             **effects,
             inputs=Inputs(args.inputs),
@@ -291,6 +298,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         "--held-out": args.held_out,
         "--robust": args.robust,
         "--inputs": args.inputs != "either",
+        "--other-vehicle": args.other_vehicle,
     }
     if wrong := [name for name, given in others.items() if given]:
         raise IdentificationError(f"--drive-by-drive: not together with {', '.join(wrong)}")

@@ -317,8 +317,8 @@ def remarks(found: Identification) -> list[str]:
     lines += [f"effect: {effect}" for effect in found.effects if effect not in absent]
     if far := [e.name for e in found.effects if abs(e.estimate) > FAR * e.prior]:
         lines.append(
-            f"farther from the vehicle file than expected: {', '.join(far)}. Measure it and correct"
-            " the file, or the model lacks something"
+            f"farther from the vehicle file than expected: {', '.join(far)}. Measure it, correct "
+            "the file and identify with --other-vehicle, or the model lacks something"
         )
     if absent:
         lines.append(
