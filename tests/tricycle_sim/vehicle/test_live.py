@@ -54,10 +54,21 @@ def test_live_path_equals_the_batch_bit_for_bit():
     assert live.feasibility.friction.time[0] == batch.feasibility.friction.time[0]
 
 
-def test_an_accelerometer_and_the_motor_tell_in_a_batch_what_they_do_live():
-    across = dataclasses.replace(VEHICLE.replace(road_bank=0.05, road_grade=-0.03), unknown={})
-    states, _ = drive(across, COMMANDS, substeps=1)
-    batch = simulate(across, COMMANDS)
+@pytest.mark.parametrize(
+    ("vehicle", "parameters"),
+    [
+        (VEHICLE.replace(road_bank=0.05, road_grade=-0.03), {}),
+        (VEHICLE, {"gravity": 9.7, "road_bank": 0.05}),
+    ],
+    ids=["of the file", "unknown"],
+)
+def test_an_accelerometer_and_the_motor_tell_in_a_batch_what_they_do_live(vehicle, parameters):
+    unknown = {name: (0.9 * value, 1.1 * value) for name, value in parameters.items()}
+    nominal = {name: 1.05 * value for name, value in parameters.items()}
+    across = dataclasses.replace(vehicle, values={**vehicle.values, **nominal}, unknown=unknown)
+    point = np.array([parameters[name] for name in across.unknown])
+    states, _ = drive(across, COMMANDS, substeps=1, parameters=point)
+    batch = simulate(across, COMMANDS, point[np.newaxis])
     sideways = [state.specific_force[1] for state in states]
     assert np.ptp(sideways) > 1.0
     assert batch.lateral_acceleration[0] == pytest.approx(np.array(sideways), abs=1e-9)

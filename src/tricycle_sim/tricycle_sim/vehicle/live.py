@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle.body import upward
+from tricycle_sim.vehicle.body import BODY
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.feasibility import Feasibility, read_feasibility
 from tricycle_sim.vehicle.groups import equilibrium, pack, sample_values
@@ -26,9 +26,11 @@ from tricycle_sim.vehicle.layout import (
     STATES,
     WHEEL_EVALUATED,
     WHEEL_STATES,
+    numbered,
     of_wheels,
 )
 from tricycle_sim.vehicle.parts import (
+    BLOCK,
     WHEEL,
     WHEEL_ROWS,
     servo_at_rest,
@@ -39,6 +41,7 @@ from tricycle_sim.vehicle.stability import check_step
 
 ORIGIN = (0.0, 0.0, 0.0)
 """Pose: x, y [m] and heading [rad]."""
+_BODY = numbered(BODY, first=BLOCK.body)
 
 
 @dataclass(frozen=True)
@@ -225,8 +228,7 @@ class LiveVehicle:
         self._drive_angle += 0.5 * TICK * (self._drive_speed + drive_speed)
         self._drive_speed = drive_speed
         attitude = (q0, q1, q2, q3)
-        gravity = self.vehicle.gravity
-        up_x, up_y, up_z = (gravity * float(part) for part in upward(self.vehicle))
+        up_x, up_y, up_z = values[[_BODY.gravity_x, _BODY.gravity_y, _BODY.gravity_z]].tolist()
         specific_force = (
             du
             + q * w
