@@ -12,7 +12,7 @@ from excitation_planner.indices.sampling import sobol_sequence, training_points
 from excitation_planner.indices.sobol import effects
 from tricycle_core.quantities import FloatArray
 
-_CANDIDATES = 1024
+_CANDIDATES = 1024  # at least, twice the points that are asked for
 _REFERENCE = 2048  # points of the integrals of the criterion by index variance
 
 
@@ -56,7 +56,8 @@ def infill_points(
     """
     k = model.X_train_.shape[1]
     known = model.X_train_ if avoid is None else np.vstack([model.X_train_, avoid])
-    sobol = sobol_sequence(_CANDIDATES, k, seed=seed)
+    count = max(_CANDIDATES, 2 * batch)
+    sobol = sobol_sequence(count, k, seed=seed)
     candidates = np.vstack([sobol, _corners(k)])
     if by is Infill.LARGEST_VARIANCE and polish:
         for _ in range(batch):
@@ -64,9 +65,9 @@ def infill_points(
             known = np.vstack([known, new])
         return known[-batch:]
     if by is Infill.INTEGRATED_VARIANCE:
-        reference, weights = sobol, np.eye(_CANDIDATES)
+        reference, weights = sobol[:_CANDIDATES], np.eye(_CANDIDATES)
     elif by is Infill.INDEX_VARIANCE:
-        candidates = np.vstack([training_points(_CANDIDATES, k, seed=seed), _corners(k)])
+        candidates = np.vstack([training_points(count, k, seed=seed), _corners(k)])
         reference = sobol_sequence(_REFERENCE, k, seed=seed + 1)
         # the error of a variance, of a main or of a total effect is to first order the integral of
         # the model's error, weighted with that effect
