@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from excitation_planner import Infill, monte_carlo_indices, sensitivity
+from excitation_planner.box import Box
+from excitation_planner.design.evaluation import cost_interval
 from excitation_planner.indices.analytic import (
     ISHIGAMI_UNKNOWN,
     MATH_MODEL_UNKNOWN,
@@ -15,6 +17,7 @@ from excitation_planner.indices.analytic import (
     quadrature_indices,
 )
 from excitation_planner.indices.sampling import sobol_sequence
+from excitation_planner.indices.sensitivity import sensitivity_of_outputs
 from excitation_planner.indices.sobol import effects
 from tricycle_core.errors import DesignError
 
@@ -150,6 +153,19 @@ def test_effects_are_those_that_the_indices_measure():
     assert squares[0] == pytest.approx(result.variance, rel=0.02)
     assert squares[1::2] / squares[0] == pytest.approx(result.main, abs=0.02)
     assert squares[2::2] / squares[0] == pytest.approx(result.total, abs=0.02)
+
+
+def test_an_output_that_differs_in_one_sample_has_wide_intervals():
+    U = sobol_sequence(20, 2)
+    result = sensitivity_of_outputs(Box.of({"p1": (0, 1), "p2": (0, 1)}), U, np.eye(20)[0])
+    assert [fold.variance == 0.0 for fold in result.folds] == [True, False, False, False, False]
+    assert np.all(np.ptp(result.total_interval, axis=1) > 0.2)
+    assert cost_interval(result, 0) == (0.0, np.inf)
+
+
+def test_fewer_samples_than_folds_are_left_out_one_by_one():
+    result = sensitivity(lambda P: P[:, 0] ** 2, {"p": (0.0, 1.0)}, samples=3)
+    assert len(result.folds) == 3
 
 
 def test_one_parameter_has_all_the_variance():

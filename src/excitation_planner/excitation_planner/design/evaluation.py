@@ -281,8 +281,9 @@ def cost_interval(
             f.main, f.total, target, noise_share=noise_share * result.variance / f.variance
         )
         for f in result.folds
+        if f.variance > 0.0
     ]
-    if not np.all(np.isfinite([cost, *folds])):
+    if len(folds) < len(result.folds) or not np.all(np.isfinite([cost, *folds])):
         return (0.0, math.inf)
     half = float(half_width(np.array(folds) - cost))
     return (max(0.0, cost - half), cost + half)

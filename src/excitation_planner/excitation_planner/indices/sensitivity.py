@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from excitation_planner.box import Bounds, Box
 from excitation_planner.indices.figure import draw_indices
@@ -40,7 +41,8 @@ class Sensitivity(Indices):
     main_interval, total_interval : ndarray (k, 2)
         95 % intervals of `main` and `total`.
     folds : tuple of Indices
-        Indices without a fifth of the samples, each fifth in turn; the intervals follow from them.
+        Indices without a fifth of the samples, each fifth in turn, of fewer than five without one;
+        the intervals follow from them. All 0 where the other samples have the same output.
     unknown : Box
         Ranges of the unknown parameters.
     model : Kriging
@@ -328,8 +330,9 @@ def sensitivity_of_model(
     failed : int
         Samples that were left out.
     """
-    fold = np.arange(len(model.X_train_)) % _FOLDS
-    folds = tuple(sobol_indices(model.without(fold == i)) for i in range(_FOLDS))
+    count = min(_FOLDS, len(model.X_train_))
+    fold = np.arange(len(model.X_train_)) % count
+    folds = tuple(_indices_without(model, fold == i) for i in range(count))
     main_half = half_width(np.array([f.main for f in folds]) - indices.main)
     total_half = half_width(np.array([f.total for f in folds]) - indices.total)
     return Sensitivity(
@@ -346,6 +349,15 @@ def sensitivity_of_model(
         simulations=len(model.X_train_) + failed,
         failed=failed,
     )
+
+
+def _indices_without(model: Kriging, left_out: NDArray[np.bool_]) -> Indices:
+    """Indices without some of the samples (n,); all 0 where the output is constant without them."""
+    y = model.y_train_
+    if np.ptp(y[~left_out]) <= 1e-12 * np.ptp(y):
+        nothing = np.zeros(model.X_train_.shape[1])
+        return Indices(main=nothing, total=nothing, variance=0.0)
+    return sobol_indices(model.without(left_out))
 
 
 def half_width(changes: FloatArray) -> FloatArray:
