@@ -3,6 +3,7 @@
 import dataclasses
 
 import pytest
+from structures import PLAIN, vehicle_of
 
 from tricycle_sim.vehicle import load_vehicle, warnings_about
 
@@ -26,6 +27,27 @@ def test_impossible_inertia_is_doubted_with_its_numbers():
 def test_doubtful_vehicles_are_named(values, word):
     warnings = warnings_about(load_vehicle().replace(**values))
     assert any(word in warning for warning in warnings)
+
+
+# two thirds of the load in front: stiffness in proportion to it makes the vehicle oversteer
+AHEAD = {"front_left.x": 0.5, "front_right.x": 0.5, "rear_left.x": -1.0, "rear_right.x": -1.0}
+STIFFNESS = {"front.cornering_stiffness": 70.0, "rear.cornering_stiffness": 45.0}
+
+
+@pytest.mark.parametrize(
+    ("load_sensitivity", "unknown", "warns"),
+    [
+        (0.0, {}, False),
+        (1.0, {}, True),
+        (0.0, {"front.cornering_stiffness": (40.0, 160.0)}, True),
+        (0.0, {"rear.cornering_stiffness": (20.0, 60.0)}, True),
+    ],
+)
+def test_oversteer_of_loaded_tyres_and_in_ranges_is_named(load_sensitivity, unknown, warns):
+    vehicle = vehicle_of(PLAIN)
+    values = vehicle.values | AHEAD | STIFFNESS | {"load_sensitivity": load_sensitivity}
+    vehicle = dataclasses.replace(vehicle, values=values, unknown=unknown)
+    assert any("oversteers" in warning for warning in warnings_about(vehicle)) == warns
 
 
 def test_a_range_with_an_end_that_is_too_stiff_is_named():

@@ -50,18 +50,21 @@ def _loads(vehicle: Vehicle) -> Iterator[str]:
 
 def _stability(vehicle: Vehicle) -> Iterator[str]:
     """Warn of the unstable linear bicycle: see docs/model.md."""
-    lowest = {
-        name: limits[0]
-        for name, limits in vehicle.unknown.items()
+    in_front = {"front", *(wheel.name for wheel in vehicle.wheels if wheel.axle == "front")}
+    worst = {
+        name: high if name.partition(".")[0] in in_front else low
+        for name, (low, high) in vehicle.unknown.items()
         if name.rpartition(".")[2] == "cornering_stiffness"
     }
-    softest = vehicle.replace(**lowest)
+    most_unstable = vehicle.replace(**worst)
     stiffness = {"front": 0.0, "rear": 0.0}
-    for wheel in vehicle.wheels:
-        stiffness[wheel.axle] += softest.of(wheel).cornering_stiffness
+    for wheel, load in zip(vehicle.wheels, vehicle.static_loads(), strict=True):
+        own = most_unstable.of(wheel)
+        by_load = 1.0 + own.load_sensitivity * (load / own.mean_load - 1.0)
+        stiffness[wheel.axle] += by_load * own.cornering_stiffness
     front, rear = stiffness["front"], stiffness["rear"]
     understeer = vehicle.com_to_rear_axle * rear - vehicle.com_to_front_axle * front
-    if understeer < 0 and "motor_no_load_speed" in vehicle.values:
+    if understeer < 0 < min(front, rear) and "motor_no_load_speed" in vehicle.values:
         critical = math.sqrt(front * rear * vehicle.wheelbase**2 / (-understeer * vehicle.mass))
         top = vehicle.motor_no_load_speed * vehicle.driven_radius
         if critical < top:
