@@ -150,6 +150,22 @@ def again(name, *others):
     return change
 
 
+def turned(linkage, name, value, limits=None):
+    """A change to a linkage, with a value or a range of one of its constants."""
+    number = {"value": value} if limits is None else {"nominal": value, "range": limits}
+
+    def change(document):
+        document["parts"]["steering"] = linkage
+        document["constants"][name] = {
+            **number,
+            "unit": "1",
+            "basis": "argued",
+            "about": "made up",
+        }
+
+    return change
+
+
 def test_a_file_may_list_its_wheels_and_laws(tmp_path):
     vehicle = load_vehicle(cart(tmp_path / "cart.yaml"))
     assert [wheel.name for wheel in vehicle.wheels][2:] == ["rear_left", "rear_right"]
@@ -188,6 +204,15 @@ def test_a_file_may_list_its_wheels_and_laws(tmp_path):
         (
             again("front.x", "com_to_front_axle"),
             "com_to_front_axle: no wheel reads it, but front.x instead",
+        ),
+        (turned("ackermann", "steering_scale", 2.0), "-+45 deg, a wheel turns from 104 to -76 deg"),
+        (
+            turned("parallel", "steering_gain", 5.0),
+            "a wheel turns from -225 to 225 deg: needs a rising angle below 90 deg",
+        ),
+        (
+            turned("parallel", "steering_gain", 1.0, [0.5, 2.5]),
+            "turns with steering_gain = 2.5 from -113 to 113 deg",
         ),
     ],
 )

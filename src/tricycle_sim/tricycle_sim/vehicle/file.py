@@ -24,6 +24,7 @@ from tricycle_sim.vehicle.constants import (
     suggest_name,
 )
 from tricycle_sim.vehicle.laws import Constant
+from tricycle_sim.vehicle.parts import check_steering
 from tricycle_sim.vehicle.wheels import TADPOLE, Wheel
 
 MAX_BYTES = 1_000_000  # of a vehicle file
@@ -114,6 +115,7 @@ def _parse(document: Any, where: str) -> Vehicle:
                 unknown[name] = limits
         vehicle = Vehicle(name=title, values=values, unknown=unknown, parts=parts, wheels=wheels)
         check_read(wheels, parts, values)
+        check_steering(vehicle)
     except VehicleError as error:
         raise VehicleError(f"{where}: {error}") from error
     return vehicle

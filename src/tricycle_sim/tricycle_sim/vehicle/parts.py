@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import actuators, body, steering, tyre
@@ -66,6 +67,10 @@ WHEEL_ROWS -= _FIRST_WHEEL
 
 ROWS = _FIRST_WHEEL + MOST_WHEELS * WHEEL_ROWS
 """Number of rows of a group."""
+
+_LIMIT, _SIGN = (
+    steering.BLOCK.geometry + [*steering.GEOMETRY].index(row) for row in ("limit", "sign")
+)
 
 
 @functools.lru_cache(maxsize=256)
@@ -174,6 +179,31 @@ def steering_columns(vehicle: Vehicle) -> list[int]:
             for end in ends
         )
     ]
+
+
+def check_steering(vehicle: Vehicle) -> None:
+    """Raise a `VehicleError` if a wheel turns by a right angle, or back, before the motor's stop.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Its nominal values and each end of its ranges are looked at.
+    """
+    linkage = steering.LINKAGES[structure_of(vehicle).steering].function
+    ends = [{name: end} for name, pair in vehicle.unknown.items() for end in pair]
+    for changed in ({}, *ends):
+        constants = steering_constants(vehicle, TICK, {**vehicle.values, **changed})
+        limit, sign = constants[_LIMIT], constants[_SIGN]
+        low, high = (steering.turned(linkage, constants, at)[:2] for at in (-limit, limit))
+        for right, left in zip(sign * np.array(low), sign * np.array(high), strict=True):
+            if not -0.5 * math.pi < right < left < 0.5 * math.pi:
+                where = "".join(f" with {name} = {end:g}" for name, end in changed.items())
+                raise VehicleError(
+                    f"steering_limit: between the stops of the motor, -+{math.degrees(limit):.3g} "
+                    f"deg, a wheel turns{where} from {math.degrees(right):.0f} to "
+                    f"{math.degrees(left):.0f} deg: needs a rising angle below 90 deg to either "
+                    "side"
+                )
 
 
 def steering_constants(
