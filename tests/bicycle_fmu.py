@@ -40,8 +40,12 @@ def write_bicycle_fmu(folder, *, mapping=None, **start_values):
             "modelDescription.xml",
             '<fmiModelDescription fmiVersion="3.0" modelName="bicycle" '
             'instantiationToken="a"><CoSimulation modelIdentifier="bicycle"/>'
-            f"<ModelVariables>{listed}</ModelVariables><ModelStructure/>"
-            "</fmiModelDescription>",
+            '<TypeDefinitions><EnumerationType name="Gear"><Item name="forward" value="1"/>'
+            '<Item name="reverse" value="2"/></EnumerationType></TypeDefinitions>'
+            f"<ModelVariables>{listed}"
+            f'<Enumeration name="gear" declaredType="Gear" valueReference="{len(VARIABLES)}" '
+            'causality="parameter" variability="fixed" start="1"/></ModelVariables>'
+            "<ModelStructure/></fmiModelDescription>",
         )
         archive.write(binary, "binaries/x86_64-linux/bicycle.so")
     path = folder / "bicycle.yaml"

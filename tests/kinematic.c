@@ -6,7 +6,7 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { STEERING, SPEED, X, Y, HEADING, WHEELBASE, FAILS, FAILS_FROM, COUNT };
+enum { STEERING, SPEED, X, Y, HEADING, WHEELBASE, FAILS, FAILS_FROM, GEAR, COUNT };
 typedef struct { double v[COUNT], time; } Bicycle;
 
 FMI const char *fmi3GetVersion(void) { return "3.0"; }
@@ -27,6 +27,10 @@ FMI int fmi3SetFloat64(void *c, const uint32_t r[], size_t n, const double in[],
     for (size_t i = 0; i < n; ++i) ((Bicycle *)c)->v[r[i]] = in[i];
     return 0;
 }
+FMI int fmi3SetInt64(void *c, const uint32_t r[], size_t n, const int64_t in[], size_t m) {
+    for (size_t i = 0; i < n; ++i) ((Bicycle *)c)->v[r[i]] = (double)in[i];
+    return 0;
+}
 FMI int fmi3GetFloat64(void *c, const uint32_t r[], size_t n, double out[], size_t m) {
     for (size_t i = 0; i < n; ++i) out[i] = ((Bicycle *)c)->v[r[i]];
     return 0;
@@ -34,10 +38,11 @@ FMI int fmi3GetFloat64(void *c, const uint32_t r[], size_t n, double out[], size
 FMI int fmi3DoStep(void *c, double time, double step, bool no_set, bool *event, bool *ends,
                    bool *early, double *last) {
     Bicycle *b = c;
-    double turn = step * b->v[SPEED] * tan(b->v[STEERING] * M_PI / 180.0) / b->v[WHEELBASE];
+    double way = step * b->v[SPEED] * (b->v[GEAR] == 2.0 ? -1.0 : 1.0); /* 2: reverse */
+    double turn = way * tan(b->v[STEERING] * M_PI / 180.0) / b->v[WHEELBASE];
     double middle = b->v[HEADING] + 0.5 * turn;
-    b->v[X] += step * b->v[SPEED] * cos(middle);
-    b->v[Y] += step * b->v[SPEED] * sin(middle);
+    b->v[X] += way * cos(middle);
+    b->v[Y] += way * sin(middle);
     b->v[HEADING] += turn;
     *event = *early = false;
     *last = time + step;
@@ -64,7 +69,7 @@ ABSENT(GetUInt8) ABSENT(GetVariableDependencies) ABSENT(InstantiateModelExchange
 ABSENT(InstantiateScheduledExecution) ABSENT(Reset) ABSENT(SerializeFMUState)
 ABSENT(SerializedFMUStateSize) ABSENT(SetBinary) ABSENT(SetBoolean) ABSENT(SetClock)
 ABSENT(SetContinuousStates) ABSENT(SetDebugLogging) ABSENT(SetFMUState) ABSENT(SetFloat32)
-ABSENT(SetInt16) ABSENT(SetInt32) ABSENT(SetInt64) ABSENT(SetInt8) ABSENT(SetIntervalDecimal)
+ABSENT(SetInt16) ABSENT(SetInt32) ABSENT(SetInt8) ABSENT(SetIntervalDecimal)
 ABSENT(SetIntervalFraction) ABSENT(SetShiftDecimal) ABSENT(SetShiftFraction) ABSENT(SetString)
 ABSENT(SetTime) ABSENT(SetUInt16) ABSENT(SetUInt32) ABSENT(SetUInt64) ABSENT(SetUInt8)
 ABSENT(UpdateDiscreteStates)

@@ -34,6 +34,14 @@ def test_it_drives_its_circle_in_its_units(bicycle):
     plant.close()
 
 
+def test_an_enumeration_is_set_by_its_number(bicycle):
+    from tricycle_sim.plants.fmu_plant import fmu_plant
+
+    plant = fmu_plant(VEHICLE, 0, bicycle(gear=2))
+    assert plant.hold_speed(0, 0.0, 1.0, 0.0).vx == pytest.approx(-1.0)
+    plant.close()
+
+
 @pytest.mark.parametrize(
     ("fails", "line"),
     [(ENDS, r"ends at 0\.00 s"), (IS_NAN, r"x is nan at 0\.01 s"), (REFUSES, r"fails at 0\.00 s")],

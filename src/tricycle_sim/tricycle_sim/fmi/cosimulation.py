@@ -19,7 +19,8 @@ except ModuleNotFoundError as error:
     raise PlantError(missing("fmpy", "an FMU")) from error
 
 _FLOATS = ("Real", "Float64", "Float32")
-_TYPES = (*_FLOATS, "Boolean", "Integer", "Int32", "Enumeration")
+_INTEGERS = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
+_TYPES = (*_FLOATS, *_INTEGERS, "Boolean", "Enumeration")
 
 
 class Fmu:
@@ -73,7 +74,7 @@ class Fmu:
             self._check("parameters", name, variable, ("parameter", "input"), unit)
         for name in mapping.start_values:
             found = self._find("start_values", name)
-            self.places["start_values", name] = found.type, found.valueReference, 1.0
+            self.places["start_values", name] = self._kind(found), found.valueReference, 1.0
         self._folder = tempfile.mkdtemp(prefix="fmu-")
         try:
             fmpy.extract(str(path), unzipdir=self._folder)
@@ -88,6 +89,12 @@ class Fmu:
                 f"{self.mapping.path}: {part}: no variable {name!r}; {hint}".rstrip("; ")
             )
         return self._variables[name]
+
+    def _kind(self, found: Any) -> str:
+        """Return the type by which a variable is read and written."""
+        if found.type == "Enumeration":
+            return "Integer" if self._description.fmiVersion.startswith("2") else "Int64"
+        return str(found.type)
 
     def _check(
         self, part: str, name: str, wanted: Variable, causalities: tuple[str, ...], unit: str | None
@@ -117,9 +124,10 @@ class Fmu:
                     f"{' or '.join(UNITS.get(unit, {unit: 1.0}))}"
                 )
             factor = factors[_plain(told)]
-        self.places[part, name] = found.type, found.valueReference, factor * wanted.scale
+        kind = self._kind(found)
+        self.places[part, name] = kind, found.valueReference, factor * wanted.scale
         if part == "outputs":
-            reading = self.readings.setdefault(found.type, ([], [], []))
+            reading = self.readings.setdefault(kind, ([], [], []))
             for column, entry in zip(reading, (name, *self.places[part, name][1:]), strict=True):
                 column.append(entry)
 
