@@ -86,12 +86,12 @@ def test_fmpy_simulates_it_from_its_own_start_values(exported):
         stop_time=2.0,
         step_size=0.01,
         output_interval=0.01,
-        start_values={"speed_setpoint": 1.0, "start_x": 5.0, "start_heading": 0.5 * np.pi},
+        start_values={"speed_setpoint": 1.0, "start_x": 5.0, "start_heading": 2.5 * np.pi},
         output=["x", "y", "heading"],
     )
     assert result["x"][-1] == pytest.approx(5.0, abs=1e-3)
     assert 0.5 < result["y"][-1] < 2.0
-    assert result["heading"][-1] == pytest.approx(0.5 * np.pi, abs=1e-3)
+    assert result["heading"] == pytest.approx(2.5 * np.pi, abs=1e-3)  # not wrapped
 
 
 def test_the_command_writes_it_once(tmp_path, capsys, monkeypatch):

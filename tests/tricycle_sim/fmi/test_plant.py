@@ -55,6 +55,16 @@ def test_what_an_fmu_does_not_tell_follows_from_its_poses(mapping_file):
     assert stopped.vx == pytest.approx(0.0, abs=1e-2)
 
 
+def test_the_angle_of_the_wheels_is_what_the_fmu_tells(mapping_file):
+    doubled = {"drive_angle": {"variable": "drive_angle", "scale": 2.0}}
+    plain, other = plant(mapping_file()), plant(mapping_file(outputs=doubled))
+    for tick in range(100):
+        states = [one.hold_speed(tick, 0.0, 1.0, 0.0) for one in (plain, other)]
+    assert states[1].drive_angle == pytest.approx(2.0 * states[0].drive_angle, rel=1e-9)
+    plain.close()
+    other.close()
+
+
 def test_it_starts_where_it_is_placed(mapping_file):
     one = plant(mapping_file())
     state = one.place((1.0, -2.0, 0.5))

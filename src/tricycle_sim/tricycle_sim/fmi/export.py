@@ -101,8 +101,6 @@ class _Variable:
     unit: str
     about: str = ""
     start: float | None = None
-    low: float | None = None
-    high: float | None = None
 
 
 def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
@@ -204,11 +202,8 @@ def _variables(vehicle: Vehicle) -> list[_Variable]:
     ]
     number = _FIRST_PARAMETER
     for name in fmu_parameters(vehicle):
-        low, high = vehicle.unknown.get(name, (None, None))
-        unit = vehicle.unit(name)
-        found.append(
-            _Variable(name, number, "parameter", unit, "", vehicle.values[name], low, high)
-        )
+        unit, value = vehicle.unit(name), vehicle.values[name]
+        found.append(_Variable(name, number, "parameter", unit, "", value))
         number += 1
     for name, unit in _STARTS:
         found.append(_Variable(name, number, "parameter", unit, "at the start", 0.0))

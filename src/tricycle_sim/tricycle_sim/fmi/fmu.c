@@ -77,7 +77,8 @@ static void read_out(Vehicle *v, int first) {
     double q0 = at(v, ROW_Q0), q1 = at(v, ROW_Q0 + 1), q2 = at(v, ROW_Q0 + 2), q3 = at(v, ROW_Q0 + 3);
     double yaw = atan2(2.0 * (q0 * q3 + q1 * q2), 1.0 - 2.0 * (q2 * q2 + q3 * q3));
     double speed = 0.0;
-    v->heading = first ? yaw : v->heading + remainder(yaw - v->heading, 2.0 * M_PI);
+    double before = first ? v->parameters[START_HEADING] : v->heading;
+    v->heading = before + remainder(yaw - before, 2.0 * M_PI);
     for (int wheel = 0; wheel < WHEELS; ++wheel)
         speed += at(v, ROW_SHARE + wheel * WHEEL_ROWS) * wheel_speed(v, wheel);
     if (!first) v->drive_angle += 0.5 * TICK * (v->drive_speed + speed);

@@ -1,7 +1,8 @@
 """An FMU as a plant: `plant:=fmu:mapping.yaml`.
 
 What its mapping lacks follows from the rest: velocities and accelerations from the poses, the
-driven wheels' speed from the forward velocity, the steering motor from the vehicle file's servo.
+driven wheels' speed from the forward velocity and their angle from that, the steering motor from
+the vehicle file's servo.
 """
 
 import math
@@ -97,6 +98,7 @@ class FmuPlant:
         self._servo = SteeringServo(self._vehicle)
         self._turned = 0.0
         self._outputs = self._instance.read()
+        self._unturned = self._outputs.get("drive_angle", 0.0)
         self._origin, self._start = self._pose(), start
         self._motion = PlanarMotion(*(self._outputs.get(n, 0.0) for n in PlanarMotion._fields))
         self._spin = 0.0
@@ -149,7 +151,8 @@ class FmuPlant:
         spin = self._outputs.get("drive_speed")
         if spin is None:
             spin = self._motion.vx / self._vehicle.driven_radius
-        self._turned += 0.5 * TICK * (self._spin + spin)
+        turned = self._unturned + self._turned + 0.5 * TICK * (self._spin + spin)
+        self._turned = self._outputs.get("drive_angle", turned) - self._unturned
         self._spin = spin
         return self._state(tick + 1)
 
