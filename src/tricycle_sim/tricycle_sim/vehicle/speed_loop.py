@@ -43,7 +43,8 @@ class SpeedLoop:
         self._lag = vehicle.motor_lag
         self._integrator = 0.0
         if vehicle.has_speed_loop and vehicle.speed_gain_integral:
-            error = (setpoint - speed) / self._radius
+            scale = vehicle.values.get("speed_scale", 1.0)  # as in the motor's law
+            error = (scale * setpoint - speed) / self._radius
             wanted = torque - vehicle.speed_gain_proportional * error
             self._integrator = wanted / vehicle.speed_gain_integral
 
