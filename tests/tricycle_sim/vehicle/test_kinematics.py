@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from structures import ALL_WHEELS, vehicle_of
 
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.kinematics import (
@@ -24,6 +25,17 @@ def test_the_vehicle_turns_as_its_kinematics_say(vehicle, motor_angle):
         state = live.step(steering=motor_angle, speed=0.5)
     (road,) = road_angles(vehicle, np.array([motor_angle]))
     assert state.yaw_rate == pytest.approx(0.5 * np.tan(road) / vehicle.wheelbase, rel=0.05)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_the_motor_turns_by_the_shares_of_its_wheels(share):
+    vehicle = vehicle_of(ALL_WHEELS).replace(drive_front_share=share)
+    live = LiveVehicle(vehicle)
+    for _ in range(1000):
+        state = live.step(steering=0.5, speed=0.3)
+    (road,) = road_angles(vehicle, np.array([0.5]))
+    pace = state.drive_speed * vehicle.driven_radius
+    assert state.yaw_rate == pytest.approx(pace * np.tan(road) / vehicle.wheelbase, rel=0.03)
 
 
 def test_the_inner_wheel_turns_more():

@@ -10,6 +10,7 @@ from tricycle_core.timing import TICK
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.kernel import functions_for
 from tricycle_sim.vehicle.parts import steering_constants, structure_of
+from tricycle_sim.vehicle.registry import PARTS, law_name
 
 
 class SteeredWheel(NamedTuple):
@@ -26,6 +27,16 @@ class SteeredWheel(NamedTuple):
     x: float
     y: float
     angle: float
+
+    def pace(self, turn: float) -> float:
+        """Return its speed by that of the unsteered axle.
+
+        Parameters
+        ----------
+        turn : float
+            Curvature of the unsteered axle's way [rad/m].
+        """
+        return math.hypot(self.x * turn, 1.0 - self.y * turn)
 
 
 def steered_wheels(vehicle: Vehicle, motor_angle: float) -> dict[str, SteeredWheel]:
@@ -115,7 +126,7 @@ def curvature(wheels: list[SteeredWheel]) -> float:
 def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
     """Return the angles on the road [rad] of the one front wheel that would turn the vehicle so.
 
-    The driven wheels then turn as those of a vehicle that is driven at its unsteered axle.
+    The motor then turns as that of a vehicle that is driven at its unsteered axle.
 
     Parameters
     ----------
@@ -124,14 +135,16 @@ def road_angles(vehicle: Vehicle, motor_angles: FloatArray) -> FloatArray:
     motor_angles : ndarray of float
         Of the steering motor [rad].
     """
+    share = PARTS["drive"][law_name("drive", vehicle.wheels, vehicle.parts)].rows["share"]
     found = []
     for motor_angle in motor_angles:
         wheels = steered_wheels(vehicle, motor_angle)
         turn = curvature(list(wheels.values()))
-        paces = [
-            math.hypot(wheels[w.name].x * turn, 1.0 - wheels[w.name].y * turn) if w.steered else 1.0
+        # of the motor, by that of the unsteered axle; an axle's mean is its middle's
+        pace = sum(
+            share(vehicle.of(w)) * (wheels[w.name].pace(turn) if w.steered else 1.0)
             for w in vehicle.wheels
             if w.driven
-        ]  # of each driven wheel, by that of the unsteered axle; an axle's mean is its middle's
-        found.append(math.atan(vehicle.wheelbase * turn * len(paces) / sum(paces)))
+        )
+        found.append(math.atan(vehicle.wheelbase * turn / pace))
     return np.array(found)
