@@ -38,8 +38,8 @@ class _Argument:
 
 
 class _Configuration:
-    def __init__(self, name):
-        self.name = name
+    def __init__(self, name, default=None):
+        self.name, self.default = name, default
 
     def perform(self, context):
         return context[self.name]

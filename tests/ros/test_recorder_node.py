@@ -147,7 +147,7 @@ def test_bags_one_after_the_other(recorder, ros_node: Node, tmp_path: Path) -> N
     assert r.end() == 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
 def test_an_ended_recorder_leaves_a_readable_bag(  # type: ignore[no-untyped-def]
     recorder, ros_node: Node, tmp_path: Path, number: signal.Signals
 ) -> None:

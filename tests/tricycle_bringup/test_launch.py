@@ -7,12 +7,22 @@ the installed executables and, in tests/ros/test_parameters.py, with the paramet
 import pytest
 from launch_recorder import LAUNCH_FILES, launch_actions, launched_nodes, project_scripts
 
+from tricycle_core.start import ending_with_parent
+
 
 @pytest.mark.parametrize("file", LAUNCH_FILES)
 def test_every_executable_exists_in_its_package(file):
     scripts = project_scripts()
     for node in launched_nodes(file):
         assert scripts[node["executable"]].startswith(f"{node['package']}.")
+
+
+@pytest.mark.parametrize("file", LAUNCH_FILES)
+def test_a_killed_launch_leaves_no_node_behind(file):
+    for node in launched_nodes(file, installed=["robot_state_publisher"]):
+        assert node["prefix"].name == "launch-prefix"
+        assert node["prefix"].default == " ".join(ending_with_parent())
+        assert node["exec_name"] == node["executable"]
 
 
 @pytest.mark.parametrize("file", ["simulation.launch.py", "vehicle.launch.py"])

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from launch import Action, LaunchDescription
 from launch_ros.actions import Node
 
-from tricycle_bringup.launching import launch_description
+from tricycle_bringup.launching import launch_description, process
 
 ARGUMENTS = {
     "bag": (None, "rosbag2 directory, .mcap or .db3 file"),
@@ -30,7 +30,7 @@ def _actions(value: Mapping[str, str]) -> list[Action]:
         **{name: value[name].split(",") for name in ("topics", "exclude")},
         **{name: value[name].lower() == "true" for name in ("loop", "paused", "clock")},
     }
-    return [Node(package="trajectory_recorder", executable="bag_replayer", parameters=[parameters])]
+    return [Node(parameters=[parameters], **process("trajectory_recorder", "bag_replayer"))]
 
 
 def generate_launch_description() -> LaunchDescription:

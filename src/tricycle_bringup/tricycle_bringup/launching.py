@@ -22,6 +22,7 @@ from lifecycle_msgs.msg import Transition
 
 from tricycle_bringup.configuration import bridge_parameters, driver_parameters
 from tricycle_bringup.urdf import tricycle_urdf
+from tricycle_core.start import ending_with_parent
 from tricycle_sim.vehicle import load_vehicle
 
 Parameters = dict[str, object]
@@ -65,6 +66,23 @@ def launch_description(
     return LaunchDescription([*declared, OpaqueFunction(function=with_values)])
 
 
+def process(package: str, executable: str) -> dict[str, object]:
+    """Return the arguments of `Node` for a process that ends with the launch, also a killed one.
+
+    Parameters
+    ----------
+    package, executable : str
+        What to start.
+    """
+    guard = LaunchConfiguration("launch-prefix", default=" ".join(ending_with_parent()))
+    return {
+        "package": package,
+        "executable": executable,
+        "exec_name": executable,  # or messages would begin with the prefix's name
+        "prefix": guard,
+    }
+
+
 @dataclass(frozen=True)
 class VehicleNodes:
     """The nodes of one vehicle, simulated or real.
@@ -101,10 +119,8 @@ class VehicleNodes:
             Further arguments of `Node`.
         """
         return Node(
-            package=package,
-            executable=executable,
             parameters=[self.config, *parameters],
-            **self._common(executable),
+            **self._common(package, executable),
             **more,
         )
 
@@ -146,10 +162,11 @@ class VehicleNodes:
             *self._state_publisher(),
         ]
 
-    def _common(self, executable: str) -> dict[str, object]:
+    def _common(self, package: str, executable: str) -> dict[str, object]:
         """Arguments of every node; without SROS2 its enclave does nothing."""
         own = [(f"/{name}", name) for name in _SHARED] if self.namespace else []
         return {
+            **process(package, executable),
             "namespace": self.namespace,
             "remappings": [*own, *self.remappings],
             "ros_arguments": ["--enclave", f"/tricycle/{executable}"],
@@ -165,12 +182,10 @@ class VehicleNodes:
         own = bridge_parameters(self.value["vehicle_file"])
         own["payload"] = float(self.value["payload"])
         bridge = LifecycleNode(
-            package=name,
-            executable=name,
             name=name,
             parameters=[self.config, ports, own, {"autostart": False}],
             on_exit=_shut_down_after(name),
-            **self._common(name),
+            **self._common(name, name),
         )
         if self.value["autostart"].lower() != "true":
             return [bridge]

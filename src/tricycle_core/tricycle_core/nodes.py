@@ -40,6 +40,7 @@ from rosgraph_msgs.msg import Clock
 from tricycle_core import __version__
 from tricycle_core.errors import message_of
 from tricycle_core.stamps import split_seconds
+from tricycle_core.start import ending_signals
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Quality of service of topics whose newest message reaches who subscribes later."""
@@ -228,7 +229,7 @@ def _told(mistake: Exception) -> str:
 
 
 def run_node(factory: Callable[[], Node]) -> None:
-    """Construct a node, spin it until SIGINT or SIGTERM, and leave no trace of the ending.
+    """Construct a node, spin it until one of `ending_signals`, and leave no trace of the ending.
 
     With `--help` it says what the node is, and its parameters, and starts nothing.
 
@@ -252,7 +253,8 @@ def run_node(factory: Callable[[], Node]) -> None:
         stopped = True
 
     # rclpy's own handlers sometimes print a traceback
-    for number in (signal.SIGINT, signal.SIGTERM):
+    ends = ending_signals()
+    for number in ends:
         signal.signal(number, stop)
     # what libraries have to say: the vehicle model says when it compiles
     logging.basicConfig(format="[INFO] [%(name)s]: %(message)s", level=logging.INFO)
@@ -285,5 +287,5 @@ def run_node(factory: Callable[[], Node]) -> None:
         with contextlib.suppress(AttributeError) if node is None else contextlib.nullcontext():
             rclpy.try_shutdown()
         # Ctrl-C comes twice from `ros2 launch`; Python gives up its handlers before it has ended
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ends:
             signal.signal(number, signal.SIG_IGN)

@@ -1,7 +1,9 @@
 """Child processes and signals."""
 
+import shutil
 import signal
 import socket
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -111,3 +113,23 @@ def test_a_node_in_the_foreground_ends_with_its_own_status(node, capfd):
         for number, handler in before.items():
             signal.signal(number, handler)
     assert capfd.readouterr().out == '--ros-args -p topics:=["odom"] -r /odom:=/other\n'
+
+
+@pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])
+def test_a_node_in_the_foreground_ends_with_its_command(node, tmp_path, end):
+    if end == signal.SIGKILL and not shutil.which("setpriv"):
+        pytest.skip("needs setpriv")
+    (tmp_path / node).write_text(
+        f"#!{sys.executable}\n"
+        "import signal, time\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "print('runs', flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    run = f"from {NodeProcesses.__module__} import *; run_in_foreground({node!r}, {{}})"
+    command = [sys.executable, "-c", run]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as process:
+        assert process.stdout.readline() == b"runs\n"
+        process.send_signal(end)
+        assert process.stdout.read() == b""  # its end, when the node has ended too
+        assert process.wait() == (-end if end == signal.SIGKILL else 0)

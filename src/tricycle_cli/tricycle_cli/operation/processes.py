@@ -17,6 +17,7 @@ from pathlib import Path
 
 from tricycle_core.closing import Closing
 from tricycle_core.errors import NodeError
+from tricycle_core.start import ending_signals, ending_with_parent
 
 DOMAINS = 100  # that are used
 STOP_TIMEOUT = 5.0  # s a node gets to close its bag or port before it is killed
@@ -127,7 +128,7 @@ def run_in_foreground(
     remappings: Sequence[str] = (),
     duration: float | None = None,
 ) -> int:
-    """Run a node until it ends, or SIGINT or SIGTERM ends it by way of this process.
+    """Run a node until it ends, or a signal that ends this process ends it.
 
     Parameters
     ----------
@@ -145,7 +146,7 @@ def run_in_foreground(
     status : int
         Exit status of the node.
     """
-    command = [executable(name), "--ros-args"]
+    command = [*ending_with_parent(), executable(name), "--ros-args"]
     for key, value in parameters.items():
         command += ["-p", f"{key}:={json.dumps(value)}"]  # JSON is YAML
     for remapping in remappings:
@@ -153,7 +154,7 @@ def run_in_foreground(
     stopped: list[int] = []
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # inherited: until it is up, Ctrl-C kills no node
     with subprocess.Popen(command) as process:  # noqa: S603 - our own executables
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ending_signals():
             signal.signal(number, lambda number, _: stopped.append(number))
         end = math.inf if duration is None else time.monotonic() + duration
         while True:
@@ -181,7 +182,7 @@ def interrupts_held() -> Iterator[None]:
     came: list[int] = []
     previous = {
         number: signal.signal(number, lambda number, _: came.append(number))
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        for number in ending_signals()
     }
     try:
         yield
@@ -228,9 +229,7 @@ class NodeProcesses(Closing):
         NodeError
             If the executable is not installed.
         """
-        command = [executable(name), "--ros-args", "--params-file", config]
-        if guard := shutil.which("setpriv"):  # util-linux: ends the node if this process is killed
-            command = [guard, "--pdeathsig", "INT", *command]
+        command = [*ending_with_parent(), executable(name), "--ros-args", "--params-file", config]
         for key, value in parameters.items():
             # Named, it wins over the file's. JSON is YAML, which --ros-args reads; it quotes what
             # could be read as something else.
