@@ -1,5 +1,6 @@
 """Runs launch files with stand-ins for `launch` and `launch_ros` that record what is built."""
 
+import logging
 import runpy
 import sys
 import tomllib
@@ -45,6 +46,12 @@ class _Configuration:
         return context[self.name]
 
 
+class _Context(dict):
+    """Launch arguments by name; `argv` are those of the command line."""
+
+    argv = ()
+
+
 class _Action:
     def __init__(self, *arguments, **keywords):
         self.arguments, self.keywords = arguments, keywords
@@ -83,7 +90,9 @@ def _modules(installed):
 
     return dict(
         [
-            module("launch", Action=_Action, LaunchContext=dict, LaunchDescription=_Description),
+            module(
+                "launch", Action=_Action, LaunchContext=_Context, LaunchDescription=_Description
+            ),
             module(
                 "launch.actions",
                 DeclareLaunchArgument=_Argument,
@@ -92,6 +101,7 @@ def _modules(installed):
                 RegisterEventHandler=_Action,
                 Shutdown=_Action,
             ),
+            module("launch.logging", get_logger=logging.getLogger),
             module("launch.events", matches_action=lambda action: action),
             module("launch.substitutions", LaunchConfiguration=_Configuration),
             module("launch_ros", actions=None),
@@ -108,10 +118,11 @@ def _modules(installed):
     )
 
 
-def launch_actions(file, *, installed=(), **arguments):
+def launch_actions(file, *, installed=(), argv=(), **arguments):
     """Actions of a launch file, in their order; `installed` are packages found in the ament index.
 
-    Each has its `arguments` and `keywords`.
+    `argv` are the arguments as they were written on the command line. Each action has its
+    `arguments` and `keywords`.
     """
     arguments = {"bag": "bag", **arguments}
     with patch.dict(sys.modules, _modules(installed)):
@@ -119,7 +130,8 @@ def launch_actions(file, *, installed=(), **arguments):
         declared = [entity for entity in description.entities if isinstance(entity, _Argument)]
         unknown = set(arguments) - {argument.name for argument in declared}
         assert not unknown, unknown
-        context = {a.name: arguments.get(a.name, a.default) for a in declared}
+        context = _Context({a.name: arguments.get(a.name, a.default) for a in declared})
+        context.argv = argv
         (action,) = (e for e in description.entities if isinstance(e, _Opaque))
         return action.keywords["function"](context)
 

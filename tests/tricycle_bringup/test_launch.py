@@ -126,3 +126,31 @@ def test_no_parameter_is_set_twice(file):
     # a file's entry for a node would win over the launch file's: see docs
     for node in launched_nodes(file):
         assert not node["twice"], node["executable"]
+
+
+@pytest.mark.parametrize(
+    ("file", "argument", "wanted"),
+    [
+        ("simulation.launch.py", {"true_seed": "first"}, "true_seed:=first: want a whole number"),
+        ("vehicle.launch.py", {"payload": "heavy"}, "payload:=heavy: want a number"),
+        ("vehicle.launch.py", {"identification": "yes"}, "identification:=yes: want true or false"),
+        ("replay.launch.py", {"loop": "1"}, "loop:=1: want true or false"),
+    ],
+)
+def test_a_wrong_value_is_told_with_its_argument(file, argument, wanted):
+    with pytest.raises(ValueError, match=f"^{wanted}$"):
+        launch_actions(file, **argument)
+
+
+def test_a_misspelt_argument_is_told(caplog):
+    launch_actions("vehicle.launch.py", argv=["vehicle_flie:=car.yaml", "bag:=b", "others:=1"])
+    assert caplog.messages == ["vehicle_flie is no launch argument: did you mean vehicle_file?"]
+
+
+def test_values_of_a_replay_have_the_types_of_the_replayers_parameters():
+    given = {"rate": "2", "topics": "/odom, /imu", "paused": "True"}
+    (node,) = launched_nodes("replay.launch.py", bag="b", **given)
+    fixed = {"start": 0.0, "duration": 0.0, "exclude": [""], "loop": False, "clock": True}
+    assert node["parameters"] == {
+        **fixed, "bag": "b", "rate": 2.0, "topics": ["/odom", "/imu"], "paused": True,
+    }  # fmt: skip

@@ -6,6 +6,7 @@ The ports' default names come from udev: docs/how-to-vehicle-computer.md.
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 from launch import Action, LaunchDescription
 
@@ -20,7 +21,7 @@ ARGUMENTS = {
 }
 
 
-def _actions(value: Mapping[str, str]) -> list[Action]:
+def _actions(value: Mapping[str, Any]) -> list[Action]:
     nodes = VehicleNodes(VEHICLE_CONFIG, value, (("odom", value["odom_topic"]),))
     return nodes.actions({name: value[name] for name in ("steer_port", "drive_port")})
 

@@ -1,8 +1,10 @@
 """What the launch files share. The only module that imports `launch`; only they import it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch import Action, LaunchContext, LaunchDescription
@@ -14,6 +16,7 @@ from launch.actions import (
     Shutdown,
 )
 from launch.events import matches_action
+from launch.logging import get_logger
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode, Node
 from launch_ros.event_handlers import OnStateTransition
@@ -27,43 +30,78 @@ from tricycle_sim.vehicle import load_vehicle
 
 Parameters = dict[str, object]
 
+_KINDS: Mapping[type, tuple[Callable[[str], Any], str]] = {
+    bool: (lambda text: {"true": True, "false": False}[text.lower()], "true or false"),
+    int: (int, "a whole number"),
+    float: (float, "a number"),
+}
+"""How the text of a launch argument becomes a value of its default's type; others stay text."""
+
 # Absolute by convention; in a namespace each vehicle has its own, so that two share no clock.
 _SHARED = ("clock", "diagnostics", "tf", "tf_static")
 
-VEHICLE_ARGUMENTS: Mapping[str, tuple[str | None, str]] = {
+Argument = tuple[str | bool | int | float | None, str]
+
+VEHICLE_ARGUMENTS: Mapping[str, Argument] = {
     "namespace": ("", "of all names"),
-    "autostart": ("true", "configure and activate the bridge"),
+    "autostart": (True, "configure and activate the bridge"),
     "vehicle_file": ("", "vehicle YAML"),
-    "payload": ("0.0", "kg that the vehicle carries at most, besides what the file says"),
+    "payload": (0.0, "kg that the vehicle carries at most, besides what the file says"),
     "plan_file": ("plan.json", "of the planner, to read and write"),
     "bag": ("", "empty: ~/start records"),
-    "identification": ("false", "identify while driving, and compare with the plan"),
+    "identification": (False, "identify while driving, and compare with the plan"),
 }
 """Launch arguments of `VehicleNodes`: default and description by name."""
 
 
 def launch_description(
-    arguments: Mapping[str, tuple[str | None, str]],
-    actions: Callable[[Mapping[str, str]], list[Action]],
+    arguments: Mapping[str, Argument],
+    actions: Callable[[Mapping[str, Any]], list[Action]],
 ) -> LaunchDescription:
     """Return the description of a launch file.
 
     Parameters
     ----------
-    arguments : mapping of str to (str or None, str)
-        Default and description of each launch argument; without a default it must be given.
+    arguments : mapping of str to (default, str)
+        Default and description of each launch argument. The type of the default is that of the
+        argument; a text without one (None) must be given.
     actions : callable
         Makes the actions from the values of the arguments.
     """
 
     def with_values(context: LaunchContext) -> list[Action]:
-        return actions({name: LaunchConfiguration(name).perform(context) for name in arguments})
+        _warn_of_misspelt(context.argv, arguments)
+        texts = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+        return actions(
+            {name: _value(name, text, arguments[name][0]) for name, text in texts.items()}
+        )
 
     declared = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
+        DeclareLaunchArgument(
+            name, default_value=None if default is None else _text(default), description=description
+        )
         for name, (default, description) in arguments.items()
     ]
     return LaunchDescription([*declared, OpaqueFunction(function=with_values)])
+
+
+def _text(value: object) -> str:
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _value(name: str, text: str, default: object) -> Any:
+    convert, wanted = _KINDS.get(type(default), (str, "a text"))
+    try:
+        return convert(text)
+    except (KeyError, ValueError):
+        raise ValueError(f"{name}:={text}: want {wanted}") from None
+
+
+def _warn_of_misspelt(given: Iterable[str], known: Iterable[str]) -> None:
+    """Say which arguments that were given are nearly ours; launch passes over them in silence."""
+    for name in {argument.partition(":=")[0] for argument in given}.difference(known):
+        if close := get_close_matches(name, known, 1):  # others may be an including file's
+            get_logger("launch").warning(f"{name} is no launch argument: did you mean {close[0]}?")
 
 
 def process(package: str, executable: str) -> dict[str, object]:
@@ -91,20 +129,20 @@ class VehicleNodes:
     ----------
     config : str
         Parameter file of all nodes.
-    value : mapping of str to str
+    value : mapping
         Values of the launch arguments, those of `VEHICLE_ARGUMENTS` among them.
     remappings : tuple of (str, str)
         Of the names of all nodes, besides those that its namespace needs.
     """
 
     config: str
-    value: Mapping[str, str]
+    value: Mapping[str, Any]
     remappings: tuple[tuple[str, str], ...] = ()
 
     @property
     def namespace(self) -> str:
         """Namespace without slashes around it."""
-        return self.value["namespace"].strip("/")
+        return str(self.value["namespace"]).strip("/")
 
     def node(self, package: str, executable: str, *parameters: Parameters, **more: object) -> Node:
         """Return a node.
@@ -147,7 +185,7 @@ class VehicleNodes:
         bag = self.value["bag"]
         files: Parameters = {"vehicle_file": vehicle, "plan_file": plan}
         monitors = []
-        if self.value["identification"].lower() == "true":
+        if self.value["identification"]:
             monitors = [self.node("parameter_identification", "identification_monitor", files)]
         return [
             *self._bridge(ports),
@@ -180,14 +218,14 @@ class VehicleNodes:
         """
         name = "tricycle_bridge"
         own = bridge_parameters(self.value["vehicle_file"])
-        own["payload"] = float(self.value["payload"])
+        own["payload"] = self.value["payload"]
         bridge = LifecycleNode(
             name=name,
             parameters=[self.config, ports, own, {"autostart": False}],
             on_exit=_shut_down_after(name),
             **self._common(name, name),
         )
-        if self.value["autostart"].lower() != "true":
+        if not self.value["autostart"]:
             return [bridge]
 
         def change(transition: int) -> EmitEvent:
