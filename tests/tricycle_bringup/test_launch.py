@@ -97,6 +97,15 @@ def test_the_monitor_is_started_where_it_is_asked_for_and_compares_with_the_plan
     assert monitor["parameters"]["plan_file"] == "mine.json"
 
 
+@pytest.mark.parametrize("bag", ["first", ""])
+def test_a_drive_is_not_started_unrecorded_where_a_bag_was_asked_for(bag):
+    # the recorder may have ended, because the bag exists for example
+    nodes = launched_nodes("vehicle.launch.py", bag=bag)
+    found = {node["executable"]: node["parameters"] for node in nodes}
+    assert found["trajectory_recorder"]["record"] is bool(bag)
+    assert found["maneuver_driver"]["recording_needed"] is bool(bag)
+
+
 def test_the_vehicle_never_starts_the_simulation_nor_arms_by_itself():
     nodes = launched_nodes("vehicle.launch.py", odom_topic="/localization/odometry")
     assert "tricycle_sim" not in {node["executable"] for node in nodes}

@@ -190,7 +190,11 @@ class VehicleNodes:
         return [
             *self._bridge(ports),
             self.node("excitation_planner", "excitation_planner", files),
-            self.node("excitation_planner", "maneuver_driver", driver_parameters(vehicle)),
+            self.node(
+                "excitation_planner",
+                "maneuver_driver",
+                driver_parameters(vehicle) | {"recording_needed": bool(bag)},
+            ),
             self.node(
                 "trajectory_recorder",
                 "trajectory_recorder",
