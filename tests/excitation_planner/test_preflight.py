@@ -21,6 +21,7 @@ BAG = {"bag": "/data/run", "disk_free": "2e9", "bytes_per_second": "1e6"}
         (report(**BAG), Level.OK, "recording, 2.0 GB free"),
         (None, Level.ERROR, "no recorder heard"),
         (report(message="not recording"), Level.ERROR, "not recording"),
+        (report(message="paused", paused="True", **BAG), Level.ERROR, "paused"),
         (report(age=SILENCE + 1.0, **BAG), Level.ERROR, "silent for 4 s: recording"),
         (report(level=Level.ERROR, message="disk full", **BAG), Level.ERROR, "disk full"),
         (

@@ -201,7 +201,9 @@ def test_a_pause_leaves_out_all_but_latched_messages(recording: Recording, tmp_p
     bag = recording.start(str(tmp_path / "bag"), 0)
     recording.write(odom, b"before", 1)
     recording.pause()
-    assert recording.status([]).message == "paused"
+    state = recording.status([])
+    assert (state.level, state.message) == (Level.WARN, "paused")
+    assert "paused" in state.values  # by which a drive that is to be recorded is refused
     recording.write(odom, b"between", 2)
     recording.write(plan, b"plan", 3)
     recording.resume()

@@ -140,7 +140,7 @@ def recording(
     check = report.check(RECORDER, now)
     if check.level is Level.ERROR:
         return Check(RECORDER, check.message, missing)
-    if "bag" not in report.values:
+    if "bag" not in report.values or "paused" in report.values:
         return Check(RECORDER, check.message, missing)
     try:
         free, rate = (float(report.values[key]) for key in ("disk_free", "bytes_per_second"))

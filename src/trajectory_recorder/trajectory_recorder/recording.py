@@ -406,12 +406,13 @@ class Recording:
         values |= self.refused
         if self._failure:
             return Status(Level.ERROR, self._failure, values)
+        if self._bag is not None and self._paused:
+            return Status(Level.WARN, "paused", values | {"paused": True})
         if lost:
             return Status(Level.WARN, f"{lost} messages lost", values)
         if self.refused:
             return Status(Level.WARN, "topics are not recorded", values)
-        recording = "paused" if self._paused else "recording"
-        return Status(Level.OK, recording if self._bag else "not recording", values)
+        return Status(Level.OK, "recording" if self._bag else "not recording", values)
 
     def _fail(self, reason: str) -> None:
         bag, self._bag = self._bag, None
