@@ -63,3 +63,14 @@ def test_what_cannot_be_written_leaves_no_bag(tmp_path: Path) -> None:
         with pytest.raises(BagError, match=reason):
             convert(bags, tmp_path / "new", **options)  # type: ignore[arg-type]
         assert not (tmp_path / "new").exists()
+
+
+def test_a_conversion_that_breaks_off_leaves_no_bag(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", range(30_000), odom=STRING)
+    file = bag / "bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 3] ^= 0xFF
+    file.write_bytes(content)
+    with pytest.raises(BagError, match="damaged chunk"):
+        convert([bag], tmp_path / "new")
+    assert not (tmp_path / "new").exists()

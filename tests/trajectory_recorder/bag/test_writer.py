@@ -184,6 +184,17 @@ def test_full_disk_leaves_what_was_flushed(tmp_path: Path) -> None:
     assert read_with_mcap(tmp_path / "bag") == expected
 
 
+def test_a_disk_that_takes_no_bag_is_left_as_it_was(tmp_path: Path) -> None:
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (10, limit[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            BagWriter(tmp_path / "bag")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.slow
 @given(
     payloads=st.lists(st.tuples(st.integers(0, 2**63 - 1), st.binary(max_size=300)), max_size=30),

@@ -24,7 +24,7 @@ from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import WHEELS, Recording, SteeringMap
 from parameter_identification.drives.windows import MEASURED, recorded_commands
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
-from trajectory_recorder.bag.writer import BagWriter
+from trajectory_recorder.bag.writer import BagWriter, whole_or_none
 from tricycle_core.errors import IdentificationError
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
@@ -122,7 +122,7 @@ def write_bag(
     metadata = {IMPORTED_FROM: recording.name}
     if "speed_command" not in recording.more:
         metadata[SPEED_SOURCE] = FROM_POSES
-    with BagWriter(output, metadata=metadata) as bag:
+    with whole_or_none(BagWriter(output, metadata=metadata)) as bag:
         ids = {
             name: bag.add_topic(
                 Topic.of_type(name, KINDS[name], qos=LATCHED if "maneuver" in name else ())

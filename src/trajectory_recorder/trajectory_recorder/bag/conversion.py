@@ -9,7 +9,7 @@ from pathlib import Path
 
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import Topic
-from trajectory_recorder.bag.writer import BagWriter, Compression
+from trajectory_recorder.bag.writer import BagWriter, Compression, whole_or_none
 from tricycle_core.errors import BagError
 from tricycle_core.quantities import Progress
 
@@ -74,15 +74,14 @@ def convert(
         if begin > max(last for _, last in spans):
             raise BagError(f"no message is left to write: the bags are shorter than {start:g} s")
         metadata = {key: value for reader in readers for key, value in reader.metadata.items()}
-        writer = stack.enter_context(
-            BagWriter(
-                output,
-                compression=compression,
-                split_size=split_size,
-                split_duration=split_duration,
-                metadata=metadata,
-            )
+        new = BagWriter(
+            output,
+            compression=compression,
+            split_size=split_size,
+            split_duration=split_duration,
+            metadata=metadata,
         )
+        writer = stack.enter_context(whole_or_none(new))
         ids = {name: writer.add_topic(topic) for name, topic in found.items()}
         total = sum(topic.count for topic in found.values())
         merged = heapq.merge(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.writer import BagWriter
+from trajectory_recorder.bag.writer import BagWriter, whole_or_none
 from tricycle_core.errors import BagError
 from tricycle_core.quantities import Progress
 
@@ -53,7 +53,7 @@ def recover(bag: Path, output: Path, *, progress: Progress | None = None) -> Rec
         first = next(messages, None)
         if first is None:
             raise BagError(f"{bag}: no message can be read")
-        writer = stack.enter_context(BagWriter(output, metadata=reader.metadata))
+        writer = stack.enter_context(whole_or_none(BagWriter(output, metadata=reader.metadata)))
         ids = {name: writer.add_topic(topic) for name, topic in reader.topics.items()}
         total = sum(topic.count for topic in reader.topics.values())
         for done, message in enumerate(chain([first], messages), start=1):

@@ -10,11 +10,12 @@ The records are those of https://mcap.dev/spec, the directory that of rosbag2 (m
 """
 
 import os
+import shutil
 import struct
 import zlib
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
@@ -147,8 +148,12 @@ class BagWriter(Closing):
         self._latched: dict[int, deque[bytes]] = {}  # last messages, as many as offered
         self._chunks = _Chunk(), _Chunk()  # of topics with small and with large messages
         self._large: set[int] = set()  # ids of topics that have had a large one
-        self._files = [_OutputFile(self._next_path(0))]
-        self.flush()
+        try:
+            self._files = [_OutputFile(self._next_path(0))]
+            self.flush()
+        except OSError:
+            shutil.rmtree(path, ignore_errors=True)
+            raise
 
     @property
     def size(self) -> int:
@@ -296,6 +301,28 @@ class BagWriter(Closing):
             "ros_distro": "jazzy",
         }
         write_metadata(self.path, information)
+
+
+@contextmanager
+def whole_or_none(writer: BagWriter) -> Iterator[BagWriter]:
+    """Close a bag when the block ends well, and remove it where the block raises.
+
+    Parameters
+    ----------
+    writer : BagWriter
+        Of a bag that can be made again.
+
+    Yields
+    ------
+    writer : BagWriter
+        The same.
+    """
+    try:
+        with writer:
+            yield writer
+    except BaseException:
+        shutil.rmtree(writer.path, ignore_errors=True)
+        raise
 
 
 class _OutputFile:
