@@ -229,7 +229,7 @@ def test_simulated_time_never_goes_back(replayer, ros_node: Node, tmp_path: Path
         ((), "the parameter bag is empty"),
         (("-p", "bag:=nowhere"), "nowhere: no such bag"),
         (("-p", "bag:={bag}", "-p", "start:=2.0"), "start = 2 s, but the bag lasts 0.990 s"),
-        (("-p", "bag:={bag}", "-p", "topics:=[/nothing]"), "holds nothing to play on /nothing"),
+        (("-p", "bag:={bag}", "-p", "topics:=[/nothing]"), "no topic of the bag is /nothing"),
     ],
 )
 def test_mistakes_are_one_line(  # type: ignore[no-untyped-def]

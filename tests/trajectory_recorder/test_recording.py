@@ -7,7 +7,7 @@ import pytest
 
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
-from trajectory_recorder.recording import BagSettings, Recording, matches
+from trajectory_recorder.recording import BagSettings, Recording, chosen, matches
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError
 
@@ -170,6 +170,12 @@ def test_a_disk_without_reserve_ends_the_recording(failures: list[str], tmp_path
 def test_patterns() -> None:
     assert matches("/maneuver/path", PATTERNS)
     assert not matches("/odometry", PATTERNS)
+
+
+@pytest.mark.parametrize("pattern", ["odmo", "/odmo"])
+def test_a_misspelt_topic_of_a_bag_is_told(pattern: str) -> None:
+    with pytest.raises(BagError, match=r"no topic of the bag is /odmo; did you mean /odom\?"):
+        chosen(["/odom", "/imu"], ["imu", pattern], [])
 
 
 def test_a_snapshot_holds_the_newest_messages_and_what_was_latched(tmp_path: Path) -> None:

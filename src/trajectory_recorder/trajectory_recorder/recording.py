@@ -7,9 +7,10 @@ begins with them; it opens and closes bags, watches the disk, and reports its st
 import shutil
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -439,3 +440,34 @@ def matches(name: str, patterns: Sequence[str]) -> bool:
     True
     """
     return any(fnmatchcase(name, pattern) for pattern in patterns)
+
+
+def chosen(names: Collection[str], patterns: Sequence[str], without: Sequence[str]) -> list[str]:
+    """Return the topics of a bag that are wanted.
+
+    Parameters
+    ----------
+    names : collection of str
+        Of its topics.
+    patterns, without : sequence of str
+        Names or patterns of those wanted, and of those not wanted of them; ``odom`` is ``/odom``.
+
+    Raises
+    ------
+    BagError
+        If a pattern fits no topic: it may be misspelt.
+
+    Examples
+    --------
+    >>> chosen(["/odom", "/maneuver/path", "/maneuver/state"], ["odom", "/maneuver/*"], ["*/path"])
+    ['/odom', '/maneuver/state']
+    """
+    wanted, unwanted = (
+        [p if p.startswith(("/", "*")) else f"/{p}" for p in given] for given in (patterns, without)
+    )
+    for pattern in wanted:
+        if not any(matches(name, [pattern]) for name in names):
+            close = get_close_matches(pattern, names, 1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            raise BagError(f"no topic of the bag is {pattern}{hint}")
+    return [name for name in names if matches(name, wanted) and not matches(name, unwanted)]

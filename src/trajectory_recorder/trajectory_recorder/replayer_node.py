@@ -24,7 +24,7 @@ from trajectory_recorder.bag.location import bag_path
 from trajectory_recorder.bag.reader import BagReader, RecordedMessage
 from trajectory_recorder.bag.topics import OfferedQos, message_class
 from trajectory_recorder.player import Player
-from trajectory_recorder.recording import matches
+from trajectory_recorder.recording import chosen
 from tricycle_core.errors import BagError
 from tricycle_core.nodes import declare, run_node
 
@@ -60,9 +60,8 @@ class BagReplayer(Node):
             raise BagError(reason)
         self._as_fast_as_taken = rate == 0
         self._to: dict[str, Publisher] = {}
-        for name in self._bag.topics:
-            if matches(name, topics) and not matches(name, without):
-                self._create(name)
+        for name in chosen(self._bag.topics, topics, without):
+            self._create(name)
         if not self._to:
             raise BagError(f"{path} holds nothing to play on {', '.join(topics)}")
         self._clock_publisher = (

@@ -8,7 +8,6 @@ import math
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,6 +25,8 @@ examples:
   tricycle bag convert first --output part --topics '/maneuver/*' /odom --start 5 --duration 20
   tricycle bag recover torn_bag --output torn_bag_recovered
 """
+
+NOT_WHOLE = "not whole: cut off, or a file or messages are missing"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +125,7 @@ def run_info(args: argparse.Namespace) -> int:
         kind = topic.type.replace("/msg/", "/")
         table.add_row(str(topic.count), topic.name, kind, ", ".join(_unusual(topic.qos)))
     console.print(table)
-    torn = "" if found["complete"] else "; not whole: cut off, or a file or messages are missing"
+    torn = "" if found["complete"] else f"; {NOT_WHOLE}"
     console.print(f"{found['messages']} messages{torn}", highlight=False)
     for key, value in bag.metadata.items():
         console.print(f"{key}: {value}", highlight=False)
@@ -158,23 +159,20 @@ def run_convert(args: argparse.Namespace) -> int:
     from trajectory_recorder.bag.conversion import convert
     from trajectory_recorder.bag.reader import BagReader
     from trajectory_recorder.bag.writer import Compression
+    from trajectory_recorder.recording import chosen
 
     names: set[str] = set()
     for path in args.bags:
         with BagReader(path) as bag:
             names |= bag.topics.keys()
-
-    def wanted(name: str) -> bool:
-        def among(patterns: list[str]) -> bool:
-            return any(fnmatchcase(name, pattern) for pattern in patterns)
-
-        return among(args.topics) and not among(args.exclude)
-
+            if not bag.complete:
+                print(f"{path}: {NOT_WHOLE}", file=sys.stderr)
+    topics = chosen(names, args.topics, args.exclude)
     with progress_bar("converting") as progress:
         messages = convert(
             args.bags,
             args.output,
-            topics=[name for name in names if wanted(name)],
+            topics=topics,
             start=args.start,
             duration=math.inf if args.duration is None else args.duration,
             compression=Compression(args.compression.replace("none", "")),

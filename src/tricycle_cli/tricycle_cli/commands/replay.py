@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     parameters["bag"] = str(args.bag)
     for name in ("topics", "exclude"):
         if topics := getattr(args, name):
-            parameters[name] = [_absolute(topic) for topic in topics]
+            parameters[name] = topics
     status = run_in_foreground("bag_replayer", parameters, remappings=args.remap)
     if args.json:
         print(json.dumps({"bag": str(args.bag), "status": status}))
@@ -92,7 +92,3 @@ def _remapping(text: str) -> str:
     if not re.fullmatch(r"(/\w+)+:=(/\w+)+", text):
         raise argparse.ArgumentTypeError(f"{text!r}: want /old:=/new")
     return text
-
-
-def _absolute(topic: str) -> str:
-    return topic if topic.startswith(("/", "*")) else "/" + topic
