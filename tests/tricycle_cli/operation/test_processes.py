@@ -103,16 +103,36 @@ def test_a_node_that_was_killed_is_told_with_the_signal(node, tmp_path):
     assert told == f"some_node was ended by the signal SIGKILL (see {log / 'some_node.log'})"
 
 
-def test_a_node_in_the_foreground_ends_with_its_own_status(node, capfd):
+@pytest.fixture
+def handlers_kept():
+    """Leave the handlers of signals as they were."""
     ends = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
     before = {number: signal.getsignal(number) for number in ends}
-    try:
-        parameters = {"topics": ["odom"]}
-        assert run_in_foreground(node, parameters, remappings=["/odom:=/other"]) == 3
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def test_a_node_in_the_foreground_ends_with_its_own_status(node, handlers_kept, capfd):
+    parameters = {"topics": ["odom"]}
+    assert run_in_foreground(node, parameters, remappings=["/odom:=/other"]) == 3
     assert capfd.readouterr().out == '--ros-args -p topics:=["odom"] -r /odom:=/other\n'
+
+
+def test_the_duration_of_a_node_in_the_foreground_counts_from_what_it_makes(
+    node, tmp_path, handlers_kept, capfd
+):
+    (tmp_path / node).write_text(
+        f"#!{sys.executable}\n"
+        "import pathlib, signal, sys, time\n"
+        "time.sleep(1.0)\n"  # slow to start
+        f"pathlib.Path({str(tmp_path / 'bag')!r}).mkdir()\n"
+        "begin = time.monotonic()\n"
+        "signal.signal(signal.SIGINT, lambda *_: sys.exit(print(time.monotonic() - begin)))\n"
+        "time.sleep(60)\n"
+    )
+    run_in_foreground(node, {}, duration=0.5, since=tmp_path / "bag")
+    assert 0.5 <= float(capfd.readouterr().out) < 30.0
 
 
 @pytest.mark.parametrize("end", [signal.SIGTERM, signal.SIGHUP, signal.SIGKILL])

@@ -446,13 +446,13 @@ class _OutputFile:
             return
         try:
             _write_at(self._fd, self._data_end, [*self._pending, tail])
-        except OSError:
+        except OSError as error:
             # The disk is full: the old tail fits, it was there before.
             with suppress(OSError):
                 _write_at(self._fd, self._data_end, [self._tail])
                 os.ftruncate(self._fd, self._data_end + len(self._tail))
             self.close()
-            raise
+            raise OSError(error.errno, error.strerror, str(self.path)) from error
         if self.size + len(tail) < self._data_end + len(self._tail):
             os.ftruncate(self._fd, self.size + len(tail))
         self._data_end, self._tail = self.size, tail

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 from datetime import datetime
 from pathlib import Path
 
@@ -41,7 +42,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MB",
         help="stop when no more of the disk is free (default: %(default)s)",
     )
-    add("--duration", type=nonnegative_number, metavar="S", help="stop after seconds of wall time")
+    add(
+        "--duration",
+        type=nonnegative_number,
+        metavar="S",
+        help="stop after so many seconds of recording (wall time)",
+    )
     add("--use-sim-time", action="store_true", help="stamp with /clock")
     add("--json", action="store_true", help="print one JSON object at the end")
     parser.set_defaults(run=run)
@@ -73,7 +79,8 @@ def run(args: argparse.Namespace) -> int:
     for name in ("topics", "exclude"):
         if topics := getattr(args, name):
             parameters[name] = topics
-    status = run_in_foreground("trajectory_recorder", parameters, duration=args.duration)
+    duration = math.inf if args.duration is None else args.duration
+    status = run_in_foreground("trajectory_recorder", parameters, duration=duration, since=output)
     if not output.exists():  # the node has said why
         return status
     with BagReader(output) as bag:

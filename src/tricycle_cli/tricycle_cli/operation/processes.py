@@ -126,7 +126,8 @@ def run_in_foreground(
     parameters: Mapping[str, object],
     *,
     remappings: Sequence[str] = (),
-    duration: float | None = None,
+    duration: float = math.inf,
+    since: Path = Path(),
 ) -> int:
     """Run a node until it ends, or a signal that ends this process ends it.
 
@@ -138,8 +139,10 @@ def run_in_foreground(
         ROS parameters.
     remappings : sequence of str
         Of topics, `/old:=/new`.
-    duration : float, optional
-        Wall time [s] after which the node is ended.
+    duration : float
+        Wall time [s] after which the node is ended, once it has made `since`.
+    since : Path
+        File or folder; by default one that is there.
 
     Returns
     -------
@@ -156,8 +159,10 @@ def run_in_foreground(
     with subprocess.Popen(command) as process:  # noqa: S603 - our own executables
         for number in ending_signals():
             signal.signal(number, lambda number, _: stopped.append(number))
-        end = math.inf if duration is None else time.monotonic() + duration
+        end = math.inf
         while True:
+            if end == math.inf and since.exists():
+                end = time.monotonic() + duration
             try:
                 return process.wait(STOP_PERIOD)
             except subprocess.TimeoutExpired:
