@@ -20,7 +20,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from rosgraph_msgs.msg import Clock
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
 from trajectory_recorder.bag.reader import BagReader
@@ -245,6 +245,44 @@ def test_a_topic_that_comes_late_and_goes_and_comes_back(  # type: ignore[no-unt
     recorded = texts(tmp_path / "bag", "/late")
     assert recorded[:2] == ["latched before the recorder saw the topic", "after"]
     assert set(recorded[2:]) == {"best effort"}
+
+
+@pytest.fixture
+def other_node(ros_environment: dict[str, str]) -> Iterator[Node]:
+    """A node that may give topics of `ros_node` another type."""
+    context = rclpy.Context()
+    context.init()
+    yield rclpy.create_node("other", context=context)
+    context.shutdown()
+
+
+def test_what_subscribes_with_a_wrong_type_hinders_no_recording(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, other_node: Node, tmp_path: Path
+) -> None:
+    other_node.create_subscription(Bool, "odom", lambda _: None, 10)
+    publisher = ros_node.create_publisher(String, "odom", LATCHED)
+    publisher.publish(String(data="recorded"))
+    r = recorder(record=True, output=tmp_path / "bag", topics="[odom]", disk_reserve=0.0)
+    r.wait(lambda: "recorded" in texts_or_none(tmp_path / "bag"))
+
+
+def test_a_topic_may_change_its_type_between_bags(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, other_node: Node, tmp_path: Path
+) -> None:
+    first = other_node.create_publisher(Bool, "odom", LATCHED)
+    r = recorder(record=True, output=tmp_path / "first", topics="[odom]", disk_reserve=0.0)
+    r.wait(lambda: r.status.get("topics") == "/odom")
+    other_node.destroy_publisher(first)
+    publisher = ros_node.create_publisher(String, "odom", LATCHED)
+    publisher.publish(String(data="recorded"))
+    wrong = "has the type std_msgs/msg/String, and std_msgs/msg/Bool in this bag"
+    r.wait(lambda: r.status.get("/odom") == wrong)
+    assert r.trigger("stop")[0]
+    r.wait(lambda: "/odom" not in r.status)
+    r.set_output(tmp_path / "second")
+    r.wait(lambda: r.status.get("topics") == "/odom")
+    assert r.trigger("start")[0]
+    r.wait(lambda: "recorded" in texts_or_none(tmp_path / "second"))
 
 
 def test_a_disk_that_fills_up_stops_the_recording_and_leaves_a_readable_bag(  # type: ignore[no-untyped-def]

@@ -172,6 +172,20 @@ def test_patterns() -> None:
     assert not matches("/odometry", PATTERNS)
 
 
+def test_a_topic_of_another_type_is_another_topic(tmp_path: Path) -> None:
+    recording = Recording(BagSettings(backlog=1000), [].append)
+    recording.write(recording.offer(topic("/odom")), b"of the old type", 1)
+    recording.write(recording.offer(topic("/imu")), b"kept", 2)
+    other = topic("/odom", type_name="std_msgs/msg/Bool")
+    assert not recording.forget_other_type(topic("/odom"))
+    assert recording.forget_other_type(other)
+    recording.offer(other)
+    assert contents(recording.snapshot(str(tmp_path / "bag"))) == [("/imu", 2, b"kept")]
+    recording.start(str(tmp_path / "next"), 3)
+    with pytest.raises(BagError, match="has the type std_msgs/msg/String, and std_msgs/msg/Bool"):
+        recording.forget_other_type(topic("/odom"))
+
+
 @pytest.mark.parametrize("pattern", ["odmo", "/odmo"])
 def test_a_misspelt_topic_of_a_bag_is_told(pattern: str) -> None:
     with pytest.raises(BagError, match=r"no topic of the bag is /odmo; did you mean /odom\?"):

@@ -61,6 +61,18 @@ class Backlog:
         while self._kept:
             self._drop()
 
+    def forget(self, topic: str) -> None:
+        """Drop the messages of a topic.
+
+        Parameters
+        ----------
+        topic : str
+            Its name.
+        """
+        self._kept = deque(message for message in self._kept if message.topic != topic)
+        self._bytes = sum(len(message.data) for message in self._kept)
+        self._before.pop(topic, None)
+
     def messages(self) -> Iterator[KeptMessage]:
         """Yield what is kept; latched ones of before come first, with the stamp of the first."""
         first = self._kept[0].stamp if self._kept else None

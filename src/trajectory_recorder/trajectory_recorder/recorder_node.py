@@ -146,6 +146,8 @@ class TrajectoryRecorder(Node):
         """
         self._drain_all()
         lost, answer = self.recording.lost, str(self.recording.stop())
+        for name in self.recording.refused:  # the next bag may take what did not fit into this one
+            self._seen.pop(name, None)
         if lost:
             answer += LACKS + lost
             self.get_logger().warning(answer)
@@ -195,26 +197,31 @@ class TrajectoryRecorder(Node):
         return response
 
     def _discover(self) -> None:
-        for name, types in self.get_topic_names_and_types():
+        for name, _ in self.get_topic_names_and_types():
             if not matches(name, self._patterns) or matches(name, self._excluded):
                 continue
             publishers = self.get_publishers_info_by_topic(name)
             gids = {bytes(publisher.endpoint_gid) for publisher in publishers}
-            if gids - self._seen.get(name, set()):
-                self._subscribe(name, types, publishers)
+            seen = self._seen.get(name, set())
+            if gids - seen or (gids != seen and gids and name in self.recording.refused):
+                self._subscribe(name, publishers)
             self._seen[name] = gids
 
-    def _subscribe(self, name: str, types: list[str], publishers: list[TopicEndpointInfo]) -> None:
+    def _subscribe(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
         """Subscribe as strictly as all publishers of a topic allow."""
-        if len(types) != 1:
+        types = sorted({publisher.topic_type for publisher in publishers})
+        if len(types) > 1:
             self._refuse(name, f"has the types {', '.join(types)}")
             return
         try:
             message = message_class(types[0])
+            topic = _topic(name, types[0], publishers)
+            if self.recording.forget_other_type(topic):
+                self.destroy_subscription(self._subscriptions_of.pop(name))
         except BagError as error:
             self._refuse(name, str(error))
             return
-        topic = _topic(name, types[0], publishers)
+        self.recording.refused.pop(name, None)
         if not topic.definition:
             self.get_logger().warning(
                 f"{name} is recorded without the definition of its type {types[0]}, for which no "

@@ -315,6 +315,28 @@ class Recording:
             bag.metadata["lost"] = self.lost
         bag.close()
 
+    def forget_other_type(self, topic: Topic) -> bool:
+        """Forget a topic that had another type before; return whether there was one.
+
+        Parameters
+        ----------
+        topic : Topic
+            As it is offered now.
+
+        Raises
+        ------
+        BagError
+            If the bag being recorded has it with the other type.
+        """
+        source = self.topics.get(topic.name)
+        if source is None or source.topic.type == topic.type:
+            return False
+        if self._bag is not None:
+            raise BagError(f"has the type {topic.type}, and {source.topic.type} in this bag")
+        del self.topics[topic.name]
+        self._backlog.forget(topic.name)
+        return True
+
     def offer(self, topic: Topic) -> TopicSource:
         """Add a topic, or note that it is offered differently."""
         source = self.topics.get(topic.name)

@@ -188,7 +188,7 @@ def test_a_disk_that_takes_no_bag_is_left_as_it_was(tmp_path: Path) -> None:
     limit = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10, limit[1]))
     try:
-        with pytest.raises(OSError, match="File too large: .*bag_0.mcap"):
+        with pytest.raises(OSError, match=r"File too large: .*bag_0.mcap"):
             BagWriter(tmp_path / "bag")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limit)
