@@ -1,6 +1,7 @@
 """Planner, driver and simulation as processes: what they answer, refuse and say at their end."""
 
 import dataclasses
+import multiprocessing
 import signal
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
+from excitation_planner import planner_node
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
@@ -360,3 +362,13 @@ def test_a_wrong_parameter_is_one_line_and_status_2(start, name, parameters, mes
     assert process.returncode == 2
     (line,) = errors.strip().splitlines()
     assert message in line
+
+
+def test_the_planning_of_a_killed_node_ends_in_silence(monkeypatch):
+    nodes_end, planning_end = multiprocessing.Pipe()
+    nodes_end.close()
+    monkeypatch.setattr(planner_node, "_request", lambda _: None)
+    monkeypatch.setattr(planner_node.signal, "signal", lambda *_: None)
+    monkeypatch.setattr(planner_node.planning, "plan_maneuver", lambda _, progress: progress(1, 2))
+    with pytest.raises(SystemExit):
+        planner_node._plan_in_process({}, Path("plan.json"), planning_end)

@@ -94,6 +94,8 @@ def _plan_in_process(settings: Settings, output: Path, connection: Connection) -
         )
         save_plan(plan, output)
         connection.send(("done",))
+    except BrokenPipeError:  # the node was killed
+        sys.exit(1)
     except (DesignError, PlanError, VehicleError, OSError) as error:
         connection.send(("failed", message_of(error)))
 
