@@ -3,10 +3,12 @@
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from trajectory_recorder.bag.conversion import convert
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import OfferedQos, Topic
+from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_core.errors import BagError
 
@@ -73,4 +75,20 @@ def test_a_conversion_that_breaks_off_leaves_no_bag(tmp_path: Path) -> None:
     file.write_bytes(content)
     with pytest.raises(BagError, match="damaged chunk"):
         convert([bag], tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_split_by_duration_does_not_wait_for_a_full_chunk(tmp_path: Path) -> None:
+    bag = write(tmp_path / "bag", range(20), odom=STRING)
+    convert([bag], tmp_path / "new", split_duration=5.0)
+    with BagReader(tmp_path / "new") as reader:
+        assert [file.name for file in reader.files] == [f"new_{i}.mcap" for i in range(4)]
+
+
+def test_a_stamp_before_1970_is_told(tmp_path: Path) -> None:
+    with RosbagsWriter(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        topic = writer.add_connection("/odom", STRING, typestore=jazzy())
+        writer.write(topic, -1, b"early")
+    with pytest.raises(BagError, match="no bag holds the stamp -1 ns"):
+        convert([tmp_path / "bag"], tmp_path / "new")
     assert not (tmp_path / "new").exists()

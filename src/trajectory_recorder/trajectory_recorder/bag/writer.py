@@ -117,7 +117,7 @@ class BagWriter(Closing):
     Raises
     ------
     BagError
-        If the directory exists: no bag is ever overwritten.
+        If the directory exists: no bag is ever overwritten. From `write`, if a stamp is negative.
     OSError
         From any method, when the disk fails or is full, or the file was deleted or changed by
         another program. The file then holds what was flushed before and is a readable bag; the
@@ -148,6 +148,7 @@ class BagWriter(Closing):
         self._latched: dict[int, deque[bytes]] = {}  # last messages, as many as offered
         self._chunks = _Chunk(), _Chunk()  # of topics with small and with large messages
         self._large: set[int] = set()  # ids of topics that have had a large one
+        self._begun: int | None = None  # first stamp of the present file
         try:
             self._files = [_OutputFile(self._next_path(0))]
             self.flush()
@@ -222,6 +223,12 @@ class BagWriter(Closing):
 
     def _append(self, topic_id: int, stamp: int, data: bytes) -> _Chunk:
         size = len(data)
+        try:
+            head = _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, topic_id, 0, stamp, stamp)
+        except struct.error as error:
+            raise BagError(f"{self.path}: no bag holds the stamp {stamp} ns") from error
+        if self._begun is None:
+            self._begun = stamp
         if size >= LARGE and topic_id not in self._large:
             self._finish(*self._chunks)  # a topic's messages stay in order
             self._large.add(topic_id)
@@ -230,9 +237,7 @@ class BagWriter(Closing):
         if entries is None:
             entries = chunk.index[topic_id] = []
         entries += (stamp, chunk.size)
-        chunk.pieces.append(
-            _MESSAGE.pack(Opcode.MESSAGE, _MESSAGE_FIELDS + size, topic_id, 0, stamp, stamp)
-        )
+        chunk.pieces.append(head)
         chunk.pieces.append(data)
         chunk.size += _MESSAGE.size + size
         return chunk
@@ -250,11 +255,12 @@ class BagWriter(Closing):
     def _split_due(self, stamp: int) -> bool:
         file = self._files[-1]
         return (0 < self._split_size <= file.size and file.messages > 0) or (
-            0 < self._split_duration <= (stamp - file.start if file.messages else 0)
+            0 < self._split_duration <= (0 if self._begun is None else stamp - self._begun)
         )
 
     def _split(self, stamp: int) -> None:
         self.close()
+        self._begun = None
         self._files.append(_OutputFile(self._next_path(len(self._files))))
         for topic_id, topic in enumerate(self._topics, start=1):
             self._files[-1].add_channel(topic_id, topic)
