@@ -212,7 +212,10 @@ WORLDS = {  # motion, and the effects that act
         ("sensor-forward", "sensor-left", "centre-of-mass-forward"),
     ),
     "stiffness grows with load": (of(load_sensitivity=1.0), ("load-sensitivity",)),
-    "relaxation length -60 %": (of(**RELAXED), ("relaxation-length",)),
+    "relaxation length -60 %": (
+        of(**RELAXED),
+        ("relaxation-length", "relaxation-length-along"),
+    ),
     "tyre saturates": (saturating, ("tyre-saturation",)),
     "road friction -20 %": (slippery, ("road-friction",)),
     "wind 5 N": (

@@ -31,7 +31,6 @@ SLIP_BY_SPEED = "slip by speed"
 SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sensor yaw"
 WHEEL_RADIUS = "wheel radius"
 TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
-RELAXATION_LENGTH = "relaxation length"
 SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
 OF_SERVO = "servo bandwidth", SERVO_DEAD_TIME, "steering play"
 """Effects of how the steering's angle comes about; none where it is measured."""
@@ -98,7 +97,8 @@ _COARSE = {"servo_backlash": 0.1}
 _CHANCES = {
     TYRE_ROUNDING: 0.8,  # a tyre bends with the third power of its slip, as in Pacejka's formula
     ROAD_FRICTION: 0.3,  # each road has its own
-    RELAXATION_LENGTH: 0.3,  # hardly anybody has measured it
+    # hardly anybody has measured these
+    **dict.fromkeys(("slip stiffness", "relaxation length", "relaxation length along"), 0.3),
     **dict.fromkeys(("tyre saturation", SLIP_BY_SPEED), 0.02),  # of simulators
 }
 
@@ -127,11 +127,11 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
             {"front.x": -1.0, "rear.x": -1.0},
         ),
     ),
+    ("centre of mass up", "m", 0.02, ({"com_height": 1.0},)),
     ("load sensitivity", "1", 0.5, ({"load_sensitivity": 1.0},)),
-    (
-        *(RELAXATION_LENGTH, "1", 0.3),
-        ({"lateral_relaxation_length": None, "longitudinal_relaxation_length": None},),
-    ),
+    ("slip stiffness", "1", 0.3, ({"slip_stiffness": None},)),
+    ("relaxation length", "1", 0.3, ({"lateral_relaxation_length": None},)),
+    ("relaxation length along", "1", 0.3, ({"longitudinal_relaxation_length": None},)),
     ("tyre saturation", "1", 1.0, ({"tyre_saturation": 1.0},)),
     (TYRE_ROUNDING, "1", 0.5, ({"tyre_rounding": 1.0},)),
     (ROAD_FRICTION, "1", 0.15, ({"friction_coefficient": None},)),

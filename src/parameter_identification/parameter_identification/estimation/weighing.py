@@ -25,7 +25,7 @@ from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import Effect
 
 NEGLECTED = 1e-3  # probability of all the subsets that are left out
-MOST_ACTING, SPARE = 7, 3  # effects that act together; so many more than the best subset has
+IMPOSSIBLE = math.log(1e-5)  # of subsets that begin alike, over all others
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
@@ -128,8 +128,6 @@ def mixture(
 ) -> Mixture:
     """Return the average over subsets of effects, but for the least probable ones.
 
-    Subsets have at most `MOST_ACTING` effects, or `SPARE` more than the most probable one.
-
     Parameters
     ----------
     information : ndarray of float, shape (d, d)
@@ -149,8 +147,13 @@ def mixture(
     A. E. Raftery, D. Madigan, J. A. Hoeting, J. Am. Stat. Assoc. 92 (1997) 179-191.
     """
     d, bounds = len(pull), dict(least or {})
-    # what is decided last is swept most often: those whose moments the bounds need anyway
-    ranks = np.argsort([any(i in bounds for i in at) for at in groups], kind="stable").tolist()
+    # what the drives show most clearly is decided first: most of the search is then cut off early
+    covariance = np.linalg.inv(information)
+    mean = covariance @ pull
+    shows = [
+        mean[at] @ np.linalg.solve(covariance[np.ix_(at, at)], mean[at]) for at in map(list, groups)
+    ]
+    ranks = np.argsort(-np.array(shows), kind="stable").tolist()
     groups = [groups[rank] for rank in ranks]
     odds = logit(np.array(chances)[ranks])
     members = [i for at in groups for i in at]
@@ -161,16 +164,11 @@ def mixture(
     matrix[:d, d] = matrix[d, :d] = pull[sequence]
     ends = len(always) + np.cumsum([0, *(len(at) for at in groups)])
     least_values = np.array([bounds.get(i, -math.inf) for i in sequence.tolist()])
-    most = MOST_ACTING
-    while True:
-        subsets, evidence = _evidence(matrix, ends, least_values, odds, min(most, len(groups)))
-        order = np.argsort(-evidence)
-        share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
-        probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]]
-        acting = _bits(probable, len(groups))
-        if most >= len(groups) or np.sum(acting[0]) <= most - SPARE:
-            break
-        most += SPARE
+    subsets, evidence = _evidence(matrix, ends, least_values, odds)
+    order = np.argsort(-evidence)
+    share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
+    probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]]
+    acting = _bits(probable, len(groups))
     kept = np.ones((len(acting), d), dtype=bool)
     for g, at in enumerate(groups):
         kept[:, list(at)] = acting[:, g : g + 1]
@@ -228,9 +226,13 @@ def _cut_off(
 
 @compiled
 def _evidence(
-    matrix: FloatArray, ends: NDArray[np.int64], least: FloatArray, odds: FloatArray, most: int
+    matrix: FloatArray, ends: NDArray[np.int64], least: FloatArray, odds: FloatArray
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Logarithm of the evidence of subsets of g effects, by sweeping their gram.
+    """Logarithm of the evidence of the probable subsets of g effects.
+
+    By leaps and bounds: effects are decided one after the other, and no subset is looked at that
+    begins like those which together are as good as impossible. Subsets of the effects that are not
+    decided yet fit no better than all of them.
 
     Parameters
     ----------
@@ -243,8 +245,6 @@ def _evidence(
         Least values of the variables; -inf: none.
     odds : ndarray of float, shape (g,)
         Logarithm of those of each effect before the drives.
-    most : int
-        Number of effects that the largest subsets have.
 
     Returns
     -------
@@ -256,56 +256,76 @@ def _evidence(
     References
     ----------
     J. H. Goodnight, The American Statistician 33 (1979) 149-158: the sweep operator.
+    G. M. Furnival, R. W. Wilson, Technometrics 16 (1974) 499-511: leaps and bounds.
     """
     count, size = len(ends) - 1, len(matrix)
     bounded = np.flatnonzero(np.isfinite(least))
     kept = bounded[0] if len(bounded) else size - 1  # rows from here on are needed to the end
-    levels = np.empty((count + 1, size, size))  # with the first so many effects decided
+    # with the first so many effects decided: without and with all the others
+    without, others = np.empty((count + 1, size, size)), np.empty((count + 1, size, size))
     logarithms = np.zeros(count + 1)  # of what precedes the drives, and of the determinants
+    most = np.zeros(count + 1)  # that bounds of those which act may add
+    undecided = np.zeros(count + 1)  # logarithm of the odds of all their subsets together
     swept = np.zeros((count + 1, size), dtype=np.bool_)
-    levels[0] = matrix
+    gains = np.zeros(count)
+    for g in range(count - 1, -1, -1):
+        for v in range(ends[g], ends[g + 1]):
+            if np.isfinite(least[v]):
+                gains[g] += math.log(2.0 / math.erfc(least[v] / math.sqrt(2.0)))
+        undecided[g] = undecided[g + 1] + math.log1p(math.exp(odds[g] + gains[g]))
+    without[0] = matrix
     for v in range(ends[0]):
-        logarithms[0] -= 0.5 * _sweep(levels[0], v, 0)
-    room = 0
-    ways = 1  # of choosing so many effects
-    for chosen in range(most + 1):
-        room += ways
-        ways = ways * (count - chosen) // (chosen + 1)
-    subsets, found, number = np.empty(room, dtype=np.int64), np.empty(room), 0
-    subset = 0
-    while subset < 1 << count:
-        chosen, lowest = 0, 0
-        for bit in range(count):
-            if (subset >> bit) & 1:
-                if chosen == 0:
-                    lowest = bit
-                chosen += 1
-        if chosen > most:  # and so have all up to where the lowest bit is carried
-            subset += 1 << lowest
+        logarithms[0] -= 0.5 * _sweep(without[0], v, 0)
+    others[0] = without[0]
+    for v in range(ends[0], size - 1):
+        _sweep(others[0], v, 0)
+    subsets, found, number = np.empty(1024, dtype=np.int64), np.empty(1024), 0
+    subset, total, g = 0, -math.inf, 0
+    tried = np.zeros(count + 1, dtype=np.int64)  # ways of deciding each effect: 1 with it, 2 both
+    while g >= 0:
+        if g == count:
+            last = without[g]
+            value = logarithms[g] - 0.5 * last[-1, -1]
+            for bound in bounded:
+                if swept[g, bound]:
+                    above = (last[bound, -1] - least[bound]) / math.sqrt(2.0 * last[bound, bound])
+                    value += math.log(max(math.erfc(-above), 1e-300))
+                    value -= math.log(math.erfc(least[bound] / math.sqrt(2.0)))
+            if number == len(found):
+                subsets = np.concatenate((subsets, subsets))
+                found = np.concatenate((found, found))
+            subsets[number], found[number] = subset, value
+            number += 1
+            larger = max(total, value)
+            total = larger + math.log(math.exp(total - larger) + math.exp(value - larger))
+            g -= 1
             continue
-        # since the last subset that was looked at no bit above the lowest one has changed
-        changed = 0 if subset == 0 else count - 1 - lowest
-        for g in range(changed, count):
-            first = min(ends[g], kept)
-            levels[g + 1, first:, first:] = levels[g, first:, first:]
-            logarithms[g + 1] = logarithms[g]
-            swept[g + 1] = swept[g]
-            if (subset >> (count - 1 - g)) & 1:
-                logarithms[g + 1] += odds[g]
-                for v in range(ends[g], ends[g + 1]):
-                    logarithms[g + 1] -= 0.5 * _sweep(levels[g + 1], v, min(v, kept))
-                    swept[g + 1, v] = True
-        last = levels[count]
-        value = logarithms[count] - 0.5 * last[-1, -1]
-        for bound in bounded:
-            if swept[count, bound]:
-                above = (last[bound, -1] - least[bound]) / math.sqrt(2.0 * last[bound, bound])
-                value += math.log(max(math.erfc(-above), 1e-300))
-                value -= math.log(math.erfc(least[bound] / math.sqrt(2.0)))
-        subsets[number], found[number] = subset, value
-        number += 1
-        subset += 1
-    return subsets, found
+        if tried[g] == 2:
+            tried[g] = 0
+            g -= 1
+            continue
+        acts = tried[g] == 0
+        tried[g] += 1
+        first = min(ends[g], kept)
+        without[g + 1, first:, first:] = without[g, first:, first:]
+        others[g + 1, ends[g] :, ends[g] :] = others[g, ends[g] :, ends[g] :]
+        logarithms[g + 1], most[g + 1], swept[g + 1] = logarithms[g], most[g], swept[g]
+        bit = 1 << (count - 1 - g)
+        if acts:
+            subset |= bit
+            logarithms[g + 1] += odds[g]
+            most[g + 1] += gains[g]
+            for v in range(ends[g], ends[g + 1]):
+                logarithms[g + 1] -= 0.5 * _sweep(without[g + 1], v, min(v, kept))
+                swept[g + 1, v] = True
+        else:
+            subset &= ~bit
+            for v in range(ends[g], ends[g + 1]):
+                _sweep(others[g + 1], v, ends[g])  # back out
+        bound_of_all = logarithms[g + 1] + most[g + 1] + undecided[g + 1]
+        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + IMPOSSIBLE:
+            g += 1
+    return subsets[:number], found[:number]
 
 
 @compiled
