@@ -1,7 +1,7 @@
 """Identification in worlds that the vehicle file lacks: coverage, width, and what was wrong.
 
     python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all|random]
-                                [--predict]
+                                [--predict] [--constant NAME=FACTOR ...]
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz, the steering's angle on every tick in
@@ -20,6 +20,7 @@ The maneuvers are fixed, or planned as a pair by criterion d, counting no effect
 for each vehicle. With --predict each vehicle drives a slalom too, another one each, that is
 predicted with what was found: printed are the distance by which the positions are off and the
 expected one [mm] (both RMS), and the mean and the least share of them inside the 95 % band.
+With --constant the worlds are vehicles one of whose constants is so many times that of the file.
 benchmarks/firmware_world.py has the world of the own firmware.
 """
 
@@ -301,6 +302,14 @@ def too_cautious(world, ways, table):
             yield f"{world}, {name}: shown {shown:.0%} of the oracle's, {wider:.1f} times as wide"
 
 
+def constant(text):
+    """A name and a factor, of an option."""
+    name, _, factor = text.partition("=")
+    if name not in VEHICLE.values or name in VEHICLE.unknown:
+        raise argparse.ArgumentTypeError(f"{name!r} is no known constant of the vehicle")
+    return name, float(factor)
+
+
 def main():
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
@@ -310,8 +319,16 @@ def main():
     parser.add_argument("--way", choices=WAYS, action="append", default=[])
     parser.add_argument("--plan", choices=("none", "all", "random"))
     parser.add_argument("--predict", action="store_true")
+    parser.add_argument("--constant", type=constant, action="append", default=[])
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
+    worlds = arguments.world or list(WORLDS)
+    if arguments.constant:
+        off = {
+            f"{n} x {by}": (of(**{n: by * VEHICLE.values[n]}), ()) for n, by in arguments.constant
+        }
+        WORLDS.update(off)  # before the processes begin
+        worlds = list(off)
     if arguments.plan == "random":
         pairs = [random_commands(FAMILIES, seed) for seed in range(arguments.vehicles)]
     else:
@@ -330,7 +347,7 @@ def main():
     )
     tallies, cautious = {way: Tally() for way in ways}, []
     with ProcessPoolExecutor(arguments.processes) as pool:
-        for world in arguments.world or WORLDS:
+        for world in worlds:
             jobs = [(world, seed, pair, ways) for seed, pair in enumerate(pairs)]
             rows, predicted = zip(*pool.map(one_vehicle, jobs), strict=True)
             table = np.array(rows, dtype=float)
