@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.special import logit, logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from parameter_identification.estimation.weighing import NEGLECTED, mixture
@@ -46,6 +47,31 @@ def test_weights_are_those_of_bayes_rule(seed, strength):
     np.testing.assert_allclose(found.weights, expected[number], rtol=2 * NEGLECTED)
     assert expected[number].sum() > 1.0 - NEGLECTED
     assert list(found.weights) == sorted(found.weights, reverse=True)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_search_of_many_effects_loses_no_more_than_it_may(seed):
+    rng = np.random.default_rng(seed)
+    effects = 11
+    design = rng.normal(size=(40, PARAMETERS + effects))
+    design[:, -1] = design[:, -2] + 0.2 * rng.normal(size=40)
+    size = rng.normal(size=design.shape[1]) * (rng.uniform(size=design.shape[1]) < 0.4)
+    information = design.T @ design + np.eye(design.shape[1])
+    pull = design.T @ (design @ size + rng.normal(size=40))
+    chances = rng.uniform(0.02, 0.8, size=effects)
+    groups = [[PARAMETERS + g] for g in range(effects)]
+    found = mixture(information, pull, groups, chances)
+    evidence, subsets = [], list(product((False, True), repeat=effects))
+    for acting in subsets:
+        kept = np.append(np.full(PARAMETERS, True), acting)
+        own = information[np.ix_(kept, kept)]
+        fits = 0.5 * pull[kept] @ np.linalg.solve(own, pull[kept]) - 0.5 * np.linalg.slogdet(own)[1]
+        evidence.append(fits + np.dot(acting, logit(chances)))
+    assert found.evidence == pytest.approx(logsumexp(evidence), abs=2 * NEGLECTED)
+    weights = np.exp(np.array(evidence) - logsumexp(evidence))
+    np.testing.assert_allclose(
+        found.weights @ found.acting, weights @ np.array(subsets), atol=2 * NEGLECTED
+    )
 
 
 def test_an_effect_with_a_least_value_is_weighed_as_by_integration():

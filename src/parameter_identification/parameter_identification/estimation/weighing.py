@@ -25,7 +25,7 @@ from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import Effect
 
 NEGLECTED = 1e-3  # probability of all the subsets that are left out
-IMPOSSIBLE = math.log(1e-5)  # of subsets that begin alike, over all others
+IMPROBABLE = math.log(2e-6)  # of subsets that begin alike, over those that were looked at
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
@@ -109,8 +109,8 @@ class Mixture:
         i : int
             Number of the variable.
         at : float
-            The point, a fit within bounds. Where these keep it off the interval, which knows none,
-            the ends are as far from both of them.
+            A fit within bounds, of which the average knows nothing. Where it lies outside the
+            interval of the average, this one holds what is between them too.
         level : float
             Probability of the interval.
         """
@@ -230,9 +230,9 @@ def _evidence(
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Logarithm of the evidence of the probable subsets of g effects.
 
-    By leaps and bounds: effects are decided one after the other, and no subset is looked at that
-    begins like those which together are as good as impossible. Subsets of the effects that are not
-    decided yet fit no better than all of them.
+    By leaps and bounds: effects are decided one after the other, in or out. None of the subsets of
+    those that are not decided yet fits better than all of them; where even so all these subsets
+    together are improbable, none of them is looked at.
 
     Parameters
     ----------
@@ -261,7 +261,7 @@ def _evidence(
     count, size = len(ends) - 1, len(matrix)
     bounded = np.flatnonzero(np.isfinite(least))
     kept = bounded[0] if len(bounded) else size - 1  # rows from here on are needed to the end
-    # with the first so many effects decided: without and with all the others
+    # with the first so many effects decided: those that are not are all out, or all in
     without, others = np.empty((count + 1, size, size)), np.empty((count + 1, size, size))
     logarithms = np.zeros(count + 1)  # of what precedes the drives, and of the determinants
     most = np.zeros(count + 1)  # that bounds of those which act may add
@@ -323,7 +323,7 @@ def _evidence(
             for v in range(ends[g], ends[g + 1]):
                 _sweep(others[g + 1], v, ends[g])  # back out
         bound_of_all = logarithms[g + 1] + most[g + 1] + undecided[g + 1]
-        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + IMPOSSIBLE:
+        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + IMPROBABLE:
             g += 1
     return subsets[:number], found[:number]
 
