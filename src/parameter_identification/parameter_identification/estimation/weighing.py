@@ -147,13 +147,16 @@ def mixture(
     A. E. Raftery, D. Madigan, J. A. Hoeting, J. Am. Stat. Assoc. 92 (1997) 179-191.
     """
     d, bounds = len(pull), dict(least or {})
-    # what the drives show most clearly is decided first: most of the search is then cut off early
     covariance = np.linalg.inv(information)
     mean = covariance @ pull
-    shows = [
-        mean[at] @ np.linalg.solve(covariance[np.ix_(at, at)], mean[at]) for at in map(list, groups)
-    ]
-    ranks = np.argsort(-np.array(shows), kind="stable").tolist()
+    shown = np.array(
+        [
+            mean[at] @ np.linalg.solve(covariance[np.ix_(at, at)], mean[at])
+            for at in map(list, groups)
+        ]
+    )
+    # what the drives show most clearly is decided first: most of the search is then cut off early
+    ranks = np.argsort(-shown, kind="stable").tolist()
     groups = [groups[rank] for rank in ranks]
     odds = logit(np.array(chances)[ranks])
     members = [i for at in groups for i in at]
@@ -164,7 +167,7 @@ def mixture(
     matrix[:d, d] = matrix[d, :d] = pull[sequence]
     ends = len(always) + np.cumsum([0, *(len(at) for at in groups)])
     least_values = np.array([bounds.get(i, -math.inf) for i in sequence.tolist()])
-    subsets, evidence = _evidence(matrix, ends, least_values, odds)
+    subsets, evidence = _evidence(matrix, ends, least_values, odds, shown[ranks])
     order = np.argsort(-evidence)
     share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
     probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]]
@@ -226,7 +229,11 @@ def _cut_off(
 
 @compiled
 def _evidence(
-    matrix: FloatArray, ends: NDArray[np.int64], least: FloatArray, odds: FloatArray
+    matrix: FloatArray,
+    ends: NDArray[np.int64],
+    least: FloatArray,
+    odds: FloatArray,
+    shown: FloatArray,
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """Logarithm of the evidence of the probable subsets of g effects.
 
@@ -245,6 +252,8 @@ def _evidence(
         Least values of the variables; -inf: none.
     odds : ndarray of float, shape (g,)
         Logarithm of those of each effect before the drives.
+    shown : ndarray of float, shape (g,)
+        How clearly the drives show each beside all others: chi squared.
 
     Returns
     -------
@@ -304,7 +313,8 @@ def _evidence(
             tried[g] = 0
             g -= 1
             continue
-        acts = tried[g] == 0
+        # the likelier way first: what is improbable beside it is then not looked at
+        acts = (tried[g] == 0) == (0.5 * shown[g] + odds[g] > 0.0)
         tried[g] += 1
         first = min(ends[g], kept)
         without[g + 1, first:, first:] = without[g, first:, first:]
