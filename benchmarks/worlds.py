@@ -1,7 +1,7 @@
 """Identification in worlds that the vehicle file lacks: coverage, width, and what was wrong.
 
     python benchmarks/worlds.py [--vehicles 200] [--world NAME ...] [--plan none|all|random]
-                                [--predict] [--constant NAME=FACTOR ...]
+                                [--predict] [--constant NAME=FACTOR ...] [--without EFFECT ...]
 
 Random vehicles drive a circle and a double lane change in each world; position (1 cm), gyro
 (5 mrad/s) and wheel speed (rounded to 1 mm/s) come at 20 Hz, the steering's angle on every tick in
@@ -20,7 +20,8 @@ The maneuvers are fixed, or planned as a pair by criterion d, counting no effect
 for each vehicle. With --predict each vehicle drives a slalom too, another one each, that is
 predicted with what was found: printed are the distance by which the positions are off and the
 expected one [mm] (both RMS), and the mean and the least share of them inside the 95 % band.
-With --constant the worlds are vehicles one of whose constants is so many times that of the file.
+With --constant the worlds are vehicles one of whose constants is so many times that of the file;
+effects that are named by --without are neither weighed nor among all.
 benchmarks/firmware_world.py has the world of the own firmware.
 """
 
@@ -262,13 +263,13 @@ def drives_in(world, truth, seed, all_commands):
 
 def one_vehicle(job):
     """For each way and parameter: shown, covered, width in ranges, whether told; predictions."""
-    world, seed, all_commands, ways = job
+    world, seed, all_commands, ways, tried = job
     truth = draw(seed)
     drives = drives_in(world, truth, seed, all_commands)
     true = dict(zip(VEHICLE.unknown, truth, strict=True))
     rows, predicted = [], []
     for way in ways:
-        effects = {"none": (), "oracle": WORLDS[world][1]}.get(way, EFFECTS)
+        effects = {"none": (), "oracle": WORLDS[world][1]}.get(way, tried)
         found = identify(
             drives[:2], VEHICLE, effects=effects, weighed=way == "weighed", held_out=drives[2:]
         )
@@ -320,8 +321,10 @@ def main():
     parser.add_argument("--plan", choices=("none", "all", "random"))
     parser.add_argument("--predict", action="store_true")
     parser.add_argument("--constant", type=constant, action="append", default=[])
+    parser.add_argument("--without", choices=EFFECTS, action="append", default=[])
     parser.add_argument("--processes", type=int, default=2)
     arguments = parser.parse_args()
+    tried = tuple(name for name in EFFECTS if name not in arguments.without)
     worlds = arguments.world or list(WORLDS)
     if arguments.constant:
         off = {
@@ -332,7 +335,7 @@ def main():
     if arguments.plan == "random":
         pairs = [random_commands(FAMILIES, seed) for seed in range(arguments.vehicles)]
     else:
-        planned = {"none": (), "all": EFFECTS}.get(arguments.plan)
+        planned = {"none": (), "all": tried}.get(arguments.plan)
         pair = commands_of_pair() if planned is None else planned_pair(planned)
         pairs = [pair] * arguments.vehicles
     if arguments.predict:
@@ -348,7 +351,7 @@ def main():
     tallies, cautious = {way: Tally() for way in ways}, []
     with ProcessPoolExecutor(arguments.processes) as pool:
         for world in worlds:
-            jobs = [(world, seed, pair, ways) for seed, pair in enumerate(pairs)]
+            jobs = [(world, seed, pair, ways, tried) for seed, pair in enumerate(pairs)]
             rows, predicted = zip(*pool.map(one_vehicle, jobs), strict=True)
             table = np.array(rows, dtype=float)
             for number, way in enumerate(ways):

@@ -39,7 +39,6 @@ STIFFNESS = {"front.cornering_stiffness": 70.0, "rear.cornering_stiffness": 45.0
     [
         (0.0, {}, False),
         (1.0, {}, True),
-        (0.0, {"front.cornering_stiffness": (40.0, 160.0)}, True),
         (0.0, {"rear.cornering_stiffness": (20.0, 60.0)}, True),
     ],
 )

@@ -50,16 +50,16 @@ def _loads(vehicle: Vehicle) -> Iterator[str]:
 
 def _stability(vehicle: Vehicle) -> Iterator[str]:
     """Warn of the unstable linear bicycle: see docs/model.md."""
-    in_front = {"front", *(wheel.name for wheel in vehicle.wheels if wheel.axle == "front")}
-    worst = {
-        name: high if name.partition(".")[0] in in_front else low
-        for name, (low, high) in vehicle.unknown.items()
+    # of both axles: ranges that were guessed hold all sorts of ratios between them
+    lowest = {
+        name: limits[0]
+        for name, limits in vehicle.unknown.items()
         if name.rpartition(".")[2] == "cornering_stiffness"
     }
-    most_unstable = vehicle.replace(**worst)
+    softest = vehicle.replace(**lowest)
     stiffness = {"front": 0.0, "rear": 0.0}
     for wheel, load in zip(vehicle.wheels, vehicle.static_loads(), strict=True):
-        own = most_unstable.of(wheel)
+        own = softest.of(wheel)
         by_load = 1.0 + own.load_sensitivity * (load / own.mean_load - 1.0)
         stiffness[wheel.axle] += by_load * own.cornering_stiffness
     front, rear = stiffness["front"], stiffness["rear"]
