@@ -20,9 +20,10 @@ settings.register_profile("same", derandomize=True, deadline=None)
 settings.register_profile("search", deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))
 
-# A shell starts what it runs in the background with SIGINT ignored; what a test starts would ignore
-# it, too.
+# A shell starts what it runs in the background with SIGINT ignored, nohup with SIGHUP; what a test
+# starts would ignore them, too.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 FIRMWARE = Path(__file__).parents[1] / "firmware"
 
