@@ -25,7 +25,7 @@ from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import Effect
 
 NEGLECTED = 1e-3  # probability of all the subsets that are left out
-IMPROBABLE = math.log(2e-6)  # of subsets that begin alike, over those that were looked at
+NOT_SEARCHED = math.log(2e-6)  # of subsets that begin alike, over those that were looked at
 CERTAIN = 3.0  # standard deviations of a prior below which a least value is not counted
 NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of its prior
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
@@ -333,7 +333,7 @@ def _evidence(
             for v in range(ends[g], ends[g + 1]):
                 _sweep(others[g + 1], v, ends[g])  # back out
         bound_of_all = logarithms[g + 1] + most[g + 1] + undecided[g + 1]
-        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + IMPROBABLE:
+        if bound_of_all - 0.5 * others[g + 1, -1, -1] > total + NOT_SEARCHED:
             g += 1
     return subsets[:number], found[:number]
 
