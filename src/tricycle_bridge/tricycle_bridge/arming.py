@@ -173,7 +173,9 @@ def board_condition(link: PlcLink) -> str:
 class ArmingSequence:
     """One request of the operator: CLEAR to both boards, a row of enabled commands, ARM to both.
 
-    A board that was in ESTOP or FAULT is set up between CLEAR and ARM.
+    A board that was in ESTOP or FAULT is set up between CLEAR and ARM. A board that refuses ARM for
+    its preconditions is sent a row of commands and ARM again, as long as there is time: where a
+    computer pauses, commands come late and the board counts fewer of them than were sent.
 
     The owner passes on what happens, and after each call looks at `failure` and `complete`.
 
@@ -200,6 +202,7 @@ class ArmingSequence:
         self._cleared: set[Board] = set()
         self._armed: set[Board] = set()
         self._arm_sent = False
+        self._refusal: str | None = None  # of the last ARM, which may be accepted yet
         self._commands = 0
         self._operate(Op.CLEAR, now)
 
@@ -224,7 +227,11 @@ class ArmingSequence:
         elif outcome.result is not Result.OK:
             why = outcome.result.name.lower().replace("_", " ")
             condition = board_condition(self._links[board])
-            self.failure = f"{condition} and refused {outcome.op.name}: {why}"
+            refusal = f"{condition} and refused {outcome.op.name}: {why}"
+            if outcome.op is Op.ARM and outcome.result is Result.PRECONDITIONS:
+                self._refusal, self._arm_sent, self._commands = refusal, False, 0
+            else:
+                self.failure = refusal
         elif outcome.op is Op.CLEAR:
             self._cleared.add(board)
         else:
@@ -234,7 +241,7 @@ class ArmingSequence:
         """Do the next step if it is due at a time [s]."""
         if now > self._deadline:
             waiting = [link for link in self._links.values() if not link.set_up]
-            self.failure = "the PLCs did not arm in time"
+            self.failure = self._refusal or "the PLCs did not arm in time"
             if waiting and not self._arm_sent:
                 self.failure = _setup_refusal(waiting[0]) or board_condition(waiting[0])
         elif not self._arm_sent:
