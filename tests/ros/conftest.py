@@ -22,7 +22,9 @@ _tests = itertools.count(int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]), 
 @pytest.fixture
 def ros_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
     """Environment for processes that run nodes, set in this process too."""
-    domain = processes.own_domain(next(_tests), _pid)
+    # a command in a test of another worker may have chosen one of these for itself
+    domains = (processes.own_domain(test, _pid) for test in _tests)
+    domain = next(domain for domain in domains if not processes.participants(domain))
     env = processes.ros_environment(domain=domain, log_dir=tmp_path / "ros_log")
     for name, value in env.items():
         monkeypatch.setenv(name, value)
