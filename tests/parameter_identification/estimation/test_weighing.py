@@ -109,7 +109,7 @@ def test_quantiles_and_moments_are_those_of_draws():
     found = weighed(*linear(1, 0.1))
     rng = np.random.default_rng(5)
     subsets = rng.choice(len(found.weights), p=found.weights, size=200_000)
-    mean, std = found.means[subsets, 0], np.sqrt(found.covariances[subsets, 0, 0])
+    mean, std = found.means[subsets, 0], np.sqrt(found.variances[subsets, 0])
     draws = rng.normal(mean, std)
     for probability in (0.025, 0.5, 0.975):
         at = found.quantile(0, probability)
@@ -131,6 +131,6 @@ def test_an_interval_reaches_to_a_fit_that_bounds_keep_off():
 def test_an_effect_that_hides_behind_a_parameter_widens_its_tails():
     found = weighed(*linear(3, 0.0))
     without = found.weights.argmax()
-    narrow = norm.ppf(0.9995) * np.sqrt(found.covariances[without, 0, 0])
+    narrow = norm.ppf(0.9995) * np.sqrt(found.variances[without, 0])
     assert found.quantile(0, 0.9995) - found.means[without, 0] > 2.0 * narrow
     assert 0.05 < found.weights @ found.acting[:, 2] < 0.15

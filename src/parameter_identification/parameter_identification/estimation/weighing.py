@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
-from scipy.special import log_ndtr, logit, logsumexp, ndtr, ndtri
+from scipy.special import logit, logsumexp, ndtr, ndtri
 
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
@@ -31,6 +31,7 @@ NO_DEVIATION = 1e-3  # size of a deviation that does not act, in deviations of i
 SIZES = (0.03, 0.1, 0.3, 1.0, 3.0, 10.0)  # of one that does, all as probable before the drives
 MOST_SIZES = 8  # combinations of them that are averaged
 _LOG_ROOT_TAU = 0.5 * math.log(math.tau)  # of the normal distribution's density
+_FAR_TAIL = 30.0  # standard deviations from which its tail is found by a series
 ROUNDS = 5  # of weights, and fit with the most probable effects
 
 
@@ -46,8 +47,10 @@ class Mixture:
         Which effects it has.
     means : ndarray of float, shape (s, d)
         Of the variables; 0 for effects that it lacks.
-    covariances : ndarray of float, shape (s, d, d)
+    variances : ndarray of float, shape (s, d)
         Of the variables.
+    within : ndarray of float, shape (d, d)
+        Mean of the subsets' covariances.
     evidence : float
         Logarithm of that of all subsets together, but for what they have in common.
     """
@@ -55,7 +58,8 @@ class Mixture:
     weights: FloatArray
     acting: NDArray[np.bool_]
     means: FloatArray
-    covariances: FloatArray
+    variances: FloatArray
+    within: FloatArray
     evidence: float
 
     @property
@@ -78,8 +82,8 @@ class Mixture:
             The point.
         """
         off = self.means - about
-        found: FloatArray = np.einsum("s,sij->ij", self.weights, self.covariances)
-        return found + (self.weights[:, None] * off).T @ off
+        found: FloatArray = self.within + (self.weights[:, None] * off).T @ off
+        return found
 
     def quantile(self, i: int, probability: float) -> float:
         """Return the value below which a variable is with a probability.
@@ -91,7 +95,7 @@ class Mixture:
         probability : float
             Between 0 and 1.
         """
-        mean, std = self.means[:, i], np.sqrt(self.covariances[:, i, i])
+        mean, std = self.means[:, i], np.sqrt(self.variances[:, i])
         ends = mean + ndtri(probability) * std
         if np.ptp(ends) == 0.0:
             return float(ends[0])
@@ -171,60 +175,27 @@ def mixture(
     order = np.argsort(-evidence)
     share = np.cumsum(np.exp(evidence[order] - logsumexp(evidence)))
     probable = subsets[order[: 1 + np.searchsorted(share, 1.0 - NEGLECTED)]]
-    acting = _bits(probable, len(groups))
-    kept = np.ones((len(acting), d), dtype=bool)
-    for g, at in enumerate(groups):
-        kept[:, list(at)] = acting[:, g : g + 1]
-    both = kept[:, :, None] & kept[:, None, :]
-    covariances = np.linalg.inv(np.where(both, information, np.eye(d)))
-    pulls = np.where(kept, pull, 0.0)
-    means = np.einsum("sij,sj->si", covariances, pulls)
-    weights = 0.5 * np.sum(means * pulls, axis=1) + 0.5 * np.linalg.slogdet(covariances)[1]
-    weights += acting @ odds
-    covariances = np.where(both, covariances, 0.0)
-    for i, value in bounds.items():
-        cut = kept[:, i]
-        means[cut], covariances[cut], within = _cut_off(means[cut], covariances[cut], i, value)
-        weights[cut] += within - log_ndtr(-value)
+    weights, means, variances, within = _moments(
+        matrix, ends, least_values, odds, probable, float(evidence.max())
+    )
     total = float(logsumexp(weights))
     weights = np.exp(weights - total)
-    order = np.argsort(-weights)
-    acting = acting[:, np.argsort(ranks)]
-    return Mixture(weights[order], acting[order], means[order], covariances[order], total)
+    acting = _bits(probable, len(groups))[:, np.argsort(ranks)]
+    order, back = np.argsort(-weights), np.argsort(sequence)
+    return Mixture(
+        weights[order],
+        acting[order],
+        means[np.ix_(order, back)],
+        variances[np.ix_(order, back)],
+        within[np.ix_(back, back)],
+        total,
+    )
 
 
 def _bits(numbers: NDArray[np.int64], count: int) -> NDArray[np.bool_]:
     """Which of so many effects subsets have, by number (s,); the last effect is the lowest bit."""
     found: NDArray[np.bool_] = (numbers[:, None] >> np.arange(count - 1, -1, -1)) & 1 == 1
     return found
-
-
-def _cut_off(
-    means: FloatArray, covariances: FloatArray, i: int, least: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Moments of normal distributions (s, d) that end where a variable is least; log of the rest.
-
-    Parameters
-    ----------
-    means : ndarray of float, shape (s, d)
-        Before.
-    covariances : ndarray of float, shape (s, d, d)
-        Before.
-    i : int
-        The variable.
-    least : float
-        Its least value.
-    """
-    variance = covariances[:, i, i]
-    std = np.sqrt(variance)
-    start = (least - means[:, i]) / std
-    within = log_ndtr(-start)
-    hazard = np.exp(-0.5 * start**2 - _LOG_ROOT_TAU - within)
-    shrinks = np.clip(hazard * (hazard - start), 0.0, 1.0 - 1e-9)  # of the variance, by this share
-    gains = covariances[:, :, i] / variance[:, None]
-    means = means + gains * (std * hazard)[:, None]
-    change = (variance * shrinks)[:, None, None] * gains[:, :, None] * gains[:, None, :]
-    return means, covariances - change, within
 
 
 @compiled
@@ -339,6 +310,100 @@ def _evidence(
 
 
 @compiled
+def _moments(
+    matrix: FloatArray,
+    ends: NDArray[np.int64],
+    least: FloatArray,
+    odds: FloatArray,
+    subsets: NDArray[np.int64],
+    about: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Evidence and moments of subsets (s,) of g effects.
+
+    Parameters
+    ----------
+    matrix, ends, least, odds
+        As those of `_evidence`.
+    subsets : ndarray of int, shape (s,)
+        Their numbers.
+    about : float
+        About the largest logarithm of evidence.
+
+    Returns
+    -------
+    evidence : ndarray of float, shape (s,)
+        Its logarithm, of each.
+    means, variances : ndarray of float, shape (s, d)
+        Of the variables with each; 0 for those of effects that it lacks.
+    within : ndarray of float, shape (d, d)
+        Mean of their covariances, by their evidence.
+    """
+    count, d, number = len(odds), len(matrix) - 1, len(subsets)
+    evidence, within = np.zeros(number), np.zeros((d, d))
+    means, variances = np.zeros((number, d)), np.zeros((number, d))
+    total = 0.0
+    at = np.zeros(d + 1, dtype=np.int64)
+    for s in range(number):
+        m = 0
+        for g in range(-1, count):
+            if g < 0 or subsets[s] >> (count - 1 - g) & 1:
+                evidence[s] += odds[g] if g >= 0 else 0.0
+                for v in range(ends[g] if g >= 0 else 0, ends[g + 1]):
+                    at[m] = v
+                    m += 1
+        at[m] = d
+        own = np.empty((m + 1, m + 1))
+        for i in range(m + 1):
+            for j in range(m + 1):
+                own[i, j] = matrix[at[i], at[j]]
+        for i in range(m):
+            evidence[s] -= 0.5 * _sweep(own, i, 0)
+        evidence[s] -= 0.5 * own[m, m]
+        for i in range(m):
+            if np.isfinite(least[at[i]]):
+                evidence[s] += _cut_off(own, i, least[at[i]])
+        share = math.exp(evidence[s] - about)
+        total += share
+        for i in range(m):
+            means[s, at[i]], variances[s, at[i]] = own[i, m], own[i, i]
+            for j in range(m):
+                within[at[i], at[j]] += share * own[i, j]
+    return evidence, means, variances, within / total
+
+
+@compiled
+def _cut_off(moments: FloatArray, i: int, least: float) -> float:
+    """Let a normal distribution end where a variable is least, in place; log of what that adds.
+
+    Parameters
+    ----------
+    moments : ndarray of float, shape (m + 1, m + 1)
+        Covariance, and the mean in the last column.
+    i : int
+        The variable.
+    least : float
+        Its least value.
+    """
+    m = len(moments) - 1
+    std = math.sqrt(moments[i, i])
+    start = (least - moments[i, m]) / std
+    if start < _FAR_TAIL:
+        kept = math.log(0.5 * math.erfc(start / math.sqrt(2.0)))
+        hazard = math.exp(-0.5 * start**2 - _LOG_ROOT_TAU - kept)
+    else:
+        hazard = start + 1.0 / start
+        kept = -0.5 * start**2 - _LOG_ROOT_TAU - math.log(hazard)
+    shrinks = min(max(hazard * (hazard - start), 0.0), 1.0 - 1e-9)  # of the variance, by this share
+    gains = moments[:m, i] / moments[i, i]
+    change = moments[i, i] * shrinks
+    for j in range(m):
+        moments[j, m] += gains[j] * std * hazard
+        for k in range(m):
+            moments[j, k] -= change * gains[j] * gains[k]
+    return kept - math.log(0.5 * math.erfc(least / math.sqrt(2.0)))
+
+
+@compiled
 def _sweep(matrix: FloatArray, pivot: int, first: int) -> float:
     """Invert rows and columns from `first` on by one variable, in place; return its logarithm."""
     p = matrix[pivot, pivot]
@@ -375,7 +440,8 @@ def joined(mixtures: Sequence[Mixture], evidence: FloatArray) -> Mixture:
         weights[order],
         np.concatenate([m.acting for m in mixtures])[order],
         np.concatenate([m.means for m in mixtures])[order],
-        np.concatenate([m.covariances for m in mixtures])[order],
+        np.concatenate([m.variances for m in mixtures])[order],
+        np.tensordot(shares, np.array([m.within for m in mixtures]), 1),
         total,
     )
 
