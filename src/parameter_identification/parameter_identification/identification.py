@@ -17,8 +17,8 @@ unless a `GaussianPrior` is given, e.g. that of an earlier identification
 (`Identification.posterior`). What the drives do not show therefore keeps the middle and the width
 of its range, and is named in `Identification.hidden`. The noise is estimated from the residuals;
 where they are correlated in time, the correlation is part of the noise and widens the intervals.
-From 10 drives on, their scatter widens them too. A parameter that the data pull far beyond the end
-of its range is not shown.
+So do drives that contradict each other. A parameter that the data pull far beyond the end of its
+range is not shown; where the model is wrong for the vehicle, neither is one at the end.
 """
 
 import time
@@ -64,6 +64,7 @@ from parameter_identification.estimation.validation import (
     whiteness_of_residuals,
 )
 from parameter_identification.estimation.weighing import Mixture, weigh_effects
+from parameter_identification.estimation.whiteness import coloured
 from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import Progress
 from tricycle_sim.effects import EFFECTS, Effect, effects_of
@@ -202,14 +203,16 @@ def identify(
             least = bootstrap_deviations(
                 problem, optimum, redraw, loss=loss, level=level, seed=seed, step=step
             )
-        doubt = doubt_of(problem, optimum, average, least)
+        predictions = problem.predictions(optimum.fit.at)
+        tested = whiteness_of_residuals(problem, predictions)
+        doubt = doubt_of(problem, optimum, average, least, white=not coloured(tested))
         by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}
-        for i in shown if maybe_profiled and not doubt.beyond.any() else ():
+        doubtful = doubt.beyond.any() or doubt.scatter > 1.0
+        for i in shown if maybe_profiled and not doubtful else ():
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
         step.pass_to(to_end)
-        predictions = problem.predictions(optimum.fit.at)
         model = problem.models[0]
         return Identification(
             vehicle=vehicle.name,
@@ -220,7 +223,7 @@ def identify(
             fixed={n: v for n, v in vehicle.nominal.items() if n not in known.unknown},
             hidden=hidden_combinations(problem, optimum),
             noise=problem.noise,
-            whiteness=whiteness_of_residuals(problem, predictions),
+            whiteness=tested,
             drives=fits_of_drives(problem, optimum, predictions),
             held_out=tuple(predict_held_out(problem, optimum, d, loss, level) for d in held_out),
             outliers=problem.outliers(predictions, OUTLIER),

@@ -183,7 +183,7 @@ class IdentificationDocument:
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
     scatter : float or None
-        As in `Identification`; None for less than 10 drives.
+        As in `Identification`; None for one drive.
     measured : tuple of str
         Inputs that moved as measured: "steering", "speed".
     friction_used : float or None

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from parameter_identification.estimation.doubt import SCATTER, beyond_ranges, doubted, grown
+from parameter_identification.estimation.doubt import (
+    AGREEING,
+    SCATTER,
+    beyond_ranges,
+    contradicting,
+    doubted,
+    grown,
+)
 
 
 def test_deviations_of_a_mean_are_those_of_its_samples():
@@ -13,6 +20,19 @@ def test_deviations_of_a_mean_are_those_of_its_samples():
     slopes = (samples - samples.mean())[:, None]
     assert grown(covariance, slopes, np.zeros((1, 1))) == pytest.approx(5.0, rel=0.05)
     assert np.isnan(grown(covariance, slopes[: SCATTER - 1], np.zeros((1, 1)))).all()
+
+
+@pytest.mark.parametrize("drives", [2, 3, 6])
+@pytest.mark.parametrize(("bias", "told", "least"), [(0.0, AGREEING, 0.93), (20.0, 0.95, 0.85)])
+def test_intervals_of_a_few_drives_hold_where_each_errs_by_itself(drives, bias, told, least):
+    rng = np.random.default_rng(drives)
+    noise = rng.uniform(0.5, 2.0, (1000, drives, 1))
+    found, weights = rng.normal(0.0, np.hypot(noise, bias)), noise**-2
+    factors = np.array([contradicting(*of) for of in zip(found, noise**2, strict=True)])[..., 0]
+    assert np.mean(factors[:, 0] > 1.0) == pytest.approx(told, abs=0.1)
+    mean = np.sum(weights * found, axis=1) / np.sum(weights, axis=1)
+    reach = 1.96 * factors[:, 1] / np.sqrt(np.sum(weights[:, :, 0], axis=1))
+    assert np.mean(np.abs(mean[:, 0]) < reach) > least
 
 
 def test_only_what_is_pulled_outwards_by_more_than_its_deviation_allows_is_beyond_its_range():

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtrc, ndtri, stdtrit
 
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
@@ -15,6 +16,8 @@ from parameter_identification.estimation.weighing import Mixture
 from tricycle_core.quantities import FloatArray
 
 SCATTER = 10  # drives from which their scatter is an estimate
+CONTRADICTING = 2.0  # times their noise by which drives scatter that contradict each other
+AGREEING = 0.01  # chance of a scatter of fewer drives from which it is taken for noise
 PULL = 3.0  # standard deviations by which data may pull a parameter beyond the end of its range
 
 
@@ -37,6 +40,35 @@ def grown(covariance: FloatArray, slopes: FloatArray, prior: FloatArray) -> Floa
     middle = slopes.T @ slopes * count / (count - 1) + prior
     robust = covariance @ middle @ covariance
     return np.asarray(np.sqrt(np.diag(robust) / np.diag(covariance)))
+
+
+def contradicting(estimates: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two factors (k,) for the scatter of a few drives; 1 where it may be noise.
+
+    The first is the ratio of the deviations of their mean by the scatter and by the noise. The
+    second, for intervals, counts that a few drives do not tell their scatter well: with it a normal
+    interval of 95 % is as wide as one by Student's distribution.
+
+    Parameters
+    ----------
+    estimates, variances : ndarray of float, shape (d, k)
+        By each drive alone.
+
+    References
+    ----------
+    R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177-188.
+    """
+    d, k = estimates.shape
+    weights = 1.0 / variances
+    total = weights.sum(axis=0)
+    squares = np.sum(
+        weights * (estimates - np.sum(weights * estimates, axis=0) / total) ** 2, axis=0
+    )
+    of_scatter = (squares - (d - 1)) / (total - np.sum(weights**2, axis=0) / total)
+    with_scatter = np.sum(1.0 / (variances + np.fmax(of_scatter, 0.0)), axis=0)
+    factors = np.where(chdtrc(d - 1, squares) * k < AGREEING, np.sqrt(total / with_scatter), 1.0)
+    few = stdtrit(d - 1, 0.975) / ndtri(0.975)
+    return factors, np.where(factors > 1.0, factors * few, 1.0)
 
 
 def beyond_ranges(
@@ -100,7 +132,7 @@ class Doubt:
     beyond : ndarray of bool, shape (k,)
         Parameters that the data pull beyond their ranges.
     scatter : float
-        Largest factor for the drives' scatter; NaN for less than `SCATTER` drives.
+        Largest factor for the drives' scatter; NaN for one drive.
     """
 
     covariance: FloatArray
@@ -114,6 +146,8 @@ def doubt_of(
     optimum: Optimum,
     average: Mixture | None,
     least: FloatArray | None = None,
+    *,
+    white: bool = True,
 ) -> Doubt:
     """Return what the intervals of a fit have to count beside the noise.
 
@@ -127,14 +161,21 @@ def doubt_of(
         Over models with and without effects.
     least : ndarray of float, shape (k,), optional
         Standard deviations that the parameters have at least.
+    white : bool
+        Whether residuals look white. If not, or if drives contradict each other, the model is wrong
+        for this vehicle, and a parameter at an end of its range is doubted.
     """
     at, k = optimum.fit.at, problem.k
     gram = problem.gram(at)
     by_noise = np.asarray(np.linalg.inv(gram[:-1, :-1]), dtype=np.float64)
-    growth = np.full(problem.n, math.nan)
+    scatter, factors = np.array([math.nan]), np.ones(problem.n)
     if len(problem.models) >= SCATTER:
         growth = grown(by_noise, problem.slopes(at), problem.common_information())
-    factors = np.fmax(growth, 1.0)
+        scatter, factors = growth[:k], np.fmax(growth, 1.0)
+    elif len(problem.models) > 1:
+        acting = at != 0.0  # other effects are held there
+        acting[:k] = True
+        scatter, factors[:k] = contradicting(*problem.by_each_drive(at, acting))
     if least is not None:
         std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])
         factors[:k] *= np.fmax(least / std, 1.0)
@@ -144,7 +185,9 @@ def doubt_of(
         free, std = average.mean, average.standard_deviations
     low, high = problem.low[:k], problem.high[:k]
     beyond = beyond_ranges(at[:k], free[:k], factors[:k] * std[:k], low, high)
+    if not white or scatter.max() > CONTRADICTING:
+        beyond |= np.fmin(at[:k] - low, high - at[:k]) <= 1e-9
     before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
     covariance = doubted(covariance, before, beyond)
     widening = np.sqrt(np.diag(covariance)[:k] / np.diag(optimum.covariance)[:k])
-    return Doubt(covariance, widening, beyond, float(growth[:k].max()))
+    return Doubt(covariance, widening, beyond, float(scatter.max()))

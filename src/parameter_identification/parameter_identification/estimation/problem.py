@@ -10,7 +10,7 @@ All that the minimisation needs of thousands of residuals r and their Jacobian J
 import itertools
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -175,11 +175,15 @@ class LeastSquares(Closing):
         self, predictions: Sequence[Sequence[Prediction]], noise: dict[Sensor, NoiseLevel]
     ) -> FloatArray:
         """Part of the signals of all drives; sensors without a noise level are left out."""
-        of_drives = self._pool.map(
+        return sum(self._grams(predictions, noise), np.zeros((self.n + 1, self.n + 1)))
+
+    def _grams(
+        self, predictions: Sequence[Sequence[Prediction]], noise: dict[Sensor, NoiseLevel]
+    ) -> Iterator[FloatArray]:
+        return self._pool.map(
             lambda predicted, samples, at: self._signals_gram(predicted, samples, at, noise),
             *(predictions, self._samples, self._at),
         )
-        return sum(of_drives, np.zeros((self.n + 1, self.n + 1)))
 
     def slopes(self, v: FloatArray) -> FloatArray:
         """Return the part of each drive in the gradient, shape (d, n).
@@ -191,15 +195,32 @@ class LeastSquares(Closing):
         v : ndarray of float, shape (n,)
             Variables.
         """
-        of_drives = self._pool.map(
-            lambda predicted, samples, at: self._signals_gram(predicted, samples, at, self.noise),
-            *(self.predictions(v), self._samples, self._at),
-        )
-        slopes = np.array([gram[:-1, -1] for gram in of_drives])
+        grams = self._grams(self.predictions(v), self.noise)
+        slopes = np.array([gram[:-1, -1] for gram in grams])
         for slope, at in zip(slopes, self._at, strict=True):
             own = at[self.shared :]
             slope[own] += self._precision[own - self.k] * v[own]
         return slopes
+
+    def by_each_drive(
+        self, v: FloatArray, free: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the parameters by each drive alone and their variances, both (d, k): one step.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables, near the minima.
+        free : ndarray of bool, shape (n,)
+            Those that are estimated: the parameters, and others.
+        """
+        prior, estimates, variances = self._prior_gram(v), [], []
+        for gram, at in zip(self._grams(self.predictions(v), self.noise), self._at, strict=True):
+            own, both = at[free[at]], gram + prior
+            covariance = np.linalg.inv(both[np.ix_(own, own)])
+            estimates.append((v[own] - covariance @ both[own, -1])[: self.k])
+            variances.append(np.diag(covariance)[: self.k])
+        return np.array(estimates), np.array(variances)
 
     def common_information(self) -> FloatArray:
         """Return the inverse covariance (n, n) of the priors of what all drives have in common."""

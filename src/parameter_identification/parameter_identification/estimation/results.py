@@ -300,8 +300,8 @@ class Identification:
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
     scatter : float
-        Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for less than
-        10 drives. Far above 1 the drives contradict each other: the model lacks something.
+        Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for one drive.
+        Far above 1 the drives contradict each other: the model lacks something.
     measured : frozenset of Input
         What moved as measured, not as the commands say.
     friction_used : float

@@ -33,9 +33,6 @@ WIDEST = 100_000
 
 MOST_MEMBERS = 12  # of a list that are printed
 MONTH = 30.0  # days, for which changes are shown
-CONTRADICTING = 2.0
-"""Scatter of drives, over what their noise explains, from which it is told."""
-
 WORSE = 1.2
 """Error of a prediction, over that of the vehicle file, from which it is told."""
 
@@ -349,6 +346,8 @@ def _least_white(found: Identification) -> str:
 
 def _contradictions(found: Identification | ManyDrives, drives: str) -> list[str]:
     """A line where drives disagree."""
+    from parameter_identification.estimation.doubt import CONTRADICTING
+
     if not found.scatter > CONTRADICTING:
         return []
     return [
