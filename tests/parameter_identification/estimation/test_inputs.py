@@ -91,6 +91,14 @@ def test_a_speed_loop_of_another_kind_is_told_by_the_wheels(worlds):
     assert measured_inputs(other, VEHICLE, Inputs.EITHER) == {Input.SPEED}
 
 
+@pytest.mark.parametrize("seed", [4, 6])
+def test_a_lag_is_not_taken_for_tyres_far_from_the_file(worlds, seed):
+    drives = worlds.drives_in(
+        "speed loop lags by 60 ms", worlds.draw(seed), seed, worlds.commands_of_pair()
+    )
+    assert measured_inputs(drives, VEHICLE, Inputs.EITHER) == {Input.SPEED}
+
+
 @pytest.mark.parametrize(
     "changes", [{"speed_gain_proportional": 10.0, "speed_gain_integral": 10.0}, {"mass": 53.0}]
 )

@@ -42,6 +42,9 @@ LOADING = (
     "slope-or-wind-across",
 )
 """Effects that change the speed of the wheels most."""
+# far from the file's, these move the wheels as a loop of another kind does
+_LIKE_A_LOOP = ("slip-stiffness", "relaxation-length-along")
+_LOADING_TOO = tuple(option for option in EFFECTS if option not in _LIKE_A_LOOP)
 # the steering of a table is logged when it is sent, or by another clock than the poses; the loop
 # behind set-points of the speed need not be the vehicle file's
 _OF_STEERING = ("servo-dead-time",)
@@ -117,7 +120,7 @@ def measured_inputs(
         found.add(Input.STEERING)
     if Input.SPEED in told and all(
         max(speed_misfits(drives[:FITTED], vehicle, effects, found)) > OTHER_LOOP
-        for effects in (LOADING, EFFECTS)  # the first ones mostly do, in a third of the time
+        for effects in (LOADING, _LOADING_TOO)  # the first mostly do, in a third of the time
     ):
         found.add(Input.SPEED)
     return frozenset(found)
