@@ -2,6 +2,7 @@
 
 import itertools
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from rclpy.node import Node
 
 from tricycle_cli.operation import processes
 
+QUIET = 0.1  # s
 # processes that share the tests count on from one process's domain in turns, so that two of them
 # never have the same one
 _processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
@@ -31,6 +33,19 @@ def ros_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str
     return env
 
 
+def _wait_for_quiet(node: Node) -> None:
+    """Wait until no node has come or gone for a while.
+
+    Fast DDS 2.14 may end a participant never (`set_listener` spins) while it hears that another
+    process ends.
+    """
+    names, since = node.get_node_names(), time.monotonic()
+    while time.monotonic() - since < QUIET:
+        time.sleep(0.01)
+        if (now := node.get_node_names()) != names:
+            names, since = now, time.monotonic()
+
+
 @pytest.fixture
 def ros_node(ros_environment: dict[str, str]) -> Iterator[Node]:
     """A node in a context of its own, on the test's domain; the test spins it."""
@@ -38,5 +53,6 @@ def ros_node(ros_environment: dict[str, str]) -> Iterator[Node]:
     rclpy.init(context=context, domain_id=int(ros_environment["ROS_DOMAIN_ID"]))
     node = rclpy.create_node("test_observer", context=context)
     yield node
+    _wait_for_quiet(node)
     node.destroy_node()
     rclpy.shutdown(context=context)

@@ -231,6 +231,7 @@ def test_the_state_of_the_vehicle_is_said_at_once_and_twice_per_second(bridge, o
     assert time.monotonic() - start < 4 * 0.5 + 0.5
     bridge.terminate()
     operator.wait(lambda: operator.states[-1]["reason"] == "the bridge has ended", "its end")
+    bridge.communicate(timeout=PATIENCE)
 
 
 def test_a_second_commander_is_refused_until_the_vehicle_is_released(bridge, operator, plc_pair):
