@@ -303,4 +303,4 @@ def test_boards_that_lose_the_commands_do_not_arm(vehicle):
     _lose_commands(vehicle, STEER, DRIVE)
     armed, text = vehicle.arm()
     assert not armed
-    assert text.endswith("PLC is SAFE and refused ARM: preconditions")
+    assert text == "not armed: steer PLC is SAFE and refused ARM: preconditions"

@@ -202,7 +202,7 @@ class ArmingSequence:
         self._cleared: set[Board] = set()
         self._armed: set[Board] = set()
         self._arm_sent = False
-        self._refusal: str | None = None  # of the last ARM, which may be accepted yet
+        self._refusals: dict[Board, str] = {}  # of ARM, which may be accepted yet
         self._commands = 0
         self._operate(Op.CLEAR, now)
 
@@ -229,19 +229,21 @@ class ArmingSequence:
             condition = board_condition(self._links[board])
             refusal = f"{condition} and refused {outcome.op.name}: {why}"
             if outcome.op is Op.ARM and outcome.result is Result.PRECONDITIONS:
-                self._refusal, self._arm_sent, self._commands = refusal, False, 0
+                self._refusals[board] = refusal
+                self._arm_sent, self._commands = False, 0
             else:
                 self.failure = refusal
         elif outcome.op is Op.CLEAR:
             self._cleared.add(board)
         else:
             self._armed.add(board)
+            self._refusals.pop(board, None)
 
     def advance(self, now: float) -> None:
         """Do the next step if it is due at a time [s]."""
         if now > self._deadline:
             waiting = [link for link in self._links.values() if not link.set_up]
-            self.failure = self._refusal or "the PLCs did not arm in time"
+            self.failure = next(iter(self._refusals.values()), "the PLCs did not arm in time")
             if waiting and not self._arm_sent:
                 self.failure = _setup_refusal(waiting[0]) or board_condition(waiting[0])
         elif not self._arm_sent:
