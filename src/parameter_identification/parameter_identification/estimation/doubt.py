@@ -147,7 +147,7 @@ def doubt_of(
     average: Mixture | None,
     least: FloatArray | None = None,
     *,
-    white: bool = True,
+    white: bool,
 ) -> Doubt:
     """Return what the intervals of a fit have to count beside the noise.
 

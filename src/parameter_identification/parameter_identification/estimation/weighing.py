@@ -342,13 +342,13 @@ def _moments(
     evidence, within = np.zeros(number), np.zeros((d, d))
     means, variances = np.zeros((number, d)), np.zeros((number, d))
     total = 0.0
-    at = np.zeros(d + 1, dtype=np.int64)
+    at = np.arange(d + 1)  # up to ends[0] those of every subset
     for s in range(number):
-        m = 0
-        for g in range(-1, count):
-            if g < 0 or subsets[s] >> (count - 1 - g) & 1:
-                evidence[s] += odds[g] if g >= 0 else 0.0
-                for v in range(ends[g] if g >= 0 else 0, ends[g + 1]):
+        m = ends[0]
+        for g in range(count):
+            if subsets[s] >> (count - 1 - g) & 1:
+                evidence[s] += odds[g]
+                for v in range(ends[g], ends[g + 1]):
                     at[m] = v
                     m += 1
         at[m] = d
