@@ -25,6 +25,7 @@ from excitation_planner.planning.prediction import ReplayedTrajectories
 from excitation_planner.planning.replay import nominal_run, replayed_errors
 from parameter_identification.drives.measured import read_measured_drive
 from parameter_identification.drives.recorded import read_drive
+from parameter_identification.estimation.inputs import Inputs
 from parameter_identification.identification import identify
 from parameter_identification.judging.judgement import judge
 from trajectory_recorder.bag.reader import BagReader
@@ -82,10 +83,13 @@ def test_a_driven_plan_has_the_trajectory_error_of_the_true_vehicle(
     assert record["plan_id"] == plan.id
     assert record["vehicle_hash"] == plan.vehicle_hash
     assert {"software_version", "firmware_steer", "firmware_drive"} <= record.keys()
-    found = identify([read_measured_drive(tmp_path / "bag", request_.vehicle)], request_.vehicle)
+    # on a busy machine a command comes some ticks of the fast clock late, and the wheels would move
+    # the model as they were measured; the plan counts on the commands
+    driven = read_measured_drive(tmp_path / "bag", request_.vehicle)
+    found = identify([driven], request_.vehicle, inputs=Inputs.COMMANDS)
     for name, std in forecast(request_, np.array(list(truth.values()))).items():
         deviation = found.parameters[name].standard_deviation
-        assert deviation == pytest.approx(std, rel=0.25), (name, found.measured, found.noise)
+        assert deviation == pytest.approx(std, rel=0.25), (name, found.noise)
     assert reports[-1] == (round(1e3 * plan.commands.duration),) * 2
     with AnyReader([tmp_path / "bag"]) as reader:
         topics = {connection.topic for connection in reader.connections}
