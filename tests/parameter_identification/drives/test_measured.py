@@ -200,6 +200,31 @@ def test_the_firmware_counts_pulses() -> None:
     assert seen.values.min() >= 0.439
 
 
+def test_a_sensor_of_pulses_is_known_also_where_the_bag_begins_with_a_drive_to_the_start(
+    bag: Path,
+) -> None:
+    recorded = read_drive(bag)
+    joints = recorded.joint_states
+    assert joints is not None
+    step = 0.03 * np.arange(1.0, 34.0)  # of a reading that passes all speeds while the wheel stops
+    before, standing = -5.0 + 0.02 * np.arange(len(step)), joints.time <= 0.0
+    rate = np.where(standing | (joints.wheel_rate < 0.6), 0.0, joints.wheel_rate)
+    drive = measured_drive(
+        replace(
+            recorded,
+            joint_states=replace(
+                joints,
+                time=np.append(before, joints.time),
+                steering_motor_angle=np.append(0.0 * step, joints.steering_motor_angle),
+                wheel_rate=np.append(step[::-1], rate),
+                motor_torque=np.append(np.nan * step, joints.motor_torque),
+            ),
+        ),
+        VEHICLE,
+    )
+    assert drive.signals[Sensor.WHEEL_SPEED].values.min() > 2.5
+
+
 def test_wheel_speeds_of_a_sensor_without_a_dead_zone_are_all_used() -> None:
     time = 0.01 * np.arange(600)
     fine = Signal(time, np.round(np.minimum(2.0 * time, 6.0) / 0.003)[:, None] * 0.003)

@@ -332,18 +332,19 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         if (there := ~np.isnan(values)).any():
             samples = _samples(drive.bag, sensor.value, time[there], values[there])
             signals[sensor] = Signal(samples.time, samples.values[:, None], STAMP_JITTER[sensor])
-    if Sensor.WHEEL_SPEED in signals:
-        signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
     wheels = {
         w.name: drive.wheel_rates[w.name] for w in vehicle.wheels if w.name in drive.wheel_rates
     }
     if wheels:
         signals[Sensor.WHEEL_SPEEDS] = of_wheels(wheels)
     end = commands.duration
+    signals = {sensor: signal.between(-STANDSTILL, end) for sensor, signal in signals.items()}
+    if Sensor.WHEEL_SPEED in signals:  # what came before the start, may have begun at any speed
+        signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
     return MeasuredDrive(
         name=drive.bag.stem,
         commands=commands,
-        signals=usable({s: v.between(-STANDSTILL, end) for s, v in signals.items()}, vehicle),
+        signals=usable(signals, vehicle),
         reference=drive.reference,
         truth=_truth(drive.metadata),
         complete=drive.complete,
