@@ -10,6 +10,7 @@ import pytest
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.errors import PlantError
 from tricycle_sim.plants.installed import plant_by_name
+from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.rig.emulated import EmulatedRig
 from tricycle_sim.rig.host import Host
 from tricycle_sim.vehicle import load_vehicle
@@ -65,6 +66,23 @@ def test_a_wheel_slips_in_proportion_to_its_force_at_any_speed(speed):
     force = uphill.mass * uphill.gravity * np.sin(0.05)
     force += uphill.rolling_coefficient_1 * sum(rig.state.loads[:2])  # of the front wheels
     assert slip == pytest.approx(force / uphill.cornering_stiffness, rel=0.05)
+
+
+@pytest.mark.slow
+def test_a_wheel_that_slides_keeps_its_weight():
+    slippery = VEHICLE.replace(friction_coefficient=0.2)
+    loads = []
+    for plant in (plant_of(slippery), OwnPlant(slippery)):
+        rig = EmulatedRig(VEHICLE, plant=plant)
+        host = Host(rig)
+        host.arm()
+        host.target = VehicleCommand(0.35, 1.8)
+        loads.append([])
+        for _ in range(400):
+            host.tick()
+            loads[-1].append(rig.state.loads)
+    sliding, own = np.array(loads)[:, 200:]
+    assert sliding.min() > 0.7 * own.min() > 40.0
 
 
 @pytest.mark.slow

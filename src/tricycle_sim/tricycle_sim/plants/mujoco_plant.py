@@ -1,10 +1,10 @@
 """The vehicle as rigid bodies with hinges and frictional contacts, in MuJoCo.
 
-Masses, inertia, places and caster are the vehicle file's. What the file does not say is taken thus:
-a wheel is a ring with its inertia; the tyre is thin, and hard at its radius under the static load.
-It slips by another law than ours: in
-proportion to the force whatever the speed, a wheel with the cornering stiffness C at C N per m/s,
-up to its friction. There is no relaxation, no camber force, no self-aligning moment and no drag.
+Masses, inertia, places, caster and the tyres' springs are the vehicle file's. What the file does
+not say is taken thus: a wheel is a ring with its inertia, the tyre is thin. It slips by another law
+than ours: in proportion to the force whatever the speed, a wheel with the cornering stiffness C at
+C N per m/s, up to its friction. There is no relaxation, no camber force, no self-aligning moment
+and no drag.
 """
 
 import math
@@ -32,11 +32,14 @@ except ModuleNotFoundError as error:
 
 SUBSTEPS = 10
 """Steps per tick."""
-SETTLING = 0.5  # s on the tyres before a drive
+SETTLING = 2.0  # s on the tyres before a drive
 KING_PIN_RATE = 300.0  # rad/s, of the stiff hold of a wheel's angle about its king-pin
-# Ratio of the impedances of friction and of weight. Small: the damping that then gives a slip its
-# speed is so large that MuJoCo's neglect of how contacts turn does not show in it.
-SOFTNESS = 0.001
+# MuJoCo's contacts have a part of what touches for their own mass: so little of it that the tyre is
+# a spring, and slips within milliseconds.
+IMPEDANCE = 0.01
+# Ratio of the impedances of friction and of weight. Large: what slides keeps its weight. Below 1 a
+# wheel at its friction limit is thrown off the ground.
+FRICTION_RATIO = 10.0
 LOOK = (  # squares of 1 m
     '<visual><global offwidth="1920" offheight="1080"/></visual><asset>'
     '<texture name="road" type="2d" builtin="checker" rgb1=".9 .9 .9" rgb2=".82 .82 .82" '
@@ -148,14 +151,14 @@ class MujocoPlant:
             mujoco.mj_step(model, data)
 
     def _soften(self) -> None:
-        """Let the settled tyres slip by so much speed per force."""
+        """Give the settled tyres their springs, and let them slip by so much speed per force."""
         for contact in self._data.contact:
             pair = np.flatnonzero(self._model.pair_geom2 == contact.geom[1])[0]
             own = self._vehicle.of(self._vehicle.wheels[pair])
-            regularisation = 1.0 / self._data.efc_D[contact.efc_address + 1]
-            impedance = self._model.pair_solimp[pair, 1]
-            damping = own.cornering_stiffness * regularisation * impedance
-            self._model.pair_solreffriction[pair] = 0.0, -damping
+            normal, slip = IMPEDANCE / self._data.efc_D[contact.efc_address :][:2]
+            spring = own.vertical_stiffness, own.vertical_damping
+            self._model.pair_solref[pair] = -normal * np.array(spring)
+            self._model.pair_solreffriction[pair] = 0.0, -slip * own.cornering_stiffness
 
     def _state(self, tick: int) -> LiveState:
         data, vehicle = self._data, self._vehicle
@@ -264,7 +267,8 @@ def _xml(vehicle: Vehicle) -> str:
     bodies, seen, pairs, holds, motors = [], [], [], [], []
     for wheel, load in zip(vehicle.wheels, vehicle.static_loads(), strict=True):
         own, name = vehicle.of(wheel), wheel.name
-        radius, inertia = own.tyre_radius - load / own.vertical_stiffness, own.wheel_inertia
+        sinks, inertia = load / own.vertical_stiffness, own.wheel_inertia
+        radius = own.tyre_radius - sinks  # on which it rolls; the spring begins so far outside
         steer = ""
         if wheel.steered:
             steer = f'<joint name="{name}_steer" axis="{king_pin}"/>'
@@ -291,11 +295,12 @@ def _xml(vehicle: Vehicle) -> str:
         friction = own.friction_coefficient
         pairs.append(
             f'<pair geom1="road" geom2="{name}" condim="3" '
-            f'friction="{friction} {friction} 0 0 0" solref="0.005 1"/>'
+            f'friction="{friction} {friction} 0 0 0" margin="{sinks}" '
+            f'solimp="{IMPEDANCE} {IMPEDANCE} 1"/>'
         )
     return (
         f'<mujoco><option timestep="{TICK / SUBSTEPS}" integrator="implicitfast" '
-        f'cone="elliptic" impratio="{SOFTNESS}" gravity="{_row(-vehicle.gravity * up)}"/>'
+        f'cone="elliptic" impratio="{FRICTION_RATIO}" gravity="{_row(-vehicle.gravity * up)}"/>'
         '<default><geom contype="0" conaffinity="0"/></default>'
         f'{LOOK}<worldbody><light directional="true" pos="0 0 9" dir=".3 .4 -1"/>'
         '<geom name="road" type="plane" size="100 100 1" material="road"/>'
