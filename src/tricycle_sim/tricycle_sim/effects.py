@@ -221,8 +221,6 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
                 if set(radii) & set(vehicle.unknown):
                     continue
                 change |= radii
-            if name == SLIP_BY_SPEED and (softness := _softness_of_viscous(extended)):
-                change["slip_softness"] = softness
             low, high = _limits(extended, change, std)
             per_drive = name.startswith("slope")
             parts = {} if set(owned) <= set(vehicle.values) else _extensions(vehicle, set(owned))
@@ -313,16 +311,6 @@ def _extensions(vehicle: Vehicle, constants: Collection[str] | None = None) -> d
         ):
             found[part] = other
     return found
-
-
-def _softness_of_viscous(vehicle: Vehicle) -> float:
-    """Share by which the longitudinal stiffness is less where it is as large as the lateral one."""
-
-    def mean(name: str) -> float:
-        own = [v for entry, v in vehicle.values.items() if entry.split(".")[-1] == name]
-        return sum(own) / len(own)
-
-    return max(0.0, 1.0 - mean("cornering_stiffness") / mean("slip_stiffness"))
 
 
 def _limits(vehicle: Vehicle, change: Mapping[str, float], std: float) -> tuple[float, float]:

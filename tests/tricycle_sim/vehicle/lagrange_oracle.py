@@ -341,12 +341,12 @@ def _tyre(t, radius, lean, vx, vy, vz, spin, kappa, alpha):
     fade = 1.0 / (1.0 + (vx / t.carcass_damping_speed) ** 2)
     slip_speed = vx - radius * spin
     stiffness = 1.0 + t.load_sensitivity * (load / t.mean_load - 1.0)
-    stiffer, softness = 1.0, 0.0
-    if t.law is softened:
-        stiffer, softness = 1.0 + t.slip_by_speed * (abs(vx) - 1.0), t.slip_softness
-    x = t.slip_stiffness * (1.0 - softness) * stiffer * kappa
+    by_speed = t.slip_by_speed if t.law is softened else 0.0
+    stiffer = 1.0 + by_speed * (speed - 1.0)
+    along = (1.0 - by_speed) * t.slip_stiffness + by_speed * t.cornering_stiffness
+    x = along * kappa
     x -= t.longitudinal_carcass_damping * fade * slip_speed
-    y = stiffness * (t.cornering_stiffness * stiffer * alpha + t.camber_stiffness * lean)
+    y = stiffness * (t.cornering_stiffness * alpha + t.camber_stiffness * lean)
     y -= t.lateral_carcass_damping * fade * vy
     x, y, aligning = t.law(t, load, x, y)
     surface = radius * spin
@@ -356,8 +356,8 @@ def _tyre(t, radius, lean, vx, vy, vz, spin, kappa, alpha):
         force=np.array([x, y, load]),
         aligning=-t.self_aligning_stiffness * alpha * aligning,
         resistance=radius * load * coefficient * sign,
-        kappa=(-slip_speed - speed * kappa) / t.longitudinal_relaxation_length,
-        alpha=(-vy - speed * alpha) / t.lateral_relaxation_length,
+        kappa=(-slip_speed - speed / stiffer * kappa) / t.longitudinal_relaxation_length,
+        alpha=(-vy - speed / stiffer * alpha) / t.lateral_relaxation_length,
     )
 
 

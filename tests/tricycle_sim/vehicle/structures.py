@@ -98,7 +98,6 @@ REAR_STEERED = {
         "rear.tyre_rounding": 0.2,
         "front.slip_by_speed": 0.8,
         "rear.slip_by_speed": 0.3,
-        "slip_softness": 0.4,
         **_places("front", 0.5, 0.4, -0.4),
         **_places("rear", -0.8, 0.3, -0.32),
         "wheel_inertia": 0.3,

@@ -46,13 +46,12 @@ def test_load_is_spring_and_damper_and_never_pulls():
 
 
 def test_slips_relax_over_their_lengths():
-    kappa_slope, alpha_slope = slip_slopes(TYRE, 0, 5.0, 0.5, -0.2, 0.0, 0.0)
+    kappa_slope, alpha_slope = slip_slopes(TYRE, 0, 5.0, 0.5, -0.2, 0.0, 0.0, 1.0)
     assert kappa_slope == pytest.approx(-0.5 / VEHICLE.longitudinal_relaxation_length)
     assert alpha_slope == pytest.approx(0.2 / VEHICLE.lateral_relaxation_length)
     # in the steady state the relaxed slips are those of the speeds
-    steady = slip_slopes(
-        TYRE, 0, 5.0, 0.5, -0.2, -0.5 / math.hypot(5.0, 0.1), 0.2 / math.hypot(5.0, 0.1)
-    )
+    speed = math.hypot(5.0, 0.1)
+    steady = slip_slopes(TYRE, 0, 5.0, 0.5, -0.2, -0.5 / speed, 0.2 / speed, 1.0)
     assert steady == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
@@ -64,7 +63,7 @@ def test_rolling_resistance_is_against_the_spin():
 
 
 def test_small_slips_have_linear_forces():
-    force_x, force_y, aligning, share = force(kappa=0.001, alpha=0.002, lean=0.01)
+    force_x, force_y, aligning, share, _ = force(kappa=0.001, alpha=0.002, lean=0.01)
     assert force_x == pytest.approx(3000.0 * 0.001, rel=1e-3)
     assert force_y == pytest.approx(1000.0 * 0.002 + 50.0 * 0.01, rel=1e-3)
     assert aligning == pytest.approx(-0.15 * 0.002, rel=1e-3)
@@ -72,7 +71,7 @@ def test_small_slips_have_linear_forces():
 
 
 def test_forces_stay_within_the_friction_circle():
-    force_x, force_y, _, share = force(kappa=1.0, alpha=-1.0)
+    force_x, force_y, _, share, _ = force(kappa=1.0, alpha=-1.0)
     assert math.hypot(force_x, force_y) == pytest.approx(0.8 * 200.0, rel=1e-3)
     assert force_y / force_x == pytest.approx(-1000.0 / 3000.0)
     assert share == pytest.approx(1.0, rel=1e-3)
@@ -81,8 +80,8 @@ def test_forces_stay_within_the_friction_circle():
 
 def test_stiffness_follows_the_load_where_the_vehicle_says_so():
     reference = VEHICLE.mass * VEHICLE.gravity / 3.0
-    _, per_wheel, _, _ = force(load=2.0 * reference, alpha=1e-3)
-    _, per_load, _, _ = force(load=2.0 * reference, alpha=1e-3, load_sensitivity=1.0)
+    _, per_wheel, *_ = force(load=2.0 * reference, alpha=1e-3)
+    _, per_load, *_ = force(load=2.0 * reference, alpha=1e-3, load_sensitivity=1.0)
     assert per_load == pytest.approx(2.0 * per_wheel, rel=1e-3)
 
 
@@ -113,14 +112,15 @@ def test_a_softened_tyre_is_a_mixture_of_a_linear_and_a_brush_tyre(slip, load):
 
 def test_a_softened_tyre_that_slips_by_speed_is_a_viscous_contact():
     soft = dataclasses.replace(VEHICLE, parts={"tyre": "softened"})
-    viscous = constants_of(SOFTENED, soft.replace(slip_by_speed=1.0, slip_softness=0.25))
-    own = VEHICLE.values
-    for speed in (0.5, 1.0, 4.0):
+    viscous = constants_of(SOFTENED, soft.replace(slip_by_speed=1.0))
+    damping = VEHICLE.values["cornering_stiffness"]  # N per m/s
+    for speed in (0.0, 0.5, 1.0, 4.0):
         sideways, forward = 0.002, 0.001  # m/s, of the contact over the road
-        state = (1e5, forward / speed, sideways / speed, 0.0, speed, 0.0, 0.0)
-        x, y, *_ = softened(viscous, 0, *state)
-        assert y == pytest.approx(own["cornering_stiffness"] * sideways, rel=1e-6)
-        assert x == pytest.approx(0.75 * own["slip_stiffness"] * forward, rel=1e-6)
+        x, y, _, _, stiffer = softened(viscous, 0, 1e5, forward, sideways, 0.0, speed, 0.0, 0.0)
+        steady = slip_slopes(TYRE, 0, speed, -forward, -sideways, forward, sideways, stiffer)
+        assert steady == pytest.approx((0.0, 0.0), abs=1e-12)
+        assert y == pytest.approx(damping * sideways, rel=1e-6)
+        assert x == pytest.approx(damping * forward, rel=1e-6)
 
 
 def test_between_no_rounding_and_a_full_one_is_a_tyre_of_the_magic_formula():

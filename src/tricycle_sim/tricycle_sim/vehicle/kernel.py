@@ -162,10 +162,10 @@ def _wheel(
     slip_speed = vx - rolling
 
     load = vertical_load(g, tyre, rho, ic, vz)
-    force_x, force_y, aligning, share = tyre_law(
+    force_x, force_y, aligning, share, stiffer = tyre_law(
         g, WHEEL.tyre_law * LANES + own, load, kappa, alpha, lean, vx, slip_speed, vy
     )
-    kappa_slope, alpha_slope = slip_slopes(g, tyre, vx, slip_speed, vy, kappa, alpha)
+    kappa_slope, alpha_slope = slip_slopes(g, tyre, vx, slip_speed, vy, kappa, alpha, stiffer)
     resistance = rolling_resistance(g, tyre, rho, load, rolling)
 
     drive_torque = g[WHEEL.share * LANES + own] * torque if driven else 0.0

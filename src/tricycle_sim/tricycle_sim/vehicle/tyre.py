@@ -92,9 +92,18 @@ def vertical_load(
 
 @inlined
 def slip_slopes(
-    g: FloatArray, c: int, vx: float, slip_speed: float, vy: float, kappa: float, alpha: float
+    g: FloatArray,
+    c: int,
+    vx: float,
+    slip_speed: float,
+    vy: float,
+    kappa: float,
+    alpha: float,
+    stiffer: float,
 ) -> tuple[float, float]:
     """Return the slopes of both relaxed slips [1/s].
+
+    A slip that counts more, relaxes later: in a viscous contact within a time, not on a length.
 
     Parameters
     ----------
@@ -108,8 +117,10 @@ def slip_slopes(
         Its speed over the road forward and to the left [m/s].
     kappa, alpha : float
         Relaxed slips, longitudinal and lateral.
+    stiffer : float
+        Factor by which the law counts both slips more, by speed.
     """
-    speed = math.sqrt(vx * vx + g[c + _C.speed_floor_squared])
+    speed = math.sqrt(vx * vx + g[c + _C.speed_floor_squared]) / stiffer
     return (
         -(slip_speed + speed * kappa) * g[c + _C.inverse_sigma_x],
         -(vy + speed * alpha) * g[c + _C.inverse_sigma_y],
@@ -195,7 +206,7 @@ def linear(
     vx: float,
     slip_speed: float,
     vy: float,
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float, float, float, float]:
     """Return forces linear in the slips, limited by a friction circle.
 
     Parameters
@@ -221,6 +232,8 @@ def linear(
         Moment about the vertical [N m].
     share : float
         Square of the force before limiting over the friction limit's.
+    stiffer : float
+        Factor of both slips by speed, for `slip_slopes`.
     """
     x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
     limit = g[c + _L.friction] * load
@@ -228,7 +241,7 @@ def linear(
     force2 = x0 * x0 + y0 * y0
     inverse = 1.0 / math.sqrt(math.sqrt(limit2 * limit2 + force2 * force2 + 1e-12))
     grip = limit * inverse
-    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * grip, force2 * inverse * inverse
+    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * grip, force2 * inverse * inverse, 1.0
 
 
 @inlined
@@ -242,7 +255,7 @@ def fiala(
     vx: float,
     slip_speed: float,
     vy: float,
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float, float, float, float]:
     """Return the forces of a brush tyre with a parabolic pressure: it slides from behind.
 
     Parameters
@@ -256,7 +269,7 @@ def fiala(
 
     Returns
     -------
-    force_x, force_y, aligning, share : float
+    force_x, force_y, aligning, share, stiffer : float
         As of `linear`.
     """
     x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
@@ -266,7 +279,7 @@ def fiala(
     grip = (1.0 - sliding + sliding * sliding / 3.0) / max(theta, 1.0)
     adhering = (1.0 - sliding) * (1.0 - sliding) * (1.0 - sliding)
     share = (1.0 - adhering) * (1.0 - adhering)
-    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * adhering, share
+    return grip * x0, grip * y0, -g[c + _L.aligning] * alpha * adhering, share, 1.0
 
 
 SOFTENED: Formulas = {
@@ -275,7 +288,10 @@ SOFTENED: Formulas = {
     "brush_friction": lambda v: v.friction_coefficient / np.maximum(v.tyre_saturation, 1.0),
     "rounding": lambda v: v.tyre_rounding,
     "by_speed": lambda v: v.slip_by_speed,
-    "stiffness_left": lambda v: 1.0 - v.slip_softness,
+    "speed_floor_squared": lambda v: v.slip_speed_floor**2,
+    "as_lateral": lambda v: (
+        1.0 + v.slip_by_speed * (v.cornering_stiffness / v.slip_stiffness - 1.0)
+    ),
 }
 _S = numbered(SOFTENED, step=LANES)
 
@@ -291,13 +307,14 @@ def softened(
     vx: float,
     slip_speed: float,
     vy: float,
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float, float, float, float]:
     """Return a mixture of the forces of `linear` (saturation 0) and of `fiala` (1).
 
     Above 1 the tyre is a brush tyre whose friction is divided by the saturation. With a rounding of
     1 the force of `linear` bends earlier: its limiter is of second order instead of fourth. A tyre
     of the magic formula lies between. Slip by speed makes the force grow with the speed at the same
-    slip, up to that of a viscous contact, as wheels of MuJoCo and of ODE (Gazebo) have.
+    slip, and as stiff lengthwise as across, up to a viscous contact, as wheels of MuJoCo and of ODE
+    (Gazebo) have.
 
     Parameters
     ----------
@@ -310,12 +327,13 @@ def softened(
 
     Returns
     -------
-    force_x, force_y, aligning, share : float
+    force_x, force_y, aligning, share, stiffer : float
         As of `linear`.
     """
-    stiffer = 1.0 + g[c + _S.by_speed] * (abs(vx) - 1.0)
-    kappa *= stiffer * g[c + _S.stiffness_left]
-    x0, y0 = unlimited(g, c, load, kappa, stiffer * alpha, lean, vx, slip_speed, vy)
+    speed = math.sqrt(vx * vx + g[c + _S.speed_floor_squared])
+    stiffer = 1.0 + g[c + _S.by_speed] * (speed - 1.0)
+    kappa *= g[c + _S.as_lateral]
+    x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
     limit = g[c + _S.friction] * load
     limit2 = limit * limit
     force2 = x0 * x0 + y0 * y0
@@ -330,7 +348,7 @@ def softened(
     grip = circle + brush * (1.0 - sliding + sliding * sliding / 3.0) / max(theta, 1.0)
     share = rest * force2 * inverse * inverse + brush * (1.0 - adhering) * (1.0 - adhering)
     aligning = -g[c + _S.aligning] * alpha * (circle + brush * adhering)
-    return grip * x0, grip * y0, aligning, share
+    return grip * x0, grip * y0, aligning, share, stiffer
 
 
 MAGIC_FORMULA: Formulas = {
@@ -363,7 +381,7 @@ def magic_formula(
     vx: float,
     slip_speed: float,
     vy: float,
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float, float, float, float]:
     """Return the forces by Pacejka's formula, combined by the similarity of both directions.
 
     Parameters
@@ -377,7 +395,7 @@ def magic_formula(
 
     Returns
     -------
-    force_x, force_y, aligning, share : float
+    force_x, force_y, aligning, share, stiffer : float
         As of `linear`; the share after limiting.
     """
     x0, y0 = unlimited(g, c, load, kappa, alpha, lean, vx, slip_speed, vy)
@@ -393,7 +411,7 @@ def magic_formula(
     force = (sx * sx * px + sy * sy * py) / s2
     grip = limit * force / s
     aligning = -g[c + _F.aligning] * alpha * py / s
-    return grip * sx, grip * sy, aligning, force * force
+    return grip * sx, grip * sy, aligning, force * force, 1.0
 
 
 LAWS = {
@@ -407,10 +425,9 @@ LAWS = {
             between("tyre_saturation", "1", 0.0, 4.0, default=0.0, per_wheel=True),
             # order of the limiter, 0: fourth, 1: second
             between("tyre_rounding", "1", 0.0, 1.0, default=0.0, per_wheel=True),
-            # 0: forces by slip, 1: by the speed of the slip, with the same stiffness at 1 m/s
+            # 0: forces by slip, 1: by the speed of the slip, alike in all directions, with the same
+            # cornering stiffness at 1 m/s
             between("slip_by_speed", "1", 0.0, 1.0, default=0.0, per_wheel=True),
-            # share by which `slip_stiffness` is less
-            between("slip_softness", "1", 0.0, 0.8, default=0.0, per_wheel=True),
         ),
     ),
     "magic_formula": Law(
