@@ -1,5 +1,7 @@
 """Vehicles that are too stiff for the steps are refused by name of the cause."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,17 @@ def test_vehicles_that_are_too_stiff_are_refused(values, cause):
     assert cause in str(error.value)
     with pytest.raises(VehicleError, match="steps of 5 ms allow 500"):
         LiveVehicle(vehicle)
+
+
+def test_samples_that_are_stiffer_than_the_vehicle_stay_bounded():
+    stiff = {"slip_stiffness": (1500.0, 9000.0), "longitudinal_relaxation_length": (0.02, 0.2)}
+    vehicle = dataclasses.replace(VEHICLE, unknown=stiff)
+    commands = Commands([0.0, 6.0], [0.1, 0.1], [2.0, 2.0])
+    points = np.array([[3000.0, 0.1], [9000.0, 0.02], [9000.0, 0.2]])
+    trajectory = simulate(vehicle, commands, points)
+    friction = trajectory.feasibility.friction.value
+    assert friction == pytest.approx(friction[0], rel=0.01)
+    np.testing.assert_allclose(trajectory.vx[1], trajectory.vx[2], atol=5e-3)
 
 
 def test_vehicles_just_within_the_limit_stay_bounded():

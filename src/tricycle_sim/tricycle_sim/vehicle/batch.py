@@ -45,7 +45,7 @@ from tricycle_sim.vehicle.parts import (
     steering_constants,
     structure_of,
 )
-from tricycle_sim.vehicle.stability import check_step
+from tricycle_sim.vehicle.stability import check_step, lengthen_relaxation
 from tricycle_sim.vehicle.wheels import Wheel
 
 NOT_IN_FILES = "drive_speed", "lateral_acceleration", "motor_torque", "feasibility"
@@ -385,6 +385,7 @@ class CommandedBatch:
         needs = {name: self.available[name][0] for name in columns}
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
+        lengthen_relaxation(groups, len(self._vehicle.wheels))
         shape = len(rows), len(groups) * LANES, len(self.time[::every])
         changed = steering_delay, faster, steered
         own = bool(self._start.steered_by) or any(change is not None for change in changed)

@@ -9,10 +9,23 @@ import numpy as np
 
 from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.errors import VehicleError
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.vehicle.body import PLACE
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.groups import equilibrium, motor_in_the_middle, pack
 from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for
-from tricycle_sim.vehicle.layout import LANES, SLOPE, STATE, WHEEL_STATES, states_of
+from tricycle_sim.vehicle.layout import (
+    LANES,
+    SLOPE,
+    STATE,
+    WHEEL_STATES,
+    numbered,
+    of_wheels,
+    states_of,
+)
+from tricycle_sim.vehicle.parts import WHEEL, WHEEL_ROWS
+from tricycle_sim.vehicle.tyre import LINEAR, TYRE
 
 LIMIT = 2.5
 """Largest rate times step: RK4 is stable to 2.78 for decay and to 2.83 for oscillation."""
@@ -25,6 +38,8 @@ _CAUSES = {
     STATE.kappa: "longitudinal_relaxation_length or slip_stiffness",
     STATE.alpha: "lateral_relaxation_length or cornering_stiffness",
 }
+
+_P, _T, _L = numbered(PLACE), numbered(TYRE), numbered(LINEAR)  # every law has those of `LINEAR`
 
 _checked: set[tuple[str, float]] = set()
 
@@ -57,6 +72,32 @@ def check_step(vehicle: Vehicle, step: float) -> None:
             f"allow {LIMIT / step:.0f}: change {cause}"
         )
     _checked.add(key)
+
+
+def lengthen_relaxation(groups: FloatArray, wheels: int) -> None:
+    """Make the longitudinal relaxation of samples so long that steps of `TICK` are stable.
+
+    Of a vehicle that `check_step` accepts, samples may be stiffer: where a fit tries both a stiffer
+    tyre and a shorter relaxation, a wheel swings faster on its tyre.
+
+    Parameters
+    ----------
+    groups : ndarray of float, shape (b, ROWS * LANES)
+        Vehicles; changed in place.
+    wheels : int
+        That each has.
+    """
+    rows = groups.reshape(len(groups), -1, LANES)
+
+    def of_each(row: int) -> FloatArray:
+        return rows[:, of_wheels(row, WHEEL_ROWS, wheels)]
+
+    law = WHEEL.tyre_law
+    stiffness = np.maximum(of_each(law + _L.c_kappa), of_each(law + _L.c_alpha))
+    radius, inertia = of_each(WHEEL.tyre + _T.radius), of_each(WHEEL.place + _P.inertia)
+    inverse_sigma = of_each(WHEEL.tyre + _T.inverse_sigma_x)
+    largest = (LIMIT / TICK) ** 2 * inertia / (stiffness * radius**2)
+    np.minimum(inverse_sigma, largest, out=inverse_sigma)
 
 
 def fastest_mode(vehicle: Vehicle) -> tuple[float, int]:
