@@ -76,11 +76,11 @@ def test_an_interrupted_drive_stops_the_vehicle_and_one_after_a_kill_says_what_i
         )  # fmt: skip
 
     with simulated_session(
-        vehicle_file=None, true_seed=-1, real_time_factor=1.0, folder=tmp_path / "session"
+        vehicle_file=None, true_seed=-1, real_time_factor=4.0, folder=tmp_path / "session"
     ):
         company = pytest.raises(NodeError, match=r"ROS domain \d+ has a .* already")
         another = simulated_session(
-            vehicle_file=None, true_seed=-1, real_time_factor=1.0, folder=tmp_path / "another"
+            vehicle_file=None, true_seed=-1, real_time_factor=4.0, folder=tmp_path / "another"
         )
         wait(armed, "both boards")
         with company, another:
