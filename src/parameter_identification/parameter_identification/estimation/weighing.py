@@ -19,7 +19,7 @@ from scipy.optimize import brentq
 from scipy.special import logit, logsumexp, ndtr, ndtri
 
 from parameter_identification.estimation.optimum import Optimum
-from parameter_identification.estimation.problem import LeastSquares
+from parameter_identification.estimation.problem import Fit, LeastSquares
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import Effect
@@ -33,6 +33,9 @@ MOST_SIZES = 8  # combinations of them that are averaged
 _LOG_ROOT_TAU = 0.5 * math.log(math.tau)  # of the normal distribution's density
 _FAR_TAIL = 30.0  # standard deviations from which its tail is found by a series
 ROUNDS = 5  # of weights, and fit with the most probable effects
+SURPRISE = 30.0  # of the cost, from which a fit shows that the motion is not linear in an effect
+NOTICEABLE = 0.1  # standard deviations of its prior, from which an effect may be the cause
+INDISPENSABLE = 1.0 - 1e-15  # probability of such an effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -462,6 +465,7 @@ def weigh_effects(
     """
     effects, places = zip(*problem.constant_effects().items(), strict=True)
     names, chances = [e.name for e in effects], [e.chance for e in effects]
+    at_effect = dict(zip(names, places, strict=True))
     of_effects = sorted(i for at in places for i in at)
     variables = np.append(np.arange(problem.k), of_effects).astype(int)
     where = {v: i for i, v in enumerate(variables.tolist())}
@@ -493,9 +497,11 @@ def weigh_effects(
         best = likely[int(np.argmax(evidence))][0]
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
             break  # so that the weights are those of the fit
-        free, sizes = acts, best
-        problem.set_sizes(sizes)
-        fit = problem.minimise(np.where(free, fit.at, 0.0), free)
+        problem.set_sizes(best)
+        fit, free, indispensable = _refitted(problem, fit, acts, at_effect)
+        sizes = best
+        for name in indispensable:
+            chances[names.index(name)] = INDISPENSABLE
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)
     covariance = np.zeros((problem.n, problem.n))
@@ -508,6 +514,45 @@ def weigh_effects(
         of_name = zip(shares, (chosen[name] for chosen, _ in likely), strict=True)
         probable[name] = sum(share for share, size in of_name if size != NO_DEVIATION)
     return replace(optimum, fit=fit, covariance=covariance), found, probable
+
+
+def _refitted(
+    problem: LeastSquares,
+    fit: Fit,
+    acts: NDArray[np.bool_],
+    places: Mapping[str, Sequence[int]],
+) -> tuple[Fit, NDArray[np.bool_], list[str]]:
+    """Fit with the effects that act; return it, what is free in it, and indispensable effects.
+
+    The weights are those of a motion that is linear in the effects. Where the fit is worse than
+    that says, the effects that are left out are tried one by one, and the best one is kept.
+    """
+    gram = problem.gram(fit.at)
+    information, slope = gram[:-1, :-1], gram[:-1, -1]
+    pull = information @ fit.at - slope
+    at_zero = gram[-1, -1] + (pull - slope) @ fit.at
+
+    def fitted(free: NDArray[np.bool_]) -> Fit:
+        return problem.minimise(np.where(free, fit.at, 0.0), free)
+
+    def expected(free: NDArray[np.bool_]) -> float:
+        inside = information[np.ix_(free, free)]
+        return float(at_zero - pull[free] @ np.linalg.solve(inside, pull[free]))
+
+    found, free, indispensable = fitted(acts), acts, list[str]()
+    while found.cost > expected(free) + SURPRISE:
+        with_one = {}
+        for name, at in places.items():
+            if not free[at].any() and np.abs(fit.at[at]).max() > NOTICEABLE:
+                more = free.copy()
+                more[at] = True
+                with_one[name] = fitted(more), more
+        best = min(with_one, key=lambda name: with_one[name][0].cost, default=None)
+        if best is None or with_one[best][0].cost > found.cost - SURPRISE:
+            break
+        found, free = with_one[best]
+        indispensable.append(best)
+    return found, free, indispensable
 
 
 def _likely_sizes(
