@@ -4,10 +4,12 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.optimize import approx_fprime, least_squares
 from scipy.special import logit, logsumexp
 from scipy.stats import multivariate_normal, norm
 
-from parameter_identification.estimation.weighing import NEGLECTED, mixture
+from parameter_identification.estimation.problem import Fit
+from parameter_identification.estimation.weighing import NEGLECTED, mixture, refitted
 
 NOISE = 0.3
 PARAMETERS = 2
@@ -134,3 +136,42 @@ def test_an_effect_that_hides_behind_a_parameter_widens_its_tails():
     narrow = norm.ppf(0.9995) * np.sqrt(found.variances[without, 0])
     assert found.quantile(0, 0.9995) - found.means[without, 0] > 2.0 * narrow
     assert 0.05 < found.weights @ found.acting[:, 2] < 0.15
+
+
+class Bent:
+    """What is measured is linear in each of two variables, and in a third one, not in all."""
+
+    def __init__(self, bend):
+        self.bend = bend
+
+    def residual(self, v):
+        p, effect, other = v
+        seen = np.array([2.0, 2.0 - self.bend, 0.0])
+        is_so = np.array(
+            [p + effect, (1.0 - self.bend) * (p + effect) + self.bend * p * effect, other]
+        )
+        return 100.0 * (is_so - seen)
+
+    def gram(self, v):
+        columns = np.column_stack([approx_fprime(v, self.residual, 1e-7), self.residual(v)])
+        return columns.T @ columns + np.diag([1e-6, 1e-6, 1e-6, 0.0])
+
+    def minimise(self, start, free):
+        def residual(some):
+            v = start.copy()
+            v[free] = some
+            return self.residual(v)
+
+        found, at = least_squares(residual, start[free]), start.copy()
+        at[free] = found.x
+        return Fit(at, 2.0 * found.cost)
+
+
+@pytest.mark.parametrize(("bend", "kept"), [(0.0, []), (1.0, ["effect"])])
+def test_an_effect_is_kept_where_the_fit_without_it_is_worse_than_linear(bend, kept):
+    near_linear, places = Fit(np.array([1.0, 1.0, 0.2]), 0.0), {"effect": [1], "other": [2]}
+    acts = np.array([True, False, False])
+    fit, free, indispensable = refitted(Bent(bend), near_linear, acts, places)
+    assert indispensable == kept
+    assert free.tolist() == [True, bool(kept), False]
+    assert fit.cost == pytest.approx(0.0, abs=1e-3)

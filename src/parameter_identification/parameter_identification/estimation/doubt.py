@@ -163,7 +163,7 @@ def doubt_of(
         Standard deviations that the parameters have at least.
     white : bool
         Whether residuals look white. If not, or if drives contradict each other, the model is wrong
-        for this vehicle, and a parameter at an end of its range is doubted.
+        for this vehicle, and where a parameter is at an end of its range all are doubted.
     """
     at, k = optimum.fit.at, problem.k
     gram = problem.gram(at)
@@ -185,8 +185,9 @@ def doubt_of(
         free, std = average.mean, average.standard_deviations
     low, high = problem.low[:k], problem.high[:k]
     beyond = beyond_ranges(at[:k], free[:k], factors[:k] * std[:k], low, high)
-    if not white or scatter.max() > CONTRADICTING:
-        beyond |= np.fmin(at[:k] - low, high - at[:k]) <= 1e-9
+    at_an_end = np.fmin(at[:k] - low, high - at[:k]) <= 1e-9
+    if at_an_end.any() and (not white or scatter.max() > CONTRADICTING):
+        beyond[:] = True  # what is held there bends the others
     before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
     covariance = doubted(covariance, before, beyond)
     widening = np.sqrt(np.diag(covariance)[:k] / np.diag(optimum.covariance)[:k])

@@ -498,7 +498,7 @@ def weigh_effects(
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
             break  # so that the weights are those of the fit
         problem.set_sizes(best)
-        fit, free, indispensable = _refitted(problem, fit, acts, at_effect)
+        fit, free, indispensable = refitted(problem, fit, acts, at_effect)
         sizes = best
         for name in indispensable:
             chances[names.index(name)] = INDISPENSABLE
@@ -516,16 +516,27 @@ def weigh_effects(
     return replace(optimum, fit=fit, covariance=covariance), found, probable
 
 
-def _refitted(
+def refitted(
     problem: LeastSquares,
     fit: Fit,
     acts: NDArray[np.bool_],
     places: Mapping[str, Sequence[int]],
 ) -> tuple[Fit, NDArray[np.bool_], list[str]]:
-    """Fit with the effects that act; return it, what is free in it, and indispensable effects.
+    """Return the fit with the effects that act, what is free in it, and indispensable effects.
 
     The weights are those of a motion that is linear in the effects. Where the fit is worse than
     that says, the effects that are left out are tried one by one, and the best one is kept.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        With `gram` and `minimise`.
+    fit : Fit
+        With more effects.
+    acts : ndarray of bool, shape (n,)
+        Which variables are free; the others are 0.
+    places : mapping of str to sequence of int
+        Variables of each effect, by its name.
     """
     gram = problem.gram(fit.at)
     information, slope = gram[:-1, :-1], gram[:-1, -1]
