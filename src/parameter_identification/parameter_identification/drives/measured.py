@@ -339,7 +339,7 @@ def measured_drive(drive: RecordedDrive, vehicle: Vehicle) -> MeasuredDrive:
         signals[Sensor.WHEEL_SPEEDS] = of_wheels(wheels)
     end = commands.duration
     signals = {sensor: signal.between(-STANDSTILL, end) for sensor, signal in signals.items()}
-    if Sensor.WHEEL_SPEED in signals:  # what came before the start, may have begun at any speed
+    if Sensor.WHEEL_SPEED in signals:  # before the start, it may have begun at any speed
         signals[Sensor.WHEEL_SPEED] = resolved(signals[Sensor.WHEEL_SPEED])
     return MeasuredDrive(
         name=drive.bag.stem,

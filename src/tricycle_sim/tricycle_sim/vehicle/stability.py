@@ -92,11 +92,9 @@ def lengthen_relaxation(groups: FloatArray, wheels: int) -> None:
     def of_each(row: int) -> FloatArray:
         return rows[:, of_wheels(row, WHEEL_ROWS, wheels)]
 
-    law = WHEEL.tyre_law
-    stiffness = np.maximum(of_each(law + _L.c_kappa), of_each(law + _L.c_alpha))
-    radius, inertia = of_each(WHEEL.tyre + _T.radius), of_each(WHEEL.place + _P.inertia)
+    stiffness, radius = of_each(WHEEL.tyre_law + _L.c_kappa), of_each(WHEEL.tyre + _T.radius)
     inverse_sigma = of_each(WHEEL.tyre + _T.inverse_sigma_x)
-    largest = (LIMIT / TICK) ** 2 * inertia / (stiffness * radius**2)
+    largest = (LIMIT / TICK) ** 2 * of_each(WHEEL.place + _P.inertia) / (stiffness * radius**2)
     np.minimum(inverse_sigma, largest, out=inverse_sigma)
 
 
