@@ -244,6 +244,25 @@ def test_the_band_does_not_hold_what_the_vehicle_file_lacks_unless_it_is_an_effe
 
 
 @pytest.mark.slow
+def test_the_band_counts_how_far_drives_are_from_where_the_others_predict_them():
+    sharper = planned(Circle(duration=14), 2.2, 1.0)
+
+    def last(offset):
+        vehicle = VEHICLE.replace(steering_offset=offset)
+        *drives, held = (
+            driven(c, seed=i, truth=TRUTH, vehicle=vehicle, name=str(i))
+            for i, c in enumerate((GENTLE, GENTLE, DEMANDING, sharper))
+        )
+        return identify(drives, VEHICLE, held_out=[held], starts=1).held_out[0]
+
+    right, wrong = last(0.0), last(0.012)
+    assert right.missed < 0.5 * right.noise
+    assert wrong.missed > wrong.noise
+    assert wrong.inside > 0.9
+    assert wrong.expected < 2.0 * wrong.rms_estimated
+
+
+@pytest.mark.slow
 def test_two_drives_one_after_the_other_tell_what_both_tell_together(pair):
     both = identify(pair, VEHICLE)
     first = identify(pair[:1], VEHICLE)

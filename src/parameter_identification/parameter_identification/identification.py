@@ -60,6 +60,7 @@ from parameter_identification.estimation.steps import Steps
 from parameter_identification.estimation.validation import (
     effects_of_drives,
     fits_of_drives,
+    missed_of_each_other,
     predict_held_out,
     whiteness_of_residuals,
 )
@@ -213,6 +214,7 @@ def identify(
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
         step.pass_to(to_end)
+        missed = missed_of_each_other(problem, by_noise, predictions) if held_out else 0.0
         model = problem.models[0]
         return Identification(
             vehicle=vehicle.name,
@@ -225,7 +227,9 @@ def identify(
             noise=problem.noise,
             whiteness=tested,
             drives=fits_of_drives(problem, optimum, predictions),
-            held_out=tuple(predict_held_out(problem, optimum, d, loss, level) for d in held_out),
+            held_out=tuple(
+                predict_held_out(problem, optimum, d, loss, level, missed) for d in held_out
+            ),
             outliers=problem.outliers(predictions, OUTLIER),
             rivals=tuple(model.parameters(z) for z in optimum.rivals),
             starts=optimum.starts,

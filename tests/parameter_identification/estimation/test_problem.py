@@ -101,6 +101,27 @@ def test_a_profile_ends_at_the_range(problem, optimum):
     assert curve.interval == (0.0, 1.0)
 
 
+def test_a_drive_left_out_leaves_what_the_others_find_alone(problem, optimum):
+    v, free = optimum.fit.at, np.ones(problem.n, dtype=bool)
+    for drive, (found, covariance, gram) in enumerate(problem.by_the_others(v, free)):
+        left, shared = 1 - drive, slice(problem.k)
+        with LeastSquares(
+            [problem.models[left]], *prior_in_ranges(VEHICLE, None), Loss.SQUARED
+        ) as one:
+            one.noise = problem.noise
+            at = np.append(np.arange(problem.k), problem.nuisances_at(left))
+            alone = one.gram(v[at])
+            own = one.gram(v[at])[:-1, :-1]
+            step = np.linalg.solve(own, alone[:-1, -1])
+            np.testing.assert_allclose(found[at], v[at] - step, atol=1e-3)
+            np.testing.assert_allclose(
+                covariance[shared, shared], np.linalg.inv(own)[shared, shared], rtol=1e-3
+            )
+        own = problem.nuisances_at(drive)
+        np.testing.assert_allclose(found[own], 0.0, atol=1e-9)  # nothing says what they are
+        assert gram.shape == (problem.k + len(own) + 1,) * 2
+
+
 def test_estimates_predict_better_than_nominal_values(problem, optimum, pair):
     predictions = problem.predictions(optimum.fit.at)
     for fit in fits_of_drives(problem, optimum, predictions):
@@ -112,6 +133,6 @@ def test_estimates_predict_better_than_nominal_values(problem, optimum, pair):
     assert [(t.drive, t.channel) for t in tests] == [
         (d.name, c) for d in pair for c in ("x", "y")
     ]  # fmt: skip
-    held = predict_held_out(problem, optimum, pair[0], Loss.SQUARED, 0.95)
+    held = predict_held_out(problem, optimum, pair[0], Loss.SQUARED, 0.95, 0.0)
     assert held.rms_estimated < 0.5 * held.rms_nominal
     assert held.inside > 0.9  # it was used, so that it fits

@@ -222,6 +222,35 @@ class LeastSquares(Closing):
             variances.append(np.diag(covariance)[: self.k])
         return np.array(estimates), np.array(variances)
 
+    def by_the_others(
+        self, v: FloatArray, free: NDArray[np.bool_]
+    ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Yield the variables (n,) without each drive, their covariance, and the drive's own gram.
+
+        One step of those that are free; the others keep their values. The gram (q + 1, q + 1) is
+        that of the q variables of the drive at `v`, with the priors of its own ones.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables, near the minimum.
+        free : ndarray of bool, shape (n,)
+            Those that are estimated.
+        """
+        grams, prior = list(self._grams(self.predictions(v), self.noise)), self._prior_gram(v)
+        whole = sum(grams, prior)
+        kept = np.flatnonzero(free)
+        for gram, at in zip(grams, self._at, strict=True):
+            rest = whole - gram
+            covariance = np.zeros((self.n, self.n))
+            covariance[np.ix_(kept, kept)] = np.linalg.inv(rest[np.ix_(kept, kept)])
+            own = at[self.shared :]
+            of_own = np.append(own, self.n)
+            gram[np.ix_(own, of_own)] += prior[np.ix_(own, of_own)]
+            gram[-1, own] = gram[own, -1]
+            place = np.append(at, self.n)
+            yield v - covariance @ rest[:-1, -1], covariance, gram[np.ix_(place, place)]
+
     def common_information(self) -> FloatArray:
         """Return the inverse covariance (n, n) of the priors of what all drives have in common."""
         information = self._prior_gram(np.zeros(self.n))[:-1, :-1]

@@ -225,6 +225,9 @@ class HeldOut:
         versions that had no band.
     inside : float or None
         Share of the measured positions in the band, of the identification's level.
+    missed : float or None
+        Part of `expected` [m] by which the worst of the drives that were used is farther from where
+        the others predict it than the uncertainty of the estimates says.
     """
 
     name: str
@@ -233,6 +236,7 @@ class HeldOut:
     noise: float
     expected: float | None = None
     inside: float | None = None
+    missed: float | None = None
 
 
 def asked_for(

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.estimation import chi_square
@@ -163,8 +164,52 @@ def whiteness_of_residuals(
     )
 
 
+def missed_of_each_other(
+    problem: LeastSquares, optimum: Optimum, predictions: Sequence[Sequence[Prediction]]
+) -> float:
+    """Return the variance [m^2] by which drives are off more than the others expect: the worst's.
+
+    Each drive is predicted from the others, its nuisances fitted, as far as the motion is linear.
+    Of positions; 0 where all are as near as expected, or there is one drive only.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        Holds the drives.
+    optimum : Optimum
+        The best fit.
+    predictions : sequence of sequence of Prediction
+        Of each drive at the best fit.
+    """
+    v, missed = optimum.fit.at, 0.0
+    free = (v != 0.0) & (v > problem.low) & (v < problem.high)  # other effects are held there
+    for drive, (others, covariance, gram) in enumerate(problem.by_the_others(v, free)):
+        model, at = (
+            problem.models[drive],
+            np.append(np.arange(problem.k), problem.nuisances_at(drive)),
+        )
+        known = problem.k + model.shared
+        fitted = _fitted(model)
+        change = np.append((others - v)[:known], -v[at[known:]])
+        bent = gram[:-1, -1] + gram[:-1][:, np.flatnonzero(~fitted)] @ change[~fitted]
+        change[fitted] = -np.linalg.solve(gram[np.ix_(fitted, fitted)], bent[fitted])
+        position = next(p for p in predictions[drive] if p.sensor is Sensor.POSITION)
+        residual = position.residual + position.jacobian @ change
+        expected = _held_covariance(problem, optimum, model)
+        expected[:known, :known] = covariance[:known, :known]
+        of_model = _of_positions(position, gram[:-1, :-1], expected, fitted)
+        variance = np.trace(of_model, axis1=1, axis2=2) + 2.0 * _noise(problem)
+        missed = max(missed, float(np.mean(np.sum(residual**2, axis=1) - variance)))
+    return missed if len(problem.models) > 1 else 0.0
+
+
 def predict_held_out(
-    problem: LeastSquares, optimum: Optimum, drive: MeasuredDrive, loss: Loss, level: float
+    problem: LeastSquares,
+    optimum: Optimum,
+    drive: MeasuredDrive,
+    loss: Loss,
+    level: float,
+    missed: float,
 ) -> HeldOut:
     """Predict a drive with the nominal and with the estimated parameters, its nuisances fitted.
 
@@ -180,6 +225,9 @@ def predict_held_out(
         Of the residuals.
     level : float
         Probability of the band around the predicted positions.
+    missed : float
+        Variance [m^2] that the band has more than the uncertainty of the estimates says: that of
+        `missed_of_each_other`.
     """
     k, like = problem.k, problem.models[0]
     model = DriveModel(
@@ -190,10 +238,7 @@ def predict_held_out(
         alone.noise |= {
             sensor: problem.noise[sensor] for sensor in alone.noise if sensor in problem.noise
         }
-        known = k + model.shared
-        free = np.append(
-            np.zeros(known, bool), [n.effect is None for n in model.nuisances[model.shared :]]
-        )
+        known, free = k + model.shared, _fitted(model)
         rms = []
         unaffected = np.zeros(model.shared)
         for shown in (np.append(_nominal(model), unaffected), optimum.fit.at[:known]):
@@ -201,14 +246,13 @@ def predict_held_out(
             (predictions,) = alone.predictions(fit.at)
             position = next(p for p in predictions if p.sensor is Sensor.POSITION)
             rms.append(float(np.sqrt(np.mean(np.sum(position.residual**2, axis=1)))))
-        noise = alone.noise[Sensor.POSITION]
-        variance = noise.white**2 + noise.drift**2
-        # what is fitted to the drive takes up a part of what the rest is off by
         information = alone.gram(fit.at)[:-1, :-1]
-        taken = np.linalg.solve(information[np.ix_(free, free)], information[np.ix_(free, ~free)])
-        by_rest = position.jacobian[:, :, ~free] - position.jacobian[:, :, free] @ taken
-        covariance = by_rest @ _held_covariance(problem, optimum, model)[np.ix_(~free, ~free)]
-        covariance = covariance @ by_rest.transpose(0, 2, 1) + variance * np.eye(2)
+        covariance = _of_positions(
+            position, information, _held_covariance(problem, optimum, model), free
+        )
+        covariance *= 1.0 + missed / np.mean(np.trace(covariance, axis1=1, axis2=2))
+        variance = _noise(alone)
+        covariance += variance * np.eye(2)
         whitened = np.linalg.solve(covariance, position.residual[:, :, np.newaxis])[:, :, 0]
         distance = np.sum(position.residual * whitened, axis=1)
     return HeldOut(
@@ -218,7 +262,34 @@ def predict_held_out(
         noise=math.sqrt(2.0 * variance),
         expected=float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)))),
         inside=float(np.mean(distance <= chi_square.quantile(level, 2))),
+        missed=math.sqrt(missed),
     )
+
+
+def _fitted(model: DriveModel) -> NDArray[np.bool_]:
+    """Which variables of a drive (k + q,) are fitted where it is predicted: no effects."""
+    of_drive = [n.effect is None for n in model.nuisances[model.shared :]]
+    return np.append(np.zeros(len(model.low) + model.shared, dtype=bool), of_drive)
+
+
+def _noise(problem: LeastSquares) -> float:
+    """Variance of a coordinate as measured [m^2]."""
+    noise = problem.noise[Sensor.POSITION]
+    return noise.white**2 + noise.drift**2
+
+
+def _of_positions(
+    position: Prediction, information: FloatArray, covariance: FloatArray, fitted: NDArray[np.bool_]
+) -> FloatArray:
+    """Covariance (m, 2, 2) of predicted positions, of which some variables are fitted to the drive.
+
+    These take up a part of what the others, with this covariance, are off by.
+    """
+    rest = ~fitted
+    taken = np.linalg.solve(information[np.ix_(fitted, fitted)], information[np.ix_(fitted, rest)])
+    by_rest = position.jacobian[:, :, rest] - position.jacobian[:, :, fitted] @ taken
+    found: FloatArray = by_rest @ covariance[np.ix_(rest, rest)] @ by_rest.transpose(0, 2, 1)
+    return found
 
 
 def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel) -> FloatArray:

@@ -376,6 +376,11 @@ def _remark_on_held_out(held: HeldOut, level: float) -> str:
             f"; expected {1e3 * held.expected:.1f} mm, inside its {level:.0%} band for "
             f"{held.inside:.0%} of the samples"
         )
+        if held.missed is not None and held.missed > held.noise:
+            band += (
+                f"; one of the drives is {1e3 * held.missed:.1f} mm farther than expected from "
+                "where the others predict it, and the band counts that"
+            )
         if held.inside < level - OFTEN_OUTSIDE:
             band += "; it is OUTSIDE: this vehicle moves as the model CANNOT"
     if held.rms_estimated > WORSE * held.rms_nominal:
