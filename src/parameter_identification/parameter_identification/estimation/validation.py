@@ -24,6 +24,7 @@ from tricycle_sim.effects import SPEED_DEVIATION, TURN_DEVIATION
 
 DEVIATIONS = ((SPEED_DEVIATION, "%", 100.0), (TURN_DEVIATION, "(1/m)", 1.0))
 """Those that go on all along a drive: name, unit as shown, and its size in the deviation's."""
+CHANCE = 0.01  # of a drive that is farther from where the others predict it
 NO_SIZE = 0.01  # of a deviation, in standard deviations of its prior: it does not act
 
 
@@ -167,10 +168,10 @@ def whiteness_of_residuals(
 def missed_of_each_other(
     problem: LeastSquares, optimum: Optimum, predictions: Sequence[Sequence[Prediction]]
 ) -> float:
-    """Return the variance [m^2] by which drives are off more than the others expect: the worst's.
+    """Return the variance [m^2] by which the worst drive is farther off than the others expect.
 
     Each drive is predicted from the others, its nuisances fitted, as far as the motion is linear.
-    Of positions; 0 where all are as near as expected, or there is one drive only.
+    Of positions; 0 where all are as near as they are by chance, or there is one drive only.
 
     Parameters
     ----------
@@ -184,22 +185,25 @@ def missed_of_each_other(
     v, missed = optimum.fit.at, 0.0
     free = (v != 0.0) & (v > problem.low) & (v < problem.high)  # other effects are held there
     for drive, (others, covariance, gram) in enumerate(problem.by_the_others(v, free)):
-        model, at = (
-            problem.models[drive],
-            np.append(np.arange(problem.k), problem.nuisances_at(drive)),
-        )
-        known = problem.k + model.shared
-        fitted = _fitted(model)
-        change = np.append((others - v)[:known], -v[at[known:]])
+        model = problem.models[drive]
+        known, fitted = problem.k + model.shared, _fitted(model)
+        own = problem.nuisances_at(drive)[model.shared :]
+        change = np.append((others - v)[:known], -v[own])
         bent = gram[:-1, -1] + gram[:-1][:, np.flatnonzero(~fitted)] @ change[~fitted]
         change[fitted] = -np.linalg.solve(gram[np.ix_(fitted, fitted)], bent[fitted])
         position = next(p for p in predictions[drive] if p.sensor is Sensor.POSITION)
         residual = position.residual + position.jacobian @ change
         expected = _held_covariance(problem, optimum, model)
         expected[:known, :known] = covariance[:known, :known]
-        of_model = _of_positions(position, gram[:-1, :-1], expected, fitted)
-        variance = np.trace(of_model, axis1=1, axis2=2) + 2.0 * _noise(problem)
-        missed = max(missed, float(np.mean(np.sum(residual**2, axis=1) - variance)))
+        by_rest = _by_rest(position, gram[:-1, :-1], fitted)
+        of_model = expected[np.ix_(~fitted, ~fitted)] @ np.einsum("tci,tcj->ij", by_rest, by_rest)
+        noise, count = _noise(problem), residual.size
+        total = np.trace(of_model) + count * noise
+        squares = np.sum(of_model * of_model.T) + (2.0 * np.trace(of_model) + count * noise) * noise
+        degrees = total**2 / squares  # of a chi-square distribution with that mean and variance
+        found = float(np.sum(residual**2))
+        if chi_square.tail(degrees * found / total, degrees) < CHANCE:
+            missed = max(missed, 2.0 * (found - total) / count)
     return missed if len(problem.models) > 1 else 0.0
 
 
@@ -247,9 +251,9 @@ def predict_held_out(
             position = next(p for p in predictions if p.sensor is Sensor.POSITION)
             rms.append(float(np.sqrt(np.mean(np.sum(position.residual**2, axis=1)))))
         information = alone.gram(fit.at)[:-1, :-1]
-        covariance = _of_positions(
-            position, information, _held_covariance(problem, optimum, model), free
-        )
+        by_rest = _by_rest(position, information, free)
+        covariance = _held_covariance(problem, optimum, model)[np.ix_(~free, ~free)]
+        covariance = by_rest @ covariance @ by_rest.transpose(0, 2, 1)
         covariance *= 1.0 + missed / np.mean(np.trace(covariance, axis1=1, axis2=2))
         variance = _noise(alone)
         covariance += variance * np.eye(2)
@@ -278,17 +282,16 @@ def _noise(problem: LeastSquares) -> float:
     return noise.white**2 + noise.drift**2
 
 
-def _of_positions(
-    position: Prediction, information: FloatArray, covariance: FloatArray, fitted: NDArray[np.bool_]
+def _by_rest(
+    position: Prediction, information: FloatArray, fitted: NDArray[np.bool_]
 ) -> FloatArray:
-    """Covariance (m, 2, 2) of predicted positions, of which some variables are fitted to the drive.
+    """Derivatives (m, 2, r) of residuals by r variables, while those fitted to the drive follow.
 
-    These take up a part of what the others, with this covariance, are off by.
+    These take up a part of what the rest is off by.
     """
     rest = ~fitted
     taken = np.linalg.solve(information[np.ix_(fitted, fitted)], information[np.ix_(fitted, rest)])
-    by_rest = position.jacobian[:, :, rest] - position.jacobian[:, :, fitted] @ taken
-    found: FloatArray = by_rest @ covariance[np.ix_(rest, rest)] @ by_rest.transpose(0, 2, 1)
+    found: FloatArray = position.jacobian[:, :, rest] - position.jacobian[:, :, fitted] @ taken
     return found
 
 
