@@ -179,8 +179,8 @@ def test_a_drive_whose_tube_just_fits_is_not_stopped(name: str, x: list[float] |
     the_fence = Fence("odom", area.within(area.margin), footprint, curvature, (0.0, 0.0, 0.0))
     rng = np.random.default_rng(4)
     low, high = np.array(list(vehicle.unknown.values())).T
-    motion = simulate(vehicle, commands, rng.uniform(low, high, (20, len(low))))
-    for n in range(20):
+    motion = simulate(vehicle, commands, rng.uniform(low, high, (10, len(low))))
+    for n in range(10):
         assert _first_stop(the_fence, motion, n, commands, noise=noise) is None
 
 

@@ -157,7 +157,7 @@ def test_three_seconds_are_told_to_show_nothing(
 ) -> None:
     quiet = replace(SimulatedBag(), until=3.0, without=("/imu", "/joint_states"))
     path = quiet.write(tmp_path / "bag")
-    assert main(["identify", str(path)]) == 0
+    assert main(["identify", str(path), "--effects", "none"]) == 0
     printed = capsys.readouterr().out
     assert printed.count("not shown") >= 5
 

@@ -53,7 +53,7 @@ car = load_vehicle(Path(tricycle_sim.__file__).parent / "car_1_10.yaml")
 compare(car, steering(0.1, 1.0, 0.05))
 compare(vehicle, steering(0.1, 1.0, 0.05), steering_delay=np.array([0.0, 0.013, 0.02]),
         faster=np.full((3, 6), 0.1))
-over = compare(vehicle, steering(0.78, 4.8, 1.5), 1, speed=np.full(1, 4.8))
+over = compare(vehicle, steering(0.78, 4.8, 1.2), 1, speed=np.full(1, 4.8))
 assert over.feasibility.rolled_over.happened.all()
 
 planar._CARD_BYTES, planar._PART = 16 * 8 * 4 * 6, 8  # three blocks, in parts
