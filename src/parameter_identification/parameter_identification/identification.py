@@ -214,7 +214,9 @@ def identify(
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
         step.pass_to(to_end)
-        missed = missed_of_each_other(problem, by_noise, predictions) if held_out else 0.0
+        missed = 0.0
+        if held_out and len(drives) > 1:
+            missed = missed_of_each_other(problem, by_noise, predictions)
         model = problem.models[0]
         return Identification(
             vehicle=vehicle.name,

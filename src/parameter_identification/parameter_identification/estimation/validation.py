@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.model import DriveModel, Prediction
+from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.results import (
@@ -171,12 +172,12 @@ def missed_of_each_other(
     """Return the variance [m^2] by which the worst drive is farther off than the others expect.
 
     Each drive is predicted from the others, its nuisances fitted, as far as the motion is linear.
-    Of positions; 0 where all are as near as they are by chance, or there is one drive only.
+    Of positions; 0 where all are as near as they may be by chance.
 
     Parameters
     ----------
     problem : LeastSquares
-        Holds the drives.
+        Holds the drives, two or more.
     optimum : Optimum
         The best fit.
     predictions : sequence of sequence of Prediction
@@ -197,14 +198,17 @@ def missed_of_each_other(
         expected[:known, :known] = covariance[:known, :known]
         by_rest = _by_rest(position, gram[:-1, :-1], fitted)
         of_model = expected[np.ix_(~fitted, ~fitted)] @ np.einsum("tci,tcj->ij", by_rest, by_rest)
-        noise, count = _noise(problem), residual.size
-        total = np.trace(of_model) + count * noise
-        squares = np.sum(of_model * of_model.T) + (2.0 * np.trace(of_model) + count * noise) * noise
+        level, count = problem.noise[Sensor.POSITION], residual.size
+        noise = count * _variance(level)
+        alike = max(1.0, level.drift_time / float(np.median(np.diff(position.time))))
+        total = np.trace(of_model) + noise
+        squares = np.sum(of_model * of_model.T)
+        squares += (2.0 * np.trace(of_model) + noise) * (level.white**2 + alike * level.drift**2)
         degrees = total**2 / squares  # of a chi-square distribution with that mean and variance
         found = float(np.sum(residual**2))
         if chi_square.tail(degrees * found / total, degrees) < CHANCE:
             missed = max(missed, 2.0 * (found - total) / count)
-    return missed if len(problem.models) > 1 else 0.0
+    return missed
 
 
 def predict_held_out(
@@ -255,7 +259,7 @@ def predict_held_out(
         covariance = _held_covariance(problem, optimum, model)[np.ix_(~free, ~free)]
         covariance = by_rest @ covariance @ by_rest.transpose(0, 2, 1)
         covariance *= 1.0 + missed / np.mean(np.trace(covariance, axis1=1, axis2=2))
-        variance = _noise(alone)
+        variance = _variance(alone.noise[Sensor.POSITION])
         covariance += variance * np.eye(2)
         whitened = np.linalg.solve(covariance, position.residual[:, :, np.newaxis])[:, :, 0]
         distance = np.sum(position.residual * whitened, axis=1)
@@ -276,9 +280,7 @@ def _fitted(model: DriveModel) -> NDArray[np.bool_]:
     return np.append(np.zeros(len(model.low) + model.shared, dtype=bool), of_drive)
 
 
-def _noise(problem: LeastSquares) -> float:
-    """Variance of a coordinate as measured [m^2]."""
-    noise = problem.noise[Sensor.POSITION]
+def _variance(noise: NoiseLevel) -> float:
     return noise.white**2 + noise.drift**2
 
 
