@@ -6,7 +6,7 @@
 Every step is a command that a user would type, or what a hand would do at the vehicle: arm it, pull
 a cable, stand in the way of the localisation. The vehicle is a plant of other authors behind the
 firmware on simulated boards. Its tyres are of a law that our model lacks, so that estimates end at
-their ranges: these are widened, as `tricycle identify` says. The day ends with status 0 if six
+their ranges: the file is corrected as `tricycle identify` says. The day ends with status 0 if six
 drives were driven, the two that a fault ended said so, the last drive was predicted better from the
 others than by the first file, and the interval of the yaw inertia holds that of the plant. Whether
 the last drive was inside the band that they state is printed.
@@ -57,7 +57,11 @@ FAMILIES = ("circle", "slalom", "step-steer")  # each drive and its mirror image
 START = {"start_x": 12.0, "start_y": 8.0, "start_heading": 1.57}
 SENSORS = ("--heading-std", "0.002", "--yaw-rate-std", "0.005", "--pose-rate", "50")
 PACE = 2.0  # simulated s per s
-IDENTIFICATIONS = 4  # at most: tyres of another law may be stiffer than any range
+IDENTIFICATIONS = 6  # at most: tyres of another law may be stiffer than any range
+CONSTANTS = {  # that an effect changes by a share
+    "relaxation length": "lateral_relaxation_length",
+    "relaxation length along": "longitudinal_relaxation_length",
+}
 BRING_UPS = 3  # at most: the boards' times are measured by the wall clock
 FAULT_AT = 4.0  # s after the start
 
@@ -360,30 +364,45 @@ def finish(day: Path, vehicle: Path, bags: Sequence[Path], stopped: Sequence[boo
 
 
 def identify(day: Path, vehicle: Path, bags: Sequence[Path]) -> None:
-    """Identify, and again with wider ranges as long as an estimate is at an end of its range."""
-    found, wider = day / "identified", vehicle.with_name("wider.yaml")
-    wider.write_text(vehicle.read_text())
+    """Identify, and again with a better file as long as an estimate is at an end of its range."""
+    found, better = day / "identified", vehicle.with_name("better.yaml")
+    better.write_text(vehicle.read_text())
     for _ in range(IDENTIFICATIONS):
         command(
-            *("identify", *bags[:-1], "--held-out", bags[-1], "--vehicle", wider),
-            *("--output", found, "--overwrite"),
+            *("identify", *bags[:-1], "--held-out", bags[-1], "--vehicle", better),
+            *("--other-vehicle", "--output", found, "--overwrite"),
         )
-        if not widen(wider, json.loads((found / "identification.json").read_text())["parameters"]):
+        if not correct(better, json.loads((found / "identification.json").read_text())):
             return
 
 
-def widen(vehicle: Path, parameters: dict[str, Any]) -> bool:
-    """Double ranges in a vehicle file at the ends where the estimates are; return whether any."""
-    text, ends = vehicle.read_text(), {}
-    for name, found in parameters.items():
-        low, high = found["range"]
-        if found["estimate"] in (low, high):
-            ends[name] = [low / 2, high] if found["estimate"] == low else [low, 2 * high]
-    for name, limits in ends.items():
-        text = re.sub(rf"(?m)^(  {re.escape(name)}: .*range: )\[.*?\]", rf"\g<1>{limits}", text)
-        print(f"\n(in {vehicle.name} the range of {name} becomes {limits})")
+def correct(vehicle: Path, found: dict[str, Any]) -> bool:
+    """Widen ranges and correct constants whose estimates are at an end; return whether any was."""
+    text = before = vehicle.read_text()
+    for name, parameter in found["parameters"].items():
+        low, high = parameter["range"]
+        if parameter["estimate"] in (low, high):
+            limits = [low / 2, high] if parameter["estimate"] == low else [low, 2 * high]
+            text = changed(text, name, "range", r"\[.*?\]", lambda _, to=limits: str(to))
+    for effect in found["effects"]:
+        if effect["at_an_end"] and effect["name"] in CONSTANTS:
+            factor = 1.0 + effect["estimate"]
+            text = changed(
+                *(text, CONSTANTS[effect["name"]], "value", r"[\d.e-]+"),
+                lambda value, by=factor: f"{by * float(value):.4g}",
+            )
     vehicle.write_text(text)
-    return bool(ends)
+    return text != before
+
+
+def changed(text: str, name: str, key: str, pattern: str, new: Callable[[str], str]) -> str:
+    """Return a vehicle file's text with another value of a constant's key, as a hand edits it."""
+    entry = re.search(rf"(?m)^  {re.escape(name)}: .*?\b{key}: ({pattern})", text)
+    if entry is None:
+        sys.exit(f"the day ends here: no {key} of {name} in the vehicle file")
+    value = new(entry[1])
+    print(f"\n(in the vehicle file the {key} of {name} becomes {value}, it was {entry[1]})")
+    return text[: entry.start(1)] + value + text[entry.end(1) :]
 
 
 def judge(day: Path, vehicle: Path, stopped: Sequence[bool]) -> None:

@@ -253,13 +253,13 @@ def test_the_band_counts_how_far_drives_are_from_where_the_others_predict_them()
             driven(c, seed=i, truth=TRUTH, vehicle=vehicle, name=str(i))
             for i, c in enumerate((GENTLE, GENTLE, DEMANDING, sharper))
         )
-        return identify(drives, VEHICLE, held_out=[held], starts=1).held_out[0]
+        return identify(drives, VEHICLE, held_out=[held], starts=1)
 
-    right, wrong = last(0.0), last(0.012)
-    assert right.missed < 0.5 * right.noise
-    assert wrong.missed > wrong.noise
-    assert wrong.inside > 0.9
-    assert wrong.expected < 2.0 * wrong.rms_estimated
+    assert last(0.0).missed == 0.0
+    wrong = last(0.012)
+    (held,) = wrong.held_out
+    assert wrong.missed > held.noise
+    assert held.inside > 0.9
 
 
 @pytest.mark.slow
@@ -377,5 +377,5 @@ def test_what_the_drives_pull_far_beyond_its_range_is_not_shown(pair, options):
     assert e.estimate == pytest.approx(stiffness[0])
     assert (e.low, e.high) == pytest.approx(stiffness)
     assert not e.identifiable
-    assert "cornering_stiffness" in found.hidden[0].weights
+    assert any("cornering_stiffness" in combination.weights for combination in found.hidden)
     assert found.posterior().covariance[0, 0] ** 0.5 > 0.25 * (stiffness[1] - stiffness[0])

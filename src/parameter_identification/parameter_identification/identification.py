@@ -21,6 +21,7 @@ So do drives that contradict each other. A parameter that the data pull far beyo
 range is not shown; where the model is wrong for the vehicle, neither is one at the end.
 """
 
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -60,7 +61,7 @@ from parameter_identification.estimation.steps import Steps
 from parameter_identification.estimation.validation import (
     effects_of_drives,
     fits_of_drives,
-    missed_of_each_other,
+    predict_each_other,
     predict_held_out,
     whiteness_of_residuals,
 )
@@ -206,7 +207,14 @@ def identify(
             )
         predictions = problem.predictions(optimum.fit.at)
         tested = whiteness_of_residuals(problem, predictions)
-        doubt = doubt_of(problem, optimum, average, least, white=not coloured(tested))
+        missed, missing = 0.0, None
+        if 1 < len(drives) < SCATTER or (held_out and len(drives) > 1):
+            cross = predict_each_other(problem, optimum, predictions)
+            missed = cross.missed
+            missing = cross.estimates if missed else None
+        doubt = doubt_of(
+            *(problem, optimum, average, least), missing=missing, white=not coloured(tested)
+        )
         by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}
         doubtful = doubt.beyond.any() or doubt.scatter > 1.0
@@ -214,9 +222,6 @@ def identify(
             curves[i] = profile(problem, by_noise.fit, by_noise.covariance, i, level)
             step()
         step.pass_to(to_end)
-        missed = 0.0
-        if held_out and len(drives) > 1:
-            missed = missed_of_each_other(problem, by_noise, predictions)
         model = problem.models[0]
         return Identification(
             vehicle=vehicle.name,
@@ -241,6 +246,7 @@ def identify(
             seconds=time.perf_counter() - begun,
             effects=effects_of_drives(problem, optimum, acts),
             scatter=doubt.scatter,
+            missed=math.sqrt(missed),
             measured=measured,
             friction_used=max(m.friction_used(optimum.fit.at[: problem.k]) for m in problem.models),
         ).only(asked.unknown)

@@ -184,6 +184,8 @@ class IdentificationDocument:
         What was estimated beside the parameters.
     scatter : float or None
         As in `Identification`; None for one drive.
+    missed : float
+        As in `Identification`.
     measured : tuple of str
         Inputs that moved as measured: "steering", "speed".
     friction_used : float or None
@@ -213,6 +215,7 @@ class IdentificationDocument:
     seconds: float = 0.0
     effects: tuple[EffectEstimate, ...] = ()
     scatter: float | None = None
+    missed: float = 0.0
     measured: tuple[str, ...] = ()
     friction_used: float | None = None
     others: Mapping[str, ParameterEntry] = field(default_factory=dict)
@@ -286,6 +289,7 @@ def document_of(found: Identification) -> IdentificationDocument:
         seconds=found.seconds,
         effects=found.effects,
         scatter=_known(found.scatter),
+        missed=found.missed,
         measured=tuple(one.value for one in Input if one in found.measured),
         friction_used=_known(found.friction_used),
     )

@@ -10,6 +10,7 @@ from parameter_identification.estimation.doubt import (
     contradicting,
     doubted,
     grown,
+    without_each,
 )
 
 
@@ -33,6 +34,17 @@ def test_intervals_of_a_few_drives_hold_where_each_errs_by_itself(drives, bias, 
     mean = np.sum(weights * found, axis=1) / np.sum(weights, axis=1)
     reach = 1.96 * factors[:, 1] / np.sqrt(np.sum(weights[:, :, 0], axis=1))
     assert np.mean(np.abs(mean[:, 0]) < reach) > least
+
+
+@pytest.mark.parametrize("drives", [2, 3, 6])
+def test_intervals_by_what_changes_without_each_drive_are_those_of_a_mean_of_samples(drives):
+    rng = np.random.default_rng(drives)
+    samples = rng.normal(0.0, 7.0, (2000, drives))
+    mean = samples.mean(axis=1)
+    without = (drives * mean[:, None] - samples) / (drives - 1)
+    std = np.full(1, 1.0 / np.sqrt(drives))  # taken for ones of deviation 1
+    factors = np.array([without_each(each[:, None], std)[1][0] for each in without])
+    assert np.mean(np.abs(mean) < 1.96 * factors * std) == pytest.approx(0.95, abs=0.015)
 
 
 def test_only_what_is_pulled_outwards_by_more_than_its_deviation_allows_is_beyond_its_range():

@@ -152,15 +152,16 @@ def test_a_drive_outside_its_band_is_told():
     assert not any("OUTSIDE" in s for s in remarks(dataclasses.replace(FOUND, held_out=(within,))))
 
 
-def test_drives_that_miss_each_other_are_told_with_the_prediction():
-    held = HeldOut("last", 0.5, 0.04, 0.014, expected=0.045, inside=0.95, missed=0.0353)
+def test_drives_that_miss_each_other_are_told():
+    (line,) = (s for s in remarks(dataclasses.replace(FOUND, missed=0.0353)) if "farther" in s)
+    assert line.startswith("one of the drives is 35.3 mm (rms) farther than expected from where")
+    assert not any("farther than expected from where" in s for s in remarks(FOUND))
 
-    def told(missed):
-        found = dataclasses.replace(FOUND, held_out=(dataclasses.replace(held, missed=missed),))
-        return next(s for s in remarks(found) if "last" in s)
 
-    assert "one of the drives is 35.3 mm farther than expected from where" in told(0.0353)
-    assert "farther" not in told(0.01)
+def test_effects_at_an_end_of_what_is_possible_are_told():
+    held = EffectEstimate("relaxation length", "1", -0.8, 0.01, 0.3, at_an_end=True)
+    (line,) = (s for s in remarks(dataclasses.replace(FOUND, effects=(held,))) if "at an end" in s)
+    assert line.startswith("at an end of what is taken for possible: relaxation length. Correct")
 
 
 def test_residuals_that_are_not_white_are_counted_and_the_least_white_is_named():

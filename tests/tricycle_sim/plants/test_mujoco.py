@@ -1,5 +1,6 @@
 """The vehicle as rigid bodies in MuJoCo: its weight, its turns, its stops, its energy."""
 
+import dataclasses
 import subprocess
 import sys
 from importlib.resources import files
@@ -9,6 +10,7 @@ import pytest
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.errors import PlantError
+from tricycle_sim.effects import extend
 from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.rig.emulated import EmulatedRig
@@ -66,6 +68,32 @@ def test_a_wheel_slips_in_proportion_to_its_force_at_any_speed(speed):
     force = uphill.mass * uphill.gravity * np.sin(0.05)
     force += uphill.rolling_coefficient_1 * sum(rig.state.loads[:2])  # of the front wheels
     assert slip == pytest.approx(force / uphill.cornering_stiffness, rel=0.05)
+
+
+@pytest.mark.slow
+def test_our_model_weaves_alike_with_tyres_of_its_law():
+    """Nothing turns later, and nothing is heavier than the vehicle file says."""
+    known = dataclasses.replace(VEHICLE, unknown={})
+    alike = extend(known, {"tyre": "softened"}).replace(
+        slip_by_speed=1.0,
+        lateral_relaxation_length=0.004,
+        air_drag=0.0,
+        camber_stiffness=0.0,
+        self_aligning_stiffness=0.0,
+    )
+    turns = []
+    for plant in (plant_of(VEHICLE), OwnPlant(alike)):
+        rig = EmulatedRig(VEHICLE, plant=plant)
+        host = Host(rig)
+        host.arm()
+        turns.append([])
+        for tick in range(600):
+            host.target = VehicleCommand(0.15 * np.sin(0.04 * tick), 1.5)
+            host.tick()
+            turns[-1].append(rig.state.yaw_rate)
+    theirs, ours = np.array(turns)[:, 300:]
+    assert np.std(theirs) > 0.05
+    assert np.std(theirs - ours) < 0.005 * np.std(theirs)
 
 
 @pytest.mark.slow

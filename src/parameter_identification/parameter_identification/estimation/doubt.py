@@ -67,8 +67,33 @@ def contradicting(estimates: FloatArray, variances: FloatArray) -> tuple[FloatAr
     of_scatter = (squares - (d - 1)) / (total - np.sum(weights**2, axis=0) / total)
     with_scatter = np.sum(1.0 / (variances + np.fmax(of_scatter, 0.0)), axis=0)
     factors = np.where(chdtrc(d - 1, squares) * k < AGREEING, np.sqrt(total / with_scatter), 1.0)
-    few = stdtrit(d - 1, 0.975) / ndtri(0.975)
-    return factors, np.where(factors > 1.0, factors * few, 1.0)
+    return factors, np.where(factors > 1.0, factors * _of_few(d), 1.0)
+
+
+def without_each(estimates: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return two factors (k,) for how much estimates change without each of a few drives.
+
+    They are those of `contradicting`, by the jackknife.
+
+    Parameters
+    ----------
+    estimates : ndarray of float, shape (d, k)
+        Without each drive.
+    std : ndarray of float, shape (k,)
+        Deviations by the noise.
+
+    References
+    ----------
+    B. Efron, C. Stein, Annals of Statistics 9 (1981) 586-596.
+    """
+    d = len(estimates)
+    ratio = math.sqrt(d - 1) * np.std(estimates, axis=0) / std
+    return ratio, np.fmax(ratio * _of_few(d), 1.0)
+
+
+def _of_few(drives: int) -> float:
+    """Quantile of Student's distribution over that of the normal one."""
+    return float(stdtrit(drives - 1, 0.975) / ndtri(0.975))
 
 
 def beyond_ranges(
@@ -147,6 +172,7 @@ def doubt_of(
     average: Mixture | None,
     least: FloatArray | None = None,
     *,
+    missing: FloatArray | None = None,
     white: bool,
 ) -> Doubt:
     """Return what the intervals of a fit have to count beside the noise.
@@ -161,9 +187,12 @@ def doubt_of(
         Over models with and without effects.
     least : ndarray of float, shape (k,), optional
         Standard deviations that the parameters have at least.
+    missing : ndarray of float, shape (d, k), optional
+        Estimates without each of a few drives, if these miss each other (`CrossPrediction`).
     white : bool
-        Whether residuals look white. If not, or if drives contradict each other, the model is wrong
-        for this vehicle, and where a parameter is at an end of its range all are doubted.
+        Whether residuals look white. If not, or if drives contradict or miss each other, the model
+        is wrong for this vehicle, and where a parameter or an effect is at an end of what it may be
+        all are doubted.
     """
     at, k = optimum.fit.at, problem.k
     gram = problem.gram(at)
@@ -176,6 +205,9 @@ def doubt_of(
         acting = at != 0.0  # other effects are held there
         acting[:k] = True
         scatter, factors[:k] = contradicting(*problem.by_each_drive(at, acting))
+        if missing is not None:
+            ratio, more = without_each(missing, np.sqrt(np.diag(optimum.covariance)[:k]))
+            scatter, factors[:k] = np.fmax(scatter, ratio), np.fmax(factors[:k], more)
     if least is not None:
         std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])
         factors[:k] *= np.fmax(least / std, 1.0)
@@ -185,8 +217,8 @@ def doubt_of(
         free, std = average.mean, average.standard_deviations
     low, high = problem.low[:k], problem.high[:k]
     beyond = beyond_ranges(at[:k], free[:k], factors[:k] * std[:k], low, high)
-    at_an_end = np.fmin(at[:k] - low, high - at[:k]) <= 1e-9
-    if at_an_end.any() and (not white or scatter.max() > CONTRADICTING):
+    wrong = not white or missing is not None or scatter.max() > CONTRADICTING
+    if wrong and problem.at_an_end(at).any():
         beyond[:] = True  # what is held there bends the others
     before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
     covariance = doubted(covariance, before, beyond)

@@ -251,6 +251,18 @@ class LeastSquares(Closing):
             place = np.append(at, self.n)
             yield v - covariance @ rest[:-1, -1], covariance, gram[np.ix_(place, place)]
 
+    def at_an_end(self, v: FloatArray) -> NDArray[np.bool_]:
+        """Return which variables (n,) are at an end of what is taken for possible.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables; effects that are 0 do not act.
+        """
+        ends: NDArray[np.bool_] = np.fmin(v - self.low, self.high - v) <= 1e-9
+        ends[self.k :] &= v[self.k :] != 0.0
+        return ends
+
     def common_information(self) -> FloatArray:
         """Return the inverse covariance (n, n) of the priors of what all drives have in common."""
         information = self._prior_gram(np.zeros(self.n))[:-1, :-1]

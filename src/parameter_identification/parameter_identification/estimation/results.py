@@ -124,6 +124,8 @@ class EffectEstimate:
         Probability that it does, where the effects were weighed.
     chance : float or None
         Of a deviation: the probability of drives that show as much of it, if there were none.
+    at_an_end : bool
+        Whether the estimate is at an end of what is taken for possible.
     """
 
     name: str
@@ -134,6 +136,7 @@ class EffectEstimate:
     drive: str = ""
     acts: float | None = None
     chance: float | None = None
+    at_an_end: bool = False
 
     def __str__(self) -> str:
         factor, unit = _SHOWN_UNITS.get(self.unit, (1.0, f" {self.unit}"))
@@ -225,9 +228,6 @@ class HeldOut:
         versions that had no band.
     inside : float or None
         Share of the measured positions in the band, of the identification's level.
-    missed : float or None
-        Part of `expected` [m] by which the worst of the drives that were used is farther from where
-        the others predict it than the uncertainty of the estimates says.
     """
 
     name: str
@@ -236,7 +236,6 @@ class HeldOut:
     noise: float
     expected: float | None = None
     inside: float | None = None
-    missed: float | None = None
 
 
 def asked_for(
@@ -305,6 +304,9 @@ class Identification:
         What was estimated beside the parameters.
     scatter : float
         Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for one drive.
+    missed : float
+        By how much farther than expected the worst of the drives is from where the others predict
+        it [m] (RMS); 0 where that may be chance.
         Far above 1 the drives contradict each other: the model lacks something.
     measured : frozenset of Input
         What moved as measured, not as the commands say.
@@ -333,6 +335,7 @@ class Identification:
     seconds: float
     effects: tuple[EffectEstimate, ...] = ()
     scatter: float = math.nan
+    missed: float = 0.0
     measured: frozenset[Input] = frozenset()
     friction_used: float = math.nan
     others: Mapping[str, Estimate] = field(default_factory=dict)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,6 @@ from numpy.typing import NDArray
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.model import DriveModel, Prediction
-from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.results import (
@@ -119,7 +119,7 @@ def effects_of_drives(
     acts : mapping of str to float
         Probability of each effect, where they were weighed.
     """
-    std = np.sqrt(np.diag(optimum.covariance))
+    std, ends = np.sqrt(np.diag(optimum.covariance)), problem.at_an_end(optimum.fit.at)
     found = []
     for drive, model in enumerate(problem.models):
         for i, (at, n) in enumerate(zip(problem.nuisances_at(drive), model.nuisances, strict=True)):
@@ -128,8 +128,13 @@ def effects_of_drives(
                 continue
             value, deviation = n.std * float(optimum.fit.at[at]), n.std * float(std[at])
             name = model.drive.name if own else ""
-            known = acts.get(e.name)
-            found.append(EffectEstimate(e.name, e.unit, value, deviation, e.std, name, known))
+            end = bool(ends[at])
+            found.append(
+                EffectEstimate(
+                    *(e.name, e.unit, value, deviation, e.std, name, acts.get(e.name)),
+                    at_an_end=end,
+                )
+            )
     sizes, chances = problem.sizes(), problem.chances_of_deviations(optimum.fit.at)
     for e in problem.models[0].effects:
         if e.process and e.name in sizes:  # no drive starts from rest: none deviates at its start
@@ -166,13 +171,27 @@ def whiteness_of_residuals(
     )
 
 
-def missed_of_each_other(
-    problem: LeastSquares, optimum: Optimum, predictions: Sequence[Sequence[Prediction]]
-) -> float:
-    """Return the variance [m^2] by which the worst drive is farther off than the others expect.
+@dataclass(frozen=True, eq=False)
+class CrossPrediction:
+    """How well each drive is predicted from the others.
 
-    Each drive is predicted from the others, its nuisances fitted, as far as the motion is linear.
-    Of positions; 0 where all are as near as they may be by chance.
+    Attributes
+    ----------
+    missed : float
+        Variance of positions [m^2] by which the worst drive is farther off than expected; 0 where
+        all are as near as they may be by chance.
+    estimates : ndarray of float, shape (d, k)
+        Parameters without each drive, in their ranges.
+    """
+
+    missed: float
+    estimates: FloatArray
+
+
+def predict_each_other(
+    problem: LeastSquares, optimum: Optimum, predictions: Sequence[Sequence[Prediction]]
+) -> CrossPrediction:
+    """Predict each drive from the others, its nuisances fitted, as far as the motion is linear.
 
     Parameters
     ----------
@@ -183,10 +202,11 @@ def missed_of_each_other(
     predictions : sequence of sequence of Prediction
         Of each drive at the best fit.
     """
-    v, missed = optimum.fit.at, 0.0
-    free = (v != 0.0) & (v > problem.low) & (v < problem.high)  # other effects are held there
+    v, missed, estimates = optimum.fit.at, 0.0, []
+    free = (v != 0.0) & ~problem.at_an_end(v)  # other effects are held there
     for drive, (others, covariance, gram) in enumerate(problem.by_the_others(v, free)):
         model = problem.models[drive]
+        estimates.append(others[: problem.k])
         known, fitted = problem.k + model.shared, _fitted(model)
         own = problem.nuisances_at(drive)[model.shared :]
         change = np.append((others - v)[:known], -v[own])
@@ -197,18 +217,21 @@ def missed_of_each_other(
         expected = _held_covariance(problem, optimum, model)
         expected[:known, :known] = covariance[:known, :known]
         by_rest = _by_rest(position, gram[:-1, :-1], fitted)
-        of_model = expected[np.ix_(~fitted, ~fitted)] @ np.einsum("tci,tcj->ij", by_rest, by_rest)
-        level, count = problem.noise[Sensor.POSITION], residual.size
-        noise = count * _variance(level)
+        weights = problem.weights(drive)[Sensor.POSITION]
+        of_model = expected[np.ix_(~fitted, ~fitted)] @ np.einsum(
+            "t,tci,tcj->ij", weights, by_rest, by_rest, optimize=True
+        )
+        level = problem.noise[Sensor.POSITION]
+        noise = 2.0 * float(np.sum(level.white**2 + weights * level.drift**2))
         alike = max(1.0, level.drift_time / float(np.median(np.diff(position.time))))
         total = np.trace(of_model) + noise
         squares = np.sum(of_model * of_model.T)
         squares += (2.0 * np.trace(of_model) + noise) * (level.white**2 + alike * level.drift**2)
         degrees = total**2 / squares  # of a chi-square distribution with that mean and variance
-        found = float(np.sum(residual**2))
+        found = float(np.sum(weights[:, np.newaxis] * residual**2))
         if chi_square.tail(degrees * found / total, degrees) < CHANCE:
-            missed = max(missed, 2.0 * (found - total) / count)
-    return missed
+            missed = max(missed, (found - total) / weights.sum())
+    return CrossPrediction(missed, np.array(estimates))
 
 
 def predict_held_out(
@@ -234,8 +257,7 @@ def predict_held_out(
     level : float
         Probability of the band around the predicted positions.
     missed : float
-        Variance [m^2] that the band has more than the uncertainty of the estimates says: that of
-        `missed_of_each_other`.
+        Variance of positions [m^2] that the model has at least: that of a `CrossPrediction`.
     """
     k, like = problem.k, problem.models[0]
     model = DriveModel(
@@ -258,8 +280,9 @@ def predict_held_out(
         by_rest = _by_rest(position, information, free)
         covariance = _held_covariance(problem, optimum, model)[np.ix_(~free, ~free)]
         covariance = by_rest @ covariance @ by_rest.transpose(0, 2, 1)
-        covariance *= 1.0 + missed / np.mean(np.trace(covariance, axis1=1, axis2=2))
-        variance = _variance(alone.noise[Sensor.POSITION])
+        covariance *= max(1.0, missed / np.mean(np.trace(covariance, axis1=1, axis2=2)))
+        noise = alone.noise[Sensor.POSITION]
+        variance = noise.white**2 + noise.drift**2
         covariance += variance * np.eye(2)
         whitened = np.linalg.solve(covariance, position.residual[:, :, np.newaxis])[:, :, 0]
         distance = np.sum(position.residual * whitened, axis=1)
@@ -270,7 +293,6 @@ def predict_held_out(
         noise=math.sqrt(2.0 * variance),
         expected=float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2)))),
         inside=float(np.mean(distance <= chi_square.quantile(level, 2))),
-        missed=math.sqrt(missed),
     )
 
 
@@ -278,10 +300,6 @@ def _fitted(model: DriveModel) -> NDArray[np.bool_]:
     """Which variables of a drive (k + q,) are fitted where it is predicted: no effects."""
     of_drive = [n.effect is None for n in model.nuisances[model.shared :]]
     return np.append(np.zeros(len(model.low) + model.shared, dtype=bool), of_drive)
-
-
-def _variance(noise: NoiseLevel) -> float:
-    return noise.white**2 + noise.drift**2
 
 
 def _by_rest(

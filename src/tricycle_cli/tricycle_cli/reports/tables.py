@@ -297,6 +297,12 @@ def remarks(found: Identification) -> list[str]:
             "The intervals count it as drifting noise; they do not cover a wrong model"
         )
     lines += _contradictions(found, drives)
+    if found.missed:
+        lines.append(
+            f"one of the {drives} is {1e3 * found.missed:.1f} mm (rms) farther than expected from "
+            "where the others predict it: the model lacks something. The intervals count how the "
+            "estimates change without each of them"
+        )
     if found.deviations:
         names = ", ".join(effect.name for effect in found.deviations)
         lines.append(
@@ -312,6 +318,11 @@ def remarks(found: Identification) -> list[str]:
         )
     absent = [e for e in found.effects if e.acts is not None and e.acts < IMPROBABLE]
     lines += [f"effect: {effect}" for effect in found.effects if effect not in absent]
+    if held := [e.name for e in found.effects if e.at_an_end]:
+        lines.append(
+            f"at an end of what is taken for possible: {', '.join(held)}. Correct the constant in "
+            "the vehicle file and identify with --other-vehicle, or the model lacks something"
+        )
     if far := [e.name for e in found.effects if abs(e.estimate) > FAR * e.prior]:
         lines.append(
             f"farther from the vehicle file than expected: {', '.join(far)}. Measure it, correct "
@@ -376,11 +387,6 @@ def _remark_on_held_out(held: HeldOut, level: float) -> str:
             f"; expected {1e3 * held.expected:.1f} mm, inside its {level:.0%} band for "
             f"{held.inside:.0%} of the samples"
         )
-        if held.missed is not None and held.missed > held.noise:
-            band += (
-                f"; one of the drives is {1e3 * held.missed:.1f} mm farther than expected from "
-                "where the others predict it, and the band counts that"
-            )
         if held.inside < level - OFTEN_OUTSIDE:
             band += "; it is OUTSIDE: this vehicle moves as the model CANNOT"
     if held.rms_estimated > WORSE * held.rms_nominal:

@@ -34,9 +34,9 @@ SUBSTEPS = 10
 """Steps per tick."""
 SETTLING = 2.0  # s on the tyres before a drive
 KING_PIN_RATE = 300.0  # rad/s, of the stiff hold of a wheel's angle about its king-pin
-# MuJoCo's contacts have a part of what touches for their own mass: so little of it that the tyre is
-# a spring, and slips within milliseconds.
-IMPEDANCE = 0.01
+# MuJoCo's contacts have a part of what touches for their own mass, the more the larger the ratio
+# below: so little of it (0.04 kg) that the tyre is a spring, and adds nothing to the vehicle.
+IMPEDANCE = 0.0002
 # Ratio of the impedances of friction and of weight. Large: what slides keeps its weight. Below 1 a
 # wheel at its friction limit is thrown off the ground.
 FRICTION_RATIO = 10.0
@@ -113,6 +113,7 @@ class MujocoPlant:
         q[2] = self._vehicle.com_height
         q[3:7] = math.cos(0.5 * heading), 0.0, 0.0, math.sin(0.5 * heading)
         self._servo, self._motor = SteeringServo(self._vehicle), Motor(self._vehicle)
+        self._held = np.zeros(sum(side >= 0 for side in self._sides))  # angles about the king-pins
         self._over = False
         for _ in range(round(SETTLING / TICK)):
             self._run(brake=1.0)
@@ -143,11 +144,12 @@ class MujocoPlant:
         model, data = self._model, self._data
         angles = self._servo.wheels
         wanted = np.array([angles[side] for side in self._sides if side >= 0])
-        before = data.ctrl[: len(wanted)].copy()
+        before, self._held = self._held, wanted
+        lead = 2.0 / KING_PIN_RATE * (wanted - before) / TICK  # what its damping holds back
         data.ctrl[len(wanted) :] = self._motor.torque * self._shares
         model.dof_frictionloss[self._spins] = self._rolling + brake * self._brakes
         for step in range(1, SUBSTEPS + 1):
-            data.ctrl[: len(wanted)] = before + (wanted - before) * step / SUBSTEPS
+            data.ctrl[: len(wanted)] = before + (wanted - before) * step / SUBSTEPS + lead
             mujoco.mj_step(model, data)
 
     def _soften(self) -> None:
