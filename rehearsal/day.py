@@ -14,6 +14,7 @@ the last drive was inside the band that they state is printed.
 
 import argparse
 import json
+import math
 import os
 import pty
 import re
@@ -378,31 +379,35 @@ def identify(day: Path, vehicle: Path, bags: Sequence[Path]) -> None:
 
 def correct(vehicle: Path, found: dict[str, Any]) -> bool:
     """Widen ranges and correct constants whose estimates are at an end; return whether any was."""
-    text = before = vehicle.read_text()
+    before = vehicle.read_text()
     for name, parameter in found["parameters"].items():
         low, high = parameter["range"]
         if parameter["estimate"] in (low, high):
             limits = [low / 2, high] if parameter["estimate"] == low else [low, 2 * high]
-            text = changed(text, name, "range", r"\[.*?\]", lambda _, to=limits: str(to))
+            edit(vehicle, name, "range", r"\[.*?\]", lambda _, to=limits: str(to))
     for effect in found["effects"]:
         if effect["at_an_end"] and effect["name"] in CONSTANTS:
-            factor = 1.0 + effect["estimate"]
-            text = changed(
-                *(text, CONSTANTS[effect["name"]], "value", r"[\d.e-]+"),
-                lambda value, by=factor: f"{by * float(value):.4g}",
-            )
-    vehicle.write_text(text)
-    return text != before
+            name = CONSTANTS[effect["name"]]
+            half_way = math.sqrt(1.0 + effect["estimate"])  # what else is wrong changes it too
+            scale(vehicle, name, half_way)
+            while command("vehicle", "check", vehicle, check=False).startswith("failed"):
+                scale(vehicle, name, 1.1)  # stiffer than the steps of the simulation allow
+    return vehicle.read_text() != before
 
 
-def changed(text: str, name: str, key: str, pattern: str, new: Callable[[str], str]) -> str:
-    """Return a vehicle file's text with another value of a constant's key, as a hand edits it."""
+def scale(vehicle: Path, name: str, factor: float) -> None:
+    edit(vehicle, name, "value", r"[\d.e-]+", lambda value: f"{factor * float(value):.4g}")
+
+
+def edit(vehicle: Path, name: str, key: str, pattern: str, new: Callable[[str], str]) -> None:
+    """Change the value of a constant's key in a vehicle file as a hand does."""
+    text = vehicle.read_text()
     entry = re.search(rf"(?m)^  {re.escape(name)}: .*?\b{key}: ({pattern})", text)
     if entry is None:
         sys.exit(f"the day ends here: no {key} of {name} in the vehicle file")
     value = new(entry[1])
-    print(f"\n(in the vehicle file the {key} of {name} becomes {value}, it was {entry[1]})")
-    return text[: entry.start(1)] + value + text[entry.end(1) :]
+    say(f"edit {vehicle}: the {key} of {name} becomes {value}, it was {entry[1]}")
+    vehicle.write_text(text[: entry.start(1)] + value + text[entry.end(1) :])
 
 
 def judge(day: Path, vehicle: Path, stopped: Sequence[bool]) -> None:
