@@ -8,8 +8,8 @@ a cable, stand in the way of the localisation. The vehicle is a plant of other a
 firmware on simulated boards. Its tyres are of a law that our model lacks, so that estimates end at
 their ranges: the file is corrected as `tricycle identify` says. The day ends with status 0 if six
 drives were driven, the two that a fault ended said so, the last drive was predicted better from the
-others than by the first file, and the interval of the yaw inertia holds that of the plant. Whether
-the last drive was inside the band that they state is printed.
+others than by the first file, and no interval misses the plant's parameter. Whether the last drive
+was inside the band that they state is printed.
 """
 
 import argparse
@@ -413,9 +413,7 @@ def edit(vehicle: Path, name: str, key: str, pattern: str, new: Callable[[str], 
 def judge(day: Path, vehicle: Path, stopped: Sequence[bool]) -> None:
     """Print how the day went; end with status 1 if a fault was not told, or something is wrong."""
     document = json.loads((day / "identified" / "identification.json").read_text())
-    held, inertia = document["held_out"][0], document["parameters"]["yaw_inertia"]
-    of_plant = load_vehicle(vehicle).nominal["yaw_inertia"]
-    right = inertia["low"] <= of_plant <= inertia["high"]
+    held, of_plant = document["held_out"][0], load_vehicle(vehicle).nominal
     print(
         f"\n{len(stopped)} faults, {sum(stopped)} told by a drive that failed; the sixth drive, "
         f"not used, is predicted to {1e3 * held['rms_estimated']:.0f} mm (rms; expected "
@@ -423,13 +421,17 @@ def judge(day: Path, vehicle: Path, stopped: Sequence[bool]) -> None:
         f"{held['inside']:.0%} of the samples; by the first file to "
         f"{1e3 * held['rms_nominal']:.0f} mm; noise alone: {1e3 * held['noise']:.0f} mm"
     )
-    shown = f"{inertia['low']:.1f} to {inertia['high']:.1f} kg m^2"
-    print(
-        f"yaw inertia: {shown if inertia['identifiable'] else 'not shown'}; "
-        f"{of_plant:.2f} kg m^2 in the plant"
-    )
+    right = []
+    for name, found in document["parameters"].items():
+        low, high = (found[end] for end in ("low", "high"))
+        right.append(low <= of_plant[name] <= high)
+        shown = f"{low:.4g} to {high:.4g} {found['unit']}"
+        print(
+            f"{name}: {shown if found['identifiable'] else 'not shown'}; in the plant "
+            f"{of_plant[name]:.4g}{'' if right[-1] else ', which is OUTSIDE'}"
+        )
     better = held["rms_estimated"] < held["rms_nominal"]
-    sys.exit(int(not (all(stopped) and better and right)))
+    sys.exit(int(not (all(stopped) and better and all(right))))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.estimation import chi_square
 from parameter_identification.estimation.model import DriveModel, Prediction
+from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from parameter_identification.estimation.results import (
@@ -221,17 +222,34 @@ def predict_each_other(
         of_model = expected[np.ix_(~fitted, ~fitted)] @ np.einsum(
             "t,tci,tcj->ij", weights, by_rest, by_rest, optimize=True
         )
-        level = problem.noise[Sensor.POSITION]
-        noise = 2.0 * float(np.sum(level.white**2 + weights * level.drift**2))
-        alike = max(1.0, level.drift_time / float(np.median(np.diff(position.time))))
-        total = np.trace(of_model) + noise
-        squares = np.sum(of_model * of_model.T)
-        squares += (2.0 * np.trace(of_model) + noise) * (level.white**2 + alike * level.drift**2)
-        degrees = total**2 / squares  # of a chi-square distribution with that mean and variance
-        found = float(np.sum(weights[:, np.newaxis] * residual**2))
-        if chi_square.tail(degrees * found / total, degrees) < CHANCE:
-            missed = max(missed, (found - total) / weights.sum())
+        noise = problem.noise[Sensor.POSITION]
+        missed = max(missed, _excess(position.time, residual, weights, of_model, noise))
     return CrossPrediction(missed, np.array(estimates))
+
+
+def _excess(
+    time: FloatArray,
+    residual: FloatArray,
+    weights: FloatArray,
+    of_model: FloatArray,
+    level: NoiseLevel,
+) -> float:
+    """Variance by which residuals (m, 2) exceed what is expected; 0 where that may be chance.
+
+    Their weighted squares are compared with a chi-square distribution of the same mean and
+    variance. The non-zero eigenvalues of their covariance by the model are those of `of_model`.
+    """
+    noise = 2.0 * float(np.sum(level.white**2 + weights * level.drift**2))
+    alike = max(1.0, level.drift_time / float(np.median(np.diff(time))))
+    by_model = float(np.trace(of_model))
+    mean = by_model + noise
+    half_variance = float(np.sum(of_model * of_model.T))
+    half_variance += (2.0 * by_model + noise) * (level.white**2 + alike * level.drift**2)
+    degrees = mean**2 / half_variance
+    found = float(np.sum(weights[:, np.newaxis] * residual**2))
+    if chi_square.tail(degrees * found / mean, degrees) >= CHANCE:
+        return 0.0
+    return (found - mean) / float(weights.sum())
 
 
 def predict_held_out(

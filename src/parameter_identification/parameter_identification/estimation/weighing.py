@@ -508,7 +508,8 @@ def weigh_effects(
     information = problem.gram(fit.at)[:-1, :-1]
     covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
     covariance[np.ix_(variables, variables)] = found.covariance(fit.at[variables])
-    probable = dict(zip(names, (found.weights @ found.acting).tolist(), strict=True))
+    acting_in_all = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
+    probable = dict(zip(names, acting_in_all.tolist(), strict=True))
     shares = np.exp(np.array(evidence) - found.evidence).tolist()
     for name in sizes:
         of_name = zip(shares, (chosen[name] for chosen, _ in likely), strict=True)
