@@ -57,6 +57,16 @@ def test_samples_that_are_stiffer_than_the_vehicle_stay_bounded():
     np.testing.assert_allclose(trajectory.vx[1], trajectory.vx[2], atol=5e-3)
 
 
+def test_samples_whose_lateral_slip_relaxes_within_a_step_stay_bounded():
+    stiff = {"cornering_stiffness": (500.0, 4000.0), "lateral_relaxation_length": (0.003, 0.2)}
+    vehicle = dataclasses.replace(VEHICLE, unknown=stiff)
+    time = np.arange(0.0, 6.0, 0.1)
+    commands = Commands(time, 0.4 * np.sin(3.0 * time), np.full(60, 2.0))
+    points = np.array([[1000.0, 0.02], [1000.0, 0.003], [4000.0, 0.02], [4000.0, 0.003]])
+    trajectory = simulate(vehicle, commands, points)
+    np.testing.assert_allclose(trajectory.yaw[1::2], trajectory.yaw[::2], atol=5e-3)
+
+
 def test_vehicles_just_within_the_limit_stay_bounded():
     vehicle = VEHICLE.replace(motor_lag=0.0045)
     check_step(vehicle, 0.01)

@@ -359,7 +359,7 @@ class LeastSquares(Closing):
             if damping > 0.0 and promise < ROUGHNESS * scale:
                 break
             trial = self.gram(following)
-            if trial[-1, -1] < cost - 0.1 * promise:
+            if trial[-1, -1] < cost - 0.1 * promise and np.isfinite(trial).all():
                 at, whole = following, trial
                 damping = damping / 10.0 if damping > 1.0 else 0.0
             elif np.any(free & self._rough):  # near by it does not keep what it promises on average

@@ -385,7 +385,8 @@ class CommandedBatch:
         needs = {name: self.available[name][0] for name in columns}
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
-        lengthen_relaxation(groups, len(self._vehicle.wheels))
+        top_speed = float(np.abs(self._drive[:, COMMAND.demand]).max())
+        lengthen_relaxation(groups, len(self._vehicle.wheels), top_speed)
         shape = len(rows), len(groups) * LANES, len(self.time[::every])
         changed = steering_delay, faster, steered
         own = bool(self._start.steered_by) or any(change is not None for change in changed)

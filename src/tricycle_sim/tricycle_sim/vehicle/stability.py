@@ -11,7 +11,7 @@ from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
-from tricycle_sim.vehicle.body import PLACE
+from tricycle_sim.vehicle.body import BODY, PLACE
 from tricycle_sim.vehicle.constants import Vehicle
 from tricycle_sim.vehicle.groups import equilibrium, motor_in_the_middle, pack
 from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for
@@ -24,11 +24,13 @@ from tricycle_sim.vehicle.layout import (
     of_wheels,
     states_of,
 )
-from tricycle_sim.vehicle.parts import WHEEL, WHEEL_ROWS
+from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS
 from tricycle_sim.vehicle.tyre import LINEAR, TYRE
 
 LIMIT = 2.5
 """Largest rate times step: RK4 is stable to 2.78 for decay and to 2.83 for oscillation."""
+FASTER = 0.25
+"""Share by which outer wheels, and those of a speed loop that overshoots, exceed its set-point."""
 
 # what to change, by the state that takes the largest part in a mode
 _CAUSES = {
@@ -39,7 +41,8 @@ _CAUSES = {
     STATE.alpha: "lateral_relaxation_length or cornering_stiffness",
 }
 
-_P, _T, _L = numbered(PLACE), numbered(TYRE), numbered(LINEAR)  # every law has those of `LINEAR`
+_B, _P, _T = numbered(BODY, first=BLOCK.body), numbered(PLACE), numbered(TYRE)
+_L = numbered(LINEAR)  # every law has those
 
 _checked: set[tuple[str, float]] = set()
 
@@ -74,11 +77,12 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     _checked.add(key)
 
 
-def lengthen_relaxation(groups: FloatArray, wheels: int) -> None:
-    """Make the longitudinal relaxation of samples so long that steps of `TICK` are stable.
+def lengthen_relaxation(groups: FloatArray, wheels: int, speed: float) -> None:
+    """Make the relaxation of samples so long that steps of `TICK` are stable.
 
     Of a vehicle that `check_step` accepts, samples may be stiffer: where a fit tries both a stiffer
-    tyre and a shorter relaxation, a wheel swings faster on its tyre.
+    tyre and a shorter relaxation, a wheel swings faster on its tyre, or the vehicle on its tyres,
+    and a slip decays faster.
 
     Parameters
     ----------
@@ -86,16 +90,28 @@ def lengthen_relaxation(groups: FloatArray, wheels: int) -> None:
         Vehicles; changed in place.
     wheels : int
         That each has.
+    speed : float
+        Highest set-point [m/s]; wheels may be faster by the share `FASTER`.
     """
     rows = groups.reshape(len(groups), -1, LANES)
 
     def of_each(row: int) -> FloatArray:
         return rows[:, of_wheels(row, WHEEL_ROWS, wheels)]
 
+    most = LIMIT / TICK
     stiffness, radius = of_each(WHEEL.tyre_law + _L.c_kappa), of_each(WHEEL.tyre + _T.radius)
-    inverse_sigma = of_each(WHEEL.tyre + _T.inverse_sigma_x)
-    largest = (LIMIT / TICK) ** 2 * of_each(WHEEL.place + _P.inertia) / (stiffness * radius**2)
-    np.minimum(inverse_sigma, largest, out=inverse_sigma)
+    along, aside = (of_each(WHEEL.tyre + row) for row in (_T.inverse_sigma_x, _T.inverse_sigma_y))
+    largest = most**2 * of_each(WHEEL.place + _P.inertia) / (stiffness * radius**2)
+    np.minimum(along, largest, out=along)
+    np.minimum(aside, most / max((1.0 + FASTER) * speed, 1e-9), out=aside)
+    moved = (
+        rows[:, [_B.inverse_mass]]
+        + rows[:, [_B.inverse_izz]] * of_each(WHEEL.place + _P.x) ** 2
+        + rows[:, [_B.inverse_ixx]] * of_each(WHEEL.place + _P.z) ** 2
+    )  # by a lateral force on each wheel
+    # the squares of the rates at which it swings aside, yawing and rolling, are together
+    squares = np.sum(of_each(WHEEL.tyre_law + _L.c_alpha) * aside * moved, axis=1, keepdims=True)
+    aside *= np.fmin(1.0, most**2 / squares)
 
 
 def fastest_mode(vehicle: Vehicle) -> tuple[float, int]:
