@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import yaml
 from found_identification import FOUND
@@ -12,7 +13,7 @@ from parameter_identification.identified_vehicle import (
     kind_of_drives,
     named_drives,
 )
-from tricycle_sim.vehicle import load_vehicle
+from tricycle_sim.vehicle import load_vehicle, vehicle_document
 
 
 @pytest.fixture
@@ -27,11 +28,12 @@ def test_what_the_drives_show_is_nominal_with_three_deviations_either_side(vehic
     assert vehicle.unknown["cornering_stiffness"] == (585.0, 615.0)
 
 
-def test_what_they_do_not_show_stays_as_it_was(vehicle):
+def test_what_they_do_not_show_keeps_its_range_and_fits_best_beside_the_others(vehicle):
     before = load_vehicle()
     for name in ("yaw_inertia", "camber_stiffness"):
         assert vehicle.unknown[name] == before.unknown[name]
-        assert getattr(vehicle, name) == getattr(before, name)
+    assert vehicle.yaw_inertia == FOUND.parameters["yaw_inertia"].estimate
+    assert vehicle.camber_stiffness == before.camber_stiffness
 
 
 def test_a_range_is_never_widened(tmp_path):
@@ -40,6 +42,70 @@ def test_a_range_is_never_widened(tmp_path):
         dataclasses.replace(FOUND, parameters={"cornering_stiffness": vague}), None
     )
     assert yaml.safe_load(text)["constants"]["cornering_stiffness"]["range"] == [500.0, 1500.0]
+
+
+def with_effects(tmp_path, *effects, source=None):
+    """The file's text and its vehicle, with effects by name and estimate."""
+    found = dataclasses.replace(
+        FOUND,
+        effects=tuple(EffectEstimate(*(name, "1", value, 0.001, 0.1)) for name, value in effects),
+    )
+    path = tmp_path / "with_effects.yaml"
+    path.write_text(identified_vehicle(found, source), encoding="utf-8")
+    return path.read_text(encoding="utf-8"), load_vehicle(path)
+
+
+def test_effects_are_constants_of_the_file(tmp_path):
+    before = load_vehicle()
+    text, vehicle = with_effects(
+        tmp_path, ("steering zero", 0.01), ("tyre rounding", 0.2), ("servo dead time", 0.03)
+    )
+    assert vehicle.steering_offset == before.steering_offset + 0.01
+    assert vehicle.parts == {**before.parts, "tyre": "softened", "servo": "geared"}
+    assert (vehicle.tyre_rounding, vehicle.servo_delay) == (0.2, 0.03)
+    assert "# * tyre rounding: +20.0" in text
+    assert set(vehicle.unknown) == set(before.unknown)
+
+
+def test_what_the_boards_are_set_up_with_is_changed_once(tmp_path):
+    before = load_vehicle()
+    text, vehicle = with_effects(tmp_path, ("wheel radius", 0.01), ("speed loop", -0.3))
+    assert vehicle.driven_radius == pytest.approx(1.01 * before.driven_radius)
+    assert vehicle.speed_scale == before.speed_scale
+    assert vehicle.speed_gain_proportional == before.speed_gain_proportional
+    assert "#   speed loop: -30.0" in text
+
+
+def test_effects_of_drives_and_sensors_are_told_only(tmp_path):
+    text, vehicle = with_effects(tmp_path, ("sensor left", 0.02), ("drive dead time", 0.05))
+    assert vehicle.parts == load_vehicle().parts
+    assert "#   sensor left" in text
+    assert "*" not in text.replace("; * also", "")
+
+
+def test_a_relaxation_that_steps_do_not_allow_is_told_only(tmp_path):
+    short = tmp_path / "short.yaml"
+    document = vehicle_document()
+    document["constants"]["lateral_relaxation_length"]["value"] = 0.02
+    short.write_text(yaml.safe_dump(document), encoding="utf-8")
+    held = ("relaxation length", -0.75)
+    assert with_effects(tmp_path, held, source=short)[1].lateral_relaxation_length == 0.02
+    _, viscous = with_effects(tmp_path, held, ("slip by speed", 1.0), source=short)
+    assert viscous.lateral_relaxation_length == pytest.approx(0.005)
+
+
+def test_angles_of_a_file_in_degrees_stay_right(tmp_path):
+    path = tmp_path / "degrees.yaml"
+    document = vehicle_document()
+    document["constants"]["steering_offset"] = {
+        "value": 1.0,
+        "unit": "deg",
+        "basis": "data",
+        "about": "measured",
+    }
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    _, vehicle = with_effects(tmp_path, ("steering zero", 0.01), source=path)
+    assert vehicle.steering_offset == pytest.approx(np.radians(1.0) + 0.01)
 
 
 def test_entries_name_their_source():

@@ -1,16 +1,27 @@
 """Vehicle files with the estimates of an identification."""
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import yaml
 
-from parameter_identification.estimation.results import Estimate, Identification
+from parameter_identification.estimation.results import EffectEstimate, Estimate, Identification
 from parameter_identification.many_drives import ManyDrives
 from tricycle_core import __version__
-from tricycle_sim.vehicle import vehicle_document
+from tricycle_core.errors import VehicleError
+from tricycle_core.timing import TICK
+from tricycle_sim.effects import SPEED_LOOP, corrected, extend
+from tricycle_sim.vehicle import Vehicle, load_vehicle, vehicle_document
+from tricycle_sim.vehicle.stability import check_step
 
 NAMED = 6  # drives that a line has room for
 RANGE = 3.0  # standard deviations either side that the file leaves possible
+OF_BOARDS = (SPEED_LOOP,)
+"""Effects on constants that the boards are set up with: they would be changed once more.
+
+Neither is `speed_scale` written where the radius of the tyres is: the boards then know it.
+"""
 
 
 def kind_of_drives(found: Identification | ManyDrives) -> str:
@@ -46,11 +57,15 @@ def _recordings(found: Identification | ManyDrives) -> list[str]:
 
 
 def identified_vehicle(found: Identification | ManyDrives, source: Path | None) -> str:
-    """Return the text of a vehicle file with the estimates.
+    """Return the text of a vehicle file that moves as the best fit does.
 
-    Parameters that the drives show get their estimate as nominal value and as range three standard
-    deviations either side, so that the next plan looks for what is still unknown; the others stay
-    as they were. Each entry names its source.
+    All that was estimated together is its nominal value: parameters, and effects that are constants
+    of the vehicle. Parameters that the drives show get as range three standard deviations either
+    side, so that the next plan looks for what is still unknown; the others keep theirs. Each entry
+    names its source.
+
+    The boards are set up with the file. What an effect says about them (`OF_BOARDS`) is not written
+    into it, nor is what would make it too stiff for the simulation.
 
     Parameters
     ----------
@@ -59,7 +74,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
     source : Path or None
         Its file; None: the packaged tricycle.
     """
-    document = vehicle_document(source)
+    document, vehicle = vehicle_document(source), load_vehicle(source)
     where = named_drives(found)
     doubt = ""
     if not found.white:
@@ -67,12 +82,13 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
     elif isinstance(found, Identification) and found.deviations:
         names = ", ".join(effect.name for effect in found.deviations)
         doubt = f", but the vehicle moves as the model cannot ({names})"
-    for name, estimate in found.parameters.items():
+    for name, estimate in {**found.parameters, **found.others}.items():
         entry = document["constants"][name]
         about = entry["about"]
-        if estimate.identifiable:
-            low, high = _range(estimate)
-            entry.update(nominal=estimate.estimate, range=[low, high], basis="data")
+        nominal = min(max(estimate.estimate, estimate.range[0]), estimate.range[1])
+        entry.update(nominal=nominal, range=list(estimate.range), unit=vehicle.unit(name))
+        if name in found.parameters and estimate.identifiable:
+            entry.update(range=list(_range(estimate)), basis="data")
             about = (
                 f"identified from {where}: {100 * found.level:g} % interval "
                 f"{estimate.low:.5g} to {estimate.high:.5g}"
@@ -80,17 +96,55 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
                 f"standard deviations; before: {about}"
             )
         else:
-            about = f"not shown by {where}; {about}"
+            about = f"not shown by {where}, fits best beside the others; before: {about}"
         entry["about"] = about
+        vehicle = vehicle.replace(**{name: nominal})
     header = (
         f"# {document['name']} with parameters identified from {where}\n"
         f"# by tricycle identify {__version__}, vehicle file before: "
         f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
     )
-    if isinstance(found, Identification) and found.effects:
-        header += "# effects, estimated too:\n" + "".join(f"#   {e}\n" for e in found.effects)
+    if found.effects:
+        known, held = _with_effects(vehicle, found.effects)
+        header += "# effects, estimated too; * also as constants below:\n"
+        for e in found.effects:
+            header += f"# {'*' if e.name in held else ' '} {e}\n"
+        _write_constants(document, vehicle, known, f"with the effects found in {where}")
     body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     return header + body
+
+
+def _with_effects(
+    vehicle: Vehicle, effects: Sequence[EffectEstimate]
+) -> tuple[Vehicle, frozenset[str]]:
+    """A vehicle with the effects that can be written into its file, and their names."""
+    known, held = vehicle, dict[str, float]()
+    for e in (*effects, *effects):  # one that makes it too stiff may do so no longer with others
+        if e.drive or e.name in {*OF_BOARDS, *held} or not e.estimate:
+            continue
+        more = corrected(vehicle, {**held, e.name: e.estimate})
+        if "speed_scale" in vehicle.values:
+            more = more.replace(speed_scale=vehicle.speed_scale)
+        try:
+            check_step(more, TICK)
+        except VehicleError:
+            continue
+        if more.values != known.values:
+            known, held[e.name] = more, e.estimate
+    return known, frozenset(held)
+
+
+def _write_constants(document: Any, before: Vehicle, after: Vehicle, source: str) -> None:
+    """Write what differs between two vehicles into the document of a vehicle file."""
+    laws = {part: law for part, law in after.parts.items() if before.parts.get(part) != law}
+    if laws:
+        document.setdefault("parts", {}).update(laws)
+    plain = extend(before, laws).values
+    for name, value in after.values.items():
+        if value != plain[name]:
+            entry = document["constants"].setdefault(name, {})
+            about = f"{source}; before: {plain[name]:.5g}, {entry.get('about', 'the default')}"
+            entry.update(value=value, unit=after.unit(name), basis="data", about=about)
 
 
 def _range(estimate: Estimate) -> tuple[float, float]:

@@ -34,7 +34,8 @@ TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
 SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
 OF_SERVO = "servo bandwidth", SERVO_DEAD_TIME, "steering play"
 """Effects of how the steering's angle comes about; none where it is measured."""
-OF_SPEED_LOOP = "speed loop", DRIVE_DEAD_TIME
+SPEED_LOOP = "speed loop"
+OF_SPEED_LOOP = SPEED_LOOP, DRIVE_DEAD_TIME
 """Effects of how the wheels' speed comes about; none where it is measured."""
 REACH = 4.0  # standard deviations of the prior that an effect may have at most
 
@@ -117,7 +118,7 @@ _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ..
     ("servo bandwidth", "1", 0.3, ({"servo_natural_frequency": None},)),
     (WHEEL_RADIUS, "1", 0.01, ({"speed_scale": 1.0},)),
     (
-        *("speed loop", "1", 0.3),
+        *(SPEED_LOOP, "1", 0.3),
         ({"speed_gain_proportional": None, "speed_gain_integral": None},),
     ),
     (
@@ -274,6 +275,32 @@ def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
             ends = sorted(vehicle.values[name] + change * end for end in (e.low, e.high))
             unknown[name] = ends[0], ends[1]
     return dataclasses.replace(vehicle, unknown=unknown)
+
+
+def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> Vehicle:
+    """Return a vehicle whose constants have what effects were found to be.
+
+    Effects of which the vehicle has no constants change nothing: those of sensors, the dead time of
+    the drive, and deviations.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Without them.
+    estimates : mapping of str to float
+        Of effects, by name.
+    """
+    found = vehicle
+    for e in effects_of(vehicle, EFFECTS):
+        constants, parts = e.constants, e.parts
+        if e.name == SERVO_DEAD_TIME:
+            constants, parts = {"servo_delay": 1.0}, _extensions(vehicle, {"servo_delay"})
+        if value := estimates.get(e.name):
+            extended = extend(found, parts)
+            if set(constants) <= set(extended.values):
+                changes = {c: extended.values[c] + per * value for c, per in constants.items()}
+                found = extended.replace(**changes)
+    return found
 
 
 def as_sensed(

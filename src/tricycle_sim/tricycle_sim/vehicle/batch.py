@@ -386,7 +386,7 @@ class CommandedBatch:
         rows = sorted({row for need in needs.values() for row in need})
         groups = pack(self._vehicle, parameters, self._start, speed)
         top_speed = float(np.abs(self._drive[:, COMMAND.demand]).max())
-        lengthen_relaxation(groups, len(self._vehicle.wheels), top_speed)
+        lengthen_relaxation(groups, self._vehicle, top_speed)
         shape = len(rows), len(groups) * LANES, len(self.time[::every])
         changed = steering_delay, faster, steered
         own = bool(self._start.steered_by) or any(change is not None for change in changed)

@@ -25,7 +25,8 @@ from tricycle_sim.vehicle.layout import (
     states_of,
 )
 from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS
-from tricycle_sim.vehicle.tyre import LINEAR, TYRE
+from tricycle_sim.vehicle.registry import tyre_name
+from tricycle_sim.vehicle.tyre import LINEAR, SOFTENED, TYRE
 
 LIMIT = 2.5
 """Largest rate times step: RK4 is stable to 2.78 for decay and to 2.83 for oscillation."""
@@ -42,7 +43,7 @@ _CAUSES = {
 }
 
 _B, _P, _T = numbered(BODY, first=BLOCK.body), numbered(PLACE), numbered(TYRE)
-_L = numbered(LINEAR)  # every law has those
+_L, _S = numbered(LINEAR), numbered(SOFTENED)  # every law has those of `LINEAR`
 
 _checked: set[tuple[str, float]] = set()
 
@@ -77,7 +78,7 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     _checked.add(key)
 
 
-def lengthen_relaxation(groups: FloatArray, wheels: int, speed: float) -> None:
+def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> None:
     """Make the relaxation of samples so long that steps of `TICK` are stable.
 
     Of a vehicle that `check_step` accepts, samples may be stiffer: where a fit tries both a stiffer
@@ -87,23 +88,26 @@ def lengthen_relaxation(groups: FloatArray, wheels: int, speed: float) -> None:
     Parameters
     ----------
     groups : ndarray of float, shape (b, ROWS * LANES)
-        Vehicles; changed in place.
-    wheels : int
-        That each has.
+        Samples; changed in place.
+    vehicle : Vehicle
+        Of which they are.
     speed : float
         Highest set-point [m/s]; wheels may be faster by the share `FASTER`.
     """
     rows = groups.reshape(len(groups), -1, LANES)
 
     def of_each(row: int) -> FloatArray:
-        return rows[:, of_wheels(row, WHEEL_ROWS, wheels)]
+        return rows[:, of_wheels(row, WHEEL_ROWS, len(vehicle.wheels))]
 
     most = LIMIT / TICK
     stiffness, radius = of_each(WHEEL.tyre_law + _L.c_kappa), of_each(WHEEL.tyre + _T.radius)
     along, aside = (of_each(WHEEL.tyre + row) for row in (_T.inverse_sigma_x, _T.inverse_sigma_y))
     largest = most**2 * of_each(WHEEL.place + _P.inertia) / (stiffness * radius**2)
     np.minimum(along, largest, out=along)
-    np.minimum(aside, most / max((1.0 + FASTER) * speed, 1e-9), out=aside)
+    fastest = max((1.0 + FASTER) * speed, 1e-9)
+    softened = [[tyre_name(wheel, vehicle.parts) == "softened"] for wheel in vehicle.wheels]
+    by_speed = np.where(softened, of_each(WHEEL.tyre_law + _S.by_speed), 0.0)
+    np.minimum(aside, most * (1.0 + by_speed * (fastest - 1.0)) / fastest, out=aside)
     moved = (
         rows[:, [_B.inverse_mass]]
         + rows[:, [_B.inverse_izz]] * of_each(WHEEL.place + _P.x) ** 2
