@@ -62,8 +62,7 @@ from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
     EFFECTS,
     SERVO_DEAD_TIME,
-    effects_of,
-    extend,
+    corrected,
 )
 from tricycle_sim.plants import OWN
 from tricycle_sim.plants.installed import plant_by_name
@@ -210,13 +209,9 @@ def identified(vehicle, motions, all_commands, seed, weighed):
         for n, e in found.parameters.items()
     }
     estimates = {e.name: e.estimate for e in found.effects if not e.drive}
-    for effect in effects_of(vehicle, effects):
-        if effect.constants and effect.name in estimates:
-            vehicle = extend(vehicle, effect.parts)
-            for name, change in effect.constants.items():
-                values[name] = vehicle.values[name] + change * estimates[effect.name]
+    of_vehicle = {n: v for n, v in estimates.items() if n != SERVO_DEAD_TIME}
     return Known(
-        vehicle.replace(**values),
+        corrected(vehicle, of_vehicle).replace(**values),
         estimates.get(SERVO_DEAD_TIME, 0.0),
         estimates.get(DRIVE_DEAD_TIME, 0.0),
         float(np.mean([drive.nuisances["pose delay"].estimate for drive in found.drives])),

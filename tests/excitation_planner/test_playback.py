@@ -249,6 +249,7 @@ NOT_A_NUMBER = PlanarState(math.nan, 0.0, 0.0, 0.0)
         (lambda: seeing(AT_REST, stamp=9.0), r"no pose on odom for 1\.00 s, by its stamp"),
         (lambda: seeing(AT_REST, stamp=15.0), r"stamped 5\.00 s ahead of the clock: synchronise"),
         (lambda: seeing(NOT_A_NUMBER), "the pose on odom is not finite"),
+        (lambda: seeing(replace(AT_REST, body="imu_link")), "odom has the pose of imu_link"),
         (lambda: seeing(MOVING), r"moves at 0\.80 m/s"),
     ],
 )

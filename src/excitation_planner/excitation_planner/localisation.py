@@ -46,6 +46,8 @@ class PlanarState:
         Left positive [rad/s].
     frame : str
         Of the pose.
+    body : str
+        Frame whose pose it is; "": not told.
     """
 
     x: float
@@ -55,6 +57,7 @@ class PlanarState:
     slip: float = 0.0
     yaw_rate: float = 0.0
     frame: str = ""
+    body: str = ""
 
     @property
     def finite(self) -> bool:

@@ -95,6 +95,7 @@ def _planar_state(message: Odometry) -> PlanarState:
         math.atan2(velocity.y, velocity.x),
         message.twist.twist.angular.z,
         message.header.frame_id,
+        message.child_frame_id,
     )
 
 

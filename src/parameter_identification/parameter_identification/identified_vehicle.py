@@ -96,7 +96,8 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
                 f"standard deviations; before: {about}"
             )
         else:
-            about = f"not shown by {where}, fits best beside the others; before: {about}"
+            why = "not shown by" if name in found.parameters else "not asked of"
+            about = f"{why} {where}, fits best beside the others; before: {about}"
         entry["about"] = about
         vehicle = vehicle.replace(**{name: nominal})
     header = (

@@ -323,7 +323,7 @@ def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:
         "--child-frame",
         default=names.child_frame,
         metavar="FRAME",
-        help="of the transform to take from TFMessage (default: base_link)",
+        help="of the poses and transforms to take (default: base_link)",
     )
     add("--datum", type=_datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix, degrees and m")
 

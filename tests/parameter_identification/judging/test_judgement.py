@@ -340,9 +340,15 @@ def test_types_that_hold_no_pose_are_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_child_frame_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) -> None:
-    bag = Scene(poses="tf").write(tmp_path / "bag")
-    with pytest.raises(JudgeError, match="no transform to wheel; it holds those to base_link, lid"):
+@pytest.mark.parametrize(
+    ("poses", "those"),
+    [("tf", "base_link, lidar"), ("odometry", "base_link"), ("transform", "base_link")],
+)
+def test_a_child_frame_that_is_not_there_is_told_with_those_that_are(
+    tmp_path: Path, poses: str, those: str
+) -> None:
+    bag = Scene(poses=poses).write(tmp_path / "bag")
+    with pytest.raises(JudgeError, match=f"no poses of wheel; it holds those of {those}:"):
         judge(bag, topics=TopicNames(child_frame="wheel"))
 
 

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -75,7 +76,7 @@ class PoseCollector:
     type_name : str
         ROS type of its messages.
     child_frame : str
-        Of the transform to take from TFMessage.
+        Of the poses and transforms to take; messages that name none are taken.
     datum : Datum, optional
         Origin for NavSatFix.
 
@@ -90,10 +91,12 @@ class PoseCollector:
     ) -> None:
         self._where = f"{bag}: {topic}"
         readers: dict[str, Callable[[Any], Iterable[tuple[int, float, float, float]]]] = {
-            "nav_msgs/msg/Odometry": lambda m: [(stamp_of(m), *planar(m.pose.pose))],
+            "nav_msgs/msg/Odometry": lambda m: self._of_child_frame(m, m.pose.pose),
             "geometry_msgs/msg/PoseStamped": lambda m: [(stamp_of(m), *planar(m.pose))],
-            "geometry_msgs/msg/TransformStamped": lambda m: [(stamp_of(m), *planar(m.transform))],
-            "tf2_msgs/msg/TFMessage": self._of_child_frame,
+            "geometry_msgs/msg/TransformStamped": lambda m: self._of_child_frame(m, m.transform),
+            "tf2_msgs/msg/TFMessage": lambda m: chain.from_iterable(
+                self._of_child_frame(transform, transform.transform) for transform in m.transforms
+            ),
             "sensor_msgs/msg/NavSatFix": lambda m: [(stamp_of(m), *self._fix(m), math.nan)],
         }
         if type_name not in readers:
@@ -127,8 +130,8 @@ class PoseCollector:
         """
         if not self._rows and self._other_frames:
             raise JudgeError(
-                f"{self._where} holds no transform to {self._child_frame}; it holds those to "
-                f"{', '.join(sorted(self._other_frames))}"
+                f"{self._where} holds no poses of {self._child_frame}; it holds those of "
+                f"{', '.join(sorted(self._other_frames))}: name the one to take (--child-frame)"
             )
         if not self._rows:
             raise JudgeError(f"{self._where} holds no poses")
@@ -157,13 +160,12 @@ class PoseCollector:
             )
         return PlanarTrajectory(time, values[:, 0], values[:, 1], np.unwrap(values[:, 2]))
 
-    def _of_child_frame(self, message: Any) -> Iterator[tuple[int, float, float, float]]:
-        for transform in message.transforms:
-            child_frame = transform.child_frame_id.lstrip("/")
-            if child_frame == self._child_frame:
-                yield stamp_of(transform), *planar(transform.transform)
-            else:
-                self._other_frames.add(child_frame)
+    def _of_child_frame(self, message: Any, pose: Any) -> Iterator[tuple[int, float, float, float]]:
+        child_frame = message.child_frame_id.lstrip("/")
+        if child_frame in {"", self._child_frame}:
+            yield stamp_of(message), *planar(pose)
+        else:
+            self._other_frames.add(child_frame)
 
     def _fix(self, message: Any) -> tuple[float, float]:
         if self._datum is None:

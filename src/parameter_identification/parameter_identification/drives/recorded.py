@@ -58,7 +58,7 @@ class TopicNames:
     imu, joint_states : str
         Sensors that only an identification needs.
     child_frame : str
-        Of the transform to take from TFMessage.
+        Of the poses and transforms to take.
     datum : Datum, optional
         Origin for NavSatFix.
     """
