@@ -13,7 +13,6 @@ from launch.actions import (
     EmitEvent,
     OpaqueFunction,
     RegisterEventHandler,
-    Shutdown,
 )
 from launch.events import matches_action
 from launch.logging import get_logger
@@ -264,9 +263,10 @@ class VehicleNodes:
 
 
 def _shut_down_after(name: str) -> list[Action]:
-    """Return what ends the launch when a node has ended."""
+    """Return what ends the launch, with status 1, when a node has ended."""
 
-    def shut_down(context: LaunchContext) -> list[Action]:
-        return [] if context.is_shutdown else [Shutdown(reason=f"{name} has ended")]
+    def shut_down(context: LaunchContext) -> None:
+        if not context.is_shutdown:
+            raise RuntimeError(f"{name} has ended")  # `Shutdown` would end with status 0
 
     return [OpaqueFunction(function=shut_down)]
