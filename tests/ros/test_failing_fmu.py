@@ -72,7 +72,7 @@ def test_one_that_fails_on_the_way_ends_the_launch_and_the_bag_is_closed(
             operator.drive(plan, tmp_path / "bag", progress=lambda *_: None)
         assert "\n" not in str(ended.value)
         (then,) = on_exit["tricycle_sim"]
-        with pytest.raises(RuntimeError, match="^tricycle_sim has ended$"):
+        with pytest.raises(RuntimeError, match=r"^tricycle_sim has ended$"):
             then.keywords["function"](SimpleNamespace(is_shutdown=False))
         then.keywords["function"](SimpleNamespace(is_shutdown=True))
     log = (tmp_path / "log" / "tricycle_sim.log").read_text()
