@@ -1,6 +1,6 @@
 """The trial: vehicles that are not our model, identified from designed, ISO-like and random drives.
 
-    python benchmarks/plants.py [--plant mujoco commonroad own] [--sets 20] [--effects weighed]
+    python benchmarks/plants.py [--plant mujoco ...] [--sets 20] [--effects weighed] [--ways ...]
     python benchmarks/plants.py --bound [--plant ...] [--effects ...]
     python benchmarks/plants.py --stiffness [--sets ...] [--effects ...]
     python benchmarks/plants.py --pace
@@ -19,12 +19,14 @@ ISO       both maneuvers in the middle of their boxes; sets differ by their nois
 random    both maneuvers drawn from their boxes; sets differ by that and their noise
 designed  planned as one set by criterion d; sets differ by their noise
 counted   the same, counting effects (`tricycle plan --effects all`)
+again     planned with the vehicle, its effects too, that ISO-like drives showed
 
 The tricycle's ranges are wider than its file's: of a vehicle that is not our model less is known.
 For `mujoco` the file's lateral relaxation length is corrected from 0.2 to 0.02 m: identification
 holds this effect at an end of what is possible and asks for it, as in `make rehearsal`.
 `own` is a control: our model with true values drawn from the file's ranges.
 --effects  none, or weighed, as `tricycle identify` does by default
+--ways     some of these rows only
 --bound    only the guess, and our model fitted to the drives to predict themselves
 --stiffness  only the car's cornering stiffness, identified, over its tyres' slope at no slip
 --pace     only how fast each plant runs
@@ -72,6 +74,7 @@ from tricycle_sim.setpoints import command_rows
 from tricycle_sim.vehicle import draw_truth, load_vehicle
 from tricycle_sim.vehicle.batch import CommandedBatch
 
+WAYS = ("ISO", "random", "designed", "counted", "again")
 DURATION = 12.0  # s of every drive that is fitted
 SENSORS = {
     Sensor.POSITION: SensorNoise(0.01),
@@ -242,6 +245,22 @@ def designed(trial, effects):
     return [np.array(list(plan.operation.values())) for plan in plan_set(request)]
 
 
+def points_of_all(name, way, weighed):
+    """Operation parameters of both maneuvers that all sets have in common; None if none."""
+    trial = TRIALS[name]
+    if way == "again":
+        commands, motions = learnt(name, hashable(points(trial, "ISO", 0)))
+        known = identified(trial.vehicle, motions, commands, 0, weighed)
+        trial = dataclasses.replace(trial, vehicle=known.vehicle)
+    if way in ("designed", "counted", "again"):
+        return hashable(designed(trial, EFFECTS if way == "counted" else ()))
+    return None
+
+
+def hashable(points):
+    return tuple(tuple(one.tolist()) for one in points)
+
+
 def errors(name, known):
     """RMS distance of each drive to predict [m]."""
     to_predict, truths = held_out(name)
@@ -274,23 +293,20 @@ def one_set(job):
     name, way, seed, weighed, x = job
     trial = TRIALS[name]
     if x is None:
-        x = tuple(tuple(one.tolist()) for one in points(trial, way, seed))
+        x = hashable(points(trial, way, seed))
     commands, motions = learnt(name, x)
     known = identified(trial.vehicle, motions, commands, seed, weighed)
     return (errors(name, known), errors(name, Known(known.vehicle))), x
 
 
-def try_plant(name, sets, weighed, processes):
+def try_plant(name, sets, weighed, processes, ways):
     trial = TRIALS[name]
     kinds = [family.name for family, _ in trial.predicted]
     rows = {"guess": np.array([2 * [errors(name, Known(trial.guess))]])}
     print(f"{name}, {sets} sets, effects {'weighed' if weighed else 'none'}", flush=True)
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
-        for way in ("ISO", "random", "designed", "counted"):
-            x = None
-            if way in ("designed", "counted"):
-                found = designed(trial, EFFECTS if way == "counted" else ())
-                x = tuple(tuple(one.tolist()) for one in found)
+        for way in ways:
+            x = points_of_all(name, way, weighed)
             jobs = [(name, way, seed, weighed, x) for seed in range(sets)]
             results, points_of = zip(*pool.map(one_set, jobs), strict=True)
             rows[way] = np.array(results)
@@ -312,8 +328,8 @@ def tell(rows, kinds):
         )
         print(f"  {way:9s} {middle:7.0f} ({low:.0f} to {high:.0f}); {of_kinds}", flush=True)
     median = {way: np.median(each) for way, each in whole.items()}
-    for way in ("guess", "ISO", "random"):
-        ratios = (f"{median[way] / median[best]:.2f} by {best}" for best in ("designed", "counted"))
+    for way, at in median.items():
+        ratios = (f"{at / other:.2f} by {best}" for best, other in median.items() if best != way)
         print(f"  {way}: {', '.join(ratios)}", flush=True)
 
 
@@ -346,7 +362,7 @@ def stiffness(sets, weighed):
     for way in ("ISO", "random"):
         ratios = []
         for seed in range(sets):
-            x = tuple(tuple(one.tolist()) for one in points(trial, way, seed))
+            x = hashable(points(trial, way, seed))
             known = identified(trial.vehicle, *reversed(learnt("commonroad", x)), seed, weighed)
             found = known.vehicle.values
             ratios.append(
@@ -409,6 +425,7 @@ def main():
     )
     parser.add_argument("--plant", choices=TRIALS, nargs="+", default=list(TRIALS))
     parser.add_argument("--sets", type=int, default=20)
+    parser.add_argument("--ways", choices=WAYS, nargs="+", default=WAYS)
     parser.add_argument("--effects", choices=("none", "weighed"), default="weighed")
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--bound", action="store_true")
@@ -429,7 +446,7 @@ def main():
         elif arguments.bound:
             bound(name, weighed)
         else:
-            try_plant(name, arguments.sets, weighed, arguments.processes)
+            try_plant(*(name, arguments.sets, weighed, arguments.processes, arguments.ways))
 
 
 if __name__ == "__main__":
