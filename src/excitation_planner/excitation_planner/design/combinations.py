@@ -4,8 +4,6 @@ The information of drives adds up. A few maneuvers of each family, simulated alo
 all their combinations without further simulations.
 """
 
-import itertools
-
 import numpy as np
 
 from excitation_planner.box import Box
@@ -20,7 +18,7 @@ from excitation_planner.design.information import (
 )
 from excitation_planner.design.noise import TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
-from excitation_planner.indices.sampling import sobol_sequence
+from excitation_planner.indices.sampling import corners, sobol_sequence
 from tricycle_core.errors import InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 
@@ -109,9 +107,8 @@ def best_combinations(
 
 def _singles(dimensions: int, seed: int) -> FloatArray:
     """Points (n, l) of a family's unit box."""
-    corners = np.array(list(itertools.product((0.0, 1.0), repeat=min(dimensions, 4))))
-    corners = np.pad(corners, ((0, 0), (0, dimensions - corners.shape[1])), constant_values=0.5)
-    return np.vstack([corners, sobol_sequence(SINGLES, dimensions, seed=seed)])
+    inside = sobol_sequence(SINGLES, dimensions, seed=seed)
+    return np.vstack([corners(dimensions, seed=seed), inside])
 
 
 def _costs(

@@ -19,7 +19,7 @@ from scipy.optimize import direct
 from excitation_planner.design.criteria import Criterion, excitation_cost
 from excitation_planner.design.problem import DesignProblem, Evaluation, Search
 from excitation_planner.indices.kriging import Kriging
-from excitation_planner.indices.sampling import sobol_sequence
+from excitation_planner.indices.sampling import corners, sobol_sequence
 from tricycle_core.errors import DesignError
 from tricycle_core.quantities import FloatArray
 
@@ -319,23 +319,6 @@ def _going_on(searches: list[_LocalSearch]) -> list[_LocalSearch]:
         else:
             search.stop()
     return kept
-
-
-def corners(dimensions: int, *, seed: int) -> FloatArray:
-    """Return at most 16 corners of the unit box (n, l): up to l = 4 all, beyond a random choice.
-
-    Parameters
-    ----------
-    dimensions : int
-        l.
-    seed : int
-        Of the choice.
-    """
-    if dimensions <= 4:
-        numbers = np.arange(2**dimensions)[:, None]
-        found: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
-        return found
-    return np.random.default_rng(seed).integers(0, 2, size=(16, dimensions)).astype(float)
 
 
 def _best_apart(X: FloatArray, costs: FloatArray, others: FloatArray) -> int | None:

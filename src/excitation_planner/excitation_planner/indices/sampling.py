@@ -90,3 +90,20 @@ def parameter_samples(unknown: Box, samples: int, *, seed: int) -> FloatArray:
     """
     unknown.check_samples(samples)
     return training_points(samples, len(unknown), seed=seed)
+
+
+def corners(dimensions: int, *, seed: int) -> FloatArray:
+    """Return at most 16 corners (n, k) of the unit box: up to k = 4 all, beyond a random choice.
+
+    Parameters
+    ----------
+    dimensions : int
+        Number k of axes.
+    seed : int
+        Of the choice.
+    """
+    if dimensions <= 4:
+        numbers = np.arange(2**dimensions)[:, None]
+        found: FloatArray = ((numbers >> np.arange(dimensions)) & 1).astype(float)
+        return found
+    return np.random.default_rng(seed).integers(0, 2, size=(16, dimensions)).astype(float)

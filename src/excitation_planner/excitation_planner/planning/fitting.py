@@ -35,8 +35,7 @@ from excitation_planner.design.information import (
 )
 from excitation_planner.design.noise import MeasurementNoise
 from excitation_planner.design.prior import BoxPrior
-from excitation_planner.design.search import corners
-from excitation_planner.indices.sampling import sobol_sequence
+from excitation_planner.indices.sampling import corners, sobol_sequence
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.prediction import beside_parameters, replayed
 from excitation_planner.planning.replay import driven_commands

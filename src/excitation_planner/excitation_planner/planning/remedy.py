@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from excitation_planner.area.polygons import rings_of
 from excitation_planner.area.room import Room
-from excitation_planner.indices.sampling import sobol_sequence
+from excitation_planner.indices.sampling import corners, sobol_sequence
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.planning.replay import nominal_run
 from tricycle_core.errors import InfeasibleManeuver
@@ -39,9 +38,8 @@ def closest_fit(vehicle: Vehicle, family: ManeuverFamily, room: Room) -> str:
         What it has to fit.
     """
     box = family.operation
-    corners = np.array(list(itertools.product((0.0, 1.0), repeat=min(len(box), 4))))
-    corners = np.pad(corners, ((0, 0), (0, len(box) - corners.shape[1])), constant_values=0.5)
-    tried = box.from_unit(np.vstack([corners, sobol_sequence(_INSIDE, len(box))]))
+    at = np.vstack([corners(len(box), seed=0), sobol_sequence(_INSIDE, len(box))])
+    tried = box.from_unit(at)
     shortages = ((_shortage(vehicle, family, room, x), x) for x in tried)
     found = [(shortage, x) for shortage, x in shortages if shortage is not None]
     if not found:
