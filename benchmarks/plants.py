@@ -11,8 +11,8 @@ position (1 cm), gyro (5 mrad/s) and wheel speed (3 mrad/s) come at 20 Hz. Our m
 the vehicle file's linear tyres, is fitted to each set. Three drives of other kinds (circle, double
 lane change, slalom) are then predicted from their commands and their start alone, nothing of them
 is fitted. The prediction has all that was identified, the dead times and the localisation's delay
-too (the mean of the set's drives), or only the constants. Printed: the RMS distance of predicted
-and true position over the three, median and quartiles over the sets, for
+too (the mean of the set's drives). Printed: the RMS distance of predicted and true position over
+the three, median and quartiles over the sets, and the intervals of the yaw inertia, for
 
 guess     the vehicle file, nothing fitted
 ISO       both maneuvers in the middle of their boxes; sets differ by their noise
@@ -133,11 +133,23 @@ WITHOUT_RELAXATION = dataclasses.replace(  # as `tricycle identify` asks for aft
 TRIALS = {"mujoco": WITHOUT_RELAXATION, "commonroad": CAR, OWN: TRICYCLE}
 
 
-def plant_of(name):
+def true_vehicle(name):
     vehicle = TRIALS[name].vehicle
     if name == OWN:
         vehicle = vehicle.replace(**draw_truth(PAPERS, np.random.default_rng(1)))
-    return plant_by_name(name, vehicle)
+    return vehicle
+
+
+def plant_of(name):
+    return plant_by_name(name, true_vehicle(name))
+
+
+def true_yaw_inertia(name):
+    if name == "commonroad":
+        from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
+
+        return parameters_vehicle2().I_z / 20  # as the vehicle file's masses
+    return true_vehicle(name).yaw_inertia
 
 
 def lasting(commands):
@@ -168,12 +180,16 @@ def driven(plant, vehicle, commands):
 
 @dataclasses.dataclass(frozen=True)
 class Known:
-    """What is known of a vehicle: its constants, dead times, and how late it is located [s]."""
+    """What is known of a vehicle: its constants, dead times, and how late it is located [s].
+
+    And the estimate of its yaw inertia.
+    """
 
     vehicle: object
     servo_dead_time: float = 0.0
     drive_dead_time: float = 0.0
     pose_delay: float = 0.0
+    yaw_inertia: object = None
 
 
 def distance(known, commands, motion):
@@ -214,10 +230,11 @@ def identified(vehicle, motions, all_commands, seed, weighed):
     estimates = {e.name: e.estimate for e in found.effects if not e.drive}
     of_vehicle = {n: v for n, v in estimates.items() if n != SERVO_DEAD_TIME}
     return Known(
-        corrected(vehicle, of_vehicle).replace(**values),
+        corrected(vehicle, of_vehicle)[0].replace(**values),
         estimates.get(SERVO_DEAD_TIME, 0.0),
         estimates.get(DRIVE_DEAD_TIME, 0.0),
         float(np.mean([drive.nuisances["pose delay"].estimate for drive in found.drives])),
+        found.parameters["yaw_inertia"],
     )
 
 
@@ -289,32 +306,42 @@ def learnt(name, x):
 
 
 def one_set(job):
-    """Errors of both predictions from one set, and operation parameters of its maneuvers."""
+    """Errors of the predictions by one set, its yaw inertia, and its operation parameters."""
     name, way, seed, weighed, x = job
     trial = TRIALS[name]
     if x is None:
         x = hashable(points(trial, way, seed))
     commands, motions = learnt(name, x)
     known = identified(trial.vehicle, motions, commands, seed, weighed)
-    return (errors(name, known), errors(name, Known(known.vehicle))), x
+    return errors(name, known), known.yaw_inertia, x
 
 
 def try_plant(name, sets, weighed, processes, ways):
     trial = TRIALS[name]
     kinds = [family.name for family, _ in trial.predicted]
-    rows = {"guess": np.array([2 * [errors(name, Known(trial.guess))]])}
+    rows, inertias = {"guess": np.array([errors(name, Known(trial.guess))])}, {}
     print(f"{name}, {sets} sets, effects {'weighed' if weighed else 'none'}", flush=True)
     with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
         for way in ways:
             x = points_of_all(name, way, weighed)
             jobs = [(name, way, seed, weighed, x) for seed in range(sets)]
-            results, points_of = zip(*pool.map(one_set, jobs), strict=True)
+            results, inertias[way], points_of = zip(*pool.map(one_set, jobs), strict=True)
             rows[way] = np.array(results)
             if way != "random":
                 print(f"  {way}: {', '.join(str(np.round(one, 3)) for one in points_of[0])}")
-    for number, what in enumerate(("constants and delays", "constants alone")):
-        print(f"  RMS distance, mm, {what}: median (quartiles); of each kind")
-        tell({way: each[:, number] for way, each in rows.items()}, kinds)
+    print("  RMS distance, mm: median (quartiles); of each kind")
+    tell(rows, kinds)
+    truth = true_yaw_inertia(name)
+    print(f"  yaw inertia, {truth:.1f} kg m^2 in the plant")
+    for way, found in inertias.items():
+        shown = [e for e in found if e.identifiable]
+        held = sum(e.low <= truth <= e.high for e in shown)
+        wide = 1e2 * np.median([(e.high - e.low) / truth for e in found])
+        print(
+            f"  {way:9s} shown {len(shown)} of {sets}, held {held} of {len(shown)}, "
+            f"median width {wide:.0f} % of it",
+            flush=True,
+        )
 
 
 def tell(rows, kinds):
@@ -338,14 +365,13 @@ def bound(name, weighed):
     vehicle = TRIALS[name].vehicle
     commands, motions = held_out(name)
     known = identified(vehicle, motions, commands, 0, weighed)
-    guess, fitted, constants = (
+    guess, fitted = (
         1e3 * float(np.sqrt(np.mean(np.square(errors(name, one)))))
-        for one in (Known(TRIALS[name].guess), known, Known(known.vehicle))
+        for one in (Known(TRIALS[name].guess), known)
     )
     print(
         f"{name}, effects {'weighed' if weighed else 'none'}: RMS distance {guess:.0f} mm by the "
-        f"guess, {fitted:.0f} mm fitted to the drives themselves, {constants:.0f} mm by the "
-        "constants of that alone",
+        f"guess, {fitted:.0f} mm fitted to the drives themselves",
         flush=True,
     )
 
@@ -403,9 +429,7 @@ def draw(printed, figure):
             rows = trials[start.group()] = {}
         elif line.startswith("  RMS distance"):
             what = line
-        elif "constants and delays" in what and (
-            row := re.match(r"  (\w+) +(\d+) \((\d+) to (\d+)\)", line)
-        ):
+        elif what and (row := re.match(r"  (\w+) +(\d+) \((\d+) to (\d+)\)", line)):
             rows[row[1]] = [float(number) for number in row.groups()[1:]]
     canvas = Figure(figsize=(9.0, 3.2), layout="constrained")
     for axes, (title, rows) in zip(

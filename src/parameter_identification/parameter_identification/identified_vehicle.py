@@ -1,19 +1,15 @@
 """Vehicle files with the estimates of an identification."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from parameter_identification.estimation.results import EffectEstimate, Estimate, Identification
+from parameter_identification.estimation.results import Estimate, Identification
 from parameter_identification.many_drives import ManyDrives
 from tricycle_core import __version__
-from tricycle_core.errors import VehicleError
-from tricycle_core.timing import TICK
 from tricycle_sim.effects import SPEED_LOOP, corrected, extend
 from tricycle_sim.vehicle import Vehicle, load_vehicle, vehicle_document
-from tricycle_sim.vehicle.stability import check_step
 
 NAMED = 6  # drives that a line has room for
 RANGE = 3.0  # standard deviations either side that the file leaves possible
@@ -106,33 +102,18 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
         f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
     )
     if found.effects:
-        known, held = _with_effects(vehicle, found.effects)
+        known, held = corrected(
+            vehicle,
+            {e.name: e.estimate for e in found.effects if not e.drive and e.name not in OF_BOARDS},
+        )
+        if "speed_scale" in vehicle.values:
+            known = known.replace(speed_scale=vehicle.speed_scale)
         header += "# effects, estimated too; * also as constants below:\n"
         for e in found.effects:
             header += f"# {'*' if e.name in held else ' '} {e}\n"
         _write_constants(document, vehicle, known, f"with the effects found in {where}")
     body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     return header + body
-
-
-def _with_effects(
-    vehicle: Vehicle, effects: Sequence[EffectEstimate]
-) -> tuple[Vehicle, frozenset[str]]:
-    """A vehicle with the effects that can be written into its file, and their names."""
-    known, held = vehicle, dict[str, float]()
-    for e in (*effects, *effects):  # one that makes it too stiff may do so no longer with others
-        if e.drive or e.name in {*OF_BOARDS, *held} or not e.estimate:
-            continue
-        more = corrected(vehicle, {**held, e.name: e.estimate})
-        if "speed_scale" in vehicle.values:
-            more = more.replace(speed_scale=vehicle.speed_scale)
-        try:
-            check_step(more, TICK)
-        except VehicleError:
-            continue
-        if more.values != known.values:
-            known, held[e.name] = more, e.estimate
-    return known, frozenset(held)
 
 
 def _write_constants(document: Any, before: Vehicle, after: Vehicle, source: str) -> None:

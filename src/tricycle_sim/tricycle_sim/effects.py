@@ -22,6 +22,7 @@ import numpy as np
 
 from tricycle_core.errors import VehicleError
 from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.registry import PARTS, law_name
 
@@ -277,30 +278,38 @@ def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
     return dataclasses.replace(vehicle, unknown=unknown)
 
 
-def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> Vehicle:
-    """Return a vehicle whose constants have what effects were found to be.
+def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle, frozenset[str]]:
+    """Return a vehicle whose constants have what effects were found to be, and these effects.
 
-    Effects of which the vehicle has no constants change nothing: those of sensors, the dead time of
-    the drive, and deviations.
+    Others are left out: those of sensors, the dead time of the drive and deviations, of which the
+    vehicle has no constants, and what would make it too stiff for the simulation.
 
     Parameters
     ----------
     vehicle : Vehicle
         Without them.
     estimates : mapping of str to float
-        Of effects, by name.
+        Of effects, by name; 0: it does not act.
     """
-    found = vehicle
-    for e in effects_of(vehicle, EFFECTS):
+    from tricycle_sim.vehicle.stability import check_step  # numba takes time to import
+
+    found, held = vehicle, set[str]()
+    effects = [e for e in effects_of(vehicle, EFFECTS) if estimates.get(e.name)]
+    for e in (*effects, *effects):  # one that makes it too stiff may do so no longer with others
         constants, parts = e.constants, e.parts
         if e.name == SERVO_DEAD_TIME:
             constants, parts = {"servo_delay": 1.0}, _extensions(vehicle, {"servo_delay"})
-        if value := estimates.get(e.name):
-            extended = extend(found, parts)
-            if set(constants) <= set(extended.values):
-                changes = {c: extended.values[c] + per * value for c, per in constants.items()}
-                found = extended.replace(**changes)
-    return found
+        more, value = extend(found, parts), estimates[e.name]
+        if e.name in held or not constants or not set(constants) <= set(more.values):
+            continue
+        more = more.replace(**{c: more.values[c] + per * value for c, per in constants.items()})
+        try:
+            check_step(more, TICK)
+        except VehicleError:
+            continue
+        found = more
+        held.add(e.name)
+    return found, frozenset(held)
 
 
 def as_sensed(

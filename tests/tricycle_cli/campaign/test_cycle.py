@@ -12,6 +12,7 @@ from excitation_planner import MeasurementNoise
 from excitation_planner.area.area import Area
 from excitation_planner.maneuver import Circle, DoubleLaneChange
 from excitation_planner.plan import load_plan
+from excitation_planner.planning import check_vehicle
 from parameter_identification.drives.measured import Sensor, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
 from parameter_identification.identification_file import (
@@ -47,8 +48,8 @@ def silent(_):
 class Track:
     """Stands in for the nodes: a bag is a folder with its plan; reading it drives the truth."""
 
-    def __init__(self, fails_at=0):
-        self.driven, self.fails_at = 0, fails_at
+    def __init__(self, fails_at=0, **unlike_the_file):
+        self.driven, self.fails_at, self.unlike_the_file = 0, fails_at, unlike_the_file
 
     def drive(self, plan, bag, progress, enough=None):
         self.driven += 1
@@ -63,6 +64,7 @@ class Track:
         assert (bag / "plan").exists()
         plan = load_plan(bag.parents[1] / "plans" / f"{bag.name}.json")
         parameters = np.array([list(TRUTH.values())])
+        vehicle = vehicle.replace(**self.unlike_the_file)
         return measure(
             SensedMotion.of(simulate(vehicle, plan.commands, parameters, threads=1)),
             plan.commands,
@@ -167,6 +169,23 @@ def test_a_drive_that_may_end_early_knows_what_the_ones_before_it_taught(tmp_pat
         at = prior.names.index(name)
         assert prior.mean[at] == pytest.approx(known.estimate)
         assert prior.covariance[at, at] == pytest.approx(known.std**2)
+
+
+@pytest.mark.slow
+def test_the_next_plan_counts_on_the_effects_that_were_found(tmp_path):
+    track = Track(steering_offset=0.035)
+    effects = {"effects": ("steering-zero",), "tolerance": 0.001, "most_drives": 2}
+    campaign = Campaign(tmp_path / "c", request(**effects))
+    go_on(campaign, track)
+    truth, astray = VEHICLE.replace(steering_offset=0.035), []
+    for step in campaign.steps:
+        plan = load_plan(campaign.folder / step.plan)
+        check_vehicle(plan, VEHICLE)
+        driven = simulate(truth, plan.commands, np.array([list(TRUTH.values())]), threads=1)
+        end = driven.x[0, -1] - plan.reference.x[-1], driven.y[0, -1] - plan.reference.y[-1]
+        astray.append(np.hypot(*end))
+    assert astray[0] > 0.2
+    assert astray[1] < 0.3 * astray[0]
 
 
 def test_a_second_campaign_stays_out_of_a_folder_until_the_first_has_ended(tmp_path):

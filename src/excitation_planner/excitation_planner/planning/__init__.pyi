@@ -1,6 +1,6 @@
 from .planner import plan_at, plan_maneuver, plan_set, random_feasible_point
 from .request import PlanRequest
-from .shaping import check_vehicle
+from .shaping import check_vehicle, planned_for
 
 __all__ = [
     "PlanRequest",
@@ -8,5 +8,6 @@ __all__ = [
     "plan_at",
     "plan_maneuver",
     "plan_set",
+    "planned_for",
     "random_feasible_point",
 ]

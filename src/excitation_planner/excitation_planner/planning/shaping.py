@@ -5,6 +5,7 @@ mass, steering or limits, they drive another path and may not be feasible. What 
 constants such as those of tyres and losses, may differ: the drive is there to find them.
 """
 
+from dataclasses import replace
 from math import isclose
 from typing import TYPE_CHECKING
 
@@ -76,6 +77,27 @@ def check_motor(vehicle: Vehicle) -> None:
             f"{vehicle.name}: maneuvers are driven at a speed, and parts.motor: "
             f"{vehicle.parts['motor']} has no speed loop; hub_motor has one"
         )
+
+
+def planned_for(plan: "Plan", vehicle: Vehicle) -> "Plan":
+    """Return a plan as one for the vehicle's file, where it was made with effects beside the file.
+
+    The nodes that drive it are set up with the file, and the boards' tyre radius is its.
+
+    Parameters
+    ----------
+    plan : Plan
+        Made with the same vehicle, corrected.
+    vehicle : Vehicle
+        Of the file.
+    """
+    return replace(
+        plan,
+        vehicle_hash=vehicle.fingerprint,
+        constants=shaping_constants(vehicle),
+        parts=laws_of(vehicle),
+        tyre_radius=vehicle.driven_radius,
+    )
 
 
 def check_vehicle(plan: "Plan", vehicle: Vehicle) -> None:

@@ -17,9 +17,10 @@ from pathlib import Path
 
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
-from excitation_planner.planning import plan_maneuver
+from excitation_planner.planning import plan_maneuver, planned_for
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.estimation.prior import box_prior
+from parameter_identification.estimation.results import EffectEstimate
 from parameter_identification.identification import identify
 from parameter_identification.identification_file import document_of, save_identification_file
 from tricycle_cli.campaign.request import CampaignRequest
@@ -29,6 +30,7 @@ from tricycle_cli.operation.session import DrivePlan
 from tricycle_core.documents import check_folder, encode
 from tricycle_core.errors import DesignError, ExcitationError, PlanError
 from tricycle_core.quantities import Progress
+from tricycle_sim.effects import corrected
 from tricycle_sim.vehicle import Vehicle
 
 HALF_WIDTH = 1.96  # standard deviations of a 95 % interval
@@ -198,11 +200,16 @@ class Campaign:
             return load_plan(self.folder / self.steps[-1].plan)
         number, target = len(self.steps) + 1, self.missing()[0]
         plans, problems = [], []
+        vehicle, _ = corrected(
+            self.request.vehicle,
+            {e.name: e.estimate for e in self._effects() if not e.drive},
+        )
         for family in self.request.families:
             request = self.request.plan_request(
                 family,
                 target,
                 self._prior(),
+                vehicle=vehicle,
                 seed=self.request.seed + number,
                 known_effects=self._known_effects(),
             )
@@ -215,6 +222,7 @@ class Campaign:
             raise PlanError(f"no family has a maneuver for {target}: {'; '.join(problems)}")
         self.left_out = tuple(problems)
         plan = min(plans, key=lambda plan: plan.criterion_cost)
+        plan = planned_for(plan, self.request.vehicle)
         step = Step(
             target=target,
             plan=f"plans/{number:02d}.json",
@@ -240,13 +248,16 @@ class Campaign:
 
     def _known_effects(self) -> dict[str, float]:
         """Standard deviations of what all drives have in common beside the parameters."""
-        found = self.steps[-1].identification if self.steps else None
-        effects = found.effects if found is not None else ()
         return {
             e.name.replace(" ", "-"): e.standard_deviation
-            for e in effects
+            for e in self._effects()
             if not e.drive and e.standard_deviation > 0.0
         }
+
+    def _effects(self) -> tuple[EffectEstimate, ...]:
+        """What all drives so far have shown beside the parameters."""
+        found = self.steps[-1].identification if self.steps else None
+        return found.effects if found is not None else ()
 
     def drive(self, drive: DrivePlan, progress: Progress, *, stop_early: bool = False) -> None:
         """Drive the last plan, unless its bag is complete.
@@ -311,6 +322,7 @@ class Campaign:
                     vehicle,
                     effects=request.effects,
                     weighed=request.weighed,
+                    other_vehicle=True,  # plans count on the effects of the drives before
                     seed=request.seed,
                     progress=progress,
                 )

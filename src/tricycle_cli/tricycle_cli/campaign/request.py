@@ -137,6 +137,7 @@ class CampaignRequest:
         target: str,
         prior: BoxPrior | None,
         *,
+        vehicle: Vehicle | None = None,
         seed: int,
         known_effects: Mapping[str, float] | None = None,
     ) -> PlanRequest:
@@ -150,13 +151,15 @@ class CampaignRequest:
             Unknown parameter to excite.
         prior : BoxPrior, optional
             What is known after earlier drives; None: the ranges of the vehicle.
+        vehicle : Vehicle, optional
+            With the effects that are known; default: that of the campaign.
         seed : int
             Of the search.
         known_effects : mapping of str to float, optional
             Standard deviations of effects after earlier drives, in their units.
         """
         return PlanRequest(
-            self.vehicle,
+            vehicle or self.vehicle,
             family,
             target,
             criterion=Criterion.C,
