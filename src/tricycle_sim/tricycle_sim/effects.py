@@ -302,8 +302,9 @@ def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle
         more, value = extend(found, parts), estimates[e.name]
         if e.name in held or not constants or not set(constants) <= set(more.values):
             continue
-        more = more.replace(**{c: more.values[c] + per * value for c, per in constants.items()})
+        changes = {c: more.values[c] + per * value for c, per in constants.items()}
         try:
+            more = more.replace(**changes)
             check_step(more, TICK)
         except VehicleError:
             continue
