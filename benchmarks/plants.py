@@ -182,14 +182,14 @@ def driven(plant, vehicle, commands):
 class Known:
     """What is known of a vehicle: its constants, dead times, and how late it is located [s].
 
-    And the estimate of its yaw inertia.
+    And the estimates of its parameters.
     """
 
     vehicle: object
     servo_dead_time: float = 0.0
     drive_dead_time: float = 0.0
     pose_delay: float = 0.0
-    yaw_inertia: object = None
+    parameters: dict = dataclasses.field(default_factory=dict)
 
 
 def distance(known, commands, motion):
@@ -234,7 +234,7 @@ def identified(vehicle, motions, all_commands, seed, weighed):
         estimates.get(SERVO_DEAD_TIME, 0.0),
         estimates.get(DRIVE_DEAD_TIME, 0.0),
         float(np.mean([drive.nuisances["pose delay"].estimate for drive in found.drives])),
-        found.parameters["yaw_inertia"],
+        dict(found.parameters),
     )
 
 
@@ -313,7 +313,7 @@ def one_set(job):
         x = hashable(points(trial, way, seed))
     commands, motions = learnt(name, x)
     known = identified(trial.vehicle, motions, commands, seed, weighed)
-    return errors(name, known), known.yaw_inertia, x
+    return errors(name, known), known.parameters["yaw_inertia"], x
 
 
 def try_plant(name, sets, weighed, processes, ways):
@@ -386,25 +386,25 @@ def stiffness(sets, weighed):
     weight = values["mass"] * values["gravity"]
     print(f"commonroad, {sets} sets, effects {'weighed' if weighed else 'none'}")
     for way in ("ISO", "random"):
-        ratios = []
+        ratios, shown, held = [], 0, 0
         for seed in range(sets):
             x = hashable(points(trial, way, seed))
             known = identified(trial.vehicle, *reversed(learnt("commonroad", x)), seed, weighed)
-            found = known.vehicle.values
-            ratios.append(
-                [
-                    found[f"{axle}.cornering_stiffness"]
-                    / (slope * 0.5 * weight * values[f"com_to_{other}_axle"] / length)
-                    for axle, other in (("front", "rear"), ("rear", "front"))
-                ]
-            )
+            ratios.append([])
+            for axle, other in (("front", "rear"), ("rear", "front")):
+                truth = slope * 0.5 * weight * values[f"com_to_{other}_axle"] / length
+                e = known.parameters[f"{axle}.cornering_stiffness"]
+                ratios[-1].append(e.estimate / truth)
+                shown += e.identifiable
+                held += e.identifiable and e.low <= truth <= e.high
         low, middle, high = np.percentile(ratios, [25, 50, 75], axis=0)
         print(
             f"  {way:6s} "
             + ", ".join(
                 f"{axle} {m:.2f} ({lo:.2f} to {hi:.2f})"
                 for axle, lo, m, hi in zip(("front", "rear"), low, middle, high, strict=True)
-            ),
+            )
+            + f"; shown {shown} of {2 * sets}, held {held} of {shown}",
             flush=True,
         )
 
