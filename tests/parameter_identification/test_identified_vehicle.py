@@ -44,10 +44,11 @@ def test_a_range_is_never_widened(tmp_path):
     assert yaml.safe_load(text)["constants"]["cornering_stiffness"]["range"] == [500.0, 1500.0]
 
 
-def with_effects(tmp_path, *effects, source=None):
+def with_effects(tmp_path, *effects, source=None, drives=FOUND.drives):
     """The file's text and its vehicle, with effects by name and estimate."""
     found = dataclasses.replace(
         FOUND,
+        drives=drives,
         effects=tuple(EffectEstimate(*(name, "1", value, 0.001, 0.1)) for name, value in effects),
     )
     path = tmp_path / "with_effects.yaml"
@@ -74,6 +75,46 @@ def test_what_the_boards_are_set_up_with_is_changed_once(tmp_path):
     assert vehicle.speed_scale == before.speed_scale
     assert vehicle.speed_gain_proportional == before.speed_gain_proportional
     assert "#   speed loop: -30.0" in text
+
+
+def test_tables_are_of_boards_that_do_not_know_the_file(tmp_path):
+    before, (fit,) = load_vehicle(), FOUND.drives
+    window = dataclasses.replace(fit, recording="lap.csv")
+    effects = (("wheel radius", 0.01), ("speed loop", -0.3), ("servo dead time", 0.03))
+    _, vehicle = with_effects(tmp_path, *effects, drives=(window,))
+    assert vehicle.speed_scale == pytest.approx(1.01)
+    assert vehicle.speed_gain_integral == pytest.approx(0.7 * before.speed_gain_integral)
+    assert vehicle.parts == before.parts
+
+
+def test_an_unknown_parameter_that_was_held_may_have_an_effect(tmp_path):
+    path = tmp_path / "held.yaml"
+    document = vehicle_document()
+    entry = {"nominal": 0.0, "range": [-2.0, 1.0], "unit": "deg", "basis": "argued", "about": ""}
+    document["constants"]["steering_offset"] = entry
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    _, vehicle = with_effects(tmp_path, ("steering zero", 0.03), source=path)
+    assert vehicle.unknown["steering_offset"] == pytest.approx(np.radians([-2.0, 1.0]))
+    assert vehicle.steering_offset == pytest.approx(np.radians(1.0))  # the end of its range
+
+
+def test_effects_of_a_vehicle_that_is_too_stiff_already_are_written(tmp_path):
+    path = tmp_path / "stiff.yaml"
+    document = vehicle_document()
+    document["constants"]["lateral_relaxation_length"]["value"] = 0.012
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    assert with_effects(tmp_path, ("steering zero", 0.01), source=path)[1].steering_offset == 0.01
+
+
+def test_a_dead_time_ends_at_none(tmp_path):
+    path = tmp_path / "late.yaml"
+    document = vehicle_document()
+    document["parts"] = {**document.get("parts", {}), "servo": "geared"}
+    entry = {"value": 0.031, "unit": "s", "basis": "data", "about": "measured"}
+    document["constants"]["servo_delay"] = entry
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    _, vehicle = with_effects(tmp_path, ("servo dead time", -0.0310000001), source=path)
+    assert vehicle.servo_delay == 0.0
 
 
 def test_effects_of_drives_and_sensors_are_told_only(tmp_path):

@@ -210,6 +210,17 @@ def test_a_bad_bag_is_named_and_left_out_only_when_asked(bags, tmp_path):
         identify_many([broken], VEHICLE, folder=tmp_path / "work", leave_out=True)
 
 
+def test_a_drive_of_another_plan_is_taken_knowingly(bags, tmp_path, monkeypatch):
+    def refuse(drive, vehicle):
+        raise IdentificationError(f"{drive.name}: planned for another vehicle")
+
+    monkeypatch.setattr("parameter_identification.many_drives.check_reference", refuse)
+    kept = tmp_path / "work"
+    assert len(identify_many(bags[:1], VEHICLE, folder=kept, other_vehicle=True).drives) == 1
+    with pytest.raises(IdentificationError, match="another vehicle"):
+        identify_many(bags[:1], VEHICLE, folder=kept)
+
+
 def test_a_worker_that_dies_is_told(tmp_path):
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
         executor.submit(os._exit, 1)

@@ -45,7 +45,9 @@ class LeadIn:
     _time: float = 0.0  # of the last step
 
     def steer(self, pose: Pose, speed: float, time: float) -> float:
-        """Return the steering motor angle for now [rad], as the protocol can say it.
+        """Return by how much the steering motor turns for now [rad], as the protocol can say it.
+
+        It is from where the commands hold it, which is straight on.
 
         Parameters
         ----------
@@ -65,4 +67,5 @@ class LeadIn:
         share = min((time - self._time) / SMOOTHING_TIME, 1.0)
         self._time = time
         self.curvature += share * (wanted - self.curvature)
-        return round(self.chassis.motor_angle(self.curvature) / ANGLE_UNIT) * ANGLE_UNIT
+        more = self.chassis.motor_angle(self.curvature) - self.chassis.motor_angle(0.0)
+        return round(more / ANGLE_UNIT) * ANGLE_UNIT

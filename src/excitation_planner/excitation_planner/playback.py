@@ -537,7 +537,7 @@ class Playback:
         return self.parts.fence(plan.stamp, rows, needed=self.ground_needed)
 
     def _led(self, now: float) -> float:
-        """Steering motor angle that keeps the vehicle on the line of its lead-in [rad]."""
+        """What the steering motor angle changes by on the line of the lead-in [rad]."""
         lead_in, here = self._lead_in, self.watch.observed
         if lead_in is None or here is None or self.elapsed >= lead_in.end - 1e-6:
             self._lead_in = None

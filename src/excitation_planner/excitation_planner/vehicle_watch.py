@@ -165,7 +165,7 @@ class VehicleWatch:
             return f"no pose on odom for {silence:.2f} s"
         if not self.observed.finite:
             return "the pose on odom is not finite, or its orientation is no unit quaternion"
-        if self.observed.body not in ("", "base_link"):
+        if self.observed.body.lstrip("/") not in ("", "base_link"):
             return f"odom has the pose of {self.observed.body}: that of base_link is needed"
         if age < -self.clock_tolerance:
             return f"odom is stamped {-age:.2f} s ahead of the clock: synchronise the clocks"

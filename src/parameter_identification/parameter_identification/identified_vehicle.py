@@ -1,5 +1,6 @@
 """Vehicle files with the estimates of an identification."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -8,7 +9,7 @@ import yaml
 from parameter_identification.estimation.results import Estimate, Identification
 from parameter_identification.many_drives import ManyDrives
 from tricycle_core import __version__
-from tricycle_sim.effects import SPEED_LOOP, corrected, extend
+from tricycle_sim.effects import SERVO_DEAD_TIME, SPEED_LOOP, corrected, extend
 from tricycle_sim.vehicle import Vehicle, load_vehicle, vehicle_document
 
 NAMED = 6  # drives that a line has room for
@@ -18,6 +19,8 @@ OF_BOARDS = (SPEED_LOOP,)
 
 Neither is `speed_scale` written where the radius of the tyres is: the boards then know it.
 """
+OF_TABLES = (SERVO_DEAD_TIME,)
+"""Effects that in other systems' tables also stand for how late the steering was logged."""
 
 
 def kind_of_drives(found: Identification | ManyDrives) -> str:
@@ -102,31 +105,46 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
         f"{source or 'tricycle.yaml'} ({found.vehicle_hash})\n"
     )
     if found.effects:
-        known, held = corrected(
-            vehicle,
-            {e.name: e.estimate for e in found.effects if not e.drive and e.name not in OF_BOARDS},
-        )
-        if "speed_scale" in vehicle.values:
-            known = known.replace(speed_scale=vehicle.speed_scale)
         header += "# effects, estimated too; * also as constants below:\n"
+        held = _write_effects(document, vehicle, found)
         for e in found.effects:
             header += f"# {'*' if e.name in held else ' '} {e}\n"
-        _write_constants(document, vehicle, known, f"with the effects found in {where}")
     body: str = yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120)
     return header + body
 
 
-def _write_constants(document: Any, before: Vehicle, after: Vehicle, source: str) -> None:
-    """Write what differs between two vehicles into the document of a vehicle file."""
+def _write_effects(
+    document: Any, vehicle: Vehicle, found: Identification | ManyDrives
+) -> frozenset[str]:
+    """Write effects that are constants into a vehicle's document; return their names."""
+    ranges, estimated = vehicle.unknown, {*found.parameters, *found.others}
+    unknown = {name: ends for name, ends in ranges.items() if name in estimated}
+    before = dataclasses.replace(vehicle, unknown=unknown)  # those that were held may have effects
+    tables = all(_recordings(found))
+    left_out = OF_TABLES if tables else OF_BOARDS
+    after, held = corrected(
+        before,
+        {e.name: e.estimate for e in found.effects if not e.drive and e.name not in left_out},
+    )
+    if "speed_scale" in before.values and not tables:
+        after = after.replace(speed_scale=before.speed_scale)
     laws = {part: law for part, law in after.parts.items() if before.parts.get(part) != law}
     if laws:
         document.setdefault("parts", {}).update(laws)
     plain = extend(before, laws).values
     for name, value in after.values.items():
-        if value != plain[name]:
-            entry = document["constants"].setdefault(name, {})
-            about = f"{source}; before: {plain[name]:.5g}, {entry.get('about', 'the default')}"
-            entry.update(value=value, unit=after.unit(name), basis="data", about=about)
+        if value == plain[name]:
+            continue
+        entry = document["constants"].setdefault(name, {})
+        about = f"with the effects found in {named_drives(found)}; before: {plain[name]:.5g}, "
+        about += entry.get("about", "the default")
+        entry.update(unit=after.unit(name), basis="data", about=about)
+        if name in ranges:
+            low, high = ranges[name]
+            entry.update(nominal=min(max(value, low), high), range=[low, high])
+        else:
+            entry["value"] = value
+    return held
 
 
 def _range(estimate: Estimate) -> tuple[float, float]:

@@ -389,6 +389,7 @@ def identify_many(
     effects: Sequence[str] = (),
     weighed: bool = False,
     leave_out: bool = False,
+    other_vehicle: bool = False,
     topics: TopicNames | None = None,
     level: float = 0.95,
     seed: int = 0,
@@ -417,6 +418,8 @@ def identify_many(
         drives have in common. Those of each drive act.
     leave_out : bool
         Whether bags that cannot be used are left out, instead of being an error.
+    other_vehicle : bool
+        Whether drives may have been planned for another vehicle, as with an earlier file of it.
     topics : TopicNames, optional
         Where names differ from the suite's.
     level : float
@@ -434,7 +437,7 @@ def identify_many(
     beside = effects_of(vehicle, effects)
     files, left_out = read_bags(
         bags, vehicle, folder=folder, executor=executor, leave_out=leave_out, topics=topics,
-        progress=progress,
+        progress=progress, other_vehicle=other_vehicle,
     )  # fmt: skip
     if not files:
         raise IdentificationError("no drive: nothing to identify from")
@@ -455,6 +458,7 @@ def read_bags(
     leave_out: bool,
     topics: TopicNames | None,
     progress: Progress | None,
+    other_vehicle: bool = False,
 ) -> tuple[dict[Path, Path], list[str]]:
     """Keep the drives of bags; return the file of each that can be used, and why others cannot.
 
@@ -474,6 +478,8 @@ def read_bags(
         Where names differ from the suite's.
     progress : callable, optional
         Called with the number of bags read and in all.
+    other_vehicle : bool
+        As that of `identify_many`.
 
     Raises
     ------
@@ -484,7 +490,7 @@ def read_bags(
     known: dict[Path, Path] = {}  # file by bag
     of_data: dict[str, Path] = {}  # bag by what it holds
     left_out: list[str] = []
-    jobs = [(bag, vehicle, folder, topics) for bag in bags]
+    jobs = [(bag, vehicle, folder, topics, other_vehicle) for bag in bags]
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
@@ -601,19 +607,22 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
         ) from error
 
 
-def _read(job: tuple[Path, Vehicle, Path, TopicNames | None]) -> tuple[Path, str]:
+def _read(job: tuple[Path, Vehicle, Path, TopicNames | None, bool]) -> tuple[Path, str]:
     """Keep the drive of a bag; return the file, and why there is none."""
-    bag, vehicle, folder, topics = job
+    bag, vehicle, folder, topics, other_vehicle = job
     drive = None
     try:
         file = folder / f"{content_key(bag, vehicle)}.npz"
         if topics is not None:
             own = hashlib.sha256(repr(topics).encode()).hexdigest()[:8]
             file = file.with_name(f"{file.stem}-{own}.npz")
+        if other_vehicle:
+            file = file.with_name(f"{file.stem}-other.npz")
         if not is_kept(file):
             drive = read_measured_drive(bag, vehicle, topics=topics)
             check_motion(drive)
-            check_reference(drive, vehicle)
+            if not other_vehicle:
+                check_reference(drive, vehicle)
             check_signs([drive], vehicle)
     except (ExcitationError, OSError) as error:
         return bag, str(error) if str(bag) in str(error) else f"{bag}: {error}"

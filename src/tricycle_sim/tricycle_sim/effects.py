@@ -282,7 +282,7 @@ def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle
     """Return a vehicle whose constants have what effects were found to be, and these effects.
 
     Others are left out: those of sensors, the dead time of the drive and deviations, of which the
-    vehicle has no constants, and what would make it too stiff for the simulation.
+    vehicle has no constants, and what would make it stiffer than the simulation's steps allow.
 
     Parameters
     ----------
@@ -291,8 +291,9 @@ def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle
     estimates : mapping of str to float
         Of effects, by name; 0: it does not act.
     """
-    from tricycle_sim.vehicle.stability import check_step  # numba takes time to import
+    from tricycle_sim.vehicle import stability  # numba takes time to import
 
+    allowed = max(stability.LIMIT / TICK, stability.fastest_mode(vehicle)[0])
     found, held = vehicle, set[str]()
     effects = [e for e in effects_of(vehicle, EFFECTS) if estimates.get(e.name)]
     for e in (*effects, *effects):  # one that makes it too stiff may do so no longer with others
@@ -302,14 +303,14 @@ def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle
         more, value = extend(found, parts), estimates[e.name]
         if e.name in held or not constants or not set(constants) <= set(more.values):
             continue
-        changes = {c: more.values[c] + per * value for c, per in constants.items()}
-        try:
-            more = more.replace(**changes)
-            check_step(more, TICK)
-        except VehicleError:
-            continue
-        found = more
-        held.add(e.name)
+        changes = {
+            c: float(np.clip(more.values[c] + per * value, *more.bounds(c)))
+            for c, per in constants.items()
+        }
+        more = more.replace(**changes)
+        if stability.fastest_mode(more)[0] <= allowed:
+            found = more
+            held.add(e.name)
     return found, frozenset(held)
 
 

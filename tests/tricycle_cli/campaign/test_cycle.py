@@ -177,15 +177,11 @@ def test_the_next_plan_counts_on_the_effects_that_were_found(tmp_path):
     effects = {"effects": ("steering-zero",), "tolerance": 0.001, "most_drives": 2}
     campaign = Campaign(tmp_path / "c", request(**effects))
     go_on(campaign, track)
-    truth, astray = VEHICLE.replace(steering_offset=0.035), []
-    for step in campaign.steps:
-        plan = load_plan(campaign.folder / step.plan)
+    plans = [load_plan(campaign.folder / step.plan) for step in campaign.steps]
+    straight = [plan.commands.steering_motor_angle[0] for plan in plans]
+    assert straight == pytest.approx([0.0, -0.035], abs=0.01)
+    for plan in plans:  # the nodes are set up with the file
         check_vehicle(plan, VEHICLE)
-        driven = simulate(truth, plan.commands, np.array([list(TRUTH.values())]), threads=1)
-        end = driven.x[0, -1] - plan.reference.x[-1], driven.y[0, -1] - plan.reference.y[-1]
-        astray.append(np.hypot(*end))
-    assert astray[0] > 0.2
-    assert astray[1] < 0.3 * astray[0]
 
 
 def test_a_second_campaign_stays_out_of_a_folder_until_the_first_has_ended(tmp_path):

@@ -22,9 +22,15 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
+from tricycle_sim.vehicle.kinematics import road_angles
 
 STRAIGHT = 0.01
-"""Steering motor angle up to which commands lead straight ahead [rad]."""
+"""Steering motor angle up to which commands lead straight ahead [rad].
+
+From 0, or from where the vehicle drives straight: a steering that is mounted askew is steered back.
+"""
+ANGLES = np.linspace(-0.3, 0.3, 7)
+"""Between which it is straight [rad]."""
 
 OPEN_LOOP = 0.2
 """Time between the end of the lead-in and the first steering of the maneuver proper [s]."""
@@ -79,7 +85,7 @@ class LedInFamily:
         """
         drive = self.family.drive(x, vehicle)
         if isinstance(drive, Commands):
-            return _longer(drive, self.length)
+            return _longer(drive, vehicle, self.length)
         steps = round(self.length / PATH_SPACING)
         before = drive.x[0] + PATH_SPACING * np.arange(steps)
         return DrivenPath(
@@ -108,26 +114,31 @@ def with_lead_in(families: Sequence[ManeuverFamily], length: float) -> tuple[Man
     return tuple(LedInFamily(family, length) for family in families)
 
 
-def lead_in_of(commands: Commands) -> float:
+def lead_in_of(commands: Commands, vehicle: Vehicle) -> float:
     """Return how long commands lead straight ahead, less `OPEN_LOOP` [s]; 0 if no longer than that.
 
     Parameters
     ----------
     commands : Commands
         Of a maneuver.
+    vehicle : Vehicle
+        Its nominal values.
     """
-    return max(0.0, float(commands.time[_first_steered(commands)]) - OPEN_LOOP)
+    return max(0.0, float(commands.time[_first_steered(commands, vehicle)]) - OPEN_LOOP)
 
 
-def _first_steered(commands: Commands) -> int:
+def _first_steered(commands: Commands, vehicle: Vehicle) -> int:
     """Row of the first steering; the last one without any."""
-    steered = np.flatnonzero(np.abs(commands.steering_motor_angle) > STRAIGHT)
+    motor = commands.steering_motor_angle
+    straight_on = float(np.interp(0.0, road_angles(vehicle, ANGLES), ANGLES))
+    turned = np.fmin(np.abs(motor), np.abs(motor - straight_on))
+    steered = np.flatnonzero(turned > STRAIGHT)
     return int(steered[0]) if len(steered) else len(commands.time) - 1
 
 
-def _longer(commands: Commands, length: float) -> Commands:
+def _longer(commands: Commands, vehicle: Vehicle, length: float) -> Commands:
     """Commands with a straight put in before the first steering."""
-    row, period = _first_steered(commands), COMMAND_TICKS * TICK
+    row, period = _first_steered(commands, vehicle), COMMAND_TICKS * TICK
     pace = float(commands.speed[max(row - 1, 0)])
     if length > 0.0 and pace <= 0.0:
         raise PlanError("a lead-in needs a maneuver that is driven forwards before it steers")

@@ -84,15 +84,18 @@ def _track(
     Parameters
     ----------
     vehicle : shape (1, GROUP_SIZE), at rest at the start of the path; advanced in place
-    servo : `servo_at_rest`, see `advance_tick`
+    servo : see `advance_tick`
     steering : `steering_constants` of the batch's step
     point : `path_point` [m]
     lock : `steering_lock` [rad]
     commands : shape (c, 2), receives steering motor angle [rad] and speed [m/s]
     """
-    near = 0
-    angle, target = 0.0, 0.0
-    angle_setpoint, speed_setpoint = 0.0, 0.0
+    near, target, speed_setpoint = 0, 0.0, 0.0
+    # straight on, not at 0 where the steering is mounted askew: the driver waits for it before
+    angle = round(motor_angle_for(0.0, steering) / ANGLE_UNIT) * ANGLE_UNIT
+    angle_setpoint = angle
+    servo[:] = angle
+    servo[1] = 0.0
     for row in range(commands.shape[0]):
         heading = yaw(vehicle)
         c, s = math.cos(heading), math.sin(heading)

@@ -429,7 +429,9 @@ def _plans(
                 path=run.path,
                 reference=run.reference,
                 search=searched,
-                lead_in=lead_in_of(run.commands) if isinstance(family, LedInFamily) else 0.0,
+                lead_in=lead_in_of(run.commands, vehicle)
+                if isinstance(family, LedInFamily)
+                else 0.0,
                 **({} if room is None else on_area(room, vehicle, run.commands)),
             )
         )

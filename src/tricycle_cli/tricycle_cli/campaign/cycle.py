@@ -15,12 +15,13 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver, planned_for
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.estimation.prior import box_prior
-from parameter_identification.estimation.results import EffectEstimate
 from parameter_identification.identification import identify
 from parameter_identification.identification_file import document_of, save_identification_file
 from tricycle_cli.campaign.request import CampaignRequest
@@ -200,10 +201,7 @@ class Campaign:
             return load_plan(self.folder / self.steps[-1].plan)
         number, target = len(self.steps) + 1, self.missing()[0]
         plans, problems = [], []
-        vehicle, _ = corrected(
-            self.request.vehicle,
-            {e.name: e.estimate for e in self._effects() if not e.drive},
-        )
+        vehicle = self._found_vehicle()
         for family in self.request.families:
             request = self.request.plan_request(
                 family,
@@ -246,18 +244,28 @@ class Campaign:
             raise PlanError("a campaign plans after the identification of the last drive")
         return box_prior(self.request.vehicle, found.posterior())
 
+    def _found_vehicle(self) -> Vehicle:
+        """The vehicle as all drives so far have shown it, with its effects."""
+        vehicle = self.request.vehicle
+        found = self.steps[-1].identification if self.steps else None
+        if found is None:
+            return vehicle
+        nominal = {
+            name: float(np.clip(entry.estimate, *vehicle.unknown[name]))
+            for name, entry in found.parameters.items()
+        }
+        effects = {e.name: e.estimate for e in found.effects if not e.drive}
+        return corrected(vehicle.replace(**nominal), effects)[0]
+
     def _known_effects(self) -> dict[str, float]:
         """Standard deviations of what all drives have in common beside the parameters."""
+        found = self.steps[-1].identification if self.steps else None
+        effects = found.effects if found is not None else ()
         return {
             e.name.replace(" ", "-"): e.standard_deviation
-            for e in self._effects()
+            for e in effects
             if not e.drive and e.standard_deviation > 0.0
         }
-
-    def _effects(self) -> tuple[EffectEstimate, ...]:
-        """What all drives so far have shown beside the parameters."""
-        found = self.steps[-1].identification if self.steps else None
-        return found.effects if found is not None else ()
 
     def drive(self, drive: DrivePlan, progress: Progress, *, stop_early: bool = False) -> None:
         """Drive the last plan, unless its bag is complete.

@@ -298,7 +298,6 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         "--held-out": args.held_out,
         "--robust": args.robust,
         "--inputs": args.inputs != "either",
-        "--other-vehicle": args.other_vehicle,
     }
     if wrong := [name for name, given in others.items() if given]:
         raise IdentificationError(f"--drive-by-drive: not together with {', '.join(wrong)}")
@@ -320,6 +319,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
             executor=executor,
             **effects,
             leave_out=args.leave_out,
+            other_vehicle=args.other_vehicle,
             topics=topics_of(args),
             seed=args.seed,
             progress=progress,

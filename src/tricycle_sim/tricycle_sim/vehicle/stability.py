@@ -92,7 +92,7 @@ def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> N
     vehicle : Vehicle
         Of which they are.
     speed : float
-        Highest set-point [m/s]; wheels may be faster by the share `FASTER`.
+        Highest set-point [m/s]; wheels may be faster by the share `FASTER`, up to `MAX_SPEED`.
     """
     rows = groups.reshape(len(groups), -1, LANES)
 
@@ -104,7 +104,7 @@ def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> N
     along, aside = (of_each(WHEEL.tyre + row) for row in (_T.inverse_sigma_x, _T.inverse_sigma_y))
     largest = most**2 * of_each(WHEEL.place + _P.inertia) / (stiffness * radius**2)
     np.minimum(along, largest, out=along)
-    fastest = max((1.0 + FASTER) * speed, 1e-9)
+    fastest = max(speed, min((1.0 + FASTER) * speed, MAX_SPEED), 1e-9)
     softened = [[tyre_name(wheel, vehicle.parts) == "softened"] for wheel in vehicle.wheels]
     by_speed = np.where(softened, of_each(WHEEL.tyre_law + _S.by_speed), 0.0)
     np.minimum(aside, most * (1.0 + by_speed * (fastest - 1.0)) / fastest, out=aside)
