@@ -108,6 +108,7 @@ def identify_fleet(
     effects: Sequence[str] = (),
     executor: Executor | None = None,
     leave_out: bool = False,
+    other_vehicle: bool = False,
     topics: TopicNames | None = None,
     level: float = 0.95,
     seed: int = 0,
@@ -136,6 +137,8 @@ def identify_fleet(
         As of `identify_many`.
     leave_out : bool
         Whether bags that cannot be used are left out, instead of being an error.
+    other_vehicle : bool
+        As of `identify_many`.
     topics : TopicNames, optional
         Where names differ from the suite's.
     level : float
@@ -174,6 +177,7 @@ def identify_fleet(
         leave_out=leave_out,
         topics=topics,
         progress=lambda done, _: tell(done),
+        other_vehicle=other_vehicle,
     )
     files = {
         name: here

@@ -288,6 +288,22 @@ def effects_asked(args: Namespace, default: str = "weighed") -> EffectsAsked:
     return {"effects": named_effects("all" if weighed else asked), "weighed": weighed}
 
 
+def add_other_vehicle_option(parser: ArgumentParser) -> None:
+    """Add the option that takes drives of other plans.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a command that identifies.
+    """
+    parser.add_argument(
+        "--other-vehicle",
+        action="store_true",
+        help="take drives that were planned for another vehicle: as with an earlier file of this "
+        "one, of which a constant has been corrected since",
+    )
+
+
 def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:
     """Declare the options that name the topics of a drive.
 

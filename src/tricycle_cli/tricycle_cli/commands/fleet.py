@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from tricycle_cli.arguments import (
     BAG_HELP,
+    add_other_vehicle_option,
     add_overwrite_option,
     add_topic_options,
     check_output_files,
@@ -107,6 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--workers", type=int, metavar="N", help="processes (default: one per processor)")
     add("--leave-out", action="store_true", help="leave bags out that cannot be used")
+    add_other_vehicle_option(identify)
     add("--seed", type=seed, default=0, help="of the starts")
     add("--json", action="store_true", help="print one JSON object")
     add(
@@ -167,6 +169,7 @@ def run(args: argparse.Namespace) -> int:
             effects=effects,
             executor=executor,
             leave_out=args.leave_out,
+            other_vehicle=args.other_vehicle,
             topics=topics_of(args),
             seed=args.seed,
             progress=stack.enter_context(progress_bar("reading drives, fitting vehicles")),

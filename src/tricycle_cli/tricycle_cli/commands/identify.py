@@ -14,6 +14,7 @@ from trajectory_recorder.bag.location import is_remote
 from tricycle_cli.arguments import (
     BAG_HELP,
     add_effects_option,
+    add_other_vehicle_option,
     add_overwrite_option,
     add_topic_options,
     bag_argument,
@@ -85,12 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="take what --parameters leaves out as known, at its nominal value",
     )
-    add(
-        "--other-vehicle",
-        action="store_true",
-        help="take drives that were planned for another vehicle: as with an earlier file of this "
-        "one, of which a constant has been corrected since",
-    )
+    add_other_vehicle_option(parser)
     add(
         "--held-out",
         type=bag_argument,
