@@ -22,7 +22,6 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
-from tricycle_sim.vehicle.kinematics import road_angles
 
 STRAIGHT = 0.01
 """Steering motor angle up to which commands lead straight ahead [rad].
@@ -129,6 +128,8 @@ def lead_in_of(commands: Commands, vehicle: Vehicle) -> float:
 
 def _first_steered(commands: Commands, vehicle: Vehicle) -> int:
     """Row of the first steering; the last one without any."""
+    from tricycle_sim.vehicle.kinematics import road_angles  # the help of `plan` needs no numba
+
     motor = commands.steering_motor_angle
     straight_on = float(np.interp(0.0, road_angles(vehicle, ANGLES), ANGLES))
     turned = np.fmin(np.abs(motor), np.abs(motor - straight_on))
