@@ -423,13 +423,11 @@ def pace(name):
 
 def draw(printed, figure):
     """Draw medians and quartiles of the trial from what it printed."""
-    trials, what = {}, ""
+    trials = {}
     for line in printed.read_text().splitlines():
         if start := re.match(r"(\w+), (\d+) sets, effects (\w+)", line):
             rows = trials[start.group()] = {}
-        elif line.startswith("  RMS distance"):
-            what = line
-        elif what and (row := re.match(r"  (\w+) +(\d+) \((\d+) to (\d+)\)", line)):
+        elif row := re.match(r"  (\w+) +(\d+) \((\d+) to (\d+)\)", line):
             rows[row[1]] = [float(number) for number in row.groups()[1:]]
     canvas = Figure(figsize=(9.0, 3.2), layout="constrained")
     for axes, (title, rows) in zip(

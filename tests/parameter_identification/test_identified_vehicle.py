@@ -56,6 +56,16 @@ def with_effects(tmp_path, *effects, source=None, drives=FOUND.drives):
     return path.read_text(encoding="utf-8"), load_vehicle(path)
 
 
+def file_with(tmp_path, name, entry, parts=()):
+    """The packaged file with other laws, and with one constant changed or added."""
+    document = vehicle_document()
+    document["parts"] = {**document.get("parts", {}), **dict(parts)}
+    document["constants"].setdefault(name, {}).update(entry)
+    path = tmp_path / "source.yaml"
+    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    return path
+
+
 def test_effects_are_constants_of_the_file(tmp_path):
     before = load_vehicle()
     text, vehicle = with_effects(
@@ -88,31 +98,21 @@ def test_tables_are_of_boards_that_do_not_know_the_file(tmp_path):
 
 
 def test_an_unknown_parameter_that_was_held_may_have_an_effect(tmp_path):
-    path = tmp_path / "held.yaml"
-    document = vehicle_document()
     entry = {"nominal": 0.0, "range": [-2.0, 1.0], "unit": "deg", "basis": "argued", "about": ""}
-    document["constants"]["steering_offset"] = entry
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    path = file_with(tmp_path, "steering_offset", entry)
     _, vehicle = with_effects(tmp_path, ("steering zero", 0.03), source=path)
     assert vehicle.unknown["steering_offset"] == pytest.approx(np.radians([-2.0, 1.0]))
     assert vehicle.steering_offset == pytest.approx(np.radians(1.0))  # the end of its range
 
 
 def test_effects_of_a_vehicle_that_is_too_stiff_already_are_written(tmp_path):
-    path = tmp_path / "stiff.yaml"
-    document = vehicle_document()
-    document["constants"]["lateral_relaxation_length"]["value"] = 0.012
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    path = file_with(tmp_path, "lateral_relaxation_length", {"value": 0.012})
     assert with_effects(tmp_path, ("steering zero", 0.01), source=path)[1].steering_offset == 0.01
 
 
 def test_a_dead_time_ends_at_none(tmp_path):
-    path = tmp_path / "late.yaml"
-    document = vehicle_document()
-    document["parts"] = {**document.get("parts", {}), "servo": "geared"}
     entry = {"value": 0.031, "unit": "s", "basis": "data", "about": "measured"}
-    document["constants"]["servo_delay"] = entry
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    path = file_with(tmp_path, "servo_delay", entry, {"servo": "geared"})
     _, vehicle = with_effects(tmp_path, ("servo dead time", -0.0310000001), source=path)
     assert vehicle.servo_delay == 0.0
 
@@ -125,10 +125,7 @@ def test_effects_of_drives_and_sensors_are_told_only(tmp_path):
 
 
 def test_a_relaxation_that_steps_do_not_allow_is_told_only(tmp_path):
-    short = tmp_path / "short.yaml"
-    document = vehicle_document()
-    document["constants"]["lateral_relaxation_length"]["value"] = 0.02
-    short.write_text(yaml.safe_dump(document), encoding="utf-8")
+    short = file_with(tmp_path, "lateral_relaxation_length", {"value": 0.02})
     held = ("relaxation length", -0.75)
     assert with_effects(tmp_path, held, source=short)[1].lateral_relaxation_length == 0.02
     _, viscous = with_effects(tmp_path, held, ("slip by speed", 1.0), source=short)
@@ -136,15 +133,8 @@ def test_a_relaxation_that_steps_do_not_allow_is_told_only(tmp_path):
 
 
 def test_angles_of_a_file_in_degrees_stay_right(tmp_path):
-    path = tmp_path / "degrees.yaml"
-    document = vehicle_document()
-    document["constants"]["steering_offset"] = {
-        "value": 1.0,
-        "unit": "deg",
-        "basis": "data",
-        "about": "measured",
-    }
-    path.write_text(yaml.safe_dump(document), encoding="utf-8")
+    entry = {"value": 1.0, "unit": "deg", "basis": "data", "about": "measured"}
+    path = file_with(tmp_path, "steering_offset", entry)
     _, vehicle = with_effects(tmp_path, ("steering zero", 0.01), source=path)
     assert vehicle.steering_offset == pytest.approx(np.radians(1.0) + 0.01)
 

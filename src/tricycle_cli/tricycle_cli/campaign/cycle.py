@@ -23,7 +23,11 @@ from excitation_planner.planning import plan_maneuver, planned_for
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.estimation.prior import box_prior
 from parameter_identification.identification import identify
-from parameter_identification.identification_file import document_of, save_identification_file
+from parameter_identification.identification_file import (
+    IdentificationDocument,
+    document_of,
+    save_identification_file,
+)
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_cli.operation.enough import Enough
@@ -244,10 +248,14 @@ class Campaign:
             raise PlanError("a campaign plans after the identification of the last drive")
         return box_prior(self.request.vehicle, found.posterior())
 
+    @property
+    def _found(self) -> IdentificationDocument | None:
+        """What all drives so far have shown; None before the first is identified."""
+        return self.steps[-1].identification if self.steps else None
+
     def _found_vehicle(self) -> Vehicle:
         """The vehicle as all drives so far have shown it, with its effects."""
-        vehicle = self.request.vehicle
-        found = self.steps[-1].identification if self.steps else None
+        vehicle, found = self.request.vehicle, self._found
         if found is None:
             return vehicle
         nominal = {
@@ -259,8 +267,7 @@ class Campaign:
 
     def _known_effects(self) -> dict[str, float]:
         """Standard deviations of what all drives have in common beside the parameters."""
-        found = self.steps[-1].identification if self.steps else None
-        effects = found.effects if found is not None else ()
+        effects = self._found.effects if self._found is not None else ()
         return {
             e.name.replace(" ", "-"): e.standard_deviation
             for e in effects
