@@ -222,11 +222,7 @@ def identified(vehicle, motions, all_commands, seed, weighed):
     ]
     effects = EFFECTS if weighed else ()
     found = identify(drives, vehicle, effects=effects, weighed=weighed, starts=2)
-    values = {
-        # at the end of a range it may be beyond it by round-off
-        n: float(np.clip(e.estimate, *e.range))
-        for n, e in found.parameters.items()
-    }
+    values = {name: e.estimate for name, e in found.parameters.items()}
     estimates = {e.name: e.estimate for e in found.effects if not e.drive}
     of_vehicle = {n: v for n, v in estimates.items() if n != SERVO_DEAD_TIME}
     return Known(

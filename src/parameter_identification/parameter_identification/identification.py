@@ -56,6 +56,7 @@ from parameter_identification.estimation.results import (
     Identification,
     NuisanceEstimate,
     Profile,
+    in_range,
 )
 from parameter_identification.estimation.steps import Steps
 from parameter_identification.estimation.validation import (
@@ -272,29 +273,25 @@ def _estimates(
     shown = identifiable(problem, optimum)
     found = {}
     for i, (name, limits) in enumerate(model.vehicle.unknown.items()):
-        z = optimum.fit.at[i]
+        z = float(optimum.fit.at[i])
         around = [z - quantile * std[i], z + quantile * std[i]]
         if average is not None:
-            around = [
-                z + doubt.widening[i] * (end - z) for end in average.interval(i, float(z), level)
-            ]
+            around = [z + doubt.widening[i] * (end - z) for end in average.interval(i, z, level)]
         if doubt.beyond[i]:
             around = [0.0, 1.0]
-        ends = np.clip(around, 0.0, 1.0)
-        linear = tuple(float(v) for v in limits[0] + ends * model.width[i])
-        low, high = linear
+        low, high = linear = in_range(limits, around[0]), in_range(limits, around[1])
         profiled = None
         if i in curves:
-            low, high = (float(limits[0] + end * model.width[i]) for end in curves[i].interval)
+            low, high = (in_range(limits, end) for end in curves[i].interval)
             profiled = Profile(limits[0] + curves[i].z * model.width[i], curves[i].rise)
         others = [limits[0] + rival[i] * model.width[i] for rival in optimum.rivals]
         found[name] = Estimate(
             unit=model.vehicle.unit(name),
-            estimate=float(limits[0] + z * model.width[i]),
+            estimate=in_range(limits, z),
             standard_deviation=float(std[i] * model.width[i]),
             low=min([low, *others]),
             high=max([high, *others]),
-            linear=(linear[0], linear[1]),
+            linear=linear,
             range=limits,
             identifiable=bool(shown[i]),
             profile=profiled,

@@ -84,8 +84,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
     for name, estimate in {**found.parameters, **found.others}.items():
         entry = document["constants"][name]
         about = entry["about"]
-        nominal = min(max(estimate.estimate, estimate.range[0]), estimate.range[1])
-        entry.update(nominal=nominal, range=list(estimate.range), unit=vehicle.unit(name))
+        entry.update(nominal=estimate.estimate, range=list(estimate.range), unit=vehicle.unit(name))
         if name in found.parameters and estimate.identifiable:
             entry.update(range=list(_range(estimate)), basis="data")
             about = (
@@ -98,7 +97,7 @@ def identified_vehicle(found: Identification | ManyDrives, source: Path | None) 
             why = "not shown by" if name in found.parameters else "not asked of"
             about = f"{why} {where}, fits best beside the others; before: {about}"
         entry["about"] = about
-        vehicle = vehicle.replace(**{name: nominal})
+        vehicle = vehicle.replace(**{name: estimate.estimate})
     header = (
         f"# {document['name']} with parameters identified from {where}\n"
         f"# by tricycle identify {__version__}, vehicle file before: "

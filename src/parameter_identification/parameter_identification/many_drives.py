@@ -42,7 +42,12 @@ from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
 from parameter_identification.estimation.doubt import beyond_ranges, doubted, grown
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
-from parameter_identification.estimation.results import EffectEstimate, Estimate, asked_for
+from parameter_identification.estimation.results import (
+    EffectEstimate,
+    Estimate,
+    asked_for,
+    in_range,
+)
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
 from parameter_identification.estimation.weighing import CERTAIN, Mixture
 from parameter_identification.estimation.weighing import mixture as mixture_of
@@ -649,16 +654,16 @@ def estimate_of(
     shown : bool
         Whether the drives show it.
     """
-    low, high = vehicle.unknown[name]
-    interval = tuple(low + (high - low) * min(max(float(end), 0.0), 1.0) for end in ends)
+    limits = vehicle.unknown[name]
+    low, high = linear = in_range(limits, ends[0]), in_range(limits, ends[1])
     return Estimate(
         unit=vehicle.unit(name),
-        estimate=low + (high - low) * z,
-        standard_deviation=(high - low) * std,
-        low=interval[0],
-        high=interval[1],
-        linear=(interval[0], interval[1]),
-        range=(low, high),
+        estimate=in_range(limits, z),
+        standard_deviation=(limits[1] - limits[0]) * std,
+        low=low,
+        high=high,
+        linear=linear,
+        range=limits,
         identifiable=shown,
     )
 

@@ -68,6 +68,20 @@ class Estimate:
     profile: Profile | None = None
 
 
+def in_range(limits: tuple[float, float], share: float) -> float:
+    """Return the value at a share of a range, which round-off takes not beyond it.
+
+    Parameters
+    ----------
+    limits : (float, float)
+        Ends of the range.
+    share : float
+        0 to 1; below and above the ends are returned.
+    """
+    low, high = limits
+    return float(min(max(low + (high - low) * share, low), high))
+
+
 @dataclass(frozen=True)
 class Combination:
     """A direction in the space of the parameters that the drives do not show.

@@ -15,8 +15,6 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver, planned_for
@@ -258,10 +256,7 @@ class Campaign:
         vehicle, found = self.request.vehicle, self._found
         if found is None:
             return vehicle
-        nominal = {
-            name: float(np.clip(entry.estimate, *vehicle.unknown[name]))
-            for name, entry in found.parameters.items()
-        }
+        nominal = {name: entry.estimate for name, entry in found.parameters.items()}
         effects = {e.name: e.estimate for e in found.effects if not e.drive}
         return corrected(vehicle.replace(**nominal), effects)[0]
 
