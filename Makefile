@@ -101,8 +101,9 @@ reference: setup  ## write the reference pages and the firmware's header, which 
 firmware: setup-run  ## the two PLCs for the Arduino UNO and their simulator (gcc-avr, avr-libc, libsimavr-dev)
 	$(MAKE) -C firmware avr simulator
 
-bench: setup  ## every figure that the documents quote; kept in benchmarks/history.jsonl and plotted
+bench: setup firmware  ## the benchmarks that need no arguments, for hours; kept in benchmarks/history.jsonl and plotted
 	$(BIN)/python -m pip install --quiet --editable '.[$(EXTRAS),bench]' $(PINS)
+	$(MAKE) -C firmware host
 	$(BIN)/python benchmarks/history.py run
 	$(BIN)/python benchmarks/history.py plot
 

@@ -1,4 +1,4 @@
-"""A first vehicle file: from a dozen answers, or from another vehicle's file.
+"""A first vehicle file: from some twenty answers, or from another vehicle's file.
 
 What the answers do not say is estimated, and the entry says from what: it is to be replaced by what
 is measured or identified.

@@ -178,7 +178,8 @@ def _check_hall_count(stand: PortStand) -> dict[str, float | str]:
 
     _by_hand(
         stand,
-        f"Turn the driven wheel forward by hand, exactly {TURNS} times, then leave it for 3 s.",
+        f"Open the brake by hand, turn the driven wheel forward, exactly {TURNS} times, "
+        "then leave it for 3 s; close the brake again.",
         rests_after_turning,
         "the wheel did not turn, or not come to rest",
     )

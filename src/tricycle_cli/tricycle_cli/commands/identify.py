@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.description = (
         "Fits the model to all drives together and prints each parameter with its "
-        "interval by profile likelihood. What the drives do not show is said and keeps its range."
+        "interval. What the drives do not show is said and keeps its range."
     )
     parser.epilog = EXAMPLE
     add = parser.add_argument

@@ -102,7 +102,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
     add("--seed", type=seed, default=0, help="same seed, same plan")
-    add("--samples", type=int, default=PlanRequest.samples, help="simulations per maneuver")
+    add(
+        "--samples",
+        type=int,
+        default=PlanRequest.samples,
+        help="for criterion h: simulations per maneuver",
+    )
     add("--budget", type=int, default=PlanRequest.budget, help="largest number of simulations")
     add_noise_options(parser, {"": SIMULATED})
     add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")

@@ -43,7 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """
     parser.epilog = EXAMPLE
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    new = _verb(verbs, "new", "write a first vehicle file: asks a dozen questions")
+    new = _verb(verbs, "new", "write a first vehicle file: asks some twenty questions")
     new.add_argument("output", type=Path, metavar="OUTPUT", help="YAML to write")
     new.add_argument(
         "--from",
