@@ -14,7 +14,7 @@ the seed. A drive ends with one of the host's stops. Checked are, in every drive
   (a sensor that stuck only for less is none: it shows the truth again);
 - no movement after rest;
 - the steering motor stays where it was when its board left ARMED, but for its lag, while the
-  vehicle moves;
+  vehicle moves, and the servo has its pulses for as long, 10 s at most;
 - no more than 0.5 m/s above the set-point or the speed at the fault.
 
 A violation after a stop with a dead friction brake, or with neither motor nor brake, is a hazard,
@@ -51,6 +51,7 @@ from tricycle_sim.vehicle.payload import Payload, with_payload
 
 GAIN = 0.5  # m/s above what was wanted
 HELD = 0.15  # rad that the steering motor may move by: its lag behind its set-point at 2 rad/s
+HOLDS = 9.9  # s that the servo has pulses after its board left ARMED, while the vehicle moves
 RESTING = 0.5  # s of rest after which nothing may move
 CREEP = 0.05  # m of movement after rest; the tyres creep 1 mm/s on 5 %
 # the board sees that the wire is broken, whatever the wheel does
@@ -70,6 +71,8 @@ STOPPING_FAULTS = {
     FaultKind.HALL_STUCK,
     *LINES,
 }
+# a board that was reset has forgotten what it held
+LETTING_GO = {FaultKind.STEER_RESET, FaultKind.STEER_HANG, FaultKind.STEER_CABLE}
 # with these the motor is dead or misled: in STOPPING only the friction brake counts
 NO_RAMP = {
     FaultKind.MOTOR_DEAD,
@@ -172,7 +175,7 @@ class Watch:
         self._way = 0.0
         self._faulted: tuple[RigFault, float, float] | None = None  # fault, way, speed
         self._left: tuple[float, float, float, bool] | None = None  # time, way, speed, ramped
-        self._held: float | None = None  # rad
+        self._held: tuple[float, float] | None = None  # time, rad
         self._helpless = False  # no brake in a stop, or neither brake nor motor
         self._motorless = False  # there was a time in which the motor could not follow the ramp
         self._fastest = 0.0
@@ -215,17 +218,30 @@ class Watch:
             self.note(f"too fast: {speed:.2f} m/s")
         self._look_at_the_stop(state.steering_motor_angle, speed)
 
+    def _may_let_go(self) -> bool:
+        """Whether the steer board was reset, or the sensor stuck when nobody could see that."""
+        begun = [f for f in self._drive.faults if self._rig.time - self._begun >= f.start]
+        left = math.inf if self._left is None else self._left[0] - self._begun
+        return any(
+            f.kind in LETTING_GO or (f.kind is FaultKind.HALL_STUCK and f.start > left - DETECTION)
+            for f in begun
+        )
+
     def _look_at_the_stop(self, angle: float, speed: float) -> None:
         rig, failing = self._rig, self._rig.active_faults
         drive_state = rig.plc_state(Board.DRIVE)
         if self._left is None and drive_state is not PlcState.ARMED:
             self._left = rig.time, self._way, speed, drive_state is PlcState.STOPPING
         if self._held is None and rig.plc_state(Board.STEER) is not PlcState.ARMED:
-            self._held = angle
+            self._held = rig.time, angle
         # a servo whose wire is mended goes to the set-point that its board holds
         by_wire = all(fault.kind is not FaultKind.SERVO_DEAD for fault in self._drive.faults)
-        if by_wire and self._held is not None and speed > 0.1 and abs(angle - self._held) > HELD:
-            self.note(f"steering not held: by {angle - self._held:+.2f} rad")
+        if by_wire and self._held is not None and speed > 0.1:
+            since, at = self._held
+            if abs(angle - at) > HELD:
+                self.note(f"steering not held: by {angle - at:+.2f} rad")
+            if not rig.steered and rig.time - since < HOLDS and not self._may_let_go():
+                self.note(f"steering let go: at {speed:.2f} m/s")
         if self._left is not None and self._rested_at is None:
             _, way, at, ramped = self._left
             # an e-stop or a fault in STOPPING takes the motor away

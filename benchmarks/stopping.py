@@ -3,6 +3,7 @@
     make -C firmware host avr simulator
     python benchmarks/stopping.py                                # everything
     python benchmarks/stopping.py --backends emulation --speeds 1 4.8
+    python benchmarks/stopping.py --backends native --deceleration 1.2   # m/s^2 of STOPPING
 
 An e-stop, a DISARM, the host killed (kill -9) and enable = 0 (a stop by the commander), from 1 to
 4.8 m/s, straight on.
@@ -88,6 +89,7 @@ class Case:
     loaded: bool
     slope: float
     build: Path
+    deceleration: float  # m/s^2 that the boards are set up to stop with
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,11 @@ def run(case: Case) -> Stopped:
     if case.loaded:
         vehicle = with_payload(vehicle, LOAD)
     with make_rig(case.backend, vehicle, case.build) as rig:
-        host = Host(rig, BridgeSettings(payload=MAX_PAYLOAD))
+        stop, start = case.deceleration, min(case.deceleration, BridgeSettings.max_acceleration)
+        host = Host(
+            rig,
+            BridgeSettings(payload=MAX_PAYLOAD, stopping_deceleration=stop, max_acceleration=start),
+        )
         host.arm()
         host.target = VehicleCommand(0.0, case.speed)
         host.run(case.speed + 1.0)
@@ -144,13 +150,13 @@ def run(case: Case) -> Stopped:
         return Stopped(case, speed, rest[0] - begun, rest[1] - start, abs(rig.state.x - rest[1]))
 
 
-def cases(backend: str, speeds: Iterable[float], build: Path) -> list[Case]:
+def cases(backend: str, speeds: Iterable[float], build: Path, deceleration: float) -> list[Case]:
     """All stops of a kind of boards; on the slow one the nominal and the worst circumstances."""
     circumstances = list(itertools.product(corners(load_vehicle()), (False, True), SLOPES))
     if backend == "avr":
         circumstances = [("nominal", False, 0.0), ("low", True, -0.05)]
     return [
-        Case(backend, cause, speed, *around, build)
+        Case(backend, cause, speed, *around, build, deceleration)
         for cause, speed, around in itertools.product(STOPS, speeds, circumstances)
     ]
 
@@ -190,12 +196,17 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--backends", nargs="+", choices=BACKENDS, default=BACKENDS)
     parser.add_argument("--speeds", nargs="+", type=float, default=SPEEDS)
+    parser.add_argument("--deceleration", type=float, default=BridgeSettings.stopping_deceleration)
     parser.add_argument("--build", type=Path, default=Path("build/firmware"))
     parser.add_argument("--jobs", type=int, default=multiprocessing.cpu_count())
     args = parser.parse_args()
     check_built(parser, args.backends, args.build)
     started = time.perf_counter()
-    todo = [case for backend in args.backends for case in cases(backend, args.speeds, args.build)]
+    todo = [
+        case
+        for backend in args.backends
+        for case in cases(backend, args.speeds, args.build, args.deceleration)
+    ]
     with multiprocessing.Pool(args.jobs) as pool:
         found = list(pool.imap_unordered(run, todo, chunksize=2))
     print(table(found, args.backends))

@@ -260,7 +260,9 @@ static void follow(struct plc *plc)
 /* Ramps down; the brake joins where the motor cannot follow the ramp or the ramp is over, and stays. */
 static void stop(struct board *board)
 {
-	board->setpoint = slew(board->setpoint, 0, board->in_force.max_acceleration);
+	const uint16_t most = board->in_force.max_acceleration;
+	board->setpoint =
+		slew(board->setpoint, 0, most > STOPPING_DECELERATION ? most : STOPPING_DECELERATION);
 	if (board->setpoint == 0 || magnitude(100L * board->speed - board->setpoint) > EXCESS)
 		board->brake = (uint8_t)clamp(board->brake + STOPPING_BRAKE_RATE, 0, MAX_BRAKE);
 }

@@ -50,6 +50,7 @@
 #define TRACKING_MS 1000 /* ms */
 #define AT_REST 20 /* mm/s */
 #define STOPPING_MS 8000 /* ms */
+#define STOPPING_DECELERATION 1200 /* mm/s^2 */
 #define STOPPING_EXCESS 200 /* mm/s */
 #define STOPPING_BRAKE_RATE 10 /* 0.5 % per tick */
 #define OVERSPEED_MARGIN 480 /* mm/s */
@@ -61,6 +62,9 @@
 #define MASS_HIGH 1000 /* 0.1 kg */
 #define MASS_MIN 10 /* 0.1 kg */
 #define MASS_MAX 60000 /* 0.1 kg */
+#define NO_LOAD 15500 /* mrad/s */
+#define NO_LOAD_SLOPE 9 /* mN m per mrad/s */
+#define GAIN 20 /* mN m per mrad/s, and per mrad */
 #define RESISTANCE 0.62f /* m/s^2 */
 #define TORQUE_LAG 0.03f /* s */
 #define PULSE_MARGIN 1.15f /* pulses */

@@ -3,13 +3,10 @@
 #include "plc.h"
 
 #define HALL_TIMEOUT_US 300000UL
-#define FASTEST 30000L       /* mm/s */
-#define HARDEST 4000L        /* mm/s^2 */
-#define SMOOTHING_MS 320L    /* of the acceleration; below 256 the speed loop can swing */
-#define NO_LOAD 15500L       /* mrad/s */
-#define NO_LOAD_SLOPE 9L     /* mN m per mrad/s */
-#define GAIN 20L             /* mN m per mrad/s, and per mrad */
-#define LONGEST 100000000L   /* 0.1 um: ten metres that are missing; 32 bits hold GAIN times it */
+#define FASTEST 30000L     /* mm/s */
+#define HARDEST 4000L      /* mm/s^2 */
+#define SMOOTHING_MS 320L  /* of the acceleration; below 256 the speed loop can swing */
+#define LONGEST 100000000L /* 0.1 um: ten metres that are missing; 32 bits hold GAIN times it */
 
 static void take_pulses(struct hall *hall, int32_t travel, uint32_t edge_at)
 {

@@ -142,8 +142,10 @@ static bool transmit(void *context, const uint8_t *wire, uint8_t length)
 	uint8_t used = (uint8_t)(tx_head - tx_tail);
 	if (length > TX_SIZE - 1 - used)
 		return false;
-	for (uint8_t i = 0; i < length; i++)
-		tx_ring[tx_head++] = wire[i];
+	for (uint8_t i = 0; i < length; i++) {
+		tx_ring[tx_head] = wire[i]; /* first: the interrupt sends what is before the head */
+		tx_head++;
+	}
 	UCSR0B |= _BV(UDRIE0);
 	return true;
 }

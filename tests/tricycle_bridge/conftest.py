@@ -28,6 +28,7 @@ class Vehicle:
         self.cut = set()  # boards whose cable is cut
         self.now = 1000.0
         self.target = (0.0, 0.0)  # rad, m/s; None: no commander
+        self.servo_on = False
         self.outcomes = []
         self.readings = []
         self.warnings = []
@@ -66,6 +67,7 @@ class Vehicle:
 
     def _move(self, board, output):
         if board is STEER:
+            self.servo_on = output.servo_on
             if output.servo_on:
                 self.measured[STEER] = SteerMeasurement(output.setpoint)
         else:

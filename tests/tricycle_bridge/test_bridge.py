@@ -1,5 +1,7 @@
 """The bridge's rules against both emulated PLCs, on a simulated clock."""
 
+import dataclasses
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from tricycle_bridge.bridge import Bridge
 from tricycle_bridge.commands.command_stream import Source, VehicleCommand
 from tricycle_bridge.diagnosis import diagnose
+from tricycle_bridge.protocol.boards import LINE_OPEN
 from tricycle_bridge.protocol.messages import Board, CommandFlag, Fault, PlcState
 from tricycle_core.diagnostics import Level
 from tricycle_core.readiness import Readiness
@@ -114,7 +117,21 @@ def test_the_steering_is_told_that_the_vehicle_stands_still(driving):
     flags.clear()
     driving.step(10)
     assert set(flags) == {CommandFlag.STANDSTILL}
-    assert not driving.plcs[STEER].tick(10**9, driving.measured[STEER])[1].servo_on
+    driving.step(30)
+    assert not driving.servo_on
+
+
+@pytest.mark.parametrize("sensor", ["broken", "contradicted by odometry"])
+def test_a_wheel_that_is_not_trusted_does_not_let_the_steering_go(driving, sensor):
+    driving.measured[DRIVE] = stuck = dataclasses.replace(driving.measured[DRIVE], speed=0.0)
+    if sensor == "broken":
+        stuck = dataclasses.replace(stuck, hall_line=LINE_OPEN)
+    for _ in range(500):
+        driving.bridge.set_odometry(1.0, driving.now)
+        driving.measured[DRIVE] = stuck
+        driving.step()
+    assert driving.state(DRIVE) is not PlcState.ARMED
+    assert driving.servo_on
 
 
 def test_without_the_drives_telemetry_nobody_says_that_the_vehicle_stands_still(driving):

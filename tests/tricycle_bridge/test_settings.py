@@ -28,14 +28,28 @@ def test_every_setting_has_a_description_and_a_range_that_holds_its_default(fiel
     low, high = field.metadata["range"]
     assert low <= field.default <= high
     assert field.metadata["description"]
-    unchecked = {f"{board}_supply_high": 0.0 for board in ("steer", "drive")}
+    unchecked = {"steer_supply_high": 0.0, "drive_supply_high": 0.0, "throttle_high": 5.0}
     for value in (low, high):
         BridgeSettings(**unchecked | {"max_acceleration": 0.001} | {field.name: value})
 
 
 def test_an_acceleration_above_the_deceleration_of_a_stop_is_named():
     with pytest.raises(LinkError, match=r"max_acceleration = 1\.5 is above stopping_deceleration"):
-        BridgeSettings(max_acceleration=1.5, stopping_deceleration=1.0)
+        BridgeSettings(max_acceleration=1.5, stopping_deceleration=1.2)
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"throttle_low": 1.0}, "throttle_low = 1 is not below throttle_high = 0"),
+        ({"mass": 1.5, "mass_tolerance": 0.5}, "0.75 kg; the board takes 1 kg or more"),
+        ({"drive_supply_high": 58.0}, r"drive_supply_high = 58 is outside 0\.\.54\.9"),
+        ({"stopping_deceleration": 0.2, "max_acceleration": 0.2}, r"outside 1\.2\.\.2"),
+    ],
+)
+def test_what_the_boards_would_refuse_or_cannot_check_is_named(settings, text):
+    with pytest.raises(LinkError, match=text):
+        BridgeSettings(**settings)
 
 
 def test_thresholds_that_are_upside_down_are_named():

@@ -66,3 +66,9 @@ def test_of_a_stronger_motor_the_boards_use_what_they_can():
     strong = LONG.replace(motor_torque=60.0)
     assert bridge_settings(strong).motor_torque == 35.0
     assert beyond_the_boards(strong) == ("motor_torque: 60 N m, of which the boards use 35",)
+
+
+def test_a_motor_that_the_firmware_does_not_know_is_named():
+    assert beyond_the_boards(LONG.replace(motor_no_load_speed=17.0)) == (
+        "motor_no_load_speed: 17 rad/s; the firmware has 15.5",
+    )

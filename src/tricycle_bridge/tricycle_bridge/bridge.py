@@ -43,6 +43,8 @@ from tricycle_bridge.protocol.limits import ARMING_SPEED
 from tricycle_bridge.protocol.messages import (
     Board,
     CommandFlag,
+    DriveState,
+    Fault,
     Gear,
     Op,
     PlcState,
@@ -61,6 +63,12 @@ BOARDS = (Board.STEER, Board.DRIVE)
 _ENABLE, _ESTOP, _STANDSTILL = map(
     int, (CommandFlag.ENABLE, CommandFlag.ESTOP, CommandFlag.STANDSTILL)
 )
+
+DOUBTED = int(Fault.PULSES | Fault.HALL_LINE | Fault.OVERSPEED | Fault.STOP_TIMEOUT)
+"""Faults with which a wheel speed of 0 may be a broken sensor's."""
+
+LET_GO_AFTER = 0.3
+"""Time at rest after which the steering may let go [s]: a board that was reset says 0 at first."""
 
 
 class LogEntry(NamedTuple):
@@ -130,6 +138,7 @@ class Bridge:
         self._enabled = False  # commands are sent with the enable flag
         self._estopped = False  # the operator's e-stop, until the next request to arm
         self._stop_sent_at = -math.inf
+        self._rests_since: float | None = None  # the vehicle, as far as the wheel is trusted
         self._gear = Gear.DRIVE
         self._angle = 0.0  # rad, of the last command that was sent
         self._arming: ArmingSequence | None = None
@@ -337,6 +346,7 @@ class Bridge:
         state = fresh_state(self.links[Board.DRIVE], now)
         self.odometry.compare(None if state is None else state.speed * SPEED_UNIT, now)
         self.start.look(state)
+        self._look_for_rest(state, now)
         if self._enabled and (problem := self.wheel_problem) is not None:
             self._withdraw(problem)
         self._send_commands(now)
@@ -482,23 +492,34 @@ class Bridge:
         if self._arming is not None and all(sent):
             self._arming.count_command()
 
-    def _standstill(self, now: float) -> VehicleCommand | None:
+    def _standstill(self) -> VehicleCommand | None:
         """What is sent while no commander's command is fresh.
 
         Nothing where somebody has commanded the armed vehicle, so that the boards stop it; unless
         it has come to rest by the commander's last command already.
         """
         last = self.commands.last
-        if self._enabled and self.commands.commander is not None:
-            stopped = last is not None and last.speed == 0.0 and self._standstill_flag(now)
-            if not stopped:
-                return None
+        stopped = last is not None and last.speed == 0.0 and self._rests_since is not None
+        if self._enabled and self.commands.commander is not None and not stopped:
+            return None
         return VehicleCommand(self.resting_angle(), 0.0)
 
+    def _look_for_rest(self, state: DriveState | None, now: float) -> None:
+        rests = (
+            state is not None
+            and abs(state.speed * SPEED_UNIT) < AT_REST
+            and not state.faults & DOUBTED
+            and self.wheel_problem is None
+        )
+        if not rests:
+            self._rests_since = None
+        elif self._rests_since is None:
+            self._rests_since = now
+
     def _standstill_flag(self, now: float) -> int:
-        """STANDSTILL where the vehicle is measured at rest: the steering may let go then."""
-        speed = measured_speed(self.links[Board.DRIVE], now)
-        return _STANDSTILL if speed is not None and abs(speed) < AT_REST else 0
+        """STANDSTILL where the vehicle surely rests: the steering may let go then."""
+        since = self._rests_since
+        return _STANDSTILL if since is not None and now - since >= LET_GO_AFTER else 0
 
     def _send_stop(self, now: float) -> None:
         """While commands are not forwarded, tell boards that are not at rest yet to stop."""
@@ -578,6 +599,7 @@ class Bridge:
                 case LinkEventKind.SETUP_FAILED:
                     self._warn(event.text)
                 case LinkEventKind.LOST | LinkEventKind.REBOOTED:
+                    self._rests_since = None
                     self._warn(event.text)
                     self._withdraw(event.text)
         self._check_boards_agree()

@@ -9,7 +9,9 @@ from typing import Any
 from tricycle_bridge.protocol.boards import (
     HALL_PULSE,
     HALL_PULSES,
+    MASSES,
     MAX_THROTTLE,
+    STOPPING_DECELERATION,
     TYRE_RADII,
     TYRE_RADIUS,
 )
@@ -29,8 +31,8 @@ from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHO
 MASS_LIMIT = 1000.0
 """Largest mass and payload [kg]."""
 
-SUPPLY_LIMIT = 60.0
-"""Largest threshold of a supply [V]."""
+SUPPLY_LIMIT = 54.9
+"""Largest threshold of a supply [V]: the boards measure up to 55 V."""
 
 
 UNCHECKED_SUPPLY = 65.535
@@ -87,8 +89,8 @@ class BridgeSettings:
     Raises
     ------
     LinkError
-        A value is outside its range, a lower threshold is above the upper one, or the acceleration
-        above the deceleration.
+        A value is outside its range, a lower threshold is above the upper one, the acceleration
+        above the deceleration, or the mass too small for the board.
     """
 
     command_rate: float = _setting(50.0, 20.0, 100.0, "Hz of repeats between messages")
@@ -104,7 +106,10 @@ class BridgeSettings:
         1.0, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, slew of the speed"
     )
     stopping_deceleration: float = _setting(
-        MAX_ACCELERATION, SPEED_UNIT, MAX_ACCELERATION, "m/s^2, of a stop by the drive PLC"
+        MAX_ACCELERATION,
+        STOPPING_DECELERATION,
+        MAX_ACCELERATION,
+        "m/s^2, of a stop by the drive PLC",
     )
     tyre_radius: float = _setting(TYRE_RADIUS, *TYRE_RADII, "m, of the rear wheel")
     hall_pulse: float = _setting(HALL_PULSE, *HALL_PULSES, "m of travel per hall pulse")
@@ -113,7 +118,9 @@ class BridgeSettings:
         MAX_REGENERATIVE_TORQUE, TORQUE_UNIT, MAX_REGENERATIVE_TORQUE, "N m, of the braking motor"
     )
     motor_power: float = _setting(MAX_POWER, 1.0, MAX_POWER, "W, largest")
-    mass: float = _setting(58.1, 1.0, MASS_LIMIT, "kg at the tread, inertia of wheels included")
+    mass: float = _setting(
+        58.1, 1.2 * MASSES[0], MASS_LIMIT, "kg at the tread, inertia of wheels included"
+    )
     payload: float = _setting(0.0, 0.0, MASS_LIMIT, "kg, largest load besides")
     mass_tolerance: float = _setting(0.1, 0.0, 0.5, "share by which the mass may be wrong")
     drive_supply_low: float = _setting(
@@ -128,7 +135,9 @@ class BridgeSettings:
     steer_supply_high: float = _setting(
         STEER_SUPPLY_THRESHOLDS[1], 0.0, SUPPLY_LIMIT, "V of the servo; 0: not checked"
     )
-    throttle_low: float = _setting(0.0, 0.0, MAX_THROTTLE, "V without torque; 0: the board's own")
+    throttle_low: float = _setting(
+        0.0, 0.0, 0.9 * MAX_THROTTLE, "V without torque; 0: the board's own"
+    )
     throttle_high: float = _setting(
         0.0, 0.0, MAX_THROTTLE, "V with full torque; 0: the board's own"
     )
@@ -141,8 +150,14 @@ class BridgeSettings:
                 raise LinkError(f"{field.name} = {value:g} is outside {low:g}..{high:g}")
         for pair in ("drive_supply", "steer_supply", "throttle"):
             low, high = getattr(self, f"{pair}_low"), getattr(self, f"{pair}_high")
-            if high and low >= high:
+            if low >= high and (high or (low and pair == "throttle")):
                 raise LinkError(f"{pair}_low = {low:g} is not below {pair}_high = {high:g}")
+        lightest = (1.0 - self.mass_tolerance) * self.mass
+        if lightest < MASSES[0]:
+            raise LinkError(
+                f"mass = {self.mass:g} less mass_tolerance = {self.mass_tolerance:g} is "
+                f"{lightest:g} kg; the board takes {MASSES[0]:g} kg or more"
+            )
         if self.max_acceleration > self.stopping_deceleration:
             raise LinkError(
                 f"max_acceleration = {self.max_acceleration:g} is above stopping_deceleration = "

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 
 from tricycle_bridge.commands.kinematics import TurningGeometry
-from tricycle_bridge.protocol.boards import hall_pulse
+from tricycle_bridge.protocol.boards import (
+    MOTOR_NO_LOAD_SPEED,
+    MOTOR_SLOPE,
+    SPEED_GAIN,
+    hall_pulse,
+)
 from tricycle_bridge.protocol.limits import (
     MAX_POWER,
     MAX_REGENERATIVE_TORQUE,
@@ -34,6 +39,14 @@ _MOST = {
     "motor_torque": MAX_TORQUE,
     "regenerative_torque": MAX_REGENERATIVE_TORQUE,
     "motor_power": MAX_POWER,
+}
+
+# what is compiled into the firmware; emulated boards follow the vehicle file
+_COMPILED = {
+    "motor_no_load_speed": MOTOR_NO_LOAD_SPEED,
+    "motor_slope": MOTOR_SLOPE,
+    "speed_gain_proportional": SPEED_GAIN,
+    "speed_gain_integral": SPEED_GAIN,
 }
 
 
@@ -184,11 +197,17 @@ def beyond_the_boards(vehicle: Vehicle) -> tuple[str, ...]:
     vehicle : Vehicle
         That they drive.
     """
-    return tuple(
+    beyond = [
         f"{name}: {vehicle.values[name]:g} {vehicle.unit(name)}, of which the boards use {most:g}"
         for name, most in _MOST.items()
         if vehicle.values.get(name, 0.0) > most
-    )
+    ]
+    beyond += [
+        f"{name}: {vehicle.values[name]:g} {vehicle.unit(name)}; the firmware has {compiled:g}"
+        for name, compiled in _COMPILED.items()
+        if vehicle.values.get(name, compiled) != compiled
+    ]
+    return tuple(beyond)
 
 
 def _settings(vehicle: Vehicle) -> dict[str, float]:

@@ -56,7 +56,7 @@ LIVE_PARAMETERS = {
     "acceleration_noise": (0.05, 10.0, "m/s^2, of imu"),
     "position_jump": (0.0, 1000.0, "m, added to x of odom: a localisation that has jumped"),
 }
-FAULTS = {kind.name.lower(): kind for kind in FaultKind}
+FAULTS = {kind.name.lower(): kind for kind in FaultKind if kind is not FaultKind.HOST_CLOCK}
 # pose at the start and after ~/reset: largest absolute value, description
 START_PARAMETERS = {
     "start_x": (100_000.0, "m, where the vehicle starts, also after ~/reset"),

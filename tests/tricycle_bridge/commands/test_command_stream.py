@@ -137,7 +137,7 @@ def test_a_new_command_and_a_change_of_enable_are_due_at_once(stream):
 
 def test_standstill_is_due_at_the_rate_while_no_command_is_fresh(stream):
     def due(now):
-        return stream.due(now, repeat_rate=50.0, enabled=False, standstill=lambda _: STANDSTILL)
+        return stream.due(now, repeat_rate=50.0, enabled=False, standstill=lambda: STANDSTILL)
 
     times = [START + k * 0.005 for k in range(21)]
     assert [t for t in times if due(t)] == pytest.approx([START + k * 0.02 for k in range(6)])

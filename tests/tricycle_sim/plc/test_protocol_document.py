@@ -304,13 +304,15 @@ def test_numbers_in_the_text_are_those_of_the_code(macros):
     stopping = r"differ by more than ([\d.]+) m/s the brake grows by (\d+) % of full"
     expected = [boards.STOPPING_EXCESS, boards.STOPPING_BRAKE_RATE * 100]
     assert told("5.6 Set-points", stopping) == expected
+    assert told("5.6 Set-points", r"with ([\d.]+) m/s² at least") == [boards.STOPPING_DECELERATION]
+    assert macros["STOPPING_DECELERATION"] == boards.STOPPING_DECELERATION * 1e3
     assert told("5.6 Set-points", r"After (\d+) s the PLC gives up") == [boards.STOPPING_TIME]
     assert told("5.6 Set-points", r"- (\d+) s have passed since it left") == [boards.HOLDING_TIME]
     assert told("5.5 Limits", r"end stop of its mechanics at ([\d.]+) rad") == [
         limits.STEERING_END_STOP
     ]
     ceiling = (
-        r"or to ([\d.]+) m/s above it while .*? a lag of ([\d.]+) s, .*?"
+        r"max\(([\d.]+) m/s, speed - lagging\).*? 10 ms / ([\d.]+) s .*?"
         r" more than ([\d.]+) m/s above the ceiling"
     )
     assert told("5.6 Set-points", ceiling) == [

@@ -182,8 +182,8 @@ def test_the_limits_of_a_drive_setup_hold(make_bench):
     drive.drive(10, 1.0, limit=0.5)
     assert drive.state.faults == 0
     drive.drive(1, 1.0, flags=0)
-    drive.drive(99, 1.0, flags=0)
-    assert drive.state.setpoint == 500  # it stops with the same deceleration
+    drive.drive(49, 1.0, flags=0)
+    assert drive.state.setpoint == 400  # it stops with 1.2 m/s^2 all the same
 
 
 def test_a_command_is_judged_by_the_limits_in_force(fresh):

@@ -76,6 +76,30 @@ def test_a_broken_wire_of_the_hall_sensor_is_found_at_once(driven, kind):
     assert abs(host.rig.state.vx) < 0.02
 
 
+@pytest.mark.parametrize("kind", [FaultKind.HALL_OPEN, FaultKind.HALL_STUCK])
+def test_a_sensor_that_fails_does_not_let_the_steering_go(driven, kind):
+    host = driven(kind, AT)
+    while state(host, DRIVE) is PlcState.ARMED:
+        host.tick()
+    rolls = 0
+    while host.rig.state.vx > 0.05:
+        host.tick()
+        assert host.rig.steered
+        rolls += 1
+    assert rolls > 40
+    host.run(10.0)
+    assert not host.rig.steered
+
+
+@pytest.mark.parametrize("kind", [FaultKind.STEER_RESET, FaultKind.DRIVE_RESET])
+def test_a_reset_that_is_asked_for_at_any_time_resets_the_board(driven, kind):
+    host = driven(FaultKind.HOST_CLOCK, AT)  # which is nothing
+    host.rig.fail([kind])
+    host.run(0.1)
+    assert not host.bridge.armed
+    assert any("rebooted" in line for line in host.log)
+
+
 def test_without_pulses_the_motor_pushes_until_the_board_notices(driven):
     host = driven(FaultKind.HALL_STUCK, 0.0, start=0.0)
     host.imu = host.odometry = False

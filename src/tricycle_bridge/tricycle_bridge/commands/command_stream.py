@@ -279,7 +279,7 @@ class CommandStream:
         *,
         repeat_rate: float,
         enabled: bool,
-        standstill: Callable[[float], VehicleCommand | None] = lambda _: None,
+        standstill: Callable[[], VehicleCommand | None] = lambda: None,
         standstill_rate: float = 50.0,
     ) -> VehicleCommand | None:
         """Return the command that is to be sent now, and count it as sent.
@@ -295,12 +295,12 @@ class CommandStream:
         enabled : bool
             Whether it is sent with the enable flag.
         standstill : callable, optional
-            Returns what is sent at a time [s] at which no commander's command is fresh.
+            Returns what is sent while no commander's command is fresh.
         standstill_rate : float
             Rate at which it is sent [Hz].
         """
         newest = self._newest if self._is_fresh(now) else None
-        command = standstill(now) if newest is None else newest.command
+        command = standstill() if newest is None else newest.command
         if command is None:
             return None
         if self._sent != (newest, enabled):

@@ -178,8 +178,8 @@ def _check_hall_count(stand: PortStand) -> dict[str, float | str]:
 
     _by_hand(
         stand,
-        f"Open the brake by hand, turn the driven wheel forward, exactly {TURNS} times, "
-        "then leave it for 3 s; close the brake again.",
+        f"Turn the driven wheel forward by hand, exactly {TURNS} times, with its brake held open, "
+        "then leave it for 3 s and close the brake.",
         rests_after_turning,
         "the wheel did not turn, or not come to rest",
     )

@@ -39,6 +39,7 @@ TRACKING_ERROR = 0.15  # rad between set-point and angle ...
 TRACKING_TIME = 1.0  # s ... for so long: TRACKING
 AT_REST = 0.02  # m/s; less counts as measured speed 0
 STOPPING_TIME = 8.0  # s after which a drive PLC in STOPPING gives up: STOP_TIMEOUT
+STOPPING_DECELERATION = 1.2  # m/s^2 of the ramp in STOPPING at least, whatever SETUP says
 STOPPING_EXCESS = 0.2  # m/s above the ramp in STOPPING at which the friction brake joins ...
 STOPPING_BRAKE_RATE = 0.05  # ... and grows per tick, as a share of the full brake
 OVERSPEED_MARGIN = 0.48  # m/s above the largest speed; more is OVERSPEED
@@ -46,6 +47,11 @@ OVERSHOOT = 0.2  # m/s above what is wanted to which an armed motor may push, or
 OVERSHOOT_TIME = 0.32  # s ... last so many seconds, as the time constant of a lag, have gained ...
 RUNAWAY_MARGIN = 0.22  # m/s ... and what the vehicle may gain against it; more is OVERSPEED
 HARDWARE_WATCHDOG = 0.06  # s without a tick until the microcontroller resets
+
+# The motor that the firmware controls, whatever SETUP says.
+MOTOR_NO_LOAD_SPEED = 15.5  # rad/s
+MOTOR_SLOPE = 9.0  # N m s/rad, torque lost per speed near it
+SPEED_GAIN = 20.0  # N m s/rad, and N m/rad of the integral
 
 # What the wheel must do under the motor's torque (PULSES, section 5.8).
 MASS_LOW = 40.0  # kg at the tread, wheels' inertia included, unless SETUP says so ...

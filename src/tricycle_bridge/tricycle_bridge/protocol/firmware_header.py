@@ -95,6 +95,10 @@ def _constants() -> dict[str, tuple[int | float, str]]:
         "TRACKING_MS": (round(boards.TRACKING_TIME * 1e3), "ms"),
         "AT_REST": (round(boards.AT_REST / units.SPEED_UNIT), "mm/s"),
         "STOPPING_MS": (round(boards.STOPPING_TIME * 1e3), "ms"),
+        "STOPPING_DECELERATION": (
+            round(boards.STOPPING_DECELERATION / units.SPEED_UNIT),
+            "mm/s^2",
+        ),
         "STOPPING_EXCESS": (round(boards.STOPPING_EXCESS / units.SPEED_UNIT), "mm/s"),
         "STOPPING_BRAKE_RATE": (
             round(boards.STOPPING_BRAKE_RATE / units.BRAKE_UNIT),
@@ -109,6 +113,9 @@ def _constants() -> dict[str, tuple[int | float, str]]:
         "MASS_HIGH": (round(boards.MASS_HIGH / units.MASS_UNIT), "0.1 kg"),
         "MASS_MIN": (round(boards.MASSES[0] / units.MASS_UNIT), "0.1 kg"),
         "MASS_MAX": (round(boards.MASSES[1] / units.MASS_UNIT), "0.1 kg"),
+        "NO_LOAD": (round(boards.MOTOR_NO_LOAD_SPEED * 1e3), "mrad/s"),
+        "NO_LOAD_SLOPE": (round(boards.MOTOR_SLOPE), "mN m per mrad/s"),
+        "GAIN": (round(boards.SPEED_GAIN), "mN m per mrad/s, and per mrad"),
         "RESISTANCE": (boards.RESISTANCE, "m/s^2"),
         "TORQUE_LAG": (boards.TORQUE_LAG, "s"),
         "PULSE_MARGIN": (boards.PULSE_MARGIN, "pulses"),

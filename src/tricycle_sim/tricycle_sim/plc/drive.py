@@ -22,6 +22,7 @@ from tricycle_bridge.protocol.boards import (
     OVERSPEED_MARGIN,
     RUNAWAY_MARGIN,
     STOPPING_BRAKE_RATE,
+    STOPPING_DECELERATION,
     STOPPING_EXCESS,
     STOPPING_TIME,
     TYRE_RADII,
@@ -284,7 +285,8 @@ class DrivePlc(Plc[DriveMeasurement, DriveOutput, DriveCommand, DriveSetup]):
         if self.state is PlcState.ARMED:
             self._follow_command()
         elif self.state is PlcState.STOPPING:
-            self._setpoint = slew(self._setpoint, 0.0, self._max_acceleration)
+            ramp = max(self._max_acceleration, STOPPING_DECELERATION)
+            self._setpoint = slew(self._setpoint, 0.0, ramp)
             excess = abs(self._measured.speed - self._setpoint)
             if self._setpoint == 0.0 or excess > STOPPING_EXCESS:
                 self._brake = min(self._brake + STOPPING_BRAKE_RATE, 1.0)

@@ -47,7 +47,13 @@ class Rig(Closing):
         self._ticks = 0
         self._plant = OwnPlant(vehicle) if plant is None else plant
         self._holds_speed = self._plant if isinstance(self._plant, HoldsSpeed) else None
+        self._steered = False
         self._place(ORIGIN)
+
+    @property
+    def steered(self) -> bool:
+        """Whether the servo got pulses in the last step: without, real steering turns freely."""
+        return self._steered
 
     @property
     def time(self) -> float:
@@ -120,14 +126,18 @@ class Rig(Closing):
         return _CABLE[board] not in self._faults
 
     def fail(self, kinds: Collection[FaultKind]) -> None:
-        """Let these fail from the next step on, and nothing else; replaces the plan of faults.
+        """Let these fail from now on, and nothing else; what fails already goes on.
 
         Parameters
         ----------
         kinds : collection of FaultKind
             What fails; empty: all is mended.
         """
-        self._plan = FaultPlan(tuple(RigFault(kind, self.time) for kind in kinds))
+        now, began = self.time, {fault.kind: fault.start for fault in self._plan.faults}
+        self._plan = FaultPlan(
+            tuple(RigFault(kind, min(began.get(kind, now), now)) for kind in kinds)
+        )
+        self._fail()
 
     def reset(self, start: Pose = ORIGIN) -> None:
         """Put the vehicle at rest at a pose and reboot both boards; time goes on.
@@ -189,6 +199,7 @@ class Rig(Closing):
     ) -> None:
         """Move the plant on by a tick; a `speed` is for one that holds speeds."""
         tick, plant = self._ticks, self._holds_speed
+        self._steered = steering is not None
         if speed is None or plant is None:
             self._take(lambda: self._plant.advance(tick, steering, torque, brake))
         else:

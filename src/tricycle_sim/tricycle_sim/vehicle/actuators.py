@@ -33,10 +33,10 @@ SUPPLY: tuple[Constant, ...] = (
     not_negative("motor_copper_loss", "W/(N m)^2", setting=True),  # per torque squared
     positive("battery_voltage", "V", setting=True),
     # the boards' supplies, outside of which they do not arm; 0: not checked
-    between("drive_supply_low", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[0], setting=True),
-    between("drive_supply_high", "V", 0.0, 60.0, default=DRIVE_SUPPLY_THRESHOLDS[1], setting=True),
-    between("steer_supply_low", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[0], setting=True),
-    between("steer_supply_high", "V", 0.0, 60.0, default=STEER_SUPPLY_THRESHOLDS[1], setting=True),
+    between("drive_supply_low", "V", 0.0, 54.9, default=DRIVE_SUPPLY_THRESHOLDS[0], setting=True),
+    between("drive_supply_high", "V", 0.0, 54.9, default=DRIVE_SUPPLY_THRESHOLDS[1], setting=True),
+    between("steer_supply_low", "V", 0.0, 54.9, default=STEER_SUPPLY_THRESHOLDS[0], setting=True),
+    between("steer_supply_high", "V", 0.0, 54.9, default=STEER_SUPPLY_THRESHOLDS[1], setting=True),
 )
 """Constants of battery and boards, which every motor has."""
 DRIVE_SLEW = (positive("acceleration", "m/s^2", setting=True),)
