@@ -7,7 +7,7 @@ from pathlib import Path
 from tricycle_cli.arguments import namespace, real_time_factor, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
 
@@ -100,7 +100,12 @@ def run(args: argparse.Namespace) -> int:
             check_vehicle(plan, vehicle)
         except PlanError as error:
             raise PlanError(f"{error}, give its file (--vehicle), or --other-vehicle") from error
-    plans = {"": plan} | ({"-mirrored": mirrored(plan, vehicle)} if args.mirror else {})
+    plans = {"": plan}
+    if args.mirror:
+        try:
+            plans["-mirrored"] = mirrored(plan, vehicle)
+        except InfeasibleManeuver as error:
+            raise PlanError(f"{args.plan}: {error}; leave out --mirror") from error
     drives = [
         (one, args.bag / f"{number}{side}")
         for number in range(1, args.repeat + 1)
