@@ -1,6 +1,9 @@
 """What a caller of services does where the middleware loses an answer."""
 
+from types import SimpleNamespace
+
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.task import Future
 
 from excitation_planner.playback import BEING_STOPPED
@@ -8,6 +11,7 @@ from excitation_planner.vehicle_watch import MUST_STAND
 from tricycle_cli.operation import operator_node
 from tricycle_cli.operation.operator_node import Operator, ServiceCaller
 from tricycle_core.errors import NodeError
+from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 
 pytestmark = pytest.mark.ros
 
@@ -84,3 +88,23 @@ def test_nodes_that_do_not_run_are_waited_for_aloud_and_with_the_domain(
     with operator, pytest.raises(NodeError, match=message):
         operator.publishers("vehicle/state")
     assert "waits for a publisher of vehicle/state" in capfd.readouterr().err
+
+
+def test_a_countdown_is_followed_however_long_the_state_says_the_same():
+    said = [PlaybackState.STARTING] * 60 + [PlaybackState.RUNNING, PlaybackState.DONE]
+    operator = Operator.__new__(Operator)
+    operator._state, operator._heard, operator._taught = ManeuverState(said[0], "mine"), 0, ""
+
+    def wait(condition, what):
+        for _ in range(2):  # within the patience
+            if condition():
+                return
+            values = ManeuverState(said.pop(0), "mine").values().items()
+            operator._on_state(
+                DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values])
+            )
+        assert condition(), what
+
+    operator._wait = wait
+    operator._follow(SimpleNamespace(id="mine"), lambda *_: None)
+    assert said == []

@@ -195,6 +195,7 @@ class Operator(Closing):
         self._executor.add_node(self._node)
         self._plans = PlanPublisher(self._node)
         self._state = ManeuverState(PlaybackState.WAITING)
+        self._heard = 0  # messages of it: during a countdown only the whole seconds differ
         self._patience = SERVICE_TIMEOUT
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
         self._preflight: dict[str, DiagnosticEntry] = {}
@@ -443,9 +444,9 @@ class Operator(Closing):
         if self._state.plan_id != plan.id:
             raise NodeError(f"maneuver_driver started another plan, {self._state.plan_id}")
         while not self._state.state.ended:
-            before = self._state
+            heard = self._heard
             self._wait(
-                lambda: self._state != before or self._taught == plan.id,  # noqa: B023
+                lambda: self._heard > heard or self._taught == plan.id,  # noqa: B023
                 "news of the running maneuver",
             )
             if self._taught == plan.id:
@@ -496,6 +497,7 @@ class Operator(Closing):
     def _on_state(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # of another publisher
             self._state = ManeuverState.from_values({v.key: v.value for v in message.values})
+            self._heard += 1
 
     def _on_preflight(self, message: DiagnosticArray) -> None:
         self._looked += 1
