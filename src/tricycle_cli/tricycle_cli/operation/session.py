@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from excitation_planner.plan import Plan
+from excitation_planner.preflight import RECORDER
 from tricycle_bringup.configuration import (
     IDENTIFYING,
     SIMULATION_CONFIG,
@@ -277,10 +278,9 @@ def _wait_for_enter(
     while True:
         items = preflight()
         plain_console().print(diagnostics_table(items, time.monotonic()))
-        # the way back ends at the start
-        failing = {n for n, item in items.items() if item.level is Level.ERROR} - (
-            {"start"} if back else set()
-        )
+        # the recorder records when the drive begins, and the way back ends at the start
+        later = {RECORDER, *(["start"] if back else [])}
+        failing = {n for n, item in items.items() if item.level is Level.ERROR} - later
         drives = "drives back to the start and then the maneuver" if back else "drives"
         does = f"looks again ({', '.join(sorted(failing))})" if failing else drives
         try:
