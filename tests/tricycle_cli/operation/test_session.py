@@ -6,9 +6,14 @@ import pytest
 
 from excitation_planner.preflight import RECORDER
 from tricycle_cli.operation.dashboard import DiagnosticEntry
-from tricycle_cli.operation.session import _wait_for_enter, hidden_truth
+from tricycle_cli.operation.session import (
+    _wait_for_enter,
+    hidden_truth,
+    running_session,
+    simulated_session,
+)
 from tricycle_core.diagnostics import Level
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import NodeError, PlanError
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -53,3 +58,17 @@ def test_enter_drives_though_nothing_is_recorded_yet(ask):
     assert ask([RECORDER, "start"], back=True).startswith("Enter drives back to the start")
     with pytest.raises(PlanError, match="nobody is there"):  # it only looks again
         ask([RECORDER, "start"])
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("domain", ["x", "-1", "233"])
+def test_a_domain_that_there_is_not_is_refused_before_a_node_starts(domain, monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    simulated = simulated_session(
+        vehicle_file=None, true_seed=0, real_time_factor=1.0, folder=tmp_path / "session"
+    )
+    for session in (running_session(None), simulated):
+        refused = pytest.raises(NodeError, match=f"ROS_DOMAIN_ID = {domain}: must be a number")
+        with refused, session:
+            pass
+    assert list(tmp_path.iterdir()) == []

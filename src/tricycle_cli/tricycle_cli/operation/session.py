@@ -26,6 +26,7 @@ from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import (
     NodeProcesses,
+    asked_domain,
     free_domain,
     participants,
     ros_environment,
@@ -111,12 +112,13 @@ def simulated_session(
     Raises
     ------
     NodeError
-        If a node cannot be started or ends by itself.
+        If a node cannot be started or ends by itself, or there is no domain ROS_DOMAIN_ID.
     """
     # imported here: without ROS the rest of the command line works
     from tricycle_cli.operation.operator_node import Operator, refuse_company
 
-    domain = int(os.environ.get("ROS_DOMAIN_ID") or free_domain())
+    asked = asked_domain()
+    domain = free_domain() if asked is None else asked
     if others := participants(domain):
         refuse_company(domain, OF_VEHICLE, others)
     env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
@@ -223,10 +225,12 @@ def running_session(
     ------
     VehicleError
         If the bridge is another vehicle's.
+    NodeError
+        If there is no domain ROS_DOMAIN_ID, or a node does not answer.
     """
     from tricycle_cli.operation.operator_node import Operator
 
-    domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    domain = asked_domain() or 0
     with Operator(
         domain=domain, check=lambda: None, simulated=False, namespace=namespace
     ) as operator:
