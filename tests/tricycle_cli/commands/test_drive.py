@@ -98,3 +98,12 @@ def test_a_mirror_image_that_cannot_be_driven_is_one_line(line, monkeypatch, tmp
         f"tricycle: {tmp_path / 'plan.json'}: mirrored: needs 1.0 m more room in the area; "
         "leave out --mirror"
     )
+
+
+def test_the_way_back_of_an_earlier_drive_is_not_replaced(line, tmp_path, capsys):
+    earlier = tmp_path / "bag.way_back" / "bag"
+    earlier.mkdir(parents=True)
+    assert line("--return") == 2
+    assert f"{earlier} exists" in capsys.readouterr().err
+    assert line("--return", "--repeat", "2") == 2  # its last drive is another one
+    assert "started" in capsys.readouterr().err

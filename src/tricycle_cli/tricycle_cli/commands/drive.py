@@ -114,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
     if len(drives) == 1:
         drives = [(plan, args.bag)]
     back = args.bag.with_name(f"{args.bag.name}.way_back") if args.back else None
+    if back is not None:
+        check_new(back / drives[-1][1].name)
     session = (
         running_session(
             None if args.other_vehicle else vehicle,

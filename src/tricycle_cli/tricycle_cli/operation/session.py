@@ -259,7 +259,7 @@ def running_session(
 
 
 def _new(bag: Path) -> Path:
-    """Make room for a bag: one of an earlier run with the same drives is replaced."""
+    """Make room for a bag: that of a campaign's drive which is driven again is replaced."""
     shutil.rmtree(bag, ignore_errors=True)
     bag.parent.mkdir(parents=True, exist_ok=True)
     return bag.absolute()
