@@ -107,3 +107,10 @@ def test_the_way_back_of_an_earlier_drive_is_not_replaced(line, tmp_path, capsys
     assert f"{earlier} exists" in capsys.readouterr().err
     assert line("--return", "--repeat", "2") == 2  # its last drive is another one
     assert "started" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--plant own", "--true-seed 0", "--real-time-factor 1"])
+def test_an_option_of_the_simulation_is_refused_where_none_is_started(line, option, capsys):
+    assert line("--vehicle-nodes", *option.split()) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"tricycle: {option.split()[0]}: of a simulation")
