@@ -308,6 +308,14 @@ def test_a_check_of_another_node_refuses_the_start_with_its_name():
     playback.start(10.0, [Check("bag", "not recording", Level.WARN)])
 
 
+def test_a_check_of_another_node_refuses_the_way_back_with_its_name():
+    playback = fenced()
+    with pytest.raises(PlanError, match="bag: not recording"):
+        playback.go_back(10.0, [Check("bag", "not recording", Level.ERROR)])
+    assert playback.state is PlaybackState.WAITING
+    playback.go_back(10.0, [Check("bag", "not recording", Level.WARN)])
+
+
 def test_a_running_maneuver_refuses_a_start():
     with pytest.raises(PlanError, match="already running"):
         running().start(10.0)

@@ -382,7 +382,10 @@ class ManeuverDriver(Node):
     def _on_go_back(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         playback = self._playback
         return self._attempt(
-            response, lambda: playback.go_back(self._now()), "going back", drives=True
+            response,
+            lambda: playback.go_back(self._now(), self._others()),
+            "going back",
+            drives=True,
         )
 
     def _look_for_route(self) -> None:

@@ -87,6 +87,10 @@ class _Plan:
     plan_id: str
 
 
+def _failures(checks: Sequence[Check]) -> list[str]:
+    return [f"{check.name}: {check.message}" for check in checks if check.level is Level.ERROR]
+
+
 @dataclass
 class Playback:
     """Plays one schedule after the other.
@@ -272,7 +276,7 @@ class Playback:
         plan = self._plan
         path = None if plan is None else self.parts.path(plan.stamp)
         failures = [c.message for c in self.preflight(now) if c.level is Level.ERROR]
-        failures += [f"{c.name}: {c.message}" for c in others if c.level is Level.ERROR]
+        failures += _failures(others)
         if failures or plan is None or path is None:
             raise PlanError(failures[0])
         self._fence = self._fence_of(plan)
@@ -288,8 +292,15 @@ class Playback:
         self.start_time, self.elapsed, self._finishing = None, 0.0, ""
         self.state, self.reason = PlaybackState.STARTING, ""
 
-    def go_back(self, now: float) -> None:
+    def go_back(self, now: float, others: Sequence[Check] = ()) -> None:
         """Drive back, closed loop: to the planned start, without an area to that of the last run.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        others : sequence of Check
+            Of the pre-flight, by others than the playback.
 
         Raises
         ------
@@ -300,6 +311,8 @@ class Playback:
         self._check_standing(now)
         if reason := self.watch.undirected():
             raise PlanError(reason)
+        if failures := _failures(others):
+            raise PlanError(failures[0])
         fence = self._fence_of(self._plan) if self._plan is not None else None
         goal = self._last_start if fence is None else fence.start
         if goal is None:

@@ -438,6 +438,7 @@ class Operator(Closing):
                 raise NodeError(f"maneuver_driver/start: {item.message}")
 
     def _go_back(self) -> None:
+        self._sleep(STANDSTILL)  # until the driver has heard that a bag is recorded
         with self._driving("go_back"):
             begun = (PlaybackState.RETURNING, PlaybackState.ABORTED)
             self._wait(lambda: self._state.state in begun, "the way back to begin")
