@@ -311,6 +311,38 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     assert chain.values()["reason"].startswith("no pose on odom for")
 
 
+def test_on_the_way_back_the_origin_is_told_now_and_then_and_a_failed_link_refuses_it(chain, start):
+    start("maneuver_driver")
+    chain.pose.header.frame_id, chain.posing = "odom", True
+    chain.tell(armed=True)
+    chain.plan("there")
+    chain.wait_for(plan_id="there", state="waiting")
+    chain.start()
+    chain.wait_for(state="running")
+    chain.tell(armed=False)
+    chain.wait_for(state="aborted")
+    chain.tell(armed=True)
+    chain.pose.pose.pose.position.x = 2.0
+    diagnostics = chain.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def answer(level):
+        status = DiagnosticStatus(level=level, name="tricycle_bridge: steer PLC", message="how")
+        diagnostics.publish(DiagnosticArray(status=[status]))
+        return chain.observer.call("maneuver_driver/go_back")
+
+    failed = "tricycle_bridge: steer PLC: how"
+    chain.observer.wait(
+        lambda: answer(DiagnosticStatus.ERROR).message == failed, "the refusal by the link"
+    )
+    told = []
+    chain.node.create_subscription(PoseStamped, "maneuver/start", told.append, LATCHED)
+    chain.observer.wait(lambda: answer(DiagnosticStatus.OK).success, "the way back")
+    chain.wait_for(state="returning")
+    told.clear()
+    chain.observer.wait(lambda: float(chain.values()["elapsed"]) >= 1.0, "a second of it")
+    assert len(told) < 5  # of 50 poses
+
+
 def test_a_start_after_the_simulation_has_ended_names_its_clock(chain, start):
     publisher = chain.node.create_publisher(Clock, "/clock", 1)
     now = chain.node.get_clock().now

@@ -451,8 +451,7 @@ class ManeuverDriver(Node):
         origin, last, now = self._playback.origin, self._origin, self._now()
         if origin is None or origin is last or not self._playback.duration:
             return
-        started = self._playback.state is not PlaybackState.WAITING
-        if last is not None and not started:
+        if last is not None and not self._playback.anchored:
             turn = math.remainder(origin.yaw - last.yaw, math.tau)
             step = max(math.hypot(origin.x - last.x, origin.y - last.y), abs(turn))
             if step < ORIGIN_STEP or 0 <= now - self._origin_at < ORIGIN_EVERY:

@@ -434,6 +434,11 @@ class Playback:
         return origin if origin is not None and origin.finite else None
 
     @property
+    def anchored(self) -> bool:
+        """Whether the origin is that of a start, and stays."""
+        return self._anchor is not None
+
+    @property
     def _active(self) -> bool:
         return self.state.driving
 
