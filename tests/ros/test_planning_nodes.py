@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from geometry_msgs.msg import PolygonStamped, PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rcl_interfaces.msg import Log
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -179,6 +180,39 @@ def test_planner_refuses_parameters_that_no_plan_can_be_made_of(observer, start)
         assert not accepted
         assert repr(value) in reason or value in reason
     assert change("target", "yaw_inertia") == (True, "")
+
+
+def test_a_vehicle_and_its_plan_are_set_at_once_and_the_plan_is_published(
+    observer, start, tmp_path
+):
+    longer = tmp_path / "longer.yaml"
+    text = (resources.files("tricycle_sim") / "tricycle.yaml").read_text()
+    longer.write_text(text.replace("axle: {value: 0.724", "axle: {value: 0.781"))
+    request = PlanRequest(
+        load_vehicle(longer), Circle(duration=2.0), "cornering_stiffness", samples=20
+    )
+    plan = plan_at(request, Circle().operation.from_unit([0.5, 0.5]))
+    save_plan(plan, tmp_path / "longer.json")
+    start("excitation_planner", plan_file="none.json")
+
+    def change(**values):
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        service = "excitation_planner/set_parameters_atomically"
+        result = observer.services.call(service, SetParametersAtomically, request).result
+        return result.successful, result.reason
+
+    commands = observer.newest(JointTrajectory, "maneuver/commands", LATCHED)
+    own = {"plan_file": str(tmp_path / "longer.json")}
+    assert not change(**own)[0]
+    assert change(**own, vehicle_file=str(longer)) == (True, "")
+    observer.wait(lambda: commands, "the plan")
+    assert commands[0].header.frame_id == plan.id
+    accepted, reason = change(**own, vehicle_file="")  # back to the packaged one, with this plan
+    assert not accepted
+    assert "com_to_front_axle 0.781 instead of 0.724" in reason
 
 
 def test_a_planning_under_way_is_cancelled(observer, start, tmp_path):

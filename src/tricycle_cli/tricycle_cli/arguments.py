@@ -80,7 +80,9 @@ def refuse_given(args: Namespace, names: Iterable[str], why: str) -> None:
     PlanError
         If one is given.
     """
-    given = [f"--{name.replace('_', '-')}" for name in names if getattr(args, name) not in (None, [])]
+    given = [
+        f"--{name.replace('_', '-')}" for name in names if getattr(args, name) not in (None, [])
+    ]
     if given:
         raise PlanError(f"{', '.join(given)}: {why}")
 
