@@ -121,11 +121,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
     add("--seed", type=seed, default=0, help="of the plans")
     add_noise_options(parser, {"": SIMULATED, "with --vehicle-nodes ": MeasurementNoise()})
-    add(
-        "--true-seed",
-        type=seed,
-        help="of the simulation's hidden true parameters (default: 0)",
-    )
+    add("--true-seed", type=seed, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
         type=real_time_factor,

@@ -55,11 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="vehicle YAML, also of the running nodes (default: the paper's tricycle)",
     )
     add("--plant", metavar="NAME", help=f"what the simulation drives (default: {OWN})")
-    add(
-        "--true-seed",
-        type=seed,
-        help="of the simulation's hidden true parameters (default: 0)",
-    )
+    add("--true-seed", type=seed, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
         type=real_time_factor,

@@ -113,12 +113,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "counted by the criteria c, d and a as not known either (default: none)",
     )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
-    for option, kind, text in (
-        ("seed", seed, "same seed, same plan"),
-        ("samples", int, "for criterion h: simulations per maneuver"),
-        ("budget", int, "largest number of simulations"),
+    add("--seed", type=seed, help="same seed, same plan")
+    for option, text in (
+        ("samples", "for criterion h: simulations per maneuver"),
+        ("budget", "largest number of simulations"),
     ):
-        add(f"--{option}", type=kind, help=f"{text} (default: {DEFAULTS[option]})")
+        add(f"--{option}", type=int, help=f"{text} (default: {DEFAULTS[option]})")
     add_noise_options(parser, {"": SIMULATED})
     add("--output", type=Path, metavar="DIR", help="for plan and figure (default: out/plan)")
     add_overwrite_option(parser)

@@ -36,7 +36,7 @@ from tricycle_core.nodes import LATCHED, ignore_impossible_times
 from tricycle_core.quantities import Progress
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
-# of wall time, and of a simulation's time: see Patience
+# of wall time and of a simulated clock, see Patience:
 SERVICE_TIMEOUT = 60.0  # s for a node to appear and answer; a first start compiles
 SILENCE_TIMEOUT = 20.0  # s without a word of nodes that have answered before
 LINK_TIMEOUT = 30.0  # s for both PLCs to be linked, refreshed and armed
