@@ -1,5 +1,6 @@
 """The driver's state machine: rows at their times, standstill whenever anything is wrong."""
 
+import itertools
 import math
 import re
 from contextlib import suppress
@@ -100,7 +101,7 @@ def test_in_the_lead_in_the_steering_leads_back_to_the_line_and_then_the_rows_al
     beside = replace(AT_REST, x=AT_REST.x - 0.1, speed=0.5)  # left of the line, which leads along y
     angles = {}
     for t in np.arange(10.0, 11.4, 0.01):
-        playback.observe(beside, t, t)
+        playback.observe(AT_REST if playback.start_time is None else beside, t, t)
         playback.hear(ARMED, t)
         command = playback.tick(t)
         if playback.start_time is not None:
@@ -307,6 +308,14 @@ def test_a_check_of_another_node_refuses_the_start_with_its_name():
     playback.start(10.0, [Check("bag", "not recording", Level.WARN)])
 
 
+def test_a_check_of_another_node_refuses_the_way_back_with_its_name():
+    playback = fenced()
+    with pytest.raises(PlanError, match="bag: not recording"):
+        playback.go_back(10.0, [Check("bag", "not recording", Level.ERROR)])
+    assert playback.state is PlaybackState.WAITING
+    playback.go_back(10.0, [Check("bag", "not recording", Level.WARN)])
+
+
 def test_a_running_maneuver_refuses_a_start():
     with pytest.raises(PlanError, match="already running"):
         running().start(10.0)
@@ -451,7 +460,8 @@ def test_any_point_of_a_long_path_is_near_enough():
     length = 0.02 * np.arange(100_000.0)  # out and back
     playback.parts.add_path(np.column_stack([1000.0 - abs(1000.0 - length), np.zeros(100_000)]))
     playback.load(LONG)
-    start(playback, 10.0)
+    start(playback, 9.99)
+    playback.tick(9.99)
     for tick, along in enumerate((0.0, 500.0, 5.0, 1000.0)):
         t = 10.0 + 0.01 * tick
         playback.observe(PlanarState(1.0, 2.0 + along, np.pi / 2, 1.0), t, t)
@@ -642,6 +652,41 @@ def test_nothing_is_commanded_during_the_countdown():
     assert left[:4] == [(None, 2), (None, 2), (None, 1), (None, 1)]
     assert left[4:] == [(JointCommand(0.1, 0.0), 0), (JointCommand(0.1, 1.0), 0)]
     assert playback.start_time == 12.5
+
+
+def counted_down(pose_at):
+    """A playback whose countdown of 3 s has ended; `pose_at` says where the vehicle was."""
+    playback = ready(countdown=3.0)
+    playback.start(10.0)
+    for k in range(71):
+        t = 10.0 + 0.05 * k
+        playback.observe(pose_at(t - 10.0), t, t)
+        playback.hear(ARMED, t)
+        command = playback.tick(t)
+    return playback, command
+
+
+@pytest.mark.parametrize(
+    ("pose_at", "reason"),
+    [
+        (lambda t: replace(AT_REST, y=2.0 + 0.04 * t, speed=0.04), r"moved .* by 0\.10 m and 0\.0"),
+        (lambda t: replace(AT_REST, yaw=1.57 + 0.05 * (t > 2.0)), r"moved .* by 0\.00 m and 2\.9"),
+        (lambda t: replace(AT_REST, speed=0.3 * (t > 3.2)), r"the vehicle moves at 0\.30 m/s"),
+    ],
+)
+def test_a_vehicle_that_was_moved_during_the_countdown_is_not_driven(pose_at, reason):
+    playback, command = counted_down(pose_at)
+    assert playback.state is PlaybackState.ABORTED
+    assert re.search(reason, playback.reason)
+    assert command == JointCommand(0.1, 0.0)
+
+
+def test_a_noisy_pose_is_no_motion_during_the_countdown():
+    signs = itertools.cycle((1.0, -1.0))
+    playback, _ = counted_down(
+        lambda _: replace(AT_REST, x=1.0 + 0.08 * (s := next(signs)), yaw=1.57 + 0.03 * s)
+    )
+    assert playback.state is PlaybackState.RUNNING
 
 
 def test_hold_to_run_released_or_silent_ends_the_run_and_is_needed_to_start():

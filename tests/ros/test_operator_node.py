@@ -1,13 +1,17 @@
 """What a caller of services does where the middleware loses an answer."""
 
+from types import SimpleNamespace
+
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.task import Future
 
 from excitation_planner.playback import BEING_STOPPED
 from excitation_planner.vehicle_watch import MUST_STAND
 from tricycle_cli.operation import operator_node
-from tricycle_cli.operation.operator_node import Operator, ServiceCaller
+from tricycle_cli.operation.operator_node import Operator, Patience, ServiceCaller
 from tricycle_core.errors import NodeError
+from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 
 pytestmark = pytest.mark.ros
 
@@ -57,7 +61,7 @@ def test_a_request_is_made_once_when_the_node_has_answered_a_greeting(monkeypatc
 def test_a_start_that_comes_too_soon_is_tried_again_until_the_vehicle_rests():
     answers, slept = [BEING_STOPPED, f"the vehicle moves; {MUST_STAND}", ""], []
     operator = Operator.__new__(Operator)
-    operator._patience = 60.0
+    operator._patience, operator._simulated = 60.0, False
     operator._sleep = slept.append
 
     def trigger(service):
@@ -84,3 +88,50 @@ def test_nodes_that_do_not_run_are_waited_for_aloud_and_with_the_domain(
     with operator, pytest.raises(NodeError, match=message):
         operator.publishers("vehicle/state")
     assert "waits for a publisher of vehicle/state" in capfd.readouterr().err
+
+
+def test_a_countdown_is_followed_however_long_the_state_says_the_same():
+    said = [PlaybackState.STARTING] * 60 + [PlaybackState.RUNNING, PlaybackState.DONE]
+    operator = Operator.__new__(Operator)
+    operator._state, operator._heard, operator._taught = ManeuverState(said[0], "mine"), 0, ""
+
+    def wait(condition, what):
+        for _ in range(2):  # within the patience
+            if condition():
+                return
+            values = ManeuverState(said.pop(0), "mine").values().items()
+            operator._on_state(
+                DiagnosticStatus(values=[KeyValue(key=k, value=v) for k, v in values])
+            )
+        assert condition(), what
+
+    operator._wait = wait
+    operator._follow(SimpleNamespace(id="mine"), lambda *_: None)
+    assert said == []
+
+
+def test_a_slow_simulation_is_waited_for_while_its_clock_goes_on(monkeypatch):
+    wall, simulated = [100.0], [7.0]
+    monkeypatch.setattr(operator_node, "time", SimpleNamespace(monotonic=lambda: wall[0]))
+    slow, none = Patience(20.0, lambda: simulated[0]), Patience(20.0, None)
+
+    def go_on(seconds, factor):
+        for _ in range(seconds):
+            wall[0] += 1.0
+            simulated[0] += factor
+            slow.over  # noqa: B018  (it is asked again and again)
+
+    go_on(19, 0.05)
+    assert not none.over
+    go_on(2, 0.05)
+    assert none.over
+    go_on(370, 0.05)
+    assert not slow.over
+    go_on(10, 0.05)  # 20 s of its time
+    assert slow.over
+    slow = Patience(20.0, lambda: simulated[0])
+    go_on(100, 0.05)
+    go_on(19, 0.0)
+    assert not slow.over
+    go_on(2, 0.0)  # its clock stands
+    assert slow.over

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from geometry_msgs.msg import PolygonStamped, PoseStamped
 from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rcl_interfaces.msg import Log
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
@@ -181,6 +182,39 @@ def test_planner_refuses_parameters_that_no_plan_can_be_made_of(observer, start)
     assert change("target", "yaw_inertia") == (True, "")
 
 
+def test_a_vehicle_and_its_plan_are_set_at_once_and_the_plan_is_published(
+    observer, start, tmp_path
+):
+    longer = tmp_path / "longer.yaml"
+    text = (resources.files("tricycle_sim") / "tricycle.yaml").read_text()
+    longer.write_text(text.replace("axle: {value: 0.724", "axle: {value: 0.781"))
+    request = PlanRequest(
+        load_vehicle(longer), Circle(duration=2.0), "cornering_stiffness", samples=20
+    )
+    plan = plan_at(request, Circle().operation.from_unit([0.5, 0.5]))
+    save_plan(plan, tmp_path / "longer.json")
+    start("excitation_planner", plan_file="none.json")
+
+    def change(**values):
+        parameters = [
+            Parameter(name, value=value).to_parameter_msg() for name, value in values.items()
+        ]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        service = "excitation_planner/set_parameters_atomically"
+        result = observer.services.call(service, SetParametersAtomically, request).result
+        return result.successful, result.reason
+
+    commands = observer.newest(JointTrajectory, "maneuver/commands", LATCHED)
+    own = {"plan_file": str(tmp_path / "longer.json")}
+    assert not change(**own)[0]
+    assert change(**own, vehicle_file=str(longer)) == (True, "")
+    observer.wait(lambda: commands, "the plan")
+    assert commands[0].header.frame_id == plan.id
+    accepted, reason = change(**own, vehicle_file="")  # back to the packaged one, with this plan
+    assert not accepted
+    assert "com_to_front_axle 0.781 instead of 0.724" in reason
+
+
 def test_a_planning_under_way_is_cancelled(observer, start, tmp_path):
     start("excitation_planner", plan_file="b.json")
     assert observer.call("excitation_planner/plan").success
@@ -309,6 +343,38 @@ def test_driver_starts_only_an_armed_vehicle_that_it_sees_and_aborts_when_it_is_
     chain.posing = False
     chain.wait_for(state="aborted", plan_id="next")
     assert chain.values()["reason"].startswith("no pose on odom for")
+
+
+def test_on_the_way_back_the_origin_is_told_now_and_then_and_a_failed_link_refuses_it(chain, start):
+    start("maneuver_driver")
+    chain.pose.header.frame_id, chain.posing = "odom", True
+    chain.tell(armed=True)
+    chain.plan("there")
+    chain.wait_for(plan_id="there", state="waiting")
+    chain.start()
+    chain.wait_for(state="running")
+    chain.tell(armed=False)
+    chain.wait_for(state="aborted")
+    chain.tell(armed=True)
+    chain.pose.pose.pose.position.x = 2.0
+    diagnostics = chain.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def answer(level):
+        status = DiagnosticStatus(level=level, name="tricycle_bridge: steer PLC", message="how")
+        diagnostics.publish(DiagnosticArray(status=[status]))
+        return chain.observer.call("maneuver_driver/go_back")
+
+    failed = "tricycle_bridge: steer PLC: how"
+    chain.observer.wait(
+        lambda: answer(DiagnosticStatus.ERROR).message == failed, "the refusal by the link"
+    )
+    told = []
+    chain.node.create_subscription(PoseStamped, "maneuver/start", told.append, LATCHED)
+    chain.observer.wait(lambda: answer(DiagnosticStatus.OK).success, "the way back")
+    chain.wait_for(state="returning")
+    told.clear()
+    chain.observer.wait(lambda: float(chain.values()["elapsed"]) >= 1.0, "a second of it")
+    assert len(told) < 5  # of 50 poses
 
 
 def test_a_start_after_the_simulation_has_ended_names_its_clock(chain, start):

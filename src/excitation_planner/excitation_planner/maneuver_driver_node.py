@@ -382,7 +382,10 @@ class ManeuverDriver(Node):
     def _on_go_back(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         playback = self._playback
         return self._attempt(
-            response, lambda: playback.go_back(self._now()), "going back", drives=True
+            response,
+            lambda: playback.go_back(self._now(), self._others()),
+            "going back",
+            drives=True,
         )
 
     def _look_for_route(self) -> None:
@@ -448,8 +451,7 @@ class ManeuverDriver(Node):
         origin, last, now = self._playback.origin, self._origin, self._now()
         if origin is None or origin is last or not self._playback.duration:
             return
-        started = self._playback.state is not PlaybackState.WAITING
-        if last is not None and not started:
+        if last is not None and not self._playback.anchored:
             turn = math.remainder(origin.yaw - last.yaw, math.tau)
             step = max(math.hypot(origin.x - last.x, origin.y - last.y), abs(turn))
             if step < ORIGIN_STEP or 0 <= now - self._origin_at < ORIGIN_EVERY:

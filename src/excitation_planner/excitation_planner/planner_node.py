@@ -129,6 +129,7 @@ class ExcitationPlanner(Node):
         setting("plan_file", "plan.json", "the newest plan: published when it exists or is made")
         self._plans = PlanPublisher(self)
         self._plan: Plan | None = None
+        self._checked: Plan | None = None  # of the newest plan_file that was set
         self._process: SpawnProcess | None = None
         self._connection: Connection | None = None
         self._planned = Path()  # file of the plan that is being made
@@ -150,7 +151,7 @@ class ExcitationPlanner(Node):
             self.get_logger().warning(f"no plan can be made: {message_of(error)}")
         if self._file.exists():
             try:
-                self._publish(self._load(self._file))
+                self._publish(self._load(self._file, {}))
             except PlanError as error:  # a new plan will replace it
                 self.get_logger().error(f"not published: {error}")
 
@@ -158,11 +159,14 @@ class ExcitationPlanner(Node):
     def _file(self) -> Path:
         return Path(self.get_parameter("plan_file").value)
 
-    def _load(self, file: Path) -> Plan:
-        """Plan of a file; raises PlanError where it is of another vehicle."""
+    def _load(self, file: Path, new: Settings) -> Plan:
+        """Plan of a file; raises PlanError where it is of another vehicle than the new one."""
         plan = load_plan(file)
-        vehicle = self.get_parameter("vehicle_file").value
-        if not self.get_parameter("other_vehicle").value:
+        vehicle, other = (
+            new.get(name, self.get_parameter(name).value)
+            for name in ("vehicle_file", "other_vehicle")
+        )
+        if not other:
             try:
                 check_vehicle(plan, load_vehicle(Path(vehicle) if vehicle else None))
             except PlanError as error:
@@ -180,8 +184,9 @@ class ExcitationPlanner(Node):
         try:
             if new.keys() & set(PLAN_PARAMETERS):
                 _request(self._settings() | new)
-            if "plan_file" in new and Path(new["plan_file"]).exists():
-                self._load(Path(new["plan_file"]))
+            if "plan_file" in new:
+                file = Path(new["plan_file"])
+                self._checked = self._load(file, new) if file.exists() else None
         except (DesignError, PlanError, VehicleError, OSError) as error:
             return SetParametersResult(successful=False, reason=message_of(error))
         return SetParametersResult(successful=True)
@@ -190,8 +195,8 @@ class ExcitationPlanner(Node):
         return {name: self.get_parameter(name).value for name in PLAN_PARAMETERS}
 
     def _on_parameters(self, parameters: list[Parameter]) -> None:
-        if any(parameter.name == "plan_file" for parameter in parameters) and self._file.exists():
-            self._publish(self._load(self._file))
+        if any(parameter.name == "plan_file" for parameter in parameters) and self._checked:
+            self._publish(self._checked)
 
     def _on_plan(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = False

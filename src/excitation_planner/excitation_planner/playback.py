@@ -11,9 +11,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from excitation_planner.area.fence import Fence
+from excitation_planner.area.fence import (
+    START_HEADING_TOLERANCE,
+    START_POSITION_TOLERANCE,
+    Fence,
+)
 from excitation_planner.lead_in import LeadIn
-from excitation_planner.localisation import PlanarState, PoseWatch, RestingPoses
+from excitation_planner.localisation import WINDOW, PlanarState, PoseWatch, RestingPoses
 from excitation_planner.plan_parts import PlanParts
 from excitation_planner.preflight import Check
 from excitation_planner.schedule import Schedule
@@ -83,6 +87,10 @@ class _Plan:
     plan_id: str
 
 
+def _failures(checks: Sequence[Check]) -> list[str]:
+    return [f"{check.name}: {check.message}" for check in checks if check.level is Level.ERROR]
+
+
 @dataclass
 class Playback:
     """Plays one schedule after the other.
@@ -133,13 +141,14 @@ class Playback:
     _finishing: str = ""  # why the maneuver is to end at the next tick
     _lead_in: LeadIn | None = None  # of the maneuver running
     _fence: Fence | None = None  # of the maneuver running
-    _resting: RestingPoses = field(default_factory=RestingPoses)  # before a start
+    _resting: RestingPoses = field(default_factory=RestingPoses)  # before row 0
     _poses: PoseWatch = field(default_factory=PoseWatch)
     _contradiction: str = ""
     _path: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # of the maneuver running
     _nearest: int = 0  # point of it
     _asked_at: float = -math.inf  # when it was started
     _anchor: PlanarState | None = None
+    _stood: Pose | None = None  # mean pose of the first `WINDOW` of the countdown
     _back: WayBack | None = None  # while the vehicle returns
     _last_start: Pose | None = None  # where the newest maneuver began
     _held: JointCommand = field(default_factory=lambda: JointCommand(0.0, 0.0))
@@ -179,9 +188,10 @@ class Playback:
             return
         driven = self.state in DRIVEN and self._held.wheel_rate != 0.0
         contradiction = self._poses.contradiction(state, stamp, driven=driven)
+        if self.state not in DRIVEN:
+            self._resting.take(state, stamp)
         if not self._active:
             self._contradiction = contradiction
-            self._resting.take(state, stamp)
         elif self._fence is not None or self._back is not None:
             self._contradiction = self._contradiction or contradiction
 
@@ -266,7 +276,7 @@ class Playback:
         plan = self._plan
         path = None if plan is None else self.parts.path(plan.stamp)
         failures = [c.message for c in self.preflight(now) if c.level is Level.ERROR]
-        failures += [f"{c.name}: {c.message}" for c in others if c.level is Level.ERROR]
+        failures += _failures(others)
         if failures or plan is None or path is None:
             raise PlanError(failures[0])
         self._fence = self._fence_of(plan)
@@ -274,6 +284,7 @@ class Playback:
         self._path, self._nearest = path, 0
         self._lead_in = self._lead_in_of(plan)
         self._anchor = self.watch.observed
+        self._resting, self._stood = RestingPoses(), None  # it may just have come to rest
         if self._anchor is not None:
             self._last_start = self._anchor.x, self._anchor.y, self._anchor.yaw
         self._asked_at = now
@@ -281,8 +292,15 @@ class Playback:
         self.start_time, self.elapsed, self._finishing = None, 0.0, ""
         self.state, self.reason = PlaybackState.STARTING, ""
 
-    def go_back(self, now: float) -> None:
+    def go_back(self, now: float, others: Sequence[Check] = ()) -> None:
         """Drive back, closed loop: to the planned start, without an area to that of the last run.
+
+        Parameters
+        ----------
+        now : float
+            Present time [s].
+        others : sequence of Check
+            Of the pre-flight, by others than the playback.
 
         Raises
         ------
@@ -293,6 +311,8 @@ class Playback:
         self._check_standing(now)
         if reason := self.watch.undirected():
             raise PlanError(reason)
+        if failures := _failures(others):
+            raise PlanError(failures[0])
         fence = self._fence_of(self._plan) if self._plan is not None else None
         goal = self._last_start if fence is None else fence.start
         if goal is None:
@@ -414,6 +434,11 @@ class Playback:
         return origin if origin is not None and origin.finite else None
 
     @property
+    def anchored(self) -> bool:
+        """Whether the origin is that of a start, and stays."""
+        return self._anchor is not None
+
+    @property
     def _active(self) -> bool:
         return self.state.driving
 
@@ -505,12 +530,17 @@ class Playback:
             self.abort(reason)
             return self._held
         if self.start_time is None:
+            if self._stood is None and now - self._asked_at >= WINDOW:
+                self._stood = self._resting.mean()
             waited = now - self._asked_at - self.countdown
             self.seconds_left = max(0, math.ceil(-waited - 1e-6))
             if self.seconds_left:
                 return None
             if waited < PREPARATION - 1e-6:
                 self._held = JointCommand(float(schedule.steering_motor_angle[0]), 0.0)
+                return self._held
+            if reason := self.watch.moves() or self._displaced():
+                self.abort(reason)
                 return self._held
             self.start_time, self.state = now, PlaybackState.RUNNING
         self.elapsed = now - self.start_time
@@ -595,6 +625,21 @@ class Playback:
         """Why the vehicle cannot be watched; empty if it can."""
         reason = self.watch.pose_lost(now) or self._contradiction
         return f"{reason}; the vehicle drives only where it can be watched" if reason else ""
+
+    def _displaced(self) -> str:
+        """How far the vehicle is from where it stood at first; empty within the tolerances."""
+        here = self._resting.mean()
+        if here is None or self._stood is None:  # there was hardly a countdown
+            return ""
+        (x, y, yaw), (x0, y0, yaw0) = here, self._stood
+        off, turn = math.hypot(x - x0, y - y0), abs(math.remainder(yaw - yaw0, math.tau))
+        if off <= START_POSITION_TOLERANCE and turn <= START_HEADING_TOLERANCE:
+            return ""
+        return (
+            f"the vehicle was moved during the countdown, by {off:.2f} m and "
+            f"{math.degrees(turn):.1f} deg (at most {START_POSITION_TOLERANCE:g} m and "
+            f"{math.degrees(START_HEADING_TOLERANCE):g} deg)"
+        )
 
     def _astray(self) -> str:
         """How far the vehicle is off the path; empty within the limit."""

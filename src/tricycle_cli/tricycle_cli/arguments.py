@@ -63,6 +63,34 @@ def warn_about(vehicle: Vehicle, args: Namespace) -> None:
         print(f"warning: {warning}", file=sys.stderr)
 
 
+def refuse_given(args: Namespace, names: Iterable[str], why: str) -> None:
+    """Refuse options that would have no effect.
+
+    Parameters
+    ----------
+    args : Namespace
+        Parsed arguments; an option that is left out is None, or an empty list.
+    names : iterable of str
+        Of the options, as in `args`.
+    why : str
+        Why they have none, and what would be right.
+
+    Raises
+    ------
+    PlanError
+        If one is given.
+    """
+    given = [
+        f"--{name.replace('_', '-')}" for name in names if getattr(args, name) not in (None, [])
+    ]
+    if given:
+        raise PlanError(f"{', '.join(given)}: {why}")
+
+
+OF_SIMULATION = "of a simulation, which --vehicle-nodes does not start: leave out one of them"
+"""Why an option is refused beside `--vehicle-nodes`."""
+
+
 def add_overwrite_option(parser: ArgumentParser | _ArgumentGroup) -> None:
     """Declare the option without which no file is replaced.
 

@@ -19,6 +19,10 @@ from tricycle_cli.main import main
         ("--targets camber_stiffness --tolerance 500%", "tolerance 5 must be"),
         ("--targets camber_stiffness --tolerance -5%", "tolerance -0.05 must be above 0"),
         ("--targets camber_stiffness --tolerance 5% --maneuver loop", "unknown maneuver 'loop'"),
+        (
+            "--targets camber_stiffness --tolerance 5% --vehicle-nodes --true-seed 0",
+            "--true-seed: of a simulation",
+        ),
     ],
 )
 def test_a_mistake_is_one_line_and_leaves_nothing(line, message, capsys, tmp_path):

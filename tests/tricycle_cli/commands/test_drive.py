@@ -8,7 +8,7 @@ import pytest
 from excitation_planner.plan import save_plan
 from tricycle_cli.main import main
 from tricycle_cli.operation import session
-from tricycle_core.errors import NodeError
+from tricycle_core.errors import InfeasibleManeuver, NodeError
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -85,3 +85,32 @@ def test_a_plan_is_driven_once_at_least(line, capsys):
 def test_a_plant_that_is_not_installed_is_refused_before_a_node_starts(line, capsys):
     assert line("--plant", "foo") == 2
     assert "unknown plant 'foo'; there are: own" in capsys.readouterr().err
+
+
+def test_a_mirror_image_that_cannot_be_driven_is_one_line(line, monkeypatch, tmp_path, capsys):
+    def mirrored(*_):
+        raise InfeasibleManeuver("mirrored: needs 1.0 m more room in the area")
+
+    monkeypatch.setattr("excitation_planner.planning.mirror.mirrored", mirrored)
+    assert line("--mirror") == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said == (
+        f"tricycle: {tmp_path / 'plan.json'}: mirrored: needs 1.0 m more room in the area; "
+        "leave out --mirror"
+    )
+
+
+def test_the_way_back_of_an_earlier_drive_is_not_replaced(line, tmp_path, capsys):
+    earlier = tmp_path / "bag.way_back" / "bag"
+    earlier.mkdir(parents=True)
+    assert line("--return") == 2
+    assert f"{earlier} exists" in capsys.readouterr().err
+    assert line("--return", "--repeat", "2") == 2  # its last drive is another one
+    assert "started" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", ["--plant own", "--true-seed 0", "--real-time-factor 1"])
+def test_an_option_of_the_simulation_is_refused_where_none_is_started(line, option, capsys):
+    assert line("--vehicle-nodes", *option.split()) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(f"tricycle: {option.split()[0]}: of a simulation")

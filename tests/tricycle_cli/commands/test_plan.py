@@ -100,3 +100,11 @@ def test_help_names_the_search_boxes(capsys):
     with pytest.raises(SystemExit):
         main(["plan", "--help"])
     assert "circle: radius=2:6 speed=0.6:1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", ["--maneuver circle", "--at foo", "--seed 0", "--noise-std 0"])
+def test_an_option_of_planning_is_refused_where_a_plan_is_shown(option, capsys):
+    assert main(["plan", "show", "plan.json", *option.split()]) == 2
+    given = option.split()[0]
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said == f"tricycle: {given}: `plan show FILE` plans nothing; leave it out"

@@ -11,11 +11,14 @@ from pathlib import Path
 import pytest
 
 from tricycle_cli.operation.processes import (
+    LAST_DOMAIN,
     NodeProcesses,
+    asked_domain,
     executable,
     free_domain,
     interrupts_held,
     own_domain,
+    participants,
     ros_environment,
     run_in_foreground,
 )
@@ -64,6 +67,22 @@ def test_a_domain_in_which_others_communicate_is_not_taken() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
         participant.bind(("", 7410 + 250 * own_domain()))
         assert free_domain() != own_domain()
+
+
+def test_the_last_domain_has_fewer_ports_than_the_others():
+    first = 7410 + 250 * LAST_DOMAIN
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(("", first + 2))
+        assert participants(LAST_DOMAIN) == 1
+
+
+@pytest.mark.parametrize(("text", "domain"), [(None, None), ("", None), ("0", 0), ("232", 232)])
+def test_an_empty_domain_is_none(text, domain, monkeypatch):
+    if text is None:
+        monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    else:
+        monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    assert asked_domain() == domain
 
 
 @pytest.fixture

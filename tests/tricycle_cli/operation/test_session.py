@@ -1,6 +1,19 @@
 """Sessions: what the simulation drives with. Driving itself: tests/ros/test_drive.py."""
 
-from tricycle_cli.operation.session import hidden_truth
+from types import SimpleNamespace
+
+import pytest
+
+from excitation_planner.preflight import RECORDER
+from tricycle_cli.operation.dashboard import DiagnosticEntry
+from tricycle_cli.operation.session import (
+    _wait_for_enter,
+    hidden_truth,
+    running_session,
+    simulated_session,
+)
+from tricycle_core.diagnostics import Level
+from tricycle_core.errors import NodeError, PlanError
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -10,3 +23,52 @@ def test_the_truth_is_drawn_from_its_seed_alone_and_is_nominal_without_one():
     assert drawn == hidden_truth(vehicle, 3) != hidden_truth(vehicle, 4)
     assert all(low <= drawn[name] <= high for name, (low, high) in vehicle.unknown.items())
     assert hidden_truth(vehicle, -1) == vehicle.nominal
+
+
+@pytest.fixture
+def ask(monkeypatch):
+    """Ask for Enter with these items failing; says what Enter does, once it is not only a look."""
+
+    def ask(failing, *, back=False):
+        items = {name: DiagnosticEntry(Level.ERROR, "no", 0.0) for name in failing}
+        prompts = []
+
+        def enter(prompt):
+            prompts.append(prompt)
+            if len(prompts) > 1:
+                raise EOFError
+            return ""
+
+        monkeypatch.setattr("builtins.input", enter)
+        plan = SimpleNamespace(
+            maneuver="circle",
+            space=(4.0, 5.0, 1.0),
+            area=None,
+            start_pose=None,
+            commands=SimpleNamespace(duration=8.0),
+        )
+        _wait_for_enter(plan, lambda: items, back)
+        return prompts[0]
+
+    return ask
+
+
+def test_enter_drives_though_nothing_is_recorded_yet(ask):
+    assert ask([RECORDER]).startswith("Enter drives,")
+    assert ask([RECORDER, "start"], back=True).startswith("Enter drives back to the start")
+    with pytest.raises(PlanError, match="nobody is there"):  # it only looks again
+        ask([RECORDER, "start"])
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("domain", ["x", "-1", "233"])
+def test_a_domain_that_there_is_not_is_refused_before_a_node_starts(domain, monkeypatch, tmp_path):
+    monkeypatch.setenv("ROS_DOMAIN_ID", domain)
+    simulated = simulated_session(
+        vehicle_file=None, true_seed=0, real_time_factor=1.0, folder=tmp_path / "session"
+    )
+    for session in (running_session(None), simulated):
+        refused = pytest.raises(NodeError, match=f"ROS_DOMAIN_ID = {domain}: must be a number")
+        with refused, session:
+            pass
+    assert list(tmp_path.iterdir()) == []

@@ -14,6 +14,7 @@ from excitation_planner.area.area import load_area
 from excitation_planner.design.noise import SIMULATED, MeasurementNoise
 from excitation_planner.maneuver import family_names
 from tricycle_cli.arguments import (
+    OF_SIMULATION,
     add_area_option,
     add_effects_option,
     add_lead_in_option,
@@ -25,6 +26,7 @@ from tricycle_cli.arguments import (
     noise_of,
     parameter_names,
     real_time_factor,
+    refuse_given,
     search_boxes,
     seed,
     warn_about,
@@ -119,12 +121,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--budget", type=int, default=CampaignRequest.budget, help="simulations per plan")
     add("--seed", type=seed, default=0, help="of the plans")
     add_noise_options(parser, {"": SIMULATED, "with --vehicle-nodes ": MeasurementNoise()})
-    add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
+    add("--true-seed", type=seed, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
         type=real_time_factor,
-        default=10.0,
-        help="largest; the nodes set the pace",
+        help="largest; the nodes set the pace (default: 10.0)",
     )
     add("--vehicle-nodes", action="store_true", help="drive the vehicle whose nodes are running")
     add_effects_option(parser)
@@ -156,6 +157,8 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.operation.session import hidden_truth
     from tricycle_cli.reports.tables import table_console
 
+    if args.vehicle_nodes:
+        refuse_given(args, ("true_seed", "real_time_factor"), OF_SIMULATION)
     check_installed("rclpy", "a campaign")
     vehicle = load_vehicle(args.vehicle)
     request = CampaignRequest(
@@ -167,7 +170,7 @@ def run(args: argparse.Namespace) -> int:
         budget=args.budget,
         seed=args.seed,
         noise=noise_of(args, MeasurementNoise() if args.vehicle_nodes else SIMULATED),
-        true_seed=None if args.vehicle_nodes else args.true_seed,
+        true_seed=None if args.vehicle_nodes else args.true_seed or 0,
         area=None if args.area is None else load_area(args.area),
         **effects_asked(args),
         plan_effects=named_effects(args.plan_effects),
@@ -231,9 +234,9 @@ def _session(args: argparse.Namespace, driven: int) -> Iterator[DrivePlan]:
     if not args.vehicle_nodes:
         with simulated_session(
             vehicle_file=args.vehicle,
-            true_seed=args.true_seed,
+            true_seed=args.true_seed or 0,
             noise_seed=driven,
-            real_time_factor=args.real_time_factor,
+            real_time_factor=10.0 if args.real_time_factor is None else args.real_time_factor,
             folder=args.output / "session",
             back=_way_back(args),
             monitor=args.stop_early,

@@ -4,10 +4,10 @@ import argparse
 import shlex
 from pathlib import Path
 
-from tricycle_cli.arguments import namespace, real_time_factor, seed
+from tricycle_cli.arguments import OF_SIMULATION, namespace, real_time_factor, refuse_given, seed
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
-from tricycle_core.errors import PlanError
+from tricycle_core.errors import InfeasibleManeuver, PlanError
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
 
@@ -54,13 +54,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="vehicle YAML, also of the running nodes (default: the paper's tricycle)",
     )
-    add("--plant", default=OWN, metavar="NAME", help="what the simulation drives (default: own)")
-    add("--true-seed", type=seed, default=0, help="of the simulation's hidden true parameters")
+    add("--plant", metavar="NAME", help=f"what the simulation drives (default: {OWN})")
+    add("--true-seed", type=seed, help="of the simulation's hidden true parameters")
     add(
         "--real-time-factor",
         type=real_time_factor,
-        default=1.0,
-        help="largest; the nodes set the pace",
+        help="largest; the nodes set the pace (default: 1.0)",
     )
     add(
         "--other-vehicle",
@@ -89,10 +88,13 @@ def run(args: argparse.Namespace) -> int:
 
     if args.namespace and not args.vehicle_nodes:
         raise PlanError("--namespace is of the vehicle's nodes: give --vehicle-nodes too")
+    if args.vehicle_nodes:
+        refuse_given(args, ("plant", "true_seed", "real_time_factor"), OF_SIMULATION)
     if args.repeat < 1:
         raise PlanError(f"--repeat {args.repeat}: a plan is driven once or more often")
     check_new(args.bag)
-    check_plant(args.plant)
+    plant = OWN if args.plant is None else args.plant
+    check_plant(plant)
     plan, vehicle = load_plan(args.plan), load_vehicle(args.vehicle)
     check_folder(args.bag.parent)
     if not args.other_vehicle:
@@ -100,7 +102,12 @@ def run(args: argparse.Namespace) -> int:
             check_vehicle(plan, vehicle)
         except PlanError as error:
             raise PlanError(f"{error}, give its file (--vehicle), or --other-vehicle") from error
-    plans = {"": plan} | ({"-mirrored": mirrored(plan, vehicle)} if args.mirror else {})
+    plans = {"": plan}
+    if args.mirror:
+        try:
+            plans["-mirrored"] = mirrored(plan, vehicle)
+        except InfeasibleManeuver as error:
+            raise PlanError(f"{args.plan}: {error}; leave out --mirror") from error
     drives = [
         (one, args.bag / f"{number}{side}")
         for number in range(1, args.repeat + 1)
@@ -109,6 +116,8 @@ def run(args: argparse.Namespace) -> int:
     if len(drives) == 1:
         drives = [(plan, args.bag)]
     back = args.bag.with_name(f"{args.bag.name}.way_back") if args.back else None
+    if back is not None:
+        check_new(back / drives[-1][1].name)
     session = (
         running_session(
             None if args.other_vehicle else vehicle,
@@ -119,10 +128,10 @@ def run(args: argparse.Namespace) -> int:
         if args.vehicle_nodes
         else simulated_session(
             vehicle_file=args.vehicle,
-            true_seed=args.true_seed,
-            real_time_factor=args.real_time_factor,
+            true_seed=args.true_seed or 0,
+            real_time_factor=1.0 if args.real_time_factor is None else args.real_time_factor,
             folder=args.bag.with_name(f"{args.bag.name}.session"),
-            plant=args.plant,
+            plant=plant,
             back=back,
         )
     )

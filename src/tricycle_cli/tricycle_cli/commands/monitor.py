@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import os
 import time
 
 from tricycle_cli.arguments import namespace
@@ -57,12 +56,11 @@ def run(args: argparse.Namespace) -> int:
 
     from tricycle_cli.operation.dashboard import screen
     from tricycle_cli.operation.monitor_node import Monitor
+    from tricycle_cli.operation.processes import asked_domain
 
-    text = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not text.isdecimal() or int(text) > 232:
-        raise NodeError(f"ROS_DOMAIN_ID = {text}: must be a number from 0 to 232")
-    where = f"domain {text}" + (f", namespace {args.namespace}" if args.namespace else "")
-    with Monitor(domain=int(text), namespace=args.namespace) as monitor:
+    domain = asked_domain() or 0
+    where = f"domain {domain}" + (f", namespace {args.namespace}" if args.namespace else "")
+    with Monitor(domain=domain, namespace=args.namespace) as monitor:
         dashboard = monitor.dashboard
         if args.json:
             deadline = time.monotonic() + PATIENCE

@@ -27,6 +27,7 @@ from tricycle_cli.arguments import (
     noise_of,
     parameter_name,
     parse_assignments,
+    refuse_given,
     search_boxes,
     seed,
     warn_about,
@@ -41,6 +42,17 @@ from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
 
+DEFAULTS = {
+    "maneuver": "circle",
+    "effects": "none",
+    "seed": 0,
+    "samples": PlanRequest.samples,
+    "budget": PlanRequest.budget,
+    "output": Path("out/plan"),
+}
+"""Options of planning, which `show` refuses: so their defaults are not the parser's."""
+
+OF_SHOW = ("show", "json", "overwrite", "run")  # arguments that it takes
 MOST_MANEUVERS = 6  # of a set: twelve operation parameters are all that the search can do well
 
 EXAMPLE = """\
@@ -69,10 +81,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("show", nargs="*", metavar="show FILE", help="print and plot a saved plan instead")
-    maneuver = add("--maneuver", default="circle", metavar="NAME[,NAME…]")
+    maneuver = add("--maneuver", metavar="NAME[,NAME…]")
 
     def describe() -> None:
-        maneuver.help = f"families, driven one after the other: {', '.join(family_names())}"
+        names = ", ".join(family_names())
+        maneuver.help = f"families, driven one after the other: {names} (default: circle)"
         parser.epilog = f"{EXAMPLE}\n{search_boxes()}"
 
     describe_later(parser, describe)
@@ -95,22 +108,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_lead_in_option(parser)
     add(
         "--effects",
-        default="none",
         metavar="all|none|NAME,NAME",
         help="what the real vehicle may have beside the file (steering-zero, wheel-radius, …), "
         "counted by the criteria c, d and a as not known either (default: none)",
     )
     add("--at", nargs="+", metavar="NAME=VALUE", help="no search: plan this maneuver as it is")
-    add("--seed", type=seed, default=0, help="same seed, same plan")
-    add(
-        "--samples",
-        type=int,
-        default=PlanRequest.samples,
-        help="for criterion h: simulations per maneuver",
-    )
-    add("--budget", type=int, default=PlanRequest.budget, help="largest number of simulations")
+    add("--seed", type=seed, help="same seed, same plan")
+    for option, text in (
+        ("samples", "for criterion h: simulations per maneuver"),
+        ("budget", "largest number of simulations"),
+    ):
+        add(f"--{option}", type=int, help=f"{text} (default: {DEFAULTS[option]})")
     add_noise_options(parser, {"": SIMULATED})
-    add("--output", type=Path, default=Path("out/plan"), metavar="DIR", help="for plan and figure")
+    add("--output", type=Path, metavar="DIR", help="for plan and figure (default: out/plan)")
     add_overwrite_option(parser)
     add("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
@@ -133,8 +143,13 @@ def run(args: argparse.Namespace) -> int:
             raise PlanError(
                 f"{' '.join(args.show)!r}: want `tricycle plan show FILE`, or options only"
             )
+        of_planning = [name for name in vars(args) if name not in OF_SHOW]
+        refuse_given(args, of_planning, "`plan show FILE` plans nothing; leave it out")
         plans = {Path(args.show[1]): load_plan(Path(args.show[1]))}
     else:
+        for name, default in DEFAULTS.items():
+            if getattr(args, name) is None:
+                setattr(args, name, default)
         request = _request(args)
         earlier = _earlier_plans(args.output)
         check_output_files([*earlier, *_earlier_plans(args.output, ".png")], args)

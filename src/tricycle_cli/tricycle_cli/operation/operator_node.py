@@ -36,14 +36,46 @@ from tricycle_core.nodes import LATCHED, ignore_impossible_times
 from tricycle_core.quantities import Progress
 
 STANDSTILL = 1.5  # s at rest before the start and after the end, for the judge's anchor
-SERVICE_TIMEOUT = 60.0  # s of wall time for a node to appear and answer; a first start compiles
-SILENCE_TIMEOUT = 20.0  # s of wall time without a word of nodes that have answered before
+# of wall time and of a simulated clock, see Patience:
+SERVICE_TIMEOUT = 60.0  # s for a node to appear and answer; a first start compiles
+SILENCE_TIMEOUT = 20.0  # s without a word of nodes that have answered before
+LINK_TIMEOUT = 30.0  # s for both PLCs to be linked, refreshed and armed
 REFUSED = 0.5  # s until a start is tried again that came too soon
 GREET_AGAIN = 2.0  # s without an answer until a node is greeted again
 UNNAMED = "_NODE_NAME_UNKNOWN_"  # of an endpoint discovered before its node
 TOLD = 6.0  # s of wall time after which it says what it waits for
-LINK_TIMEOUT = 30.0  # s of wall time for both PLCs to be linked, refreshed and armed
 LOOK_AROUND = 10.0  # s of wall time in which the nodes of a domain are found at the latest
+
+
+class Patience:
+    """How long something is waited for: so many seconds of wall time, and of a simulation's time.
+
+    A simulation that runs slowly is waited for as long as its clock goes on.
+
+    Parameters
+    ----------
+    seconds : float
+        On each clock [s].
+    clock : callable, optional
+        Returns the simulated time [s]; None: there is none.
+    """
+
+    def __init__(self, seconds: float, clock: Callable[[], float] | None) -> None:
+        self._seconds, self._clock = seconds, clock
+        self._begun = self._ticked = time.monotonic()
+        self._start = self._newest = clock() if clock else 0.0
+
+    @property
+    def over(self) -> bool:
+        """Whether it has been waited for that long."""
+        now = time.monotonic()
+        if self._clock is None:
+            return now - self._begun > self._seconds
+        if (simulated := self._clock()) != self._newest:
+            self._newest, self._ticked = simulated, now
+        stands = now - self._ticked > self._seconds
+        waited = min(now - self._begun, simulated - self._start)
+        return stands or waited > self._seconds
 
 
 class ServiceCaller:
@@ -195,6 +227,7 @@ class Operator(Closing):
         self._executor.add_node(self._node)
         self._plans = PlanPublisher(self._node)
         self._state = ManeuverState(PlaybackState.WAITING)
+        self._heard = 0  # messages of it: during a countdown only the whole seconds differ
         self._patience = SERVICE_TIMEOUT
         self._node.create_subscription(DiagnosticStatus, "maneuver/state", self._on_state, LATCHED)
         self._preflight: dict[str, DiagnosticEntry] = {}
@@ -405,6 +438,7 @@ class Operator(Closing):
                 raise NodeError(f"maneuver_driver/start: {item.message}")
 
     def _go_back(self) -> None:
+        self._sleep(STANDSTILL)  # until the driver has heard that a bag is recorded
         with self._driving("go_back"):
             begun = (PlaybackState.RETURNING, PlaybackState.ABORTED)
             self._wait(lambda: self._state.state in begun, "the way back to begin")
@@ -443,9 +477,9 @@ class Operator(Closing):
         if self._state.plan_id != plan.id:
             raise NodeError(f"maneuver_driver started another plan, {self._state.plan_id}")
         while not self._state.state.ended:
-            before = self._state
+            heard = self._heard
             self._wait(
-                lambda: self._state != before or self._taught == plan.id,  # noqa: B023
+                lambda: self._heard > heard or self._taught == plan.id,  # noqa: B023
                 "news of the running maneuver",
             )
             if self._taught == plan.id:
@@ -481,12 +515,12 @@ class Operator(Closing):
         names = [name for name, space in self._node.get_node_names_and_namespaces() if space == "/"]
         if names.count("tricycle_bridge") > 1:  # of a vehicle that was found late
             raise NodeError(_company(self._domain, ["tricycle_bridge"]))
-        deadline = time.monotonic() + LINK_TIMEOUT
+        patience = self._patient(LINK_TIMEOUT)
         while True:
             answer = self._services.call("tricycle_bridge/arm", SetBool, SetBool.Request(data=True))
             if answer.success:
                 return
-            if time.monotonic() > deadline:
+            if patience.over:
                 raise NodeError(f"tricycle_bridge: {answer.message}")
             self._sleep(0.1)
 
@@ -496,6 +530,7 @@ class Operator(Closing):
     def _on_state(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # of another publisher
             self._state = ManeuverState.from_values({v.key: v.value for v in message.values})
+            self._heard += 1
 
     def _on_preflight(self, message: DiagnosticArray) -> None:
         self._looked += 1
@@ -514,13 +549,13 @@ class Operator(Closing):
 
     def _trigger_at_rest(self, service: str) -> None:
         """Trigger, again and again while the vehicle does not rest yet after its last run."""
-        deadline = time.monotonic() + self._patience
+        patience = self._patient(self._patience)
         while True:
             try:
                 self._trigger(service)
             except NodeError as refusal:
                 too_soon = any(why in str(refusal) for why in (BEING_STOPPED, MUST_STAND))
-                if not too_soon or time.monotonic() > deadline:
+                if not too_soon or patience.over:
                     raise
             else:
                 return
@@ -535,6 +570,10 @@ class Operator(Closing):
             if not result.successful:
                 raise NodeError(f"{node}: {name}: {result.reason}")
 
+    def _patient(self, seconds: float) -> Patience:
+        clock = self._node.get_clock() if self._simulated else None
+        return Patience(seconds, clock and (lambda: float(clock.now().nanoseconds) * 1e-9))
+
     def _sleep(self, duration: float) -> None:
         """Let `duration` seconds of ROS time pass."""
         clock = self._node.get_clock()
@@ -542,14 +581,14 @@ class Operator(Closing):
         self._wait(lambda: clock.now().nanoseconds >= end, "the clock")
 
     def _wait(self, condition: Callable[[], bool], what: str) -> None:
-        begun = time.monotonic()
-        deadline, told = begun + self._patience, self._simulated  # what simulates says so itself
+        begun, patience = time.monotonic(), self._patient(self._patience)
+        told = self._simulated  # what simulates says so itself
         while not condition():
             self._check()
             if not told and time.monotonic() > begun + TOLD:
                 told = True
                 self._node.get_logger().info(f"waits for {what}")
-            if time.monotonic() > deadline:
+            if patience.over:
                 raise NodeError(f"waited {self._patience:.0f} s for {what}")
             with interrupts_held():
                 self._executor.spin_once(timeout_sec=0.05)

@@ -20,8 +20,26 @@ from tricycle_core.errors import NodeError
 from tricycle_core.start import ending_signals, ending_with_parent
 
 DOMAINS = 100  # that are used
+LAST_PORT = 65535
+LAST_DOMAIN = 232  # the ports of the next one are beyond that
 STOP_TIMEOUT = 5.0  # s a node gets to close its bag or port before it is killed
 STOP_PERIOD = 0.1  # s between signals to a node in the foreground that is to end
+
+
+def asked_domain() -> int | None:
+    """Return the ROS domain that `ROS_DOMAIN_ID` names; None where it is not set, or is empty.
+
+    Raises
+    ------
+    NodeError
+        If there is no such domain.
+    """
+    text = os.environ.get("ROS_DOMAIN_ID", "")
+    if not text:
+        return None
+    if not text.isdecimal() or int(text) > LAST_DOMAIN:
+        raise NodeError(f"ROS_DOMAIN_ID = {text}: must be a number from 0 to {LAST_DOMAIN}")
+    return int(text)
 
 
 def own_domain(number: int = 0, pid: int | None = None) -> int:
@@ -57,11 +75,12 @@ def participants(domain: int) -> int:
     domain : int
         Its id.
     """
-    found = 0
-    for number in range(120):  # where each of them listens (DDSI-RTPS, section 9.6.1)
+    found, first = 0, 7410 + 250 * domain
+    # where each of them listens (DDSI-RTPS, section 9.6.1)
+    for number in range(first, min(first + 240, LAST_PORT + 1), 2):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
             try:
-                port.bind(("", 7410 + 250 * domain + 2 * number))
+                port.bind(("", number))
             except OSError:
                 found += 1
     return found

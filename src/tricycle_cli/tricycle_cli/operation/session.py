@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from excitation_planner.plan import Plan
+from excitation_planner.preflight import RECORDER
 from tricycle_bringup.configuration import (
     IDENTIFYING,
     SIMULATION_CONFIG,
@@ -25,6 +26,7 @@ from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostics_table
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import (
     NodeProcesses,
+    asked_domain,
     free_domain,
     participants,
     ros_environment,
@@ -110,12 +112,13 @@ def simulated_session(
     Raises
     ------
     NodeError
-        If a node cannot be started or ends by itself.
+        If a node cannot be started or ends by itself, or there is no domain ROS_DOMAIN_ID.
     """
     # imported here: without ROS the rest of the command line works
     from tricycle_cli.operation.operator_node import Operator, refuse_company
 
-    domain = int(os.environ.get("ROS_DOMAIN_ID") or free_domain())
+    asked = asked_domain()
+    domain = free_domain() if asked is None else asked
     if others := participants(domain):
         refuse_company(domain, OF_VEHICLE, others)
     env = ros_environment(domain=domain, log_dir=(folder / "log" / "ros").absolute())
@@ -222,10 +225,12 @@ def running_session(
     ------
     VehicleError
         If the bridge is another vehicle's.
+    NodeError
+        If there is no domain ROS_DOMAIN_ID, or a node does not answer.
     """
     from tricycle_cli.operation.operator_node import Operator
 
-    domain = int(os.environ.get("ROS_DOMAIN_ID", "0"))
+    domain = asked_domain() or 0
     with Operator(
         domain=domain, check=lambda: None, simulated=False, namespace=namespace
     ) as operator:
@@ -254,7 +259,7 @@ def running_session(
 
 
 def _new(bag: Path) -> Path:
-    """Make room for a bag: one of an earlier run with the same drives is replaced."""
+    """Make room for a bag: that of a campaign's drive which is driven again is replaced."""
     shutil.rmtree(bag, ignore_errors=True)
     bag.parent.mkdir(parents=True, exist_ok=True)
     return bag.absolute()
@@ -277,10 +282,9 @@ def _wait_for_enter(
     while True:
         items = preflight()
         plain_console().print(diagnostics_table(items, time.monotonic()))
-        # the way back ends at the start
-        failing = {n for n, item in items.items() if item.level is Level.ERROR} - (
-            {"start"} if back else set()
-        )
+        # the recorder records when the drive begins, and the way back ends at the start
+        later = {RECORDER, *(["start"] if back else [])}
+        failing = {n for n, item in items.items() if item.level is Level.ERROR} - later
         drives = "drives back to the start and then the maneuver" if back else "drives"
         does = f"looks again ({', '.join(sorted(failing))})" if failing else drives
         try:
