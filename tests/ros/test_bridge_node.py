@@ -443,6 +443,8 @@ def test_what_is_safe_can_be_set_while_it_runs_and_the_rest_says_why_not(
         False,
         "steer_port is read when the bridge is configured: clean it up first",
     )
+    refused = set_parameter("command_rate", 100.00005)  # which rclpy takes for 100
+    assert refused.reason == "command_rate = 100 is outside 20..100"
     assert not set_parameter("autostart", False).successful  # read-only
 
 

@@ -281,6 +281,19 @@ def test_what_nobody_takes_costs_no_memory(line):
     assert 65536 < sum(len(event.data) for event in waiting) < 65536 + 2 * 4096
 
 
+def test_a_frame_that_was_cut_ends_before_the_next(line, monkeypatch):
+    board, ports = line
+    with monkeypatch.context() as patched:
+        write = os.write
+        patched.setattr(os, "write", lambda fd, data: write(fd, data[:3]))
+        assert ports.write(STEER, [b"first\0"]) == 1
+    assert ports.write(STEER, [b"next\0", b"last\0"]) == 0
+    taken, deadline = b"", time.monotonic() + PATIENCE
+    while taken != b"fir\0next\0last\0":
+        assert time.monotonic() < deadline, taken
+        taken += board.read()
+
+
 def test_a_write_that_would_block_is_dropped_and_counted(line):
     _, ports = line
     dropped = 0

@@ -607,7 +607,10 @@ class Bridge:
     def _take_telemetry(self, board: Board, event: LinkEvent) -> None:
         if event.state is None:
             return
-        reading = joint_reading(event.state, self.links[board].limits, self.settings.tyre_radius)
+        settings = self.settings
+        reading = joint_reading(
+            event.state, self.links[board].limits, settings.tyre_radius, settings.hall_pulse
+        )
         if reading is not None:
             partner = Board.DRIVE if board is Board.STEER else Board.STEER
             self._pairing.add(board, reading, event.stamp, partner_up=self.links[partner].up)

@@ -17,10 +17,11 @@ import os
 import random
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -217,15 +218,26 @@ class BridgeNode(LifecycleNode):
                     )
             if reason:
                 return SetParametersResult(successful=False, reason=reason)
+        asked = {parameter.name: parameter.value for parameter in parameters}
+        try:  # rclpy takes values that are a millionth beyond their range
+            self._settings(asked)
+        except LinkError as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_parameters(self, _parameters: list[Parameter]) -> None:
         if self._bridge is not None:
             self._bridge.settings = self._settings()
 
-    def _settings(self) -> BridgeSettings:
+    def _settings(self, asked: Mapping[str, Any] = MappingProxyType({})) -> BridgeSettings:
+        """Settings of the parameters, with other values for those that are asked for."""
         names = (field.name for field in dataclasses.fields(BridgeSettings))
-        return BridgeSettings(**{name: self.get_parameter(name).value for name in names})
+        return BridgeSettings(
+            **{
+                name: asked[name] if name in asked else self.get_parameter(name).value
+                for name in names
+            }
+        )
 
     def _turning_geometry(self) -> TurningGeometry:
         names = (field.name for field in dataclasses.fields(TurningGeometry))

@@ -85,6 +85,7 @@ class _Port:
             path, baud, timeout=0.0, inter_byte_timeout=0.0, write_timeout=0, exclusive=True
         )
         self.fd = self.device.fileno()
+        self.cut = False  # the last frame was written in part
         os.set_blocking(self.fd, False)
 
     def close(self) -> None:
@@ -167,9 +168,12 @@ class SerialPorts(Closing):
             if port is None:
                 return len(frames)
             for done, frame in enumerate(frames):
+                # the delimiter ends a damaged frame, which fails its CRC
+                data = b"\0" + frame if port.cut else frame
                 try:
-                    if os.write(port.fd, frame) < len(frame):
-                        return len(frames) - done  # the damaged frame fails its CRC
+                    port.cut = os.write(port.fd, data) < len(data)
+                    if port.cut:
+                        return len(frames) - done
                 except BlockingIOError:
                     return len(frames) - done
                 except _GONE as error:

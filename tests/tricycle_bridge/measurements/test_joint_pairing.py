@@ -37,7 +37,7 @@ def pairing():
 
 def test_the_steering_reading_is_in_rad():
     state = message(SteerState, angle=2000, rate=-500)
-    assert joint_reading(state, None, 0.335) == JointReading(
+    assert joint_reading(state, None, 0.335, 0.015) == JointReading(
         STEERING_JOINT, pytest.approx(0.2), pytest.approx(-0.5)
     )
 
@@ -45,14 +45,22 @@ def test_the_steering_reading_is_in_rad():
 def test_the_wheel_turns_by_its_travel_over_the_tyre_radius():
     state = message(DriveState, hall_count=100, speed=670)
     limits = message(DriveLimits, pulse=15000)
-    assert joint_reading(state, limits, 0.5) == JointReading(
+    assert joint_reading(state, limits, 0.5, 0.015) == JointReading(
         REAR_WHEEL_JOINT, pytest.approx(3.0), pytest.approx(1.34)
+    )
+
+
+def test_a_board_that_is_not_set_up_yet_counts_another_travel_per_pulse():
+    state = message(DriveState, hall_count=100, speed=6700)
+    limits = message(DriveLimits, pulse=15000)
+    assert joint_reading(state, limits, 0.05, 0.0015) == JointReading(
+        REAR_WHEEL_JOINT, pytest.approx(3.0), pytest.approx(13.4)
     )
 
 
 @pytest.mark.parametrize("limits", [None, message(SteerLimits)])
 def test_without_the_travel_per_pulse_there_is_no_wheel_reading(limits):
-    assert joint_reading(message(DriveState), limits, 0.335) is None
+    assert joint_reading(message(DriveState), limits, 0.335, 0.015) is None
 
 
 @pytest.mark.parametrize("first", [STEER, DRIVE])

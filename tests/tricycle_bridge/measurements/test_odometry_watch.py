@@ -38,6 +38,17 @@ def test_lost_pulses_and_a_wrong_direction_are_named(wheel, odom, problem):
     assert watched(wheel, odom, seconds=0.25).problem == problem
 
 
+@pytest.mark.parametrize("period", [0.1, 0.25, 0.5])
+def test_a_difference_is_found_at_every_rate_of_odometry(period):
+    watch = OdometryWatch()
+    for k in range(100):
+        now = 0.01 * k
+        if k % round(period / 0.01) == 0:
+            watch.add_odometry(3.0, now)
+        watch.compare(0.5, now)
+    assert watch.problem is not None
+
+
 def test_a_difference_must_last():
     watch = OdometryWatch()
     for k in range(300):
@@ -52,4 +63,4 @@ def test_what_is_not_known_is_not_watched(odom):
     assert not watched(1.0, odom).watching(101.0)
     assert watched(0.0, odom).problem is None
     assert watched(None, 2.0).problem is None
-    assert watched(0.0, 2.0, until=100.15).problem is None  # silent before the patience is over
+    assert watched(0.0, 2.0, seconds=1.5, until=100.15).problem is None  # silent for a second

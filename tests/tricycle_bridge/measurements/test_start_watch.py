@@ -73,7 +73,7 @@ def test_a_hard_stop_before_the_rest_is_no_start():
 
 def test_without_rest_before_or_with_gaps_nothing_is_known():
     assert Start(rest=0.4).run(1.0, 1.0) is None
-    assert Start().run(3.0, 1.0, step=0.11) is None
+    assert Start().run(3.0, 1.0, step=0.16) is None
 
 
 def test_what_is_not_known_is_not_watched():

@@ -55,7 +55,10 @@ class JointReadings(NamedTuple):
 
 
 def joint_reading(
-    telemetry: Telemetry, limits: SteerLimits | DriveLimits | None, tyre_radius: float
+    telemetry: Telemetry,
+    limits: SteerLimits | DriveLimits | None,
+    tyre_radius: float,
+    hall_pulse: float,
 ) -> JointReading | None:
     """Return the joint state in a board's telemetry.
 
@@ -64,9 +67,12 @@ def joint_reading(
     telemetry : SteerState or DriveState
         State frame of the board.
     limits : SteerLimits or DriveLimits, optional
-        What the board answered to LIMITS_REQ; the drive's hold the travel per hall pulse.
+        What the board answered to LIMITS_REQ; the drive's hold the travel per hall pulse that the
+        board counts its speed with, which is its own until it is set up.
     tyre_radius : float
         Radius of the rear wheel [m].
+    hall_pulse : float
+        Travel per hall pulse [m].
 
     Returns
     -------
@@ -81,8 +87,8 @@ def joint_reading(
         return None
     return JointReading(
         REAR_WHEEL_JOINT,
-        telemetry.hall_count * limits.pulse * TRAVEL_UNIT / tyre_radius,
-        telemetry.speed * SPEED_UNIT / tyre_radius,
+        telemetry.hall_count * hall_pulse / tyre_radius,
+        telemetry.speed * SPEED_UNIT * hall_pulse / (limits.pulse * TRAVEL_UNIT) / tyre_radius,
     )
 
 

@@ -19,6 +19,9 @@ SHARE = 0.15
 PATIENCE = 0.2
 """Time for which a larger difference is allowed [s]."""
 
+LOST = 1.0
+"""Silence of odometry after which a difference is forgotten [s]."""
+
 
 class OdometryWatch:
     """Compares the speed of the wheel with that of odometry.
@@ -62,8 +65,10 @@ class OdometryWatch:
         now : float
             Present time [s].
         """
-        if wheel_speed is None or not self.watching(now) or self._agrees(wheel_speed):
+        lost = not 0.0 <= now - self._heard_at <= LOST
+        if wheel_speed is None or lost or (self.watching(now) and self._agrees(wheel_speed)):
             self._differing_since = self.problem = None
+        if wheel_speed is None or not self.watching(now) or self._agrees(wheel_speed):
             return
         if self._differing_since is None or now < self._differing_since:
             self._differing_since = now

@@ -23,7 +23,7 @@ TRAVEL = 0.04
 REST = 0.5
 """Time at rest, brake full, after which gravity is known [s]."""
 
-GAP = 0.1
+GAP = 0.15
 """Largest time between two measurements [s]."""
 
 _LAG = 0.2  # s, of gravity behind its measurements, of which what was before the rest is none
