@@ -7,6 +7,7 @@ NVIDIA; `CUDA_VISIBLE_DEVICES=""` hides it.
 
 import functools
 import logging
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -23,6 +24,8 @@ from tricycle_sim.vehicle.layout import ALIVE, LANES, SLOPE, START, STATE, SUM
 from tricycle_sim.vehicle.parts import ROWS, Structure, structure_of
 
 logging.getLogger("numba.cuda").setLevel(logging.WARNING)  # it tells of every allocation
+# a few thousand samples do not fill a card, and are faster on it all the same
+warnings.filterwarnings("ignore", message=".*under-utilization")
 
 _THREADS = 64
 """Of a block of the card; a whole number of groups. Fewer or more do not pay, up to 128."""
