@@ -487,7 +487,8 @@ def recorded_commands(
     """
     motion = motion_of(recording)
     angle, _ = setpoints_of(recording, motion, vehicle, steering)
-    rows = slice(int(np.searchsorted(motion.time, start)), len(motion.time))
+    first = np.searchsorted(motion.time, start - 0.5 * TICK)  # its tick, whatever its round-off
+    rows = slice(int(first), len(motion.time))
     speed = _recorded_setpoints(recording, vehicle, motion, rows)
     if speed is None:
         return speed_followed(vehicle, angle[rows], motion.speed[rows])
