@@ -61,7 +61,7 @@ def test_too_little_motion_is_refused(pair):
         (Sensor.YAW_RATE, 180.0 / np.pi, "yaw rate is 5. times what the commands .* in rad/s"),
         (Sensor.WHEEL_SPEED, 0.1, "wheel speed is 0.1 times"),
         (Sensor.YAW_RATE, 0.0, "yaw rate is 0 times what the commands give"),
-        (Sensor.WHEEL_SPEED, 0.0, "wheel speed is 0 times .*: leave out what nothing"),
+        (Sensor.WHEEL_SPEED, 0.0, "wheel speed is 0 times .*, leave out its topic"),
         (Sensor.YAW_RATE, 0.3, ""),
         (Sensor.LATERAL_ACCELERATION, 2.0, ""),
     ],

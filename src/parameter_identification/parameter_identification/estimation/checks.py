@@ -202,8 +202,8 @@ def _check_alike(pair: FloatArray, least: float, what: str, positive: str) -> No
     if problem := _contradiction(expected, measured, least):
         if not measured.any():
             raise IdentificationError(
-                f"{what} {problem} what the commands give: leave out what nothing measures (--imu "
-                "or --joint-states of another name, an orientation of zeros, no column of a table)"
+                f"{what} {problem} what the commands give: if nothing measures it, leave out its "
+                "topic (tricycle bag convert --exclude TOPIC), or its column of a table"
             )
         raise IdentificationError(
             f"{what} {problem} what the commands give: it must be positive {positive}, and so must "
