@@ -31,10 +31,10 @@ from excitation_planner.design.prior import SHOWN
 from parameter_identification.drives.kept import (
     began,
     content_key,
-    data_of,
     is_kept,
     keep,
     kept,
+    measured_key,
     told_by,
 )
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
@@ -493,20 +493,20 @@ def read_bags(
     """
     folder.mkdir(parents=True, exist_ok=True)
     known: dict[Path, Path] = {}  # file by bag
-    of_data: dict[str, Path] = {}  # bag by what it holds
+    measured: dict[str, Path] = {}  # bag by what was measured
     left_out: list[str] = []
     jobs = [(bag, vehicle, folder, topics, other_vehicle) for bag in bags]
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
-        if not reason and (data := data_of(file)) in of_data:
-            reason = f"{bag} and {of_data[data]} are the same drive"
+        if not reason and (key := measured_key(file)) in measured:
+            reason = f"{bag} and {measured[key]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
         if reason:
             left_out.append(reason)
         else:
-            known[bag], of_data[data] = file, bag
+            known[bag], measured[key] = file, bag
         if progress is not None:
             progress(done, len(bags))
     return known, left_out
