@@ -28,7 +28,9 @@ from parameter_identification.drives.windows import (
     read_windows,
     recorded_commands,
     select_windows,
+    steering_of,
 )
+from parameter_identification.estimation.inputs import effects_of_columns
 from parameter_identification.identification import identify
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
@@ -190,6 +192,24 @@ def test_the_map_is_estimated_where_the_vehicle_turns_slowly(
     found = estimate_map(recording, VEHICLE)
     assert found.gain == pytest.approx(GAIN, rel=0.1)
     assert found.offset == pytest.approx(OFFSET, abs=0.01)
+
+
+@pytest.mark.slow
+def test_parameters_are_found_where_the_map_is_estimated_with_other_tyres(tmp_path: Path) -> None:
+    columns = load_columns(mapping(tmp_path / "m.yaml", "steering_map: estimate\n"))
+    recording = read_recording(table(tmp_path / "drive.csv"), columns)
+    drives = select_windows(recording, VEHICLE, steering_of(recording, VEHICLE, columns)).drives
+    name = "cornering_stiffness"
+    found = identify(
+        drives,
+        VEHICLE.replace(**TRUTH),
+        parameters=[name],
+        hold_others=True,
+        effects=effects_of_columns(columns),
+        weighed=True,
+    ).parameters[name]
+    assert found.identifiable
+    assert found.low < TRUTH[name] < found.high
 
 
 @pytest.mark.slow  # compiles
