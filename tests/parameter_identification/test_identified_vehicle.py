@@ -97,6 +97,17 @@ def test_tables_are_of_boards_that_do_not_know_the_file(tmp_path):
     assert vehicle.parts == before.parts
 
 
+def test_what_an_estimated_map_errs_by_is_not_the_vehicles(tmp_path):
+    before, (fit,) = load_vehicle(), FOUND.drives
+    effects = (("steering zero", 0.01), ("steering gain", -0.03), ("wheel radius", 0.01))
+    window = dataclasses.replace(fit, recording="lap.csv", map_estimated=True)
+    text, vehicle = with_effects(tmp_path, *effects, drives=(window,))
+    assert vehicle.steering_offset == before.steering_offset
+    assert vehicle.steering_scale == before.steering_scale
+    assert vehicle.driven_radius == pytest.approx(1.01 * before.driven_radius)
+    assert "#   steering gain: -3.0" in text
+
+
 def test_an_unknown_parameter_that_was_held_may_have_an_effect(tmp_path):
     entry = {"nominal": 0.0, "range": [-2.0, 1.0], "unit": "deg", "basis": "argued", "about": ""}
     path = file_with(tmp_path, "steering_offset", entry)

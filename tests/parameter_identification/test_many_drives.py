@@ -20,6 +20,7 @@ from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from parameter_identification.identification import identify
 from parameter_identification.many_drives import identify_many
+from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
 
 SENSORS = {
@@ -182,15 +183,27 @@ def test_a_full_disk_is_no_bad_bag(bags, tmp_path, monkeypatch):
         identify_many(bags[:1], VEHICLE, folder=tmp_path, leave_out=True)
 
 
-def test_a_copy_with_other_metadata_is_the_same_drive(bags, tmp_path):
+def test_a_copy_in_another_file_or_format_is_the_same_drive(bags, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(bags[0], copy)
     with (copy / "metadata.yaml").open("a") as file:
         file.write("# copied\n")
     (inside,) = bags[0].glob("*.mcap")
-    for same in (copy, inside):
+    converted = tmp_path / "converted"
+    options = "--output", str(converted), "--compression", "none"
+    assert main(["bag", "convert", str(bags[0]), *options]) == 0
+    for same in (copy, inside, converted):
         with pytest.raises(IdentificationError, match="are the same drive"):
             identify_many([bags[0], same], VEHICLE, folder=tmp_path / "work")
+
+
+def test_a_bag_that_was_cut_off_is_known_to_be(bags, tmp_path):
+    torn = tmp_path / "torn"
+    shutil.copytree(bags[0], torn)
+    (inside,) = torn.glob("*.mcap")
+    inside.write_bytes(inside.read_bytes()[:-50])
+    found = identify_many([torn], VEHICLE, folder=tmp_path / "work")
+    assert [drive.complete for drive in found.drives] == [False]
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ class Dense:
 def test_it_is_the_dense_problem_of_all_drives(searches):
     together = Together(searches, SHARED)
     together.descend(None)
-    found = together.result()
+    found = together.result(0.95)
     dense = Dense(searches)
     v = np.zeros(dense.size)
     v[: dense.parameters] = 0.5
@@ -120,17 +120,17 @@ def telling(drives, *, deviation=0.01):
 def test_few_vehicles_whose_drives_contradict_each_other_know_little():
     rng = np.random.default_rng(0)
     values = rng.normal(0.5, 0.05, (4, 8))
-    found = telling(values).result()
+    found = telling(values).result(0.95)
     assert found.of_common[0, 0] ** 0.5 == pytest.approx(0.05 / 32**0.5, rel=0.4)
-    alike = telling(rng.normal(0.5, 0.01, (4, 8))).result()
+    alike = telling(rng.normal(0.5, 0.01, (4, 8))).result(0.95)
     assert alike.of_common[0, 0] ** 0.5 == pytest.approx(0.01 / 32**0.5, rel=0.4)
 
 
 def test_what_all_drives_pull_beyond_its_range_is_as_unknown_as_before():
-    found = telling(np.full((4, 2), 1.2)).result()
+    found = telling(np.full((4, 2), 1.2)).result(0.95)
     assert found.beyond.tolist() == [True]
     assert found.of_common[0, 0] == pytest.approx(1.0 / 12.0)
-    assert not telling(np.full((4, 2), 0.999)).result().beyond.any()
+    assert not telling(np.full((4, 2), 0.999)).result(0.95).beyond.any()
 
 
 def drawn(rng, count, *, rate, rate_spread):

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
+from nav_msgs.msg import Odometry
 
 from excitation_planner.design.noise import SIMULATED
 from excitation_planner.maneuver import Circle
 from excitation_planner.plan import save_plan
 from excitation_planner.planning import PlanRequest, plan_at
-from parameter_identification.drives.measured import read_measured_drive
+from parameter_identification import identification_monitor_node
+from parameter_identification.drives.measured import Sensor, read_measured_drive
 from parameter_identification.identification import identify
 from tricycle_bringup.configuration import SIMULATION_CONFIG
 from tricycle_cli.operation.processes import NodeProcesses
@@ -19,12 +21,13 @@ from tricycle_cli.operation.session import simulated_session
 from tricycle_core.nodes import LATCHED
 from tricycle_sim.vehicle import load_vehicle
 
-pytestmark = [pytest.mark.ros, pytest.mark.slow]
+pytestmark = pytest.mark.ros
 
 TARGET = "cornering_stiffness"
 DEADLINE = 60.0  # s
 
 
+@pytest.mark.slow
 def test_the_verdict_agrees_with_the_identification_of_the_bag(ros_environment, ros_node, tmp_path):
     vehicle = load_vehicle()
     request = PlanRequest(vehicle, Circle(duration=6.0), TARGET, samples=50, noise=SIMULATED)
@@ -67,3 +70,43 @@ def test_the_verdict_agrees_with_the_identification_of_the_bag(ros_environment, 
     ratio = found[TARGET].standard_deviation / plan.predicted_std[TARGET]
     assert float(last["ratio"]) == pytest.approx(ratio, rel=0.2)
     assert heard[-1].message.startswith(("as informative as", "less informative than"))
+
+
+def test_poses_of_another_frame_are_ignored_and_told_once(
+    ros_environment, ros_node, monkeypatch, capfd
+):
+    sensed = []
+
+    class Listening(identification_monitor_node.LiveIdentification):
+        def sense(self, sensor, stamp, values):
+            sensed.append((sensor, values))
+
+    monkeypatch.setattr(identification_monitor_node, "LiveIdentification", Listening)
+    rclpy.init()
+    executor = rclpy.executors.SingleThreadedExecutor()
+    monitor = identification_monitor_node.IdentificationMonitor()
+    try:
+        executor.add_node(monitor)
+        odom = ros_node.create_publisher(Odometry, "odom", 10)
+        deadline = time.monotonic() + DEADLINE
+        while not odom.get_subscription_count():
+            assert time.monotonic() < deadline
+            executor.spin_once(timeout_sec=0.1)
+        while len(sensed) < 4:
+            assert time.monotonic() < deadline
+            for x, frame in enumerate(("map", "camera_link", "base_link", "")):
+                message = Odometry(child_frame_id=frame)
+                message.pose.pose.position.x = float(x)
+                message.pose.pose.orientation.w = 1.0
+                odom.publish(message)
+                executor.spin_once(timeout_sec=0.1)
+    finally:
+        executor.shutdown()
+        monitor.destroy_node()
+        rclpy.shutdown()
+    assert {values for sensor, values in sensed if sensor is Sensor.POSITION} <= {
+        (2.0, 0.0), (3.0, 0.0),
+    }  # fmt: skip
+    told = capfd.readouterr().err
+    assert told.count("are ignored") == 1
+    assert "odom: poses of map are ignored: those of base_link are needed" in told

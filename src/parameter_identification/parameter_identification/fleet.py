@@ -209,7 +209,7 @@ def identify_fleet(
     names = list(vehicle.unknown)
     together = Together(searches, sorted(names.index(name) for name in shared))
     together.descend(executor)
-    found = together.result()
+    found = together.result(level)
     alike = found.shared(level)
     vehicles = {}
     for i, (name, search) in enumerate(zip(files, searches, strict=True)):
@@ -223,7 +223,7 @@ def identify_fleet(
         at = [i]
         if parameter in changing:
             at.append(searches[0].variables.common + list(changing).index(parameter))
-        parts = found.without_prior(at)
+        parts = found.without_prior(at, level)
         told = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
         if len(told) < FEWEST:
             continue

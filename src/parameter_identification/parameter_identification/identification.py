@@ -214,7 +214,10 @@ def identify(
             missed = cross.missed
             missing = cross.estimates if missed else None
         doubt = doubt_of(
-            *(problem, optimum, average, least), missing=missing, white=not coloured(tested)
+            *(problem, optimum, average, least),
+            missing=missing,
+            white=not coloured(tested),
+            level=level,
         )
         by_noise, optimum = optimum, replace(optimum, covariance=doubt.covariance)
         curves: dict[int, ProfileCurve] = {}

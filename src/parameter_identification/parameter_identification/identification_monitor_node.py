@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from excitation_planner.plan import load_plan
 from excitation_planner.planning import check_vehicle
 from parameter_identification.drives.measured import Sensor, commands_of
-from parameter_identification.drives.poses import planar, stamp_of
+from parameter_identification.drives.poses import of_frame, planar, stamp_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.identification_file import load_identification_file
@@ -107,6 +107,14 @@ class IdentificationMonitor(Node):
         self._late = self.create_timer(LATE, self._end, clock=steady, autostart=False)
 
     def _on_odom(self, message: Odometry) -> None:
+        wanted = TopicNames().child_frame
+        if not of_frame(message.child_frame_id, wanted):
+            self.get_logger().warning(
+                f"{self.resolve_topic_name(TopicNames().pose)}: poses of {message.child_frame_id} "
+                f"are ignored: those of {wanted} are needed",
+                once=True,
+            )
+            return
         x, y, heading = planar(message.pose.pose)
         self._live.sense(Sensor.POSITION, stamp_of(message), (x, y))
         self._live.sense(Sensor.HEADING, stamp_of(message), (heading,))

@@ -6,10 +6,17 @@ from typing import Any
 
 import yaml
 
-from parameter_identification.estimation.results import Estimate, Identification
+from parameter_identification.estimation.results import DriveFit, Estimate, Identification
 from parameter_identification.many_drives import ManyDrives
 from tricycle_core import __version__
-from tricycle_sim.effects import SERVO_DEAD_TIME, SPEED_LOOP, corrected, extend
+from tricycle_sim.effects import (
+    SERVO_DEAD_TIME,
+    SPEED_LOOP,
+    STEERING_GAIN,
+    STEERING_ZERO,
+    corrected,
+    extend,
+)
 from tricycle_sim.vehicle import Vehicle, load_vehicle, vehicle_document
 
 NAMED = 6  # drives that a line has room for
@@ -21,6 +28,9 @@ Neither is `speed_scale` written where the radius of the tyres is: the boards th
 """
 OF_TABLES = (SERVO_DEAD_TIME,)
 """Effects that in other systems' tables also stand for how late the steering was logged."""
+OF_ESTIMATED_MAPS = STEERING_ZERO, STEERING_GAIN
+"""Effects that stand for the error of a map from the steering of a table, where it was estimated.
+"""
 
 
 def kind_of_drives(found: Identification | ManyDrives) -> str:
@@ -51,8 +61,11 @@ def named_drives(found: Identification | ManyDrives) -> str:
 
 def _recordings(found: Identification | ManyDrives) -> list[str]:
     """Names of the recordings that the drives are windows of; one is empty if one is none."""
-    of_drives = found.drives if isinstance(found, Identification) else ()
-    return list(dict.fromkeys(drive.recording for drive in of_drives)) or [""]
+    return list(dict.fromkeys(drive.recording for drive in _fits(found))) or [""]
+
+
+def _fits(found: Identification | ManyDrives) -> tuple[DriveFit, ...]:
+    return found.drives if isinstance(found, Identification) else ()
 
 
 def identified_vehicle(found: Identification | ManyDrives, source: Path | None) -> str:
@@ -120,7 +133,9 @@ def _write_effects(
     unknown = {name: ends for name, ends in ranges.items() if name in estimated}
     before = dataclasses.replace(vehicle, unknown=unknown)  # those that were held may have effects
     tables = all(_recordings(found))
-    left_out = OF_TABLES if tables else OF_BOARDS
+    left_out: tuple[str, ...] = OF_TABLES if tables else OF_BOARDS
+    if any(drive.map_estimated for drive in _fits(found)):
+        left_out += OF_ESTIMATED_MAPS
     after, held = corrected(
         before,
         {e.name: e.estimate for e in found.effects if not e.drive and e.name not in left_out},

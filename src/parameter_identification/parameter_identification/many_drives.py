@@ -31,10 +31,10 @@ from excitation_planner.design.prior import SHOWN
 from parameter_identification.drives.kept import (
     began,
     content_key,
-    data_of,
     is_kept,
     keep,
     kept,
+    measured_key,
     told_by,
 )
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
@@ -493,20 +493,20 @@ def read_bags(
     """
     folder.mkdir(parents=True, exist_ok=True)
     known: dict[Path, Path] = {}  # file by bag
-    of_data: dict[str, Path] = {}  # bag by what it holds
+    measured: dict[str, Path] = {}  # bag by what was measured
     left_out: list[str] = []
     jobs = [(bag, vehicle, folder, topics, other_vehicle) for bag in bags]
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
-        if not reason and (data := data_of(file)) in of_data:
-            reason = f"{bag} and {of_data[data]} are the same drive"
+        if not reason and (key := measured_key(file)) in measured:
+            reason = f"{bag} and {measured[key]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
         if reason:
             left_out.append(reason)
         else:
-            known[bag], of_data[data] = file, bag
+            known[bag], measured[key] = file, bag
         if progress is not None:
             progress(done, len(bags))
     return known, left_out
@@ -668,20 +668,22 @@ def estimate_of(
     )
 
 
-def growth_of(search: Search) -> FloatArray:
-    """Return by which factor (n,) deviations are larger by the drives' scatter; NaN: too few.
+def growth_of(search: Search, level: float) -> tuple[FloatArray, FloatArray]:
+    """Return the two factors (n,) of `grown` for the drives' scatter.
 
     Parameters
     ----------
     search : Search
         At the best fit.
+    level : float
+        Probability of the intervals.
     """
     covariance = np.asarray(np.linalg.inv(search.sum.information))
-    return grown(covariance, search.sum.slopes, search.variables.information)
+    return grown(covariance, search.sum.slopes, search.variables.information, level)
 
 
 def beyond_of(
-    search: Search, growth: FloatArray, average: "_Average | None" = None
+    search: Search, factors: FloatArray, average: "_Average | None" = None
 ) -> NDArray[np.bool_]:
     """Return which parameters (k,) the drives pull beyond their ranges.
 
@@ -689,8 +691,8 @@ def beyond_of(
     ----------
     search : Search
         At the best fit.
-    growth : ndarray of float, shape (n,)
-        From `growth_of`.
+    factors : ndarray of float, shape (n,)
+        Those of `growth_of` for intervals.
     average : _Average, optional
         Over subsets of the effects.
     """
@@ -699,7 +701,7 @@ def beyond_of(
     free, std = here.at - covariance @ here.gradient, np.sqrt(np.diag(covariance))
     if average is not None:
         free, std = average.mixture.mean, average.mixture.standard_deviations
-    std = np.fmax(growth, 1.0) * std
+    std = factors * std
     low, high = search.variables.low, search.variables.high
     return beyond_ranges(*(values[:k] for values in (search.at, free, std, low, high)))
 
@@ -752,7 +754,7 @@ def result_of(
         Over subsets of the effects.
     """
     here, setting, at = search.sum, search.setting, search.at
-    growth = growth_of(search)
+    growth, factors = growth_of(search, level)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
@@ -760,8 +762,7 @@ def result_of(
     k, vehicle = len(setting.vehicle.unknown), setting.vehicle
     width = np.array([high - low for low, high in vehicle.unknown.values()])
     before = np.asarray(np.linalg.inv(search.variables.information), dtype=np.float64)[:k, :k]
-    factors = np.fmax(growth, 1.0)
-    beyond = beyond_of(search, growth, average)
+    beyond = beyond_of(search, factors, average)
     by_noise = np.sqrt(np.diag(covariance))
     covariance = doubted(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))

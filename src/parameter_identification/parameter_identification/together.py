@@ -118,8 +118,14 @@ class Together:
             -repeated @ (points[0] - mean)[common],
         )
 
-    def result(self) -> "Joint":
-        """Return what is known at the best fit."""
+    def result(self, level: float) -> "Joint":
+        """Return what is known at the best fit.
+
+        Parameters
+        ----------
+        level : float
+            Probability of the intervals.
+        """
         points = np.array([search.at for search in self.searches])
         arrow = self._arrow(points)
         covariance, alone, follow = arrow.covariances()
@@ -134,8 +140,8 @@ class Together:
                 own[:, arrow.common] + own[:, arrow.own] @ f
                 for own, f in zip(clusters, follow, strict=True)
             ]
-            growth = np.fmax(grown(covariance, np.concatenate(slopes), prior), 1.0)
-            covariance = covariance * np.outer(growth, growth)
+            _, factors = grown(covariance, np.concatenate(slopes), prior, level)
+            covariance = covariance * np.outer(factors, factors)
             variables, free = self.searches[0].variables, np.full_like(points, np.inf)
             beyond = beyond_ranges(
                 points[0, arrow.common],
@@ -217,7 +223,7 @@ class Joint:
             found[names[i]] = estimate_of(vehicle, names[i], z, float(std), ends, shown=shown)
         return found
 
-    def without_prior(self, at: Sequence[int]) -> "Alone":
+    def without_prior(self, at: Sequence[int], level: float) -> "Alone":
         """What the drives alone tell of variables of each vehicle: a level, and perhaps its rate.
 
         The prior would otherwise count for every vehicle.
@@ -226,6 +232,8 @@ class Joint:
         ----------
         at : sequence of int
             Places of the variables.
+        level : float
+            Probability of the intervals.
         """
         variables = self.searches[0].variables
         prior = np.diag(variables.information)[list(at)].copy()
@@ -236,8 +244,8 @@ class Joint:
         for i, search in enumerate(self.searches):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
             told_apart = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
-            growth = growth_of(search)
-            shown.append(bool(told_apart and not beyond_of(search, growth)[at[0]]))
+            growth, for_intervals = growth_of(search, level)
+            shown.append(bool(told_apart and not beyond_of(search, for_intervals)[at[0]]))
             told = np.linalg.inv(self.alone[i][np.ix_(places, places)])
             rest = np.linalg.inv(told - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]

@@ -33,6 +33,7 @@ SENSOR_FORWARD, SENSOR_LEFT, SENSOR_YAW = "sensor forward", "sensor left", "sens
 WHEEL_RADIUS = "wheel radius"
 TYRE_ROUNDING, ROAD_FRICTION = "tyre rounding", "road friction"
 SERVO_DEAD_TIME, DRIVE_DEAD_TIME = "servo dead time", "drive dead time"
+STEERING_ZERO, STEERING_GAIN = "steering zero", "steering gain"
 OF_SERVO = "servo bandwidth", SERVO_DEAD_TIME, "steering play"
 """Effects of how the steering's angle comes about; none where it is measured."""
 SPEED_LOOP = "speed loop"
@@ -113,8 +114,8 @@ _EXTENDED = {
 # name, unit, standard deviation; the first set of constants that the vehicle has is changed, by so
 # much per unit, where `None` stands for the constant's own value
 _OF_CONSTANTS: tuple[tuple[str, str, float, tuple[Mapping[str, float | None], ...]], ...] = (
-    ("steering zero", "rad", 0.02, ({"steering_offset": 1.0},)),
-    ("steering gain", "1", 0.02, ({"steering_scale": 1.0},)),
+    (STEERING_ZERO, "rad", 0.02, ({"steering_offset": 1.0},)),
+    (STEERING_GAIN, "1", 0.02, ({"steering_scale": 1.0},)),
     ("steering play", "rad", 0.01, ({"servo_backlash": 1.0},)),
     ("servo bandwidth", "1", 0.3, ({"servo_natural_frequency": None},)),
     (WHEEL_RADIUS, "1", 0.01, ({"speed_scale": 1.0},)),

@@ -62,6 +62,9 @@ def scaled(name: str, factor: float) -> Edit:
         (scaled("yaw_rate", -1.0), "yaw_rate has the opposite sign of what the poses give"),
         (scaled("wheel_speed", VEHICLE.driven_radius), "wheel_speed is 0.33 times what the poses"),
         (scaled("right", VEHICLE.driven_radius), "wheel_speeds.right is 0.4 times what the poses"),
+        (scaled("yaw_rate", 0.0), "yaw_rate is 0 times what the poses give"),
+        (scaled("right", 0.0), "wheel_speeds.right is 0 times what the poses give"),
+        (scaled("steering", 0.0), "steering is 0 times what the turns of the poses need"),
         (scaled("steering", 57.3), "steering is .* times what the turns of the poses need"),
         (scaled("steering", -1.0), "steering has the opposite sign of what the turns"),
     ],
@@ -98,3 +101,17 @@ def test_a_vehicle_that_drives_backward_contradicts_nothing(tmp_path: Path) -> N
     assert not isinstance(COLUMNS.steering_map, str)
     with pytest.raises(IdentificationError, match="no window"):  # those are driven forward
         select_windows(recording, VEHICLE, COLUMNS.steering_map)
+
+
+def test_what_is_0_without_a_reason_to_be_else_is_let_through(tmp_path: Path) -> None:
+    def ahead(table: dict[str, FloatArray]) -> dict[str, FloatArray]:
+        still = dict.fromkeys(("y", "yaw", "steering", "yaw_rate", "acceleration_y"), 0.0)
+        return (
+            table
+            | {"x": SPEED * table["time"]}
+            | {n: v + 0.0 * table["x"] for n, v in still.items()}
+        )
+
+    recording = read_recording(circle(ahead, tmp_path / "drive.csv"), COLUMNS)
+    assert not isinstance(COLUMNS.steering_map, str)
+    assert select_windows(recording, VEHICLE, COLUMNS.steering_map).drives

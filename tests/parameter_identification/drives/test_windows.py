@@ -12,9 +12,11 @@ import pytest
 
 import tricycle_sim
 from parameter_identification.drives.measured import Sensor
+from parameter_identification.drives.motion import motion_of
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.table import (
     Columns,
+    SteeringMap,
     load_columns,
     read_recording,
 )
@@ -24,8 +26,11 @@ from parameter_identification.drives.windows import (
     Windows,
     estimate_map,
     read_windows,
+    recorded_commands,
     select_windows,
+    steering_of,
 )
+from parameter_identification.estimation.inputs import effects_of_columns
 from parameter_identification.identification import identify
 from tricycle_cli.main import main
 from tricycle_core.errors import IdentificationError
@@ -187,6 +192,24 @@ def test_the_map_is_estimated_where_the_vehicle_turns_slowly(
     found = estimate_map(recording, VEHICLE)
     assert found.gain == pytest.approx(GAIN, rel=0.1)
     assert found.offset == pytest.approx(OFFSET, abs=0.01)
+
+
+@pytest.mark.slow
+def test_parameters_are_found_where_the_map_is_estimated_with_other_tyres(tmp_path: Path) -> None:
+    columns = load_columns(mapping(tmp_path / "m.yaml", "steering_map: estimate\n"))
+    recording = read_recording(table(tmp_path / "drive.csv"), columns)
+    drives = select_windows(recording, VEHICLE, steering_of(recording, VEHICLE, columns)).drives
+    name = "cornering_stiffness"
+    found = identify(
+        drives,
+        VEHICLE.replace(**TRUTH),
+        parameters=[name],
+        hold_others=True,
+        effects=effects_of_columns(columns),
+        weighed=True,
+    ).parameters[name]
+    assert found.identifiable
+    assert found.low < TRUTH[name] < found.high
 
 
 @pytest.mark.slow  # compiles
@@ -468,3 +491,15 @@ def test_a_table_with_hardly_any_steering_angles_is_refused(tmp_path: Path) -> N
     mapping = Columns(time="t", x="x", y="y", yaw="yaw", steering_angle="angle")
     with pytest.raises(IdentificationError, match="5 steering angles: at least 10"):
         read_windows(path, VEHICLE, mapping)
+
+
+def test_commands_begin_at_the_tick_of_a_start_that_round_off_took_beyond_it(
+    tmp_path: Path,
+) -> None:
+    columns = load_columns(mapping(tmp_path / "m.yaml", "speed_command: speed\n"))
+    recording = read_recording(table(tmp_path / "drive.csv"), columns, VEHICLE)
+    tick = float(motion_of(recording).time[170])
+    for start in (tick, np.nextafter(tick, np.inf), np.nextafter(tick, 0.0)):
+        commands = recorded_commands(recording, VEHICLE, SteeringMap(), start)
+        assert commands.speed[0] == recording.more["speed_command"].at(np.array([tick]), held=True)
+        assert len(commands.time) == len(motion_of(recording).time) - 170

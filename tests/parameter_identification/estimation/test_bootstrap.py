@@ -7,6 +7,11 @@ import pytest
 from simulated_drives import HIGH, LOW, NAMES, TRUTH, VEHICLE, commands_of_pair, driven
 
 from parameter_identification.drives.measured import MeasuredDrive
+from parameter_identification.estimation.bootstrap import bootstrap_deviations
+from parameter_identification.estimation.model import DriveModel
+from parameter_identification.estimation.optimum import Optimum
+from parameter_identification.estimation.prior import prior_in_ranges
+from parameter_identification.estimation.problem import Fit, LeastSquares, Loss
 from parameter_identification.estimation.results import Identification
 from parameter_identification.identification import identify
 
@@ -47,3 +52,25 @@ def test_an_error_of_all_drives_is_in_the_intervals_when_they_can_be_redrawn() -
     assert all(LOW[i] <= counted.parameters[name].low for i, name in enumerate(NAMES))
     assert all(counted.parameters[name].high <= HIGH[i] for i, name in enumerate(NAMES))
     assert steps[-1][0] == steps[-1][1]
+
+
+def test_what_is_redrawn_of_a_fit_at_the_ends_of_ranges_is_in_them() -> None:
+    """Round-off of 0.0015 + 0.012 * 1 is beyond 0.0135, which no vehicle takes."""
+    redrawn = []
+
+    def redraw(parameters, noise, rng):
+        redrawn.append(VEHICLE.replace(**parameters))
+        raise InterruptedError
+
+    model = DriveModel(VEHICLE, measured(TRUTH, 0)[0])
+    with LeastSquares([model], *prior_in_ranges(VEHICLE, None), Loss.SQUARED) as problem:
+        at_the_ends = Optimum(Fit(np.ones(problem.n), 0.0), np.eye(problem.n), (), (1, 1))
+        with pytest.raises(InterruptedError):
+            bootstrap_deviations(
+                *(problem, at_the_ends, redraw),
+                loss=Loss.SQUARED,
+                level=0.95,
+                seed=0,
+                step=lambda: None,
+            )
+    assert [redrawn[0].nominal[name] for name in NAMES] == HIGH.tolist()

@@ -60,6 +60,8 @@ def test_too_little_motion_is_refused(pair):
         (Sensor.WHEEL_SPEED, -1.1, "wheel speed has the opposite sign .* positive forward"),
         (Sensor.YAW_RATE, 180.0 / np.pi, "yaw rate is 5. times what the commands .* in rad/s"),
         (Sensor.WHEEL_SPEED, 0.1, "wheel speed is 0.1 times"),
+        (Sensor.YAW_RATE, 0.0, "yaw rate is 0 times what the commands give"),
+        (Sensor.WHEEL_SPEED, 0.0, "wheel speed is 0 times .*, leave out its topic"),
         (Sensor.YAW_RATE, 0.3, ""),
         (Sensor.LATERAL_ACCELERATION, 2.0, ""),
     ],
@@ -122,6 +124,12 @@ def test_a_drive_almost_straight_on_may_turn_the_other_way(zero):
     vehicle = VEHICLE.replace(steering_offset=zero)
     sensors = [(s, SensorNoise(1e-3)) for s in (Sensor.HEADING, Sensor.YAW_RATE)]
     check_signs([driven(ahead, vehicle=vehicle, others=sensors)], VEHICLE)
+
+
+def test_a_gyro_that_is_0_straight_on_is_let_through():
+    ahead = Commands([0.0, 30.0], [0.0, 0.0], [1.5, 1.5])
+    drive = driven(ahead, others=[(Sensor.YAW_RATE, SensorNoise(1e-3))])
+    check_signs([with_values(drive, Sensor.YAW_RATE, 0.0)], VEHICLE)
 
 
 def test_signs_are_right_backwards_too():

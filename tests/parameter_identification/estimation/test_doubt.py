@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.special import ndtri
 
 from parameter_identification.estimation.doubt import (
     AGREEING,
@@ -19,8 +20,23 @@ def test_deviations_of_a_mean_are_those_of_its_samples():
     samples = rng.normal(0.0, 5.0, 2000)  # taken for ones of deviation 1
     covariance = np.array([[1.0 / len(samples)]])
     slopes = (samples - samples.mean())[:, None]
-    assert grown(covariance, slopes, np.zeros((1, 1))) == pytest.approx(5.0, rel=0.05)
-    assert np.isnan(grown(covariance, slopes[: SCATTER - 1], np.zeros((1, 1)))).all()
+    assert grown(covariance, slopes, np.zeros((1, 1)), 0.95)[0] == pytest.approx(5.0, rel=0.05)
+    ratio, factors = grown(covariance, slopes[: SCATTER - 1], np.zeros((1, 1)), 0.95)
+    assert np.isnan(ratio).all()
+    assert factors.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("level", [0.8, 0.95])
+@pytest.mark.parametrize("drives", [10, 20])
+def test_intervals_by_the_scatter_of_drives_that_contradict_each_other_hold(drives, level):
+    rng = np.random.default_rng(drives)
+    samples = rng.normal(0.0, 10.0, (4000, drives, 1))  # taken for ones of deviation 1
+    mean, covariance = samples.mean(axis=1)[:, 0], np.array([[1.0 / drives]])
+    factors = [grown(covariance, s - s.mean(), np.zeros((1, 1)), level)[1][0] for s in samples]
+    reach = ndtri(0.5 + 0.5 * level) * np.array(factors) / np.sqrt(drives)
+    # three deviations of so many repeats
+    error = 3.0 * np.sqrt(level * (1.0 - level) / len(samples))
+    assert np.mean(np.abs(mean) < reach) == pytest.approx(level, abs=error)
 
 
 @pytest.mark.parametrize("drives", [2, 3, 6])
@@ -29,7 +45,9 @@ def test_intervals_of_a_few_drives_hold_where_each_errs_by_itself(drives, bias, 
     rng = np.random.default_rng(drives)
     noise = rng.uniform(0.5, 2.0, (1000, drives, 1))
     found, weights = rng.normal(0.0, np.hypot(noise, bias)), noise**-2
-    factors = np.array([contradicting(*of) for of in zip(found, noise**2, strict=True)])[..., 0]
+    factors = np.array([contradicting(*of, 0.95) for of in zip(found, noise**2, strict=True)])[
+        ..., 0
+    ]
     assert np.mean(factors[:, 0] > 1.0) == pytest.approx(told, abs=0.1)
     mean = np.sum(weights * found, axis=1) / np.sum(weights, axis=1)
     reach = 1.96 * factors[:, 1] / np.sqrt(np.sum(weights[:, :, 0], axis=1))
@@ -43,7 +61,7 @@ def test_intervals_by_what_changes_without_each_drive_are_those_of_a_mean_of_sam
     mean = samples.mean(axis=1)
     without = (drives * mean[:, None] - samples) / (drives - 1)
     std = np.full(1, 1.0 / np.sqrt(drives))  # taken for ones of deviation 1
-    factors = np.array([without_each(each[:, None], std)[1][0] for each in without])
+    factors = np.array([without_each(each[:, None], std, 0.95)[1][0] for each in without])
     assert np.mean(np.abs(mean) < 1.96 * factors * std) == pytest.approx(0.95, abs=0.015)
 
 

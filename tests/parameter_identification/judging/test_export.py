@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from driven_bags import Scene, sideways
 
-from parameter_identification.judging.export import ExportFormat, export, plot
+from parameter_identification.judging.export import ExportFormat, export, exported_files, plot
 from parameter_identification.judging.judgement import judge
 
 
@@ -38,3 +38,12 @@ def test_csv_and_figure(tmp_path: Path) -> None:
     dollars = replace(j, bag=tmp_path / "cost $x^{$")  # no formula
     plot([j, dollars], tmp_path / "figures" / "figure.png")
     assert (tmp_path / "figures" / "figure.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_no_drive_is_written_over_another_one() -> None:
+    out = Path("out")
+    same = [Path("a"), Path("a_2"), Path("other/a"), Path("more/a")]
+    files = exported_files(same, out, ExportFormat.CSV)
+    assert files == [(out / f"{name}.csv",) for name in ("a", "a_2", "a_3", "a_4")]
+    alike = exported_files([Path("a"), Path("a_reference")], out, ExportFormat.TUM)
+    assert len({file for files in alike for file in files}) == 4

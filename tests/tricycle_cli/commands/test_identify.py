@@ -2,16 +2,20 @@
 
 import json
 
+import numpy as np
 import pytest
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
+from parameter_identification import many_drives
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
+from parameter_identification.estimation.results import Estimate
 from parameter_identification.identification_file import load_identification_file
-from tricycle_core.errors import IdentificationError, VehicleError
+from parameter_identification.many_drives import ManyDrives
+from tricycle_core.errors import ExcitationError, IdentificationError, VehicleError
 from tricycle_sim.vehicle import load_vehicle
 
 
@@ -63,6 +67,26 @@ def test_a_table_is_told_by_its_ending(tricycle, tmp_path):
         (tmp_path / name).write_text("t,x,y,s\n")
         with pytest.raises(IdentificationError, match=message):
             tricycle("identify", tmp_path / name, "--columns", tmp_path / "m.yaml")
+
+
+def test_no_report_of_an_earlier_identification_stays_beside_new_numbers(
+    tricycle, tmp_path, monkeypatch
+):
+    wide = {n: Estimate("", low, 0.1, low, up, (low, up), (low, up), False)
+            for n, (low, up) in VEHICLE.unknown.items()}  # fmt: skip
+    found = ManyDrives(
+        wide, np.eye(len(wide)), 1.0, (), (), {}, VEHICLE.name, VEHICLE.fingerprint, 0.95
+    )
+    monkeypatch.setattr(many_drives, "identify_many", lambda *_, **__: found)
+    for name in ("report.html", "lack.png", "notes.txt"):
+        (tmp_path / name).write_text("of before")
+    call = "identify", "bag", "--drive-by-drive", tmp_path / "work", "--output", tmp_path
+    with pytest.raises(ExcitationError, match=r"report\.html: exists already; --overwrite"):
+        tricycle(*call)
+    assert tricycle(*call, "--overwrite") == 0
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "identification.json", "vehicle.yaml", "notes.txt",
+    }  # fmt: skip
 
 
 @pytest.mark.slow

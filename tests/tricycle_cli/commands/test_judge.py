@@ -1,6 +1,10 @@
 """`tricycle judge`: trajectory errors of bags."""
 
+import errno
+import json
+
 import pytest
+from driven_bags import Scene, sideways
 
 from tricycle_core.errors import BagError, JudgeError
 
@@ -34,3 +38,21 @@ def test_mistyped_options_are_argparses(tricycle, arguments, capsys):
         tricycle(*arguments)
     assert status.value.code == 2
     assert capsys.readouterr().err
+
+
+def test_bags_beside_one_that_cannot_be_opened_are_judged(tricycle, tmp_path, monkeypatch, capsys):
+    from parameter_identification.judging import judgement
+
+    judge = judgement.judge
+
+    def locked(bag, **options):
+        if bag.name == "locked":
+            raise PermissionError(errno.EACCES, "Permission denied", str(bag))
+        return judge(bag, **options)
+
+    monkeypatch.setattr(judgement, "judge", locked)
+    bag = Scene(deviation=sideways(0.2)).write(tmp_path / "bag")
+    assert tricycle("judge", tmp_path / "locked", bag, "--json") == 2
+    printed = capsys.readouterr()
+    assert [one["bag"] for one in json.loads(printed.out)["bags"]] == [str(bag)]
+    assert f"tricycle: {tmp_path / 'locked'}: Permission denied" in printed.err

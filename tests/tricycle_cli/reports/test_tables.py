@@ -4,13 +4,17 @@ import dataclasses
 import io
 from pathlib import Path
 
+import numpy as np
 import pytest
 from found_identification import FOUND
 from rich.console import Console
 
 from parameter_identification.estimation.results import EffectEstimate, HeldOut
+from parameter_identification.estimation.shares import DriveShare
 from parameter_identification.estimation.whiteness import Whiteness
+from parameter_identification.fleet import Fleet
 from parameter_identification.judging.judgement import judge
+from parameter_identification.many_drives import ManyDrives
 from tricycle_cli.reports.tables import (
     WIDEST,
     drives_table,
@@ -18,6 +22,8 @@ from tricycle_cli.reports.tables import (
     plan_table,
     prediction_table,
     remarks,
+    remarks_on_fleet,
+    remarks_on_many,
     table_console,
 )
 
@@ -182,3 +188,21 @@ def test_numbers_are_whole_in_a_narrow_terminal(plan, monkeypatch, capsys):
     text = capsys.readouterr().out
     assert "…" not in text.replace(" … ", "")
     assert all(f"{index.value:.4f}" in text for index in plan.main.values())
+
+
+def test_bags_that_are_not_whole_are_told_drive_by_drive_too():
+    def share(name, *, complete):
+        nothing = np.zeros(0)
+        return DriveShare(
+            *(name, 0.0, 9, nothing, 0.0, nothing, nothing, nothing, True, {}), complete=complete
+        )
+
+    drives = share("whole", complete=True), share("torn", complete=False)
+    vehicle = ManyDrives(
+        FOUND.parameters, FOUND.covariance, 1.0, drives, (), {}, "tricycle", "abc", 0.95
+    )
+    (line,) = (line for line in remarks_on_many(vehicle) if "not whole" in line)
+    assert line.endswith(": 1 (torn)")
+    fleet = Fleet({"red": vehicle}, {}, {}, {}, (), 0.0, (), 0.95)
+    (line,) = (line for line in remarks_on_fleet(fleet) if "not whole" in line)
+    assert line.endswith(": 1 (red/torn)")

@@ -121,21 +121,17 @@ def _pairs(
 def _contradiction(
     given: FloatArray, expected: FloatArray, least: float, most: float = FACTOR
 ) -> str:
-    cosine = _cosine(given, expected, least)
-    if cosine < OPPOSITE:
-        return "has the opposite sign of what"
-    if cosine > ALIKE:
-        factor = float(given @ expected) / float(expected @ expected)
-        if not 1.0 / most < factor < most:
-            return f"is {factor:.2g} times what"
-    return ""
-
-
-def _cosine(given: FloatArray, expected: FloatArray, least: float) -> float:
-    """Of the angle between both; 0 where too little is expected to tell."""
     there: NDArray[np.bool_] = np.isfinite(given) & np.isfinite(expected)
     given, expected = given[there], expected[there]
     energy, own = float(expected @ expected), float(given @ given)
-    if len(given) < ENOUGH or energy < least**2 * len(given) or own == 0.0:
-        return 0.0
-    return float(given @ expected) / float(np.sqrt(energy * own))
+    if len(given) < ENOUGH or energy < least**2 * len(given):  # too little to tell
+        return ""
+    if own == 0.0:  # loggers that measure nothing write zeros
+        return "is 0 times what"
+    cosine = float(given @ expected) / float(np.sqrt(energy * own))
+    if cosine < OPPOSITE:
+        return "has the opposite sign of what"
+    factor = float(given @ expected) / energy
+    if cosine > ALIKE and not 1.0 / most < factor < most:
+        return f"is {factor:.2g} times what"
+    return ""

@@ -12,7 +12,6 @@ import numpy as np
 from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor, Signal
 from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.location import is_remote
-from trajectory_recorder.bag.metadata import NAME as METADATA
 from trajectory_recorder.bag.remote import remote_state
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import IdentificationError
@@ -24,10 +23,10 @@ FORMAT = 4  # counted up with what is read of a bag, so that older files are rea
 
 
 def content_key(bag: Path, vehicle: Vehicle) -> str:
-    """Return what tells a drive from others: hashes of the bag's data, of its metadata and vehicle.
+    """Return a hash of what a drive is read from: the bag's files and the vehicle.
 
-    Of a bag elsewhere the first is of what the server tells of its files: sizes, and times or sums
-    where it has them. `data_of` returns it.
+    Of a bag elsewhere it is of what the server tells of its files: sizes, and times or sums where
+    it has them.
 
     Parameters
     ----------
@@ -41,26 +40,14 @@ def content_key(bag: Path, vehicle: Vehicle) -> str:
     OSError
         If it cannot be read.
     """
-    data, rest = hashlib.sha256(), hashlib.sha256(f"{FORMAT} {vehicle.fingerprint}".encode())
+    content = hashlib.sha256(f"{FORMAT} {vehicle.fingerprint}".encode())
     if is_remote(bag):
-        data.update(repr(remote_state(bag)).encode())
+        content.update(repr(remote_state(bag)).encode())
     else:
         for file in filter(Path.is_file, sorted(bag.iterdir()) if bag.is_dir() else [bag]):
             with file.open("rb") as stream:
-                own = rest if file.name == METADATA else data
-                own.update(hashlib.file_digest(stream, "sha256").digest())
-    return f"{data.hexdigest()[:32]}-{rest.hexdigest()[:16]}"
-
-
-def data_of(file: Path) -> str:
-    """Return what is the same for all copies of a drive, whatever their metadata.
-
-    Parameters
-    ----------
-    file : Path
-        Named by `content_key`.
-    """
-    return file.name.partition("-")[0]
+                content.update(hashlib.file_digest(stream, "sha256").digest())
+    return content.hexdigest()[:32]
 
 
 def keep(drive: MeasuredDrive, file: Path) -> None:
@@ -129,6 +116,24 @@ def kept(file: Path) -> MeasuredDrive:
             if Input.STEERING.name in arrays
             else None,
         )
+
+
+def measured_key(file: Path) -> str:
+    """Return a hash of the positions of a kept drive: that of all copies of it, in whatever bag.
+
+    Parameters
+    ----------
+    file : Path
+        Written by `keep`.
+
+    Raises
+    ------
+    IdentificationError
+        If it is damaged.
+    """
+    with _arrays_of(file) as arrays:
+        positions = np.ascontiguousarray(arrays[Sensor.POSITION.name][:, 1:])
+        return hashlib.sha256(positions.tobytes()).hexdigest()
 
 
 def told_by(file: Path) -> frozenset[Sensor | Input]:

@@ -212,6 +212,8 @@ class MeasuredDrive:
         for so long after these.
     recording : str
         Name of the recording that it is a window of; empty: a drive of its own.
+    map_estimated : bool
+        Whether its steering's angle is by a map that was estimated from the recording.
 
     Raises
     ------
@@ -233,6 +235,7 @@ class MeasuredDrive:
     turn_std: float = 0.0
     steering_late: float = 0.0
     recording: str = ""
+    map_estimated: bool = False
 
     def __post_init__(self) -> None:
         if Sensor.POSITION not in self.signals:

@@ -64,6 +64,19 @@ class PlanarTrajectory:
         return PlanarTrajectory(*(v[selected] for v in (self.time, self.x, self.y, self.heading)))
 
 
+def of_frame(name: str, wanted: str) -> bool:
+    """Return whether poses of a frame are those of the wanted one; if they name none, they are.
+
+    Parameters
+    ----------
+    name : str
+        `child_frame_id` of a message.
+    wanted : str
+        Whose poses are taken.
+    """
+    return name.lstrip("/") in {"", wanted}
+
+
 class PoseCollector:
     """Collects the poses of a topic, whatever its type.
 
@@ -161,11 +174,10 @@ class PoseCollector:
         return PlanarTrajectory(time, values[:, 0], values[:, 1], np.unwrap(values[:, 2]))
 
     def _of_child_frame(self, message: Any, pose: Any) -> Iterator[tuple[int, float, float, float]]:
-        child_frame = message.child_frame_id.lstrip("/")
-        if child_frame in {"", self._child_frame}:
+        if of_frame(message.child_frame_id, self._child_frame):
             yield stamp_of(message), *planar(pose)
         else:
-            self._other_frames.add(child_frame)
+            self._other_frames.add(message.child_frame_id.lstrip("/"))
 
     def _fix(self, message: Any) -> tuple[float, float]:
         if self._datum is None:

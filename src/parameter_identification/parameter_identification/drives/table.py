@@ -125,6 +125,11 @@ class SteeringMap:
 
 
 @dataclass(frozen=True)
+class EstimatedMap(SteeringMap):
+    """One that was found from the turns of a table, by nominal tyres: it errs as these do."""
+
+
+@dataclass(frozen=True)
 class SensorPlace:
     """Where on the body the pose is measured: of the point in front and left of the COM.
 

@@ -35,6 +35,7 @@ from parameter_identification.drives.motion import SLOWEST, Motion, motion_of
 from parameter_identification.drives.smoothing import LEAST, smooth
 from parameter_identification.drives.table import (
     Columns,
+    EstimatedMap,
     Recording,
     SteeringMap,
     read_recording,
@@ -121,7 +122,7 @@ class Selection:
         return ", ".join(reasons) or "none"
 
 
-def estimate_map(recording: Recording, vehicle: Vehicle) -> SteeringMap:
+def estimate_map(recording: Recording, vehicle: Vehicle) -> EstimatedMap:
     """Return gain and offset of the steering command, from turns of little lateral acceleration.
 
     Parameters
@@ -149,7 +150,7 @@ def estimate_map(recording: Recording, vehicle: Vehicle) -> SteeringMap:
         gain, offset = np.polyfit(command, angle, 1, w=weights)
         error = np.abs(angle - gain * command - offset)
         weights = 1.0 / np.sqrt(np.maximum(error, np.median(error)) + 1e-9)
-    return SteeringMap(gain=float(gain), offset=float(offset))
+    return EstimatedMap(gain=float(gain), offset=float(offset))
 
 
 def steering_of(recording: Recording, vehicle: Vehicle, columns: Columns) -> SteeringMap:
@@ -336,7 +337,14 @@ def select_windows(
             left_out["steered beyond the end stop"] += 1
         else:
             drive = _drive(recording, signals, vehicle, motion, angle, rows, lead, windows.length)
-            found.append(dataclasses.replace(drive, turn_std=turn_std, steering_late=late))
+            found.append(
+                dataclasses.replace(
+                    drive,
+                    turn_std=turn_std,
+                    steering_late=late,
+                    map_estimated=isinstance(steering, EstimatedMap),
+                )
+            )
     selection = Selection(tuple(found), left_out)
     if not found:
         raise IdentificationError(
@@ -487,7 +495,8 @@ def recorded_commands(
     """
     motion = motion_of(recording)
     angle, _ = setpoints_of(recording, motion, vehicle, steering)
-    rows = slice(int(np.searchsorted(motion.time, start)), len(motion.time))
+    first = np.searchsorted(motion.time, start - 0.5 * TICK)  # its tick, whatever its round-off
+    rows = slice(int(first), len(motion.time))
     speed = _recorded_setpoints(recording, vehicle, motion, rows)
     if speed is None:
         return speed_followed(vehicle, angle[rows], motion.speed[rows])

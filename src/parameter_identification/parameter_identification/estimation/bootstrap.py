@@ -8,13 +8,14 @@ show it.
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
+from parameter_identification.estimation.doubt import of_few
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
+from parameter_identification.estimation.results import in_range
 from tricycle_core.quantities import FloatArray
 
 REPEATS = 8
@@ -63,8 +64,8 @@ def bootstrap_deviations(
     B. Efron, R. J. Tibshirani, An Introduction to the Bootstrap, 1993, section 6.5.
     """
     like, at = problem.models[0], optimum.fit.at
-    names = like.vehicle.unknown
-    parameters = dict(zip(names, like.parameters(at[: problem.k]).tolist(), strict=True))
+    ranges = like.vehicle.unknown.items()
+    parameters = {n: in_range(r, float(z)) for (n, r), z in zip(ranges, at, strict=False)}
     errors = np.empty((REPEATS, problem.k))
     for repeat in range(REPEATS):
         models = [
@@ -80,5 +81,4 @@ def bootstrap_deviations(
             found = found - np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
             errors[repeat] = found[: problem.k] - at[: problem.k]
         step()
-    few = stdtrit(REPEATS, 0.5 + 0.5 * level) / ndtri(0.5 + 0.5 * level)
-    return np.asarray(few * np.sqrt(np.mean(errors**2, axis=0)))
+    return np.asarray(of_few(REPEATS, level) * np.sqrt(np.mean(errors**2, axis=0)))

@@ -200,6 +200,11 @@ def _check_alike(pair: FloatArray, least: float, what: str, positive: str) -> No
     """Raise if samples cannot be of the expected ones, which precede them (2, m)."""
     expected, measured = pair
     if problem := _contradiction(expected, measured, least):
+        if not measured.any():
+            raise IdentificationError(
+                f"{what} {problem} what the commands give: if nothing measures it, leave out its "
+                "topic (tricycle bag convert --exclude TOPIC), or its column of a table"
+            )
         raise IdentificationError(
             f"{what} {problem} what the commands give: it must be positive {positive}, and so must "
             "be the commands; mend the sign or unit that is wrong"
@@ -212,7 +217,9 @@ def _contradiction(expected: FloatArray, measured: FloatArray, least: float) -> 
     own = float(measured @ measured)
     if not energy > least**2 * len(expected):
         return ""
-    slope, cosine = product / energy, product / math.sqrt(energy * own) if own > 0.0 else 0.0
+    if own == 0.0:  # drivers that measure nothing write zeros
+        return "is 0 times"
+    slope, cosine = product / energy, product / math.sqrt(energy * own)
     if slope < -LEAST_SLOPE and cosine < OPPOSITE:
         return "has the opposite sign of"
     if abs(cosine) > ALIKE and not 1.0 / UNIT < abs(slope) < UNIT:

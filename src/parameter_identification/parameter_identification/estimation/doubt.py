@@ -21,8 +21,35 @@ AGREEING = 0.01  # chance of a scatter of fewer drives from which it is taken fo
 PULL = 3.0  # standard deviations by which data may pull a parameter beyond the end of its range
 
 
-def grown(covariance: FloatArray, slopes: FloatArray, prior: FloatArray) -> FloatArray:
-    """Return by which factor (n,) deviations are larger by the clusters' scatter; NaN: too few.
+def of_few(degrees: int, level: float) -> float:
+    """Return by how much an interval is wider where its deviation is estimated from few numbers.
+
+    The quantile of Student's distribution over that of the normal one.
+
+    Parameters
+    ----------
+    degrees : int
+        Degrees of freedom of the deviation.
+    level : float
+        Probability of the interval.
+
+    Examples
+    --------
+    >>> round(of_few(9, 0.95), 2)
+    1.15
+    """
+    probability = 0.5 + 0.5 * level
+    return float(stdtrit(degrees, probability) / ndtri(probability))
+
+
+def grown(
+    covariance: FloatArray, slopes: FloatArray, prior: FloatArray, level: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return two factors (n,) for the clusters' scatter.
+
+    The first is the ratio of the deviations by the scatter and by the noise; NaN: too few clusters.
+    The second, for intervals, is 1 where that is not larger, and counts that clusters do not tell
+    their scatter exactly.
 
     Parameters
     ----------
@@ -32,27 +59,34 @@ def grown(covariance: FloatArray, slopes: FloatArray, prior: FloatArray) -> Floa
         Gradient of each cluster, e.g. of each drive.
     prior : ndarray of float, shape (n, n)
         Information that is of no cluster.
+    level : float
+        Probability of the intervals.
     """
     count = len(slopes)
     if count < SCATTER:
-        return np.full(len(covariance), math.nan)
+        return np.full(len(covariance), math.nan), np.ones(len(covariance))
     slopes = slopes - slopes.mean(axis=0)  # where a parameter ends at its range, there is one
     middle = slopes.T @ slopes * count / (count - 1) + prior
     robust = covariance @ middle @ covariance
-    return np.asarray(np.sqrt(np.diag(robust) / np.diag(covariance)))
+    growth = np.asarray(np.sqrt(np.diag(robust) / np.diag(covariance)))
+    return growth, np.where(growth > 1.0, growth * of_few(count - 1, level), 1.0)
 
 
-def contradicting(estimates: FloatArray, variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+def contradicting(
+    estimates: FloatArray, variances: FloatArray, level: float
+) -> tuple[FloatArray, FloatArray]:
     """Return two factors (k,) for the scatter of a few drives; 1 where it may be noise.
 
     The first is the ratio of the deviations of their mean by the scatter and by the noise. The
     second, for intervals, counts that a few drives do not tell their scatter well: with it a normal
-    interval of 95 % is as wide as one by Student's distribution.
+    interval is as wide as one by Student's distribution.
 
     Parameters
     ----------
     estimates, variances : ndarray of float, shape (d, k)
         By each drive alone.
+    level : float
+        Probability of the intervals.
 
     References
     ----------
@@ -67,10 +101,12 @@ def contradicting(estimates: FloatArray, variances: FloatArray) -> tuple[FloatAr
     of_scatter = (squares - (d - 1)) / (total - np.sum(weights**2, axis=0) / total)
     with_scatter = np.sum(1.0 / (variances + np.fmax(of_scatter, 0.0)), axis=0)
     factors = np.where(chdtrc(d - 1, squares) * k < AGREEING, np.sqrt(total / with_scatter), 1.0)
-    return factors, np.where(factors > 1.0, factors * _of_few(d), 1.0)
+    return factors, np.where(factors > 1.0, factors * of_few(d - 1, level), 1.0)
 
 
-def without_each(estimates: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+def without_each(
+    estimates: FloatArray, std: FloatArray, level: float
+) -> tuple[FloatArray, FloatArray]:
     """Return two factors (k,) for how much estimates change without each of a few drives.
 
     They are those of `contradicting`, by the jackknife.
@@ -81,6 +117,8 @@ def without_each(estimates: FloatArray, std: FloatArray) -> tuple[FloatArray, Fl
         Without each drive.
     std : ndarray of float, shape (k,)
         Deviations by the noise.
+    level : float
+        Probability of the intervals.
 
     References
     ----------
@@ -88,12 +126,7 @@ def without_each(estimates: FloatArray, std: FloatArray) -> tuple[FloatArray, Fl
     """
     d = len(estimates)
     ratio = math.sqrt(d - 1) * np.std(estimates, axis=0) / std
-    return ratio, np.fmax(ratio * _of_few(d), 1.0)
-
-
-def _of_few(drives: int) -> float:
-    """Quantile of Student's distribution over that of the normal one."""
-    return float(stdtrit(drives - 1, 0.975) / ndtri(0.975))
+    return ratio, np.fmax(ratio * of_few(d - 1, level), 1.0)
 
 
 def beyond_ranges(
@@ -174,6 +207,7 @@ def doubt_of(
     *,
     missing: FloatArray | None = None,
     white: bool,
+    level: float,
 ) -> Doubt:
     """Return what the intervals of a fit have to count beside the noise.
 
@@ -193,20 +227,23 @@ def doubt_of(
         Whether residuals look white. If not, or if drives contradict or miss each other, the model
         is wrong for this vehicle, and where a parameter or an effect is at an end of what it may be
         all are doubted.
+    level : float
+        Probability of the intervals.
     """
     at, k = optimum.fit.at, problem.k
     gram = problem.gram(at)
     by_noise = np.asarray(np.linalg.inv(gram[:-1, :-1]), dtype=np.float64)
     scatter, factors = np.array([math.nan]), np.ones(problem.n)
     if len(problem.models) >= SCATTER:
-        growth = grown(by_noise, problem.slopes(at), problem.common_information())
-        scatter, factors = growth[:k], np.fmax(growth, 1.0)
+        growth, factors = grown(by_noise, problem.slopes(at), problem.common_information(), level)
+        scatter = growth[:k]
     elif len(problem.models) > 1:
         acting = at != 0.0  # other effects are held there
         acting[:k] = True
-        scatter, factors[:k] = contradicting(*problem.by_each_drive(at, acting))
+        scatter, factors[:k] = contradicting(*problem.by_each_drive(at, acting), level)
         if missing is not None:
-            ratio, more = without_each(missing, np.sqrt(np.diag(optimum.covariance)[:k]))
+            std = np.sqrt(np.diag(optimum.covariance)[:k])
+            ratio, more = without_each(missing, std, level)
             scatter, factors[:k] = np.fmax(scatter, ratio), np.fmax(factors[:k], more)
     if least is not None:
         std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])

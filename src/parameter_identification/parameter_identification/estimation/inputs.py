@@ -48,6 +48,8 @@ _LOADING_TOO = tuple(option for option in EFFECTS if option not in _LIKE_A_LOOP)
 # the steering of a table is logged when it is sent, or by another clock than the poses; the loop
 # behind set-points of the speed need not be the vehicle file's
 _OF_STEERING = ("servo-dead-time",)
+# the tyres with which a map is estimated are not yet known
+_OF_ESTIMATED_MAP = ("steering-zero", "steering-gain")
 _OF_SPEED_SETPOINTS = ("speed-loop", "drive-dead-time", "wheel-radius", "speed-deviation")
 
 
@@ -67,7 +69,9 @@ def effects_of_columns(columns: Columns) -> tuple[str, ...]:
     columns : Columns
         What the table has.
     """
-    return _OF_STEERING + (_OF_SPEED_SETPOINTS if columns.speed_command is not None else ())
+    of_map = _OF_ESTIMATED_MAP if isinstance(columns.steering_map, str) else ()
+    of_speed = _OF_SPEED_SETPOINTS if columns.speed_command is not None else ()
+    return _OF_STEERING + of_map + of_speed
 
 
 def measured_inputs(

@@ -209,6 +209,8 @@ class DriveFit:
         What the model lacks along the drive.
     recording : str
         As of a `MeasuredDrive`.
+    map_estimated : bool
+        As of a `MeasuredDrive`.
     """
 
     name: str
@@ -218,6 +220,7 @@ class DriveFit:
     weights: Mapping[Sensor, FloatArray]
     lack: Lack | None = None
     recording: str = ""
+    map_estimated: bool = False
 
 
 @dataclass(frozen=True)

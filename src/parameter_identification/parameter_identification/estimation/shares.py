@@ -85,6 +85,8 @@ class DriveShare:
         Whether the residuals are.
     truth : mapping of str to float
         True parameters, where the drive was simulated.
+    complete : bool
+        Whether its bag is.
     """
 
     name: str
@@ -97,6 +99,7 @@ class DriveShare:
     own: FloatArray
     white: bool
     truth: Mapping[str, float]
+    complete: bool = True
 
 
 def first_fit(
@@ -187,4 +190,5 @@ def share_of(
         at[c:] - eliminated[:, -1],
         white,
         drive.truth,
+        drive.complete,
     )

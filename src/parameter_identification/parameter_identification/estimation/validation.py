@@ -67,6 +67,7 @@ def fits_of_drives(
                 weights=problem.weights(drive),
                 lack=_lack(problem, optimum, drive, after),
                 recording=model.drive.recording,
+                map_estimated=model.drive.map_estimated,
             )
         )
     return tuple(fits)

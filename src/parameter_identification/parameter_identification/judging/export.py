@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from enum import Enum
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,7 @@ class ExportFormat(Enum):
 def exported_files(
     bags: Sequence[Path], directory: Path, export_format: ExportFormat
 ) -> list[tuple[Path, ...]]:
-    """Return the files of each drive: named after its bag, after the first of a name with a number.
+    """Return the files of each drive: that of its bag's name, with a number where it is taken.
 
     Parameters
     ----------
@@ -35,13 +36,15 @@ def exported_files(
     export_format : ExportFormat
         One file as CSV; in the format of TUM measured and reference.
     """
-    names = [bag.resolve().stem for bag in bags]
+    endings = {ExportFormat.CSV: [".csv"], ExportFormat.TUM: [".tum", "_reference.tum"]}
     files: list[tuple[Path, ...]] = []
-    for i, name in enumerate(names):
-        before = names[:i].count(name)
-        stem = f"{name}_{before + 1}" if before else name
-        endings = {ExportFormat.CSV: [".csv"], ExportFormat.TUM: [".tum", "_reference.tum"]}
-        files.append(tuple(directory / f"{stem}{end}" for end in endings[export_format]))
+    for name in (bag.resolve().stem for bag in bags):
+        used = set(chain.from_iterable(files))
+        for stem in chain([name], (f"{name}_{number}" for number in count(2))):
+            own = tuple(directory / f"{stem}{end}" for end in endings[export_format])
+            if used.isdisjoint(own):
+                files.append(own)
+                break
     return files
 
 

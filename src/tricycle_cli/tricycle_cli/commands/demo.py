@@ -113,7 +113,8 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.identification import identify
     from parameter_identification.judging.judgement import judge_drive
     from tricycle_cli.operation.session import hidden_truth
-    from tricycle_cli.reports.identification_page import FILES, save_identification
+    from tricycle_cli.reports.identification_files import FILES
+    from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import run_page
     from tricycle_cli.reports.static_figures import plot_drives

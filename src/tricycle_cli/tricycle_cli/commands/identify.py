@@ -26,6 +26,7 @@ from tricycle_cli.arguments import (
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
+from tricycle_cli.reports.identification_files import DRIVE_BY_DRIVE, FILES
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import load_vehicle
@@ -40,9 +41,6 @@ if TYPE_CHECKING:
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
 EXACT = 1e-4  # m, noise of positions below which no sensor has told them
-
-MANY_FILES = "vehicle.yaml", "identification.json"
-"""What it writes drive by drive."""
 
 EXAMPLE = """\
 examples:
@@ -168,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.estimation.redrawn import redraw_of
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
-    from tricycle_cli.reports.identification_page import FILES, save_identification
+    from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.tables import parameter_table, remarks, table_console
     from tricycle_sim.vehicle.batch import CommandedBatch
 
@@ -301,7 +299,7 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
         raise IdentificationError(f"--workers {args.workers}: 1 or more are needed")
     effects = effects_asked(args, "none")
     if args.output is not None:
-        check_output_files((args.output / name for name in MANY_FILES), args)
+        check_output_files((args.output / name for name in FILES), args)
     vehicle = load_vehicle(args.vehicle)
     asked = restrict(vehicle, args.parameters or tuple(vehicle.unknown))
     with (
@@ -328,6 +326,8 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     if args.output is not None:
         write_whole(args.output / "vehicle.yaml", identified_vehicle(found, args.vehicle))
         write_whole(args.output / "identification.json", document + "\n")
+        for name in set(FILES) - set(DRIVE_BY_DRIVE):  # of an earlier identification
+            (args.output / name).unlink(missing_ok=True)
         console.print(f"vehicle file and numbers: {args.output}", soft_wrap=True)
     if args.json:
         print(document)

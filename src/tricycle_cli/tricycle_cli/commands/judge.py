@@ -23,7 +23,7 @@ from tricycle_cli.arguments import (
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
-from tricycle_core.errors import BagError, JudgeError
+from tricycle_core.errors import BagError, JudgeError, message_of
 
 if TYPE_CHECKING:
     from parameter_identification.judging.judgement import Judgement
@@ -96,10 +96,11 @@ def run(args: argparse.Namespace) -> int:
         for done, bag in enumerate(args.bags, start=1):
             try:
                 judgements.append(judge(bag, topics=topics, anchor=Anchor(args.anchor)))
-            except (BagError, JudgeError) as error:
+            except (BagError, JudgeError, OSError) as error:
                 if len(args.bags) == 1:
                     raise
-                mistakes.append(error)
+                text = message_of(error)
+                mistakes.append(text if str(bag) in text else f"{bag}: {text}")
             progress(done, len(args.bags))
     for mistake in mistakes:
         print(f"tricycle: {mistake}", file=sys.stderr)

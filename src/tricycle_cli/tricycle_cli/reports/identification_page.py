@@ -18,6 +18,7 @@ from parameter_identification.identified_vehicle import (
     named_drives,
 )
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
+from tricycle_cli.reports.identification_files import FIGURES
 from tricycle_cli.reports.tables import HEADINGS, parameter_rows, remarks
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.palette import BLUE, GREEN, VERMILLION
@@ -29,12 +30,6 @@ CONDITIONS = {
     "lateral acceleration / (m/s²)": "lateral_acceleration",
 }
 """Where on a drive the vehicle is: label of an axis, and what a `Lack` calls it."""
-FIGURES = "trajectories", "residuals", "lack", "profiles"
-FILES = (
-    *("identification.json", "vehicle.yaml", "report.html"),
-    *(f"{name}.png" for name in FIGURES),
-)
-"""What `save_identification` may write."""
 MOST_DRAWN = 6  # drives in a figure with a panel for each
 LACK = (
     "what the model lacks, once a second, with the noise's 95 % interval: how far the vehicle is "

@@ -415,8 +415,18 @@ def remarks_on_many(found: ManyDrives) -> list[str]:
         )
     lines += _contradictions(found, "drives")
     lines += [f"effect: {effect}" for effect in found.effects]
+    lines += _not_whole([drive.name for drive in found.drives if not drive.complete])
     lines += [f"left out: {reason}" for reason in found.left_out]
     return lines
+
+
+def _not_whole(drives: Sequence[str]) -> list[str]:
+    if not drives:
+        return []
+    return [
+        f"bags that are not whole (cut off before the drive's end, or a file or messages are "
+        f"missing), used as far as they go: {len(drives)} ({_some(drives)})"
+    ]
 
 
 def population_table(fleet: Fleet) -> Table:
@@ -504,6 +514,14 @@ def remarks_on_fleet(fleet: Fleet) -> list[str]:
             f"residuals of {fleet.not_white} of all {fleet.drives} drives are NOT white: the model "
             "lacks something, or vehicles differ in what they are said to share"
         )
+    lines += _not_whole(
+        [
+            f"{name}/{drive.name}"
+            for name, found in fleet.vehicles.items()
+            for drive in found.drives
+            if not drive.complete
+        ]
+    )
     return lines + [f"left out: {reason}" for reason in fleet.left_out]
 
 
