@@ -66,9 +66,10 @@ class OdometryWatch:
             Present time [s].
         """
         lost = not 0.0 <= now - self._heard_at <= LOST
-        if wheel_speed is None or lost or (self.watching(now) and self._agrees(wheel_speed)):
+        if not lost and not self.watching(now):
+            return  # the next message may differ still
+        if wheel_speed is None or lost or self._agrees(wheel_speed):
             self._differing_since = self.problem = None
-        if wheel_speed is None or not self.watching(now) or self._agrees(wheel_speed):
             return
         if self._differing_since is None or now < self._differing_since:
             self._differing_since = now

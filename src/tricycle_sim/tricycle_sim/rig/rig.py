@@ -126,18 +126,18 @@ class Rig(Closing):
         return _CABLE[board] not in self._faults
 
     def fail(self, kinds: Collection[FaultKind]) -> None:
-        """Let these fail from now on, and nothing else; what fails already goes on.
+        """Let these fail from the next step on, and nothing else; what fails already goes on.
 
         Parameters
         ----------
         kinds : collection of FaultKind
             What fails; empty: all is mended.
         """
-        now, began = self.time, {fault.kind: fault.start for fault in self._plan.faults}
+        began = {fault.kind: fault.start for fault in self._plan.faults}
+        start = self.time + TICK  # the tick in which the next step looks at the plan
         self._plan = FaultPlan(
-            tuple(RigFault(kind, min(began.get(kind, now), now)) for kind in kinds)
+            tuple(RigFault(kind, min(began.get(kind, start), start)) for kind in kinds)
         )
-        self._fail()
 
     def reset(self, start: Pose = ORIGIN) -> None:
         """Put the vehicle at rest at a pose and reboot both boards; time goes on.
