@@ -21,7 +21,6 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -227,16 +226,13 @@ class BridgeNode(LifecycleNode):
 
     def _on_parameters(self, _parameters: list[Parameter]) -> None:
         if self._bridge is not None:
-            self._bridge.settings = self._settings()
+            self._bridge.settings = self._settings({})
 
-    def _settings(self, asked: Mapping[str, Any] = MappingProxyType({})) -> BridgeSettings:
+    def _settings(self, asked: Mapping[str, Any]) -> BridgeSettings:
         """Settings of the parameters, with other values for those that are asked for."""
         names = (field.name for field in dataclasses.fields(BridgeSettings))
         return BridgeSettings(
-            **{
-                name: asked[name] if name in asked else self.get_parameter(name).value
-                for name in names
-            }
+            **{name: asked.get(name, self.get_parameter(name).value) for name in names}
         )
 
     def _turning_geometry(self) -> TurningGeometry:
@@ -254,7 +250,7 @@ class BridgeNode(LifecycleNode):
             self.get_parameter(name).value
             for name in ("steer_port", "drive_port", "baud", "boot_wait")
         )
-        self._configured, self._geometry = self._settings(), self._turning_geometry()
+        self._configured, self._geometry = self._settings({}), self._turning_geometry()
         self._bridge = Bridge(self._configured, rng=random.SystemRandom(), boot_wait=boot_wait)
         if path := self.get_parameter("bring_up_record").value:
             record = read_record(Path(path))
@@ -280,7 +276,7 @@ class BridgeNode(LifecycleNode):
         if device == os.path.realpath(drive):
             return f"steer_port and drive_port are both {device}"
         try:
-            self._settings()
+            self._settings({})
             self._turning_geometry()
             if path := self.get_parameter("bring_up_record").value:
                 read_record(Path(path))

@@ -26,14 +26,14 @@ from tricycle_bridge.protocol.limits import (
 )
 from tricycle_bridge.protocol.units import ANGLE_UNIT, SPEED_UNIT, STEER_RATE_UNIT, TORQUE_UNIT
 from tricycle_core.errors import LinkError
-from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
+from tricycle_core.supplies import (
+    DRIVE_SUPPLY_THRESHOLDS,
+    STEER_SUPPLY_THRESHOLDS,
+    SUPPLY_LIMIT,
+)
 
 MASS_LIMIT = 1000.0
 """Largest mass and payload [kg]."""
-
-SUPPLY_LIMIT = 54.9
-"""Largest threshold of a supply [V]: the boards measure up to 55 V."""
-
 
 UNCHECKED_SUPPLY = 65.535
 """Upper threshold that no supply reaches [V]."""

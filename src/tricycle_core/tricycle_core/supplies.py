@@ -8,3 +8,6 @@ DRIVE_SUPPLY_THRESHOLDS = (40.0, 0.0)
 
 STEER_SUPPLY_THRESHOLDS = (10.0, 14.0)
 """Of the servo's regulator for 12 V."""
+
+SUPPLY_LIMIT = 54.9
+"""Largest threshold of a supply [V]: the boards measure up to 55 V."""

@@ -13,7 +13,11 @@ from typing import Any
 import numpy as np
 
 from tricycle_core.quantities import FloatArray
-from tricycle_core.supplies import DRIVE_SUPPLY_THRESHOLDS, STEER_SUPPLY_THRESHOLDS
+from tricycle_core.supplies import (
+    DRIVE_SUPPLY_THRESHOLDS,
+    STEER_SUPPLY_THRESHOLDS,
+    SUPPLY_LIMIT,
+)
 from tricycle_sim.vehicle.laws import Constant, Law, between, inlined, not_negative, positive
 from tricycle_sim.vehicle.layout import LANES, Formulas, StepFormulas, numbered
 
@@ -33,10 +37,15 @@ SUPPLY: tuple[Constant, ...] = (
     not_negative("motor_copper_loss", "W/(N m)^2", setting=True),  # per torque squared
     positive("battery_voltage", "V", setting=True),
     # the boards' supplies, outside of which they do not arm; 0: not checked
-    between("drive_supply_low", "V", 0.0, 54.9, default=DRIVE_SUPPLY_THRESHOLDS[0], setting=True),
-    between("drive_supply_high", "V", 0.0, 54.9, default=DRIVE_SUPPLY_THRESHOLDS[1], setting=True),
-    between("steer_supply_low", "V", 0.0, 54.9, default=STEER_SUPPLY_THRESHOLDS[0], setting=True),
-    between("steer_supply_high", "V", 0.0, 54.9, default=STEER_SUPPLY_THRESHOLDS[1], setting=True),
+    *(
+        between(name, "V", 0.0, SUPPLY_LIMIT, default=default, setting=True)
+        for name, default in (
+            ("drive_supply_low", DRIVE_SUPPLY_THRESHOLDS[0]),
+            ("drive_supply_high", DRIVE_SUPPLY_THRESHOLDS[1]),
+            ("steer_supply_low", STEER_SUPPLY_THRESHOLDS[0]),
+            ("steer_supply_high", STEER_SUPPLY_THRESHOLDS[1]),
+        )
+    ),
 )
 """Constants of battery and boards, which every motor has."""
 DRIVE_SLEW = (positive("acceleration", "m/s^2", setting=True),)
