@@ -53,7 +53,6 @@ def test_a_plan_is_driven_on_it_and_judged(elsewhere, plan, tmp_path):
     drive(plan, tmp_path)
     judgement = judge(tmp_path / "bag")
     assert judgement.plan_id == plan.id
-    assert judgement.matched_fraction == 1.0
     # without slip and with other wheels' angles it drives another circle, but a circle
     assert 1e-3 < np.sqrt(judgement.te_corrected) < 2.0
 

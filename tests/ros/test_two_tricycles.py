@@ -87,7 +87,6 @@ def test_each_drives_its_own_plan_on_its_own_clock(ros_environment, fleet, plans
     for namespace, bag in bags.items():
         judgement = judge(bag)
         assert judgement.plan_id == plans[namespace].id
-        assert judgement.matched_fraction == 1.0
         # the vehicles are nominal: 1 cm of noise on the anchor and nothing else
         assert np.sqrt(max(judgement.te_corrected, 0.0)) < 5e-3
         with BagReader(bag) as reader:

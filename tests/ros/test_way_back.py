@@ -48,7 +48,7 @@ def test_the_second_drive_begins_where_the_first_one_did(ros_environment, tmp_pa
     assert abs(math.remainder(off[2], math.tau)) < math.radians(1.0)
     _check_lead_in(read_measured_drive(tmp_path / "second", vehicle), plan, vehicle)
     # the way is in the bag, and is not judged
-    assert judge(tmp_path / "second").matched_fraction == 1.0
+    assert judge(tmp_path / "second").plan_id == plan.id
     assert read_way_back(tmp_path / "first") is None
     way, ended = read_way_back(tmp_path / "second"), read_drive(tmp_path / "first").driven
     assert math.hypot(way.x[0] - ended.x[-1], way.y[0] - ended.y[-1]) < 2.0  # the way to rest

@@ -27,7 +27,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from parameter_identification.drives.measured import Input, MeasuredDrive
@@ -35,7 +34,9 @@ from parameter_identification.estimation.bootstrap import REPEATS, Redraw, boots
 from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
-from parameter_identification.estimation.model import OF_INPUT, DriveModel, restrict
+from parameter_identification.estimation.intervals import interval
+from parameter_identification.estimation.model import DriveModel, restrict
+from parameter_identification.estimation.motion_model import OF_INPUT
 from parameter_identification.estimation.motions import Simulator
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
 from parameter_identification.estimation.optimum import (
@@ -56,7 +57,7 @@ from parameter_identification.estimation.results import (
     Identification,
     NuisanceEstimate,
     Profile,
-    in_range,
+    estimate_of,
 )
 from parameter_identification.estimation.steps import Steps
 from parameter_identification.estimation.validation import (
@@ -252,7 +253,9 @@ def identify(
             scatter=doubt.scatter,
             missed=math.sqrt(missed),
             measured=measured,
-            friction_used=max(m.friction_used(optimum.fit.at[: problem.k]) for m in problem.models),
+            friction_used=max(
+                m.motion.friction_used(optimum.fit.at[: problem.k]) for m in problem.models
+            ),
         ).only(asked.unknown)
 
 
@@ -270,33 +273,18 @@ def _estimates(
     average: Mixture | None,
     doubt: Doubt,
 ) -> dict[str, Estimate]:
-    model = problem.models[0]
-    quantile = float(ndtri(0.5 + 0.5 * level))
+    vehicle = problem.models[0].vehicle
     std = np.sqrt(np.diag(optimum.covariance))[: problem.k]
     shown = identifiable(problem, optimum)
     found = {}
-    for i, (name, limits) in enumerate(model.vehicle.unknown.items()):
-        z = float(optimum.fit.at[i])
-        around = [z - quantile * std[i], z + quantile * std[i]]
-        if average is not None:
-            around = [z + doubt.widening[i] * (end - z) for end in average.interval(i, z, level)]
-        if doubt.beyond[i]:
-            around = [0.0, 1.0]
-        low, high = linear = in_range(limits, around[0]), in_range(limits, around[1])
-        profiled = None
-        if i in curves:
-            low, high = (in_range(limits, end) for end in curves[i].interval)
-            profiled = Profile(limits[0] + curves[i].z * model.width[i], curves[i].rise)
-        others = [limits[0] + rival[i] * model.width[i] for rival in optimum.rivals]
-        found[name] = Estimate(
-            unit=model.vehicle.unit(name),
-            estimate=in_range(limits, z),
-            standard_deviation=float(std[i] * model.width[i]),
-            low=min([low, *others]),
-            high=max([high, *others]),
-            linear=linear,
-            range=limits,
-            identifiable=bool(shown[i]),
-            profile=profiled,
+    for i, name in enumerate(vehicle.unknown):
+        z, own = float(optimum.fit.at[i]), float(std[i])
+        beyond, widening = bool(doubt.beyond[i]), float(doubt.widening[i])
+        found[name] = estimate_of(
+            *(vehicle, name, z, own),
+            interval(i, z, own, level, beyond=beyond, average=average, widening=widening),
+            shown=bool(shown[i]),
+            curve=curves.get(i),
+            rivals=[float(rival[i]) for rival in optimum.rivals],
         )
     return found

@@ -33,6 +33,7 @@ from parameter_identification.drives.measured import (
 )
 from parameter_identification.drives.recorded import LeadIn
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
+from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import ROUGH, settled
@@ -173,7 +174,9 @@ class Moment:
             Half width of the interval, as a share of the estimate.
         """
         found = [self.parameters[name] for name in targets]
-        return all(1.96 * e.standard_deviation <= tolerance * abs(e.estimate) for e in found)
+        return all(
+            relative_half_width(e.estimate, e.standard_deviation) <= tolerance for e in found
+        )
 
 
 @dataclass(frozen=True)
@@ -199,7 +202,7 @@ class Verdict:
 
     @property
     def ratio(self) -> float:
-        """Standard deviation in planned ones, by what the drive has added to the knowledge."""
+        """Root of planned over added information; above 1 the drive taught less than planned."""
         stds = self.estimate.standard_deviation, self.estimate.planned or math.inf
         added, planned = (std**-2 - self.before**-2 for std in stds)
         return math.sqrt(max(planned, 0.0) / added) if added > 0.0 else math.inf

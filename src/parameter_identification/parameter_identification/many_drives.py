@@ -24,7 +24,6 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.special import ndtri
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
@@ -41,12 +40,13 @@ from parameter_identification.drives.measured import MeasuredDrive, read_measure
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
 from parameter_identification.estimation.doubt import beyond_ranges, doubted, grown
+from parameter_identification.estimation.intervals import interval
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.results import (
     EffectEstimate,
     Estimate,
     asked_for,
-    in_range,
+    estimate_of,
 )
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
 from parameter_identification.estimation.weighing import CERTAIN, Mixture
@@ -636,38 +636,6 @@ def _read(job: tuple[Path, Vehicle, Path, TopicNames | None, bool]) -> tuple[Pat
     return file, ""
 
 
-def estimate_of(
-    vehicle: Vehicle, name: str, z: float, std: float, ends: Sequence[float], *, shown: bool
-) -> Estimate:
-    """Return the estimate of a parameter in its unit.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        Whose parameter it is.
-    name : str
-        Of the parameter.
-    z, std : float
-        Estimate and its standard deviation, in the range.
-    ends : sequence of float
-        Of the interval, in the range; they end there.
-    shown : bool
-        Whether the drives show it.
-    """
-    limits = vehicle.unknown[name]
-    low, high = linear = in_range(limits, ends[0]), in_range(limits, ends[1])
-    return Estimate(
-        unit=vehicle.unit(name),
-        estimate=in_range(limits, z),
-        standard_deviation=(limits[1] - limits[0]) * std,
-        low=low,
-        high=high,
-        linear=linear,
-        range=limits,
-        identifiable=shown,
-    )
-
-
 def growth_of(search: Search, level: float) -> tuple[FloatArray, FloatArray]:
     """Return the two factors (n,) of `grown` for the drives' scatter.
 
@@ -766,21 +734,17 @@ def result_of(
     by_noise = np.sqrt(np.diag(covariance))
     covariance = doubted(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))
-    quantile = float(ndtri(0.5 + 0.5 * level))
     estimates = {}
     for i, name in enumerate(vehicle.unknown):
-        around = [at[i] - quantile * std[i], at[i] + quantile * std[i]]
-        if average is not None:
-            around = [
-                at[i] + std[i] / by_noise[i] * (end - at[i])
-                for end in average.mixture.interval(i, float(at[i]), level)
-            ]
-        if beyond[i]:
-            around = [0.0, 1.0]
-        shown = bool(std[i] <= SHOWN * math.sqrt(before[i, i]))
-        estimates[name] = estimate_of(
-            vehicle, name, float(at[i]), float(std[i]), around, shown=shown
+        z, own, widening = float(at[i]), float(std[i]), float(std[i] / by_noise[i])
+        ends = interval(
+            *(i, z, own, level),
+            beyond=bool(beyond[i]),
+            average=None if average is None else average.mixture,
+            widening=widening,
         )
+        shown = own <= SHOWN * math.sqrt(before[i, i])
+        estimates[name] = estimate_of(vehicle, name, z, own, ends, shown=shown)
     acts = [None] * len(setting.shared) if average is None else average.acts
     effects = [
         EffectEstimate(e.name, e.unit, e.std * float(v), e.std * float(s), e.std, acts=known)

@@ -9,20 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.doubt import SCATTER, beyond_ranges, doubted, grown
+from parameter_identification.estimation.intervals import half_width, interval
 from parameter_identification.estimation.population import Population, population
-from parameter_identification.estimation.results import Estimate
+from parameter_identification.estimation.results import Estimate, estimate_of
 from parameter_identification.many_drives import (
     PASSES,
     TOLERANCE,
     Search,
     Sum,
     beyond_of,
-    estimate_of,
     growth_of,
     look,
 )
@@ -212,15 +211,15 @@ class Joint:
             Probability of the intervals.
         """
         vehicle = self.searches[0].setting.vehicle
-        names, quantile = list(vehicle.unknown), float(ndtri(0.5 + 0.5 * level))
+        names = list(vehicle.unknown)
         before = 1.0 / np.sqrt(np.diag(self.searches[0].variables.information))
         found = {}
-        stds = np.sqrt(np.diag(self.of_common))
-        for i, std, beyond in zip(self.common.tolist(), stds, self.beyond, strict=True):
+        stds = np.sqrt(np.diag(self.of_common)).tolist()
+        for i, std, beyond in zip(self.common.tolist(), stds, self.beyond.tolist(), strict=True):
             z = float(self.at[0, i])
-            ends = (0.0, 1.0) if beyond else (z - quantile * std, z + quantile * std)
-            shown = bool(std <= SHOWN * before[i])
-            found[names[i]] = estimate_of(vehicle, names[i], z, float(std), ends, shown=shown)
+            ends = interval(i, z, std, level, beyond=beyond)
+            shown = std <= SHOWN * before[i]
+            found[names[i]] = estimate_of(vehicle, names[i], z, std, ends, shown=shown)
         return found
 
     def without_prior(self, at: Sequence[int], level: float) -> "Alone":
@@ -317,7 +316,7 @@ class Alone:
             Probability of the intervals.
         """
         spread = rates.spread.middle / width
-        wide = (rates.mean.high - rates.mean.low) / (2.0 * ndtri(0.5 + 0.5 * level)) / width
+        wide = (rates.mean.high - rates.mean.low) / (2.0 * half_width(level)) / width
         rate = self.covariances[:, 1, 1]
         slope = self.covariances[:, 0, 1] / rate
         odd = np.array([m.odd for m in rates.members])

@@ -42,6 +42,17 @@ OF_SPEED_LOOP = SPEED_LOOP, DRIVE_DEAD_TIME
 REACH = 4.0  # standard deviations of the prior that an effect may have at most
 
 
+def option_of(name: str) -> str:
+    """Return the name of an effect as `--effects` has it.
+
+    Parameters
+    ----------
+    name : str
+        E.g. "steering zero".
+    """
+    return name.replace(" ", "-")
+
+
 @dataclass(frozen=True, eq=False)
 class Effect:
     """An effect with the standard deviation of its prior.
@@ -86,7 +97,7 @@ class Effect:
     @property
     def option(self) -> str:
         """The name, as `--effects` has it."""
-        return self.name.replace(" ", "-")
+        return option_of(self.name)
 
     @property
     def rough(self) -> bool:
@@ -153,8 +164,7 @@ _OTHERS = (
     Effect(START_DEVIATION, "m/s", 0.03, per_drive=True, process=True),
 )
 EFFECTS: tuple[str, ...] = tuple(
-    name.replace(" ", "-")
-    for name in (*(row[0] for row in _OF_CONSTANTS), *(e.name for e in _OTHERS))
+    option_of(name) for name in (*(row[0] for row in _OF_CONSTANTS), *(e.name for e in _OTHERS))
 )
 """Every effect, as `--effects` names it."""
 

@@ -45,6 +45,8 @@ from excitation_planner.indices.sobol import sobol_indices
 from tricycle_core.errors import DesignError, InfeasibleManeuver
 from tricycle_core.quantities import FloatArray
 
+HALF_WIDTH = 1.96  # standard deviations of a 95 % interval
+
 
 def parameter_points(problem: DesignProblem, *, verification: bool) -> FloatArray:
     """Return the points (n, k + e) to simulate at: parameters in the unit box.
@@ -232,7 +234,7 @@ def _assess_trajectories(
     covariance = posterior_covariance(F, problem.prior, beside)
     costs = information_costs(covariance, problem.criterion, problem.target_index)
     cost, nothing = float(costs.mean()), np.full(k, np.nan)
-    half = 1.96 * float(costs.std()) / math.sqrt(len(costs))
+    half = HALF_WIDTH * float(costs.std()) / math.sqrt(len(costs))
     sensitivity = None
     if verification:
         # mean squared deviation from the middle of the box: Eq. 14 on the time points given

@@ -11,7 +11,6 @@ import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
 from parameter_identification.estimation.doubt import of_few
-from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
@@ -69,7 +68,7 @@ def bootstrap_deviations(
     errors = np.empty((REPEATS, problem.k))
     for repeat in range(REPEATS):
         models = [
-            DriveModel(like.vehicle, drive, like.effects, like.simulator, measured=like.measured)
+            like.of(drive)
             for drive in redraw(parameters, problem.noise, np.random.default_rng([seed, repeat]))
         ]
         with LeastSquares(models, problem.mean, problem.information, loss) as again:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc, ndtri, stdtrit
+from scipy.special import chdtrc, stdtrit
 
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
 from parameter_identification.estimation.weighing import Mixture
@@ -38,8 +39,7 @@ def of_few(degrees: int, level: float) -> float:
     >>> round(of_few(9, 0.95), 2)
     1.15
     """
-    probability = 0.5 + 0.5 * level
-    return float(stdtrit(degrees, probability) / ndtri(probability))
+    return float(stdtrit(degrees, 0.5 + 0.5 * level)) / half_width(level)
 
 
 def grown(

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from parameter_identification.drives.measured import Sensor
 from tricycle_core.quantities import FloatArray
@@ -145,16 +146,16 @@ class Motions:
         others = {s: np.concatenate([own, more.others[s]], 1) for s, own in self.others.items()}
         return Motions(*both, others=others)
 
-    def one(self, i: int) -> "Motions":
-        """Return one of the motions, as n = 1.
+    def of(self, numbers: NDArray[np.int64] | Sequence[int]) -> "Motions":
+        """Return some of the motions, copied.
 
         Parameters
         ----------
-        i : int
-            Its number.
+        numbers : ndarray or sequence of int
+            Theirs; one may come more than once.
         """
-        others = {sensor: rows[:, i : i + 1] for sensor, rows in self.others.items()}
-        return Motions(*(row[i : i + 1] for row in self.rows), others=others)
+        others = {sensor: rows[:, numbers] for sensor, rows in self.others.items()}
+        return Motions(*(row[numbers] for row in self.rows), others=others)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """Results of an identification: what `identify` returns."""
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -11,10 +11,12 @@ from parameter_identification.drives.measured import Input, Sensor
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.prior import GaussianPrior
+from parameter_identification.estimation.profiles import ProfileCurve
 from parameter_identification.estimation.whiteness import SIGNIFICANCE, Whiteness, coloured
 from tricycle_core.optional import optional, own_axes
 from tricycle_core.palette import BLUE, GREY, VERMILLION
 from tricycle_core.quantities import FloatArray
+from tricycle_sim.vehicle import Vehicle
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,54 @@ def in_range(limits: tuple[float, float], share: float) -> float:
     """
     low, high = limits
     return float(min(max(low + (high - low) * share, low), high))
+
+
+def estimate_of(
+    vehicle: Vehicle,
+    name: str,
+    z: float,
+    std: float,
+    ends: Sequence[float],
+    *,
+    shown: bool,
+    curve: ProfileCurve | None = None,
+    rivals: Sequence[float] = (),
+) -> Estimate:
+    """Return the estimate of a parameter in its unit.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        Whose parameter it is.
+    name : str
+        Of the parameter.
+    z, std : float
+        Estimate and its standard deviation, in the range.
+    ends : sequence of float
+        Of the interval by linearisation, in the range; they end there.
+    shown : bool
+        Whether the drives show it.
+    curve : ProfileCurve, optional
+        Its interval replaces that by linearisation.
+    rivals : sequence of float
+        Other values that fit as well, in the range: the interval holds them.
+    """
+    limits = vehicle.unknown[name]
+    start, width = limits[0], limits[1] - limits[0]
+    linear = in_range(limits, ends[0]), in_range(limits, ends[1])
+    low, high = linear if curve is None else (in_range(limits, end) for end in curve.interval)
+    others = [start + width * rival for rival in rivals]
+    return Estimate(
+        unit=vehicle.unit(name),
+        estimate=in_range(limits, z),
+        standard_deviation=width * std,
+        low=min([low, *others]),
+        high=max([high, *others]),
+        linear=linear,
+        range=limits,
+        identifiable=shown,
+        profile=None if curve is None else Profile(start + width * curve.z, curve.rise),
+    )
 
 
 @dataclass(frozen=True)
@@ -320,11 +370,11 @@ class Identification:
     effects : tuple of EffectEstimate
         What was estimated beside the parameters.
     scatter : float
-        Largest ratio of a deviation by the drives' scatter to that by the noise; NaN for one drive.
+        Largest ratio of a standard deviation by the drives' scatter to that by the noise; NaN for
+        one drive. Far above 1 the drives contradict each other: the model lacks something.
     missed : float
         By how much farther than expected the worst of the drives is from where the others predict
         it [m] (RMS); 0 where that may be chance.
-        Far above 1 the drives contradict each other: the model lacks something.
     measured : frozenset of Input
         What moved as measured, not as the commands say.
     friction_used : float

@@ -97,7 +97,7 @@ def _lack(
     deviations = dict.fromkeys(values, noise)
     std = np.sqrt(np.diag(optimum.covariance))[at]
     for name, unit, factor in DEVIATIONS:
-        knots = model.knots_of(name)
+        knots = model.motion.knots_of(name)
         if len(knots) and problem.sizes()[name] > NO_SIZE:
             scale = factor * model.nuisances[knots[0]].std
             of_knots = np.linspace(0.0, model.drive.commands.duration, len(knots))
@@ -278,11 +278,8 @@ def predict_held_out(
     missed : float
         Variance of positions [m^2] that the model has at least: that of a `CrossPrediction`.
     """
-    k, like = problem.k, problem.models[0]
-    model = DriveModel(
-        *(like.vehicle, drive, like.effects, like.simulator),
-        measured=like.measured,
-    )
+    k = problem.k
+    model = problem.models[0].of(drive)
     with LeastSquares([model], problem.mean, problem.information, loss) as alone:
         alone.noise |= {
             sensor: problem.noise[sensor] for sensor in alone.noise if sensor in problem.noise
@@ -349,7 +346,7 @@ def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel)
         if nuisance.effect in of_effect:
             covariance[i, i] = np.mean(np.diag(moments)[of_effect[nuisance.effect]])
     for name, size in problem.sizes().items():
-        knots = problem.k + model.knots_of(name)
+        knots = problem.k + model.motion.knots_of(name)
         share = _staying_share(problem, moments, name)
         correlation = share + (1.0 - share) * np.eye(len(knots))
         covariance[np.ix_(knots, knots)] = size**2 * correlation
@@ -360,7 +357,7 @@ def _staying_share(problem: LeastSquares, moments: FloatArray, name: str) -> flo
     """Share of a deviation's variance that stays along each drive: the correlation of its knots."""
     together = alone = 0.0
     for drive, model in enumerate(problem.models):
-        knots = problem.nuisances_at(drive)[model.knots_of(name)]
+        knots = problem.nuisances_at(drive)[model.motion.knots_of(name)]
         if len(knots) > 1:
             own = moments[np.ix_(knots, knots)]
             together += (np.sum(own) - np.trace(own)) / (len(knots) - 1)

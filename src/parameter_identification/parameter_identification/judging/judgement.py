@@ -36,7 +36,7 @@ STRAIGHT = 0.1  # rad of heading up to which the drive is straight, for the time
 
 
 class Anchor(Enum):
-    """PlanarPose of the reference's origin in the frame of the measured poses."""
+    """How the pose of the reference's origin, in the frame of the measured poses, is found."""
 
     STANDSTILL = "standstill"  # mean pose before the start event
     START = "start"  # the single pose at the start event
@@ -119,12 +119,8 @@ class Judgement:
         Root mean squares of its components [m].
     rms_heading : float
         Root mean square of the deviation of the heading [rad]; NaN for a sensor without heading.
-    points : int
-        Number of points in Eq. 14.
     duration : float
         Of the reference [s].
-    matched_fraction : float
-        Of the points that lie between two poses not far apart in time.
     anchor : Anchor
         The chosen one.
     anchor_pose : PlanarPose
@@ -152,9 +148,7 @@ class Judgement:
     rms_along: float
     rms_cross: float
     rms_heading: float
-    points: int
     duration: float
-    matched_fraction: float
     anchor: Anchor
     anchor_pose: PlanarPose
     noise: float
@@ -209,7 +203,7 @@ def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> 
             "trajectory error is none of the whole maneuver; it can be identified from"
         )
     time = np.linspace(0.0, drive.duration, POINTS)
-    matched = _matched(drive, time)
+    _check_matched(drive, time)
     reference = _interpolate_reference(drive.reference, time)
     measured = _interpolate(drive.poses, time)
     standing = _standstill(drive)
@@ -250,9 +244,7 @@ def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> 
         rms_along=rms(series.along),
         rms_cross=rms(series.cross),
         rms_heading=rms(series.heading_error),
-        points=len(time),
         duration=drive.duration,
-        matched_fraction=matched,
         anchor=anchor,
         anchor_pose=poses[anchor],
         noise=float(np.sqrt(noise / 2)),
@@ -262,8 +254,8 @@ def judge_drive(drive: RecordedDrive, *, anchor: Anchor = Anchor.STANDSTILL) -> 
     )
 
 
-def _matched(drive: RecordedDrive, time: FloatArray) -> float:
-    """Fraction of the points between poses at most MAX_GAP apart; raises unless it is 1."""
+def _check_matched(drive: RecordedDrive, time: FloatArray) -> None:
+    """Raise an error if a point is not between poses at most MAX_GAP apart."""
     known = drive.poses.time
     after = np.searchsorted(known, time, side="left")
     inside = (after < len(known)) & ((after > 0) | (time == known[0]))
@@ -271,7 +263,7 @@ def _matched(drive: RecordedDrive, time: FloatArray) -> float:
     gap[inside] = known[after[inside]] - known[np.maximum(after[inside] - 1, 0)]
     matched = gap <= MAX_GAP
     if matched.all():
-        return 1.0
+        return
     first = int(np.argmin(matched))
     length = int(np.argmax(matched[first:])) or len(time) - first
     cut = (

@@ -19,6 +19,7 @@ from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver, planned_for
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.prior import box_prior
 from parameter_identification.identification import identify
 from parameter_identification.identification_file import (
@@ -33,10 +34,9 @@ from tricycle_cli.operation.session import DrivePlan
 from tricycle_core.documents import check_folder, encode
 from tricycle_core.errors import DesignError, ExcitationError, PlanError
 from tricycle_core.quantities import Progress
-from tricycle_sim.effects import corrected
+from tricycle_sim.effects import corrected, option_of
 from tricycle_sim.vehicle import Vehicle
 
-HALF_WIDTH = 1.96  # standard deviations of a 95 % interval
 LOCK = "lock"
 """File in the folder of a campaign, locked by the process that is at work there."""
 
@@ -59,7 +59,7 @@ class Knowledge:
     @property
     def share(self) -> float:
         """Half width of the 95 % interval, as a share of the estimate."""
-        return HALF_WIDTH * self.std / abs(self.estimate) if self.estimate else math.inf
+        return relative_half_width(self.estimate, self.std)
 
 
 class Campaign:
@@ -238,7 +238,7 @@ class Campaign:
         return plan
 
     def _prior(self) -> BoxPrior | None:
-        """What is known after the drives so far, as shares of the ranges."""
+        """The Gaussian prior of the next plan, in ranges; None before the first drive."""
         if not self.steps:
             return None
         found = self.steps[-1].identification
@@ -264,7 +264,7 @@ class Campaign:
         """Standard deviations of what all drives have in common beside the parameters."""
         effects = self._found.effects if self._found is not None else ()
         return {
-            e.name.replace(" ", "-"): e.standard_deviation
+            option_of(e.name): e.standard_deviation
             for e in effects
             if not e.drive and e.standard_deviation > 0.0
         }

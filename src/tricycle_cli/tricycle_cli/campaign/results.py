@@ -14,7 +14,8 @@ from rich.table import Table
 
 from excitation_planner.area.area import Area
 from parameter_identification.drives.recorded import read_drive, read_way_back
-from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign, Knowledge
+from parameter_identification.estimation.intervals import half_width
+from tricycle_cli.campaign.cycle import Campaign, Knowledge
 from tricycle_cli.campaign.request import WAY_BACK
 from tricycle_cli.reports.static_figures import draw_borders
 from tricycle_core.documents import replacing
@@ -186,7 +187,7 @@ def plot_campaign(campaign: Campaign, truth: Mapping[str, float] | None, path: P
     for name, above, below in zip(targets, *axes, strict=True):
         known = [campaign.known(number)[name] for number in drives]
         above.errorbar(
-            drives, [k.estimate for k in known], yerr=[HALF_WIDTH * k.std for k in known],
+            drives, [k.estimate for k in known], yerr=[half_width() * k.std for k in known],
             fmt="o", capsize=4, color=BLUE, label="estimate, 95 % interval",
         )  # fmt: skip
         if truth is not None:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
-from scipy.stats import norm
 
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.population import Member, Population
 from parameter_identification.fleet import DAY, Course, Fleet, course
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
@@ -232,7 +232,7 @@ def _sparkline(
         share = np.clip((values - scale[0]) / (scale[1] - scale[0]), 0.0, 1.0)
         return np.asarray(HEIGHT - EDGE - (HEIGHT - 2 * EDGE) * share)
 
-    half = float(norm.ppf(0.5 + 0.5 * fleet.level)) * seen.deviations
+    half = half_width(fleet.level) * seen.deviations
     x, y = across(seen.times), down(seen.values)
     ends = zip(x, down(seen.values - half), down(seen.values + half), strict=True)
     bars = "".join(f"M{a:.0f} {low:.1f}V{high:.1f}" for a, low, high in ends)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
@@ -133,7 +134,7 @@ def lack_figure(found: Identification) -> Figure:
         for axes, of in zip(row, CONDITIONS.values(), strict=True):
             for drive, lack in lacks.items():
                 if name in lack.values:
-                    bars = 1.96 * lack.standard_deviations[name]
+                    bars = half_width(found.level) * lack.standard_deviations[name]
                     options = {"fmt": ".", "elinewidth": 0.6, "markersize": 4, "label": drive}
                     axes.errorbar(getattr(lack, of), lack.values[name], bars, **options)
             axes.axhline(0.0, color="0.4", linewidth=0.6)

@@ -17,6 +17,7 @@ from excitation_planner.area.area import Area
 from excitation_planner.area.polygons import placed
 from excitation_planner.indices.figure import Spread, draw_indices
 from excitation_planner.plan import Index, Plan
+from parameter_identification.estimation.intervals import half_width
 from tricycle_core.documents import replacing
 from tricycle_core.palette import BLUE, VERMILLION
 from tricycle_core.quantities import FloatArray
@@ -203,7 +204,8 @@ def fleet_figure(fleet: Fleet) -> Figure:
         axes.axvline(mean, color="0.6", linewidth=1.0)
         for row, m in enumerate(members):
             color = MEASURED if m.odd else REFERENCE
-            low, high = m.own - 1.96 * m.deviation, m.own + 1.96 * m.deviation
+            half = half_width(fleet.level) * m.deviation
+            low, high = m.own - half, m.own + half
             axes.plot([low, high], [row + 0.15] * 2, color="0.6", linewidth=1.0)
             axes.plot([m.value.low, m.value.high], [row - 0.1] * 2, color=color, linewidth=2.0)
             axes.plot(m.value.middle, row - 0.1, "o", color=color, markersize=4.0)

@@ -10,6 +10,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from excitation_planner.trajectory_error import POINTS
 from parameter_identification.drives.measured import Input
 from parameter_identification.judging.judgement import Anchor, Judgement
 from tricycle_cli.console import plain_console
@@ -172,7 +173,7 @@ def judgement_table(judgements: Sequence[Judgement]) -> Table:
     add("rms heading / °", lambda j: f"{math.degrees(j.rms_heading):.2f}")
     add("lag, not applied / ms", lambda j: _milliseconds(j.time_offset, j.time_offset_deviation))
     add("position noise / mm", lambda j: f"{1e3 * j.noise:.1f}")
-    add("duration / s, points", lambda j: f"{j.duration:.2f}, {j.points}")
+    add("duration / s, points", lambda j: f"{j.duration:.2f}, {POINTS}")
     add("anchor", lambda j: j.anchor.value)
     add(
         "anchor / m, m, °",

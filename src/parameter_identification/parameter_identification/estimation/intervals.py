@@ -1,0 +1,72 @@
+"""Intervals of estimates."""
+
+from __future__ import annotations
+
+import math
+
+from scipy.special import ndtri
+
+from parameter_identification.estimation.weighing import Mixture
+
+
+def half_width(level: float = 0.95) -> float:
+    """Return half the width of a normal interval, in standard deviations.
+
+    Parameters
+    ----------
+    level : float
+        Probability of the interval.
+
+    Examples
+    --------
+    >>> round(half_width(), 2)
+    1.96
+    """
+    return float(ndtri(0.5 + 0.5 * level))
+
+
+def relative_half_width(estimate: float, std: float) -> float:
+    """Return half the width of a 95 % interval as a share of the estimate; infinite at 0.
+
+    Parameters
+    ----------
+    estimate, std : float
+        Of a parameter, and its standard deviation.
+    """
+    return half_width() * std / abs(estimate) if estimate else math.inf
+
+
+def interval(
+    i: int,
+    z: float,
+    std: float,
+    level: float,
+    *,
+    beyond: bool,
+    average: Mixture | None = None,
+    widening: float = 1.0,
+) -> tuple[float, float]:
+    """Return the interval of a variable; all of its range, 0 to 1, if the data pull it beyond that.
+
+    Parameters
+    ----------
+    i : int
+        Number of the variable.
+    z, std : float
+        Estimate and its standard deviation.
+    level : float
+        Probability of the interval.
+    beyond : bool
+        Whether the data pull it beyond its range.
+    average : Mixture, optional
+        Over models with and without effects, whose interval it is then.
+    widening : float
+        Factor on the interval of the average.
+    """
+    if beyond:
+        return 0.0, 1.0
+    if average is not None:
+        low, high = average.interval(i, z, level)
+        return z + widening * (low - z), z + widening * (high - z)
+    half = half_width(level) * std
+    return z - half, z + half

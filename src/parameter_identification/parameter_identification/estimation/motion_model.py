@@ -1,0 +1,503 @@
+"""How a vehicle moves on a drive, with the steps of its finite differences.
+
+One batch of the simulator gives the motion and its differences: the vehicle of the moment, one per
+parameter, one per nuisance that it is simulated with; eight lanes cost what one does. The drive's
+dead time, common to a batch, takes another one. The other nuisances change this motion afterwards
+(`_distorted`), and are differentiated by doing so once more.
+
+All variables are scaled to be of the order 1: parameters in their ranges (0 to 1), a nuisance in
+the standard deviation of its prior. Letters of shapes: `k` parameters, `q` nuisances of the motion,
+`n` lanes, `t` ticks.
+"""
+
+import dataclasses
+import math
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import chain
+
+import numpy as np
+from numpy.typing import NDArray
+
+from parameter_identification.drives.following import (
+    has_gains,
+    measured_speed,
+    measured_steering,
+    with_stiff_loop,
+)
+from parameter_identification.drives.measured import Input, MeasuredDrive, Sensor
+from parameter_identification.estimation.deviations import deviated
+from parameter_identification.estimation.motions import Batch, Motions, Simulator
+from parameter_identification.estimation.nuisance import InUnits, Nuisance
+from parameter_identification.estimation.whiteness import resolution
+from tricycle_core.quantities import FloatArray
+from tricycle_core.timing import TICK
+from tricycle_sim.effects import (
+    DRIVE_DEAD_TIME,
+    OF_SERVO,
+    OF_SPEED_LOOP,
+    SERVO_DEAD_TIME,
+    SPEED_DEVIATION,
+    START_DEVIATION,
+    TURN_DEVIATION,
+    Effect,
+    as_sensed,
+    with_effects,
+)
+from tricycle_sim.vehicle import Vehicle
+
+STEP = 1e-4  # of the finite differences by parameters, in ranges
+SPEED_STEP = 1e-3  # m/s, of those by the start speed
+ERROR_STEP = 0.01  # standard deviations, of those by the error of a speed that is followed
+RESTING = 0.05  # m/s, below which a drive starts from rest, and has no path to be followed
+OF_INPUT = {Input.STEERING: OF_SERVO, Input.SPEED: OF_SPEED_LOOP}
+"""Names of the effects of how each input comes about: without effect where it is measured."""
+
+START = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0])
+"""Knots of the deviation of a start from rest [s]: boards and motor are known least at low speed.
+
+It vanishes at the first and at the last.
+"""
+
+# Standard deviations of the nuisances' priors
+START_SPEED_STD = 0.02  # m/s: the vehicle should stand still, or its speed was measured
+INPUT_DELAY_STD = 0.01  # s, of a measured input's: mostly one computer stamps both
+LEAST_OFF, LEAST_SPEED_OFF = 5e-4, 2e-4  # rad, of a measured steering angle; m/s
+START_SPEED = "start speed"
+STEERING_DELAY, STEERING_ZERO, STEERING_GAIN = (
+    f"{what} of the measured steering" for what in ("delay", "zero", "gain")
+)
+SPEED_DELAY, SPEED_ZERO = (f"{what} of the measured speed" for what in ("delay", "zero"))
+SPEED_ERROR, TURN_ERROR = "error of the followed speed", "error of the followed steering"
+_SPACING = {SPEED_DEVIATION: 1.0, TURN_DEVIATION: 1.0, SPEED_ERROR: 0.25, TURN_ERROR: 0.25}
+"""Time between the values of a deviation or an error, linear between them [s]."""
+_STEPS = {
+    START_SPEED: SPEED_STEP,
+    STEERING_DELAY: 1e-3,
+    STEERING_ZERO: 1e-4,
+    STEERING_GAIN: 1e-3,
+    SPEED_DELAY: 1e-3,
+    SPEED_ZERO: 1e-4,
+}
+"""Of the finite differences by nuisances that are no effects, in their units."""
+
+_OF_SOME_DRIVES = {
+    Sensor.LATERAL_ACCELERATION: ("lateral_acceleration",),
+    Sensor.MOTOR_TORQUE: ("motor_torque",),
+}
+"""Columns of the simulation that sensors see which not every drive has; wheels have their own."""
+
+
+class _Way(IntEnum):
+    """How the motion with a step of a nuisance is found, in the order of the lanes."""
+
+    SIMULATED = 0  # in the batch
+    DELAYED = 1  # in one of its own, as the drive's dead time is the same in all of a batch
+    DISTORTED = 2  # of the motion without the step, in closed form
+
+
+@dataclass(frozen=True, eq=False)
+class _Followed:
+    """An input that moves as measured.
+
+    Attributes
+    ----------
+    setpoints, measured : ndarray of float, shape (t - 1,)
+        Those commanded on the ticks, and those that give what was measured.
+    moves : ndarray of bool, shape (t - 1,)
+        Where an error of the sensor's zero acts.
+    """
+
+    setpoints: FloatArray
+    measured: FloatArray
+    moves: NDArray[np.bool_]
+
+    def added(self, late: FloatArray, zero: FloatArray, gain: FloatArray) -> FloatArray:
+        """Return what is added to the set-points (n, t), by errors of the sensor (n,) each."""
+        ticks = TICK * np.arange(len(self.setpoints))
+        rows = np.array([np.interp(ticks + delay, ticks, self.measured) for delay in late])
+        wanted = rows * (1.0 + gain[:, np.newaxis]) + zero[:, np.newaxis] * self.moves
+        return np.pad(wanted - self.setpoints, ((0, 0), (0, 1)), mode="edge")
+
+
+class MotionModel:
+    """How a vehicle moves on a drive.
+
+    Parameters
+    ----------
+    vehicle : Vehicle
+        With the parameters to identify as its only unknown ones.
+    drive : MeasuredDrive
+        Commands and signals.
+    effects : sequence of Effect
+        Estimated beside the parameters.
+    simulator : callable
+        Makes of vehicle, commands and speed before them what simulates samples of the vehicle.
+    measured : collection of Input
+        What moves as measured, where the drive tells it.
+
+    Attributes
+    ----------
+    drive : MeasuredDrive
+        With the signals that are compared: not those of sensors that the simulator lacks, nor the
+        speed of wheels that move as measured.
+    measured : frozenset of Input
+        What moves so here.
+    time : ndarray of float, shape (t,)
+        Ticks, since the start event [s].
+    nuisances : tuple of Nuisance
+        That the motion depends on, those that all drives have in common first.
+    lanes : ndarray of int, shape (e,)
+        Which of them the motion is differentiated by.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        drive: MeasuredDrive,
+        effects: Sequence[Effect],
+        simulator: Simulator,
+        measured: Collection[Input],
+    ) -> None:
+        can_follow = frozenset(Input) if has_gains(vehicle) else {Input.STEERING}
+        self.measured = drive.told & can_follow & frozenset(measured)
+        if Input.SPEED in self.measured:
+            vehicle = with_stiff_loop(vehicle)
+        self._vehicle = vehicle
+        self._followed = _follow(vehicle, drive, self.measured)
+        simulated = with_effects(vehicle, effects)
+        self._batch = simulator(simulated, drive.commands, setpoint=drive.start.speed)
+        self._without_effects = (
+            simulator(vehicle, drive.commands, setpoint=drive.start.speed)
+            if effects
+            else self._batch
+        )
+        self.time = self._batch.time
+        seen = _OF_SOME_DRIVES | _wheel_columns(drive)
+        self._columns = {
+            sensor: columns
+            for sensor, columns in seen.items()
+            if sensor in drive.signals and set(columns) <= set(self._batch.available)
+        }
+        left_out = seen.keys() - self._columns.keys()
+        if Input.SPEED in self.measured:
+            left_out |= {Sensor.WHEEL_SPEED}
+        signals = {s: signal for s, signal in drive.signals.items() if s not in left_out}
+        self.drive = dataclasses.replace(drive, signals=signals)
+        self.nuisances = (
+            *chain.from_iterable(map(self._of_effect, sorted(effects, key=lambda e: e.per_drive))),
+            Nuisance(START_SPEED, "m/s", drive.start.speed, START_SPEED_STD),
+            *self._of_inputs(drive),
+            *self._of_path(),
+        )
+        self._in_units = InUnits(self.nuisances)
+        idle = {name for one in self.measured for name in OF_INPUT[one]}
+        acting = [
+            (i, n)
+            for i, n in enumerate(self.nuisances)
+            if n.effect is None or n.effect.name not in idle
+        ]
+        self._at = {n.name: i for i, n in acting}
+        self._places = {
+            name: np.array(
+                [i for n, i in self._at.items() if n.rpartition(" ")[0] == name], dtype=np.int64
+            )
+            for name in (START_DEVIATION, *_SPACING)
+        }
+        self._nominal = simulated.nominal_point()
+        place = {name: i for i, name in enumerate(simulated.unknown)}
+        self._parameters = [place[name] for name in vehicle.unknown]
+        self._low, high = np.array(list(vehicle.unknown.values())).T
+        self._width = high - self._low
+        self._changes = [
+            (place[constant], i, change)
+            for i, n in acting
+            if n.effect is not None
+            for constant, change in n.effect.constants.items()
+        ]
+        acting.sort(key=lambda pair: _way(pair[1]))
+        self.lanes: NDArray[np.int64] = np.array([i for i, _ in acting])
+        self._simulated = sum(_way(n) is _Way.SIMULATED for _, n in acting)
+        self._steps = np.array([_step(n) for _, n in acting])
+
+    def unaffected(self, Z: FloatArray) -> Motions:
+        """Return the motions of n vehicles without effects, from the measured speed.
+
+        Parameters
+        ----------
+        Z : ndarray of float, shape (n, k)
+            Parameters in their ranges.
+        """
+        means = np.array([n.mean for n in self.nuisances])
+        values = self._low + self._width * Z
+        return self._run(self._without_effects, values, np.tile(means, (len(Z), 1)))
+
+    def friction_used(self, z: FloatArray) -> float:
+        """Return the largest share of its friction limit that a wheel uses; NaN: not known.
+
+        Parameters
+        ----------
+        z : ndarray of float, shape (k,)
+            Parameters in their ranges.
+        """
+        values = self._low + self._width * z
+        speed = np.array([self.drive.start.speed])
+        run = self._without_effects.run(values[np.newaxis], ("x",), speed=speed)
+        return float(run.feasibility.friction.value[0]) if run.groups.size else math.nan
+
+    def motion(self, z: FloatArray, nuisances: FloatArray) -> Motions:
+        """Return the motion at a point, as n = 1.
+
+        Parameters
+        ----------
+        z : ndarray of float, shape (k,)
+            Parameters in their ranges.
+        nuisances : ndarray of float, shape (q,)
+            Deviations from the means of their priors, in standard deviations.
+        """
+        return self._lanes_of(z[np.newaxis], nuisances[np.newaxis])
+
+    def steps(self, z: FloatArray, nuisances: FloatArray) -> tuple[Motions, FloatArray]:
+        """Return the motion at a point and one step of each variable from it, with the steps.
+
+        Parameters
+        ----------
+        z : ndarray of float, shape (k,)
+            Parameters in their ranges.
+        nuisances : ndarray of float, shape (q,)
+            Deviations from the means of their priors, in standard deviations.
+
+        Returns
+        -------
+        motions : Motions
+            Of 1 + k + e vehicles: at the point, with a step of each parameter, and of each of
+            `lanes`.
+        lengths : ndarray of float, shape (k + e,)
+            Of the steps.
+        """
+        k, e = len(z), len(self.lanes)
+        lengths = np.concatenate(
+            [
+                np.where(z < 0.5, STEP, -STEP),
+                np.where(nuisances[self.lanes] > 0.0, -self._steps, self._steps),
+            ]
+        )
+        Z, all_nuisances = np.tile(z, (1 + k + e, 1)), np.tile(nuisances, (1 + k + e, 1))
+        Z[1 + np.arange(k), np.arange(k)] += lengths[:k]
+        all_nuisances[1 + k + np.arange(e), self.lanes] += lengths[k:]
+        return self._lanes_of(Z, all_nuisances), lengths
+
+    def knots_of(self, name: str) -> NDArray[np.int64]:
+        """Return which nuisances are the knots of a deviation or error, evenly spaced to the end.
+
+        Parameters
+        ----------
+        name : str
+            Of the deviation or the error.
+        """
+        return self._places[name]
+
+    def _lanes_of(self, Z: FloatArray, nuisances: FloatArray) -> Motions:
+        """Motions of n lanes; those after the simulated ones have the parameters of the first."""
+        values = self._in_units(nuisances)
+        simulated = min(len(Z), 1 + len(self._low) + self._simulated)
+        points = np.tile(self._nominal, (simulated, 1))
+        points[:, self._parameters] = self._low + self._width * Z[:simulated]
+        for constant, i, change in self._changes:
+            points[:, constant] += change * values[:simulated, i]
+        motion = self._run(self._batch, points, values[:simulated])
+        if DRIVE_DEAD_TIME in self._at and len(Z) > simulated:
+            later = values[simulated : simulated + 1]
+            motion = motion.with_another(self._run(self._batch, points[:1], later))
+        return self._distorted(motion, values)
+
+    def _run(self, batch: Batch, constants: FloatArray, values: FloatArray) -> Motions:
+        """Motions of vehicles with values (n, K) of the batch's unknown, and nuisances (n, q).
+
+        The drive has the dead time of the first vehicle in all.
+        """
+        of = {name: values[:, i] for name, i in self._at.items()}
+        faster, steered = None, None
+        if len(starting := self.knots_of(START_DEVIATION)):
+            faster = _at_start(values[:, starting], self.time)
+        if (speed := self._followed.get(Input.SPEED)) is not None:
+            added = speed.added(of[SPEED_DELAY], of[SPEED_ZERO], np.zeros(len(values)))
+            faster = added if faster is None else faster + added
+        if (steering := self._followed.get(Input.STEERING)) is not None:
+            steered = steering.added(of[STEERING_DELAY], of[STEERING_ZERO], of[STEERING_GAIN])
+        names = ["x", "y", "yaw", "yaw_rate", "drive_speed"]
+        own_speed = () if self.drive.speed is None else ("vx",)
+        run = batch.run(
+            constants,
+            [*names, *own_speed, *chain.from_iterable(self._columns.values())],
+            speed=of[START_SPEED],
+            steering_delay=of.get(SERVO_DEAD_TIME),
+            drive_delay=float(of[DRIVE_DEAD_TIME][0]) if DRIVE_DEAD_TIME in of else 0.0,
+            faster=faster,
+            steered=steered,
+        )
+        seen = {s: np.array([run.columns[n] for n in own]) for s, own in self._columns.items()}
+        motion = Motions(*(run.columns[name] for name in names), others=seen)
+        if self.drive.speed is None:
+            return motion
+        return self._at_speed(motion, run.columns["vx"], self.drive.speed)
+
+    def _at_speed(self, motion: Motions, own: FloatArray, wanted: FloatArray) -> Motions:
+        """Motions at a speed (t,), along the paths of those at their own speeds (n, t).
+
+        The speeds differ by what resists each vehicle, that is little: its tyres are taken to
+        answer alike.
+        """
+        moves = np.abs(own) > RESTING
+        faster = np.where(moves, wanted / np.where(moves, own, 1.0), 1.0) - 1.0
+        return self._deviated(motion, faster, np.zeros_like(faster))
+
+    def _distorted(self, motion: Motions, values: FloatArray) -> Motions:
+        """Motions (n, t) with what is no constant of the vehicle, by nuisances (n, q).
+
+        There may be more values than motions: the others are of the first motion.
+        """
+        errors, deviations = (SPEED_ERROR, TURN_ERROR), (SPEED_DEVIATION, TURN_DEVIATION)
+        if self.drive.speed is not None and any(len(self.knots_of(name)) for name in errors):
+            faster, turning = (self._at_knots(name, values) for name in errors)
+            at = np.linspace(0, len(self.drive.speed) - 1, faster.shape[1]).astype(int)
+            speed = self.drive.speed[at]
+            faster *= np.where(np.abs(speed) > RESTING, 1.0 / np.where(speed, speed, 1.0), 0.0)
+            motion = self._deviated(motion, faster, turning)
+        if any(len(self.knots_of(name)) for name in deviations):
+            motion = self._deviated(motion, *(self._at_knots(name, values) for name in deviations))
+        elif len(values) > len(motion.x):
+            motion = motion.of(_lanes(len(motion.x), len(values)))
+        named = {name: values[:, i] for name, i in self._at.items()}
+        x, y, heading = as_sensed(motion.x, motion.y, motion.heading, named)
+        return dataclasses.replace(motion, x=x, y=y, heading=heading)
+
+    def _deviated(self, motion: Motions, faster: FloatArray, turning: FloatArray) -> Motions:
+        """Motions that deviate at knots (n, j) from those given, or from the first one.
+
+        Of the other sensors: wheels roll as the body moves, the acceleration changes with speed
+        times yaw rate, and the torque stays.
+        """
+        found = Motions(*deviated(np.array(motion.rows), faster, turning))
+        before = motion.of(_lanes(len(motion.x), len(faster)))
+        others, radius = before.others, self._vehicle.driven_radius
+        speeds = tuple(radius * one.wheel_speed for one in (before, found))
+        if (rows := others.get(Sensor.LATERAL_ACCELERATION)) is not None:
+            rows += speeds[1] * found.yaw_rate - speeds[0] * before.yaw_rate
+        if (rows := others.get(Sensor.WHEEL_SPEEDS)) is not None:
+            more, turned = speeds[1] - speeds[0], found.yaw_rate - before.yaw_rate
+            wheels = {wheel.name: wheel for wheel in self._vehicle.wheels}
+            for row, name in zip(rows, self.drive.signals[Sensor.WHEEL_SPEEDS].wheels, strict=True):
+                place = self._vehicle.of(wheels[name])
+                row += (more - place.y * turned) / place.tyre_radius
+        return dataclasses.replace(found, others=others)
+
+    def _at_knots(self, name: str, values: FloatArray) -> FloatArray:
+        """A deviation or error at all its knots (n, j), by nuisances (n, q); the first may be 0."""
+        own = np.take(values, self.knots_of(name), axis=1)
+        return np.pad(own, ((0, 0), (self._knots(_SPACING[name]) - own.shape[1], 0)))
+
+    def _knots(self, apart: float) -> int:
+        """Number of knots so many s apart, from start to end."""
+        return max(2, round(float(self.time[-1]) / apart)) + 1
+
+    def _of_effect(self, effect: Effect) -> list[Nuisance]:
+        """An effect, or the values of a deviation at its knots."""
+        names, low = [effect.name], effect.low
+        if effect.name == SERVO_DEAD_TIME:
+            low -= self.drive.steering_late
+        if effect.name == START_DEVIATION:  # of a vehicle that stands, and has a speed loop
+            stands = abs(self.drive.start.speed) < RESTING
+            knots = len(START) - 2 if stands and self._vehicle.has_speed_loop else 0
+            names = [f"{effect.name} {number}" for number in range(knots)]
+        elif effect.process:
+            knots = self._knots(_SPACING[effect.name])
+            names = [f"{effect.name} {number}" for number in range(knots)]
+        return [Nuisance(n, effect.unit, 0.0, effect.std, low, effect.high, effect) for n in names]
+
+    def _of_inputs(self, drive: MeasuredDrive) -> Iterator[Nuisance]:
+        """Errors of the inputs that move as measured.
+
+        A steady value is off by up to half a step of its sensor, another angle by another share.
+        """
+        if Input.STEERING in self._followed and drive.steering_angle is not None:
+            off = max(0.5 * resolution(drive.steering_angle.values), LEAST_OFF)
+            largest = float(np.abs(self._followed[Input.STEERING].measured).max())
+            yield Nuisance(STEERING_DELAY, "s", 0.0, INPUT_DELAY_STD)
+            yield Nuisance(STEERING_ZERO, "rad", 0.0, off)
+            yield Nuisance(STEERING_GAIN, "1", 0.0, off / max(largest, off))
+        if Input.SPEED in self._followed:
+            step = resolution(drive.signals[Sensor.WHEEL_SPEED].values[:, 0])
+            off = max(0.5 * self._vehicle.driven_radius * step, LEAST_SPEED_OFF)
+            yield Nuisance(SPEED_DELAY, "s", 0.0, INPUT_DELAY_STD)
+            yield Nuisance(SPEED_ZERO, "m/s", 0.0, off)
+
+    def _of_path(self) -> Iterator[Nuisance]:
+        """Errors of a speed and a steering that are followed, from the first sample on."""
+        if self.drive.speed is None:
+            return
+        first = min(float(signal.time[0]) for signal in self.drive.signals.values())
+        for name, unit, std in (
+            (SPEED_ERROR, "m/s", self.drive.speed_std),
+            (TURN_ERROR, "1/m", self.drive.turn_std),
+        ):
+            knots = self._knots(_SPACING[name])
+            before = int(first / float(self.time[-1]) * (knots - 1))
+            for number in range(knots - before if std > 0.0 else 0):
+                yield Nuisance(f"{name} {number}", unit, 0.0, std)
+
+
+def _follow(
+    vehicle: Vehicle, drive: MeasuredDrive, inputs: Collection[Input]
+) -> dict[Input, _Followed]:
+    """Inputs that move as measured."""
+    found = {}
+    if Input.STEERING in inputs and drive.steering_angle is not None:
+        setpoints, measured = measured_steering(drive.commands, drive.steering_angle, vehicle)
+        found[Input.STEERING] = _Followed(setpoints, measured, np.ones(len(measured), dtype=bool))
+    if Input.SPEED in inputs:
+        wheels = drive.signals[Sensor.WHEEL_SPEED]
+        setpoints, measured = measured_speed(drive.commands, wheels, vehicle, drive.start.speed)
+        found[Input.SPEED] = _Followed(setpoints, measured, np.abs(measured) > RESTING)
+    return found
+
+
+def _way(nuisance: Nuisance) -> _Way:
+    """How the motion with a step of a nuisance is found."""
+    if nuisance.effect is None:
+        return _Way.SIMULATED if nuisance.name in _STEPS else _Way.DISTORTED
+    if nuisance.effect.name == DRIVE_DEAD_TIME:
+        return _Way.DELAYED
+    simulated = nuisance.effect.name in (SERVO_DEAD_TIME, START_DEVIATION)
+    return _Way.SIMULATED if simulated or nuisance.effect.constants else _Way.DISTORTED
+
+
+def _step(nuisance: Nuisance) -> float:
+    """Step of the finite difference by a nuisance, in standard deviations."""
+    if nuisance.effect is not None:
+        return nuisance.effect.step
+    if nuisance.name in _STEPS:
+        return _STEPS[nuisance.name] / nuisance.std
+    return ERROR_STEP
+
+
+def _wheel_columns(drive: MeasuredDrive) -> dict[Sensor, tuple[str, ...]]:
+    """Columns of the simulation that the sensors of single wheels see."""
+    if (speeds := drive.signals.get(Sensor.WHEEL_SPEEDS)) is None:
+        return {}
+    return {Sensor.WHEEL_SPEEDS: tuple(f"wheel_speed_{wheel}" for wheel in speeds.wheels)}
+
+
+def _lanes(motions: int, lanes: int) -> NDArray[np.int64]:
+    """Which of some motions each of at least as many lanes is of; those beyond: the first one."""
+    return np.where(np.arange(lanes) < motions, np.arange(lanes), 0)
+
+
+def _at_start(knots: FloatArray, time: FloatArray) -> FloatArray:
+    """Deviation of a start [m/s] at times (t,), (n, t), by its inner knots (n, j)."""
+    faster = np.zeros((len(knots), len(time)))
+    early = time < START[-1]
+    for row, inner in zip(faster, knots, strict=True):
+        row[early] = np.interp(time[early], START, [0.0, *inner, 0.0])
+    return faster
