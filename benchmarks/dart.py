@@ -45,7 +45,7 @@ from parameter_identification.drives.windows import (
     Windows,
     select_windows,
 )
-from parameter_identification.estimation.model import restrict
+from parameter_identification.estimation.unknown import restrict
 from parameter_identification.identification import identify
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import load_vehicle

@@ -1,5 +1,6 @@
 """The lead-in: a vehicle that gets up to speed is kept on the line on which it stood."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,7 +61,7 @@ class LeadIn:
         """
         x, y, heading = self.chassis.axle(*pose)
         ((_, aside),) = seen_from(np.array([[x, y]]), *self.chassis.axle(*self.start)).tolist()
-        turned = float(np.remainder(heading - self.start[2] + np.pi, 2.0 * np.pi) - np.pi)
+        turned = math.remainder(heading - self.start[2], math.tau)
         decay = max(SHORTEST_DECAY, DECAY_TIME * speed)
         # critically damped along the way
         wanted = float(np.clip(-aside / decay**2 - 2.0 * turned / decay, -SHARPEST, SHARPEST))

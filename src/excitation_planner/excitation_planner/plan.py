@@ -20,7 +20,6 @@ from excitation_planner.area.stops import longest_stop
 from excitation_planner.design.criteria import Criterion
 from excitation_planner.design.noise import MeasurementNoise
 from tricycle_core.documents import (
-    check_texts,
     decode,
     encode,
     parse_json,
@@ -376,7 +375,6 @@ def load_plan(path: Path) -> Plan:
         raise PlanError(
             f"{where}: schema {reprlib.repr(found)}; this version reads {SCHEMA}: plan again"
         )
-    check_texts(document, where, PlanError)
     # in the file the noise is not an object of its own
     noise = {name: document.get(name) for name in _NOISE}
     plan = decode(Plan, document | {"noise": noise}, where, PlanError)

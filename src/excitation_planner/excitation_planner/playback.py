@@ -16,6 +16,7 @@ from excitation_planner.area.fence import (
     START_POSITION_TOLERANCE,
     Fence,
 )
+from excitation_planner.area.polygons import seen_from
 from excitation_planner.lead_in import LeadIn
 from excitation_planner.localisation import WINDOW, PlanarState, PoseWatch, RestingPoses
 from excitation_planner.plan_parts import PlanParts
@@ -273,12 +274,13 @@ class Playback:
             If it cannot start: the first check of the pre-flight that fails.
         """
         self._check_free()
+        own = [c.message for c in self.preflight(now) if c.level is Level.ERROR]
+        if failures := own + _failures(others):
+            raise PlanError(failures[0])
         plan = self._plan
         path = None if plan is None else self.parts.path(plan.stamp)
-        failures = [c.message for c in self.preflight(now) if c.level is Level.ERROR]
-        failures += _failures(others)
-        if failures or plan is None or path is None:
-            raise PlanError(failures[0])
+        if plan is None or path is None:  # the pre-flight says so already
+            raise PlanError("no plan is loaded")
         self._fence = self._fence_of(plan)
         self._poses, self._contradiction = PoseWatch(), ""
         self._path, self._nearest = path, 0
@@ -490,13 +492,7 @@ class Playback:
 
     def _return(self, back: WayBack, now: float) -> JointCommand:
         pursuit, here, self.elapsed = back.pursuit, self.watch.observed, now - self._asked_at
-        reason = (
-            self.watch.not_ready(now)
-            or self.watch.released(now)
-            or self.watch.pose_lost(now)
-            or self.watch.undirected()
-            or self._contradiction
-        )
+        reason = self._unfit(now, directed=True)
         if not reason and self._fence is not None:
             curvature, push = (pursuit.curvature, pursuit.push) if pursuit else (0.0, 0.0)
             reason = self._trespass(self._fence, now, curvature, push)
@@ -519,11 +515,7 @@ class Playback:
     def _play(self, schedule: Schedule, now: float) -> JointCommand | None:
         row = 0 if self.start_time is None else self._row(schedule, now - self.start_time)
         if reason := (
-            self.watch.not_ready(now)
-            or self.watch.released(now)
-            or self.watch.pose_lost(now)
-            or ("" if self._lead_in is None else self.watch.undirected())
-            or self._contradiction
+            self._unfit(now, directed=self._lead_in is not None)
             or self._astray()
             or self._fenced_out(schedule, now, row)
         ):
@@ -621,6 +613,16 @@ class Playback:
         self.state, self.reason = PlaybackState.WAITING, ""
         self.start_time, self.elapsed = None, 0.0
 
+    def _unfit(self, now: float, *, directed: bool) -> str:
+        """Why the vehicle must not drive on; empty if it may. Closed loop it is `directed`."""
+        return (
+            self.watch.not_ready(now)
+            or self.watch.released(now)
+            or self.watch.pose_lost(now)
+            or (self.watch.undirected() if directed else "")
+            or self._contradiction
+        )
+
     def _unwatched(self, now: float) -> str:
         """Why the vehicle cannot be watched; empty if it can."""
         reason = self.watch.pose_lost(now) or self._contradiction
@@ -645,9 +647,8 @@ class Playback:
         """How far the vehicle is off the path; empty within the limit."""
         if self.watch.observed is None or self._anchor is None:
             return "no pose on odom"
-        dx, dy = self.watch.observed.x - self._anchor.x, self.watch.observed.y - self._anchor.y
-        c, s = math.cos(self._anchor.yaw), math.sin(self._anchor.yaw)
-        here = np.array([c * dx + s * dy, -s * dx + c * dy])
+        observed, anchor = self.watch.observed, self._anchor
+        here = seen_from(np.array([[observed.x, observed.y]]), anchor.x, anchor.y, anchor.yaw)
         deviation = math.inf
         for first, last in ((max(self._nearest - NEAR, 0), self._nearest + NEAR), (0, None)):
             distances = np.hypot(*(self._path[first:last] - here).T)

@@ -21,6 +21,7 @@ from parameter_identification.drives.kept import began
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
+from parameter_identification.estimation.unknown import check_unknown
 from parameter_identification.many_drives import (
     ManyDrives,
     begin,
@@ -238,12 +239,7 @@ def identify_fleet(
 def _check_names(
     vehicle: Vehicle, shared: Sequence[str], own: Sequence[str], changing: Sequence[str]
 ) -> None:
-    for name in (*shared, *own, *changing):
-        if name not in vehicle.unknown:
-            raise IdentificationError(
-                f"{name!r} is not an unknown parameter of {vehicle.name}; there are: "
-                f"{', '.join(vehicle.unknown) or 'none'}"
-            )
+    check_unknown(vehicle, (*shared, *own, *changing))
     for names in (shared, own, changing):
         if twice := [name for name in names if list(names).count(name) > 1]:
             raise IdentificationError(f"{twice[0]} is named twice")

@@ -35,7 +35,7 @@ from parameter_identification.estimation.checks import check_drives
 from parameter_identification.estimation.doubt import SCATTER, Doubt, doubt_of
 from parameter_identification.estimation.inputs import Inputs, measured_inputs
 from parameter_identification.estimation.intervals import interval
-from parameter_identification.estimation.model import DriveModel, restrict
+from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.motion_model import OF_INPUT
 from parameter_identification.estimation.motions import Simulator
 from parameter_identification.estimation.observability import hidden_combinations, identifiable
@@ -60,6 +60,7 @@ from parameter_identification.estimation.results import (
     estimate_of,
 )
 from parameter_identification.estimation.steps import Steps
+from parameter_identification.estimation.unknown import restrict
 from parameter_identification.estimation.validation import (
     effects_of_drives,
     fits_of_drives,

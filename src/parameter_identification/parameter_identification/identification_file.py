@@ -270,13 +270,8 @@ def document_of(found: Identification) -> IdentificationDocument:
         white=found.white,
         whiteness=tuple(
             WhitenessEntry(
-                test.drive,
-                test.channel,
-                test.rms,
-                _known(test.correlation),
-                _known(test.statistic),
-                test.lags,
-                _known(test.p),
+                **vars(test)
+                | {n: _known(getattr(test, n)) for n in ("correlation", "statistic", "p")}
             )
             for test in found.whiteness
         ),
@@ -319,21 +314,7 @@ def document_of_many(found: ManyDrives) -> IdentificationDocument:
 def _entries(
     estimates: Mapping[str, Estimate], truth: Mapping[str, float]
 ) -> dict[str, ParameterEntry]:
-    return {
-        name: ParameterEntry(
-            estimate=e.estimate,
-            low=e.low,
-            high=e.high,
-            unit=e.unit,
-            standard_deviation=e.standard_deviation,
-            linear=e.linear,
-            range=e.range,
-            identifiable=e.identifiable,
-            profile=e.profile,
-            truth=truth.get(name),
-        )
-        for name, e in estimates.items()
-    }
+    return {name: ParameterEntry(**vars(e), truth=truth.get(name)) for name, e in estimates.items()}
 
 
 def _known(value: float) -> float | None:

@@ -20,12 +20,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.noise import STANDSTILL, MeasurementNoise
 from excitation_planner.plan import Plan
 from excitation_planner.planning.prediction import predicted_progress
 from parameter_identification.drives.measured import (
     STAMP_JITTER,
-    STANDSTILL,
     MeasuredDrive,
     Sensor,
     Signal,

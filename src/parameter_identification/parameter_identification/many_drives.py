@@ -52,7 +52,7 @@ from parameter_identification.estimation.shares import DriveShare, Setting, firs
 from parameter_identification.estimation.weighing import CERTAIN, Mixture
 from parameter_identification.estimation.weighing import mixture as mixture_of
 from parameter_identification.estimation.whiteness import SIGNIFICANCE
-from tricycle_core.errors import ExcitationError, IdentificationError
+from tricycle_core.errors import ExcitationError, IdentificationError, naming
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_sim.effects import Effect, effects_of
 from tricycle_sim.vehicle import Vehicle
@@ -630,7 +630,7 @@ def _read(job: tuple[Path, Vehicle, Path, TopicNames | None, bool]) -> tuple[Pat
                 check_reference(drive, vehicle)
             check_signs([drive], vehicle)
     except (ExcitationError, OSError) as error:
-        return bag, str(error) if str(bag) in str(error) else f"{bag}: {error}"
+        return bag, naming(error, bag)
     if drive is not None:
         keep(drive, file)
     return file, ""

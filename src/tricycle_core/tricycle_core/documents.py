@@ -115,6 +115,8 @@ def write_whole(path: Path, content: str | bytes) -> None:
 def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     """Return the values of a JSON text in UTF-8; infinite numbers are allowed, NaN is not.
 
+    Its texts can be printed: `check_texts`.
+
     Parameters
     ----------
     content : bytes
@@ -127,10 +129,10 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
     Raises
     ------
     ExcitationError
-        Of the type `error`, if it is not JSON.
+        Of the type `error`, if it is not JSON, or a text of it is not printable.
     """
     try:
-        return json.loads(_text(content, where, error), parse_constant=_infinity)
+        values = json.loads(_text(content, where, error), parse_constant=_infinity)
     except error:  # a ValueError, too
         raise
     except (ValueError, RecursionError) as problem:
@@ -138,6 +140,8 @@ def parse_json(content: bytes, where: str, error: type[ExcitationError]) -> Any:
         if isinstance(problem, json.JSONDecodeError) and problem.pos == 0:  # from its beginning on
             why = " but another kind of file" if content.strip() else ": it is empty"
         raise error(f"{where}: is not JSON{why}") from problem
+    check_texts(values, where, error)
+    return values
 
 
 def parse_yaml(content: bytes, where: str, error: type[ExcitationError]) -> Any:
@@ -205,7 +209,7 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
     Parameters
     ----------
     values : object
-        From `parse_json`; names are checked, too.
+        From a file; names are checked, too.
     where : str
         Named first in the message.
     error : type

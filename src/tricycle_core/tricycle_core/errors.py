@@ -97,3 +97,17 @@ def message_of(error: BaseException) -> str:
     text = " ".join(line.strip() for line in text.splitlines())
     # what files say of themselves may hold terminal escapes
     return "".join(c if c.isprintable() else " " for c in text)
+
+
+def naming(error: BaseException, path: object) -> str:
+    """Return what is wrong in one line that names a file.
+
+    Parameters
+    ----------
+    error : BaseException
+        That a user's mistake raised.
+    path : object
+        Of the file; it is put first where the message does not name it.
+    """
+    message = message_of(error)
+    return message if str(path) in message else f"{path}: {message}"

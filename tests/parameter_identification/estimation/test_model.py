@@ -6,8 +6,7 @@ from simulated_drives import NAMES, TRUTH, VEHICLE, commands_of_pair, driven, sh
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
-from parameter_identification.estimation.model import DriveModel, restrict
-from tricycle_core.errors import IdentificationError
+from parameter_identification.estimation.model import DriveModel
 from tricycle_core.timing import TICK
 
 EXACT = {sensor: SensorNoise(0.0, rate=47.0) for sensor in Sensor}  # between ticks
@@ -53,14 +52,3 @@ def test_the_misfit_prefers_the_truth(model):
     misfits = model.misfits(np.vstack([shares(TRUTH), others]), white)
     assert np.argmin(misfits) == 0
     assert misfits[0] < 0.01 * misfits[1:].min()
-
-
-def test_a_vehicle_is_restricted_to_parameters_it_has():
-    vehicle = restrict(VEHICLE, ("yaw_inertia", "cornering_stiffness"))
-    assert tuple(vehicle.unknown) == ("cornering_stiffness", "yaw_inertia")
-    with pytest.raises(IdentificationError, match="'mass' is not an unknown parameter"):
-        restrict(VEHICLE, ("mass",))
-    with pytest.raises(IdentificationError, match=r"a list .* as \['yaw_inertia'\]"):
-        restrict(VEHICLE, "yaw_inertia")
-    with pytest.raises(IdentificationError, match="nothing to identify"):
-        restrict(VEHICLE, ())

@@ -201,7 +201,6 @@ def _assess(
         posterior_std=np.full(len(problem.unknown), np.nan),
         simulations=len(m),
         failed=failed,
-        infeasible="",
     )
     if not verification:
         return Verified(evaluation, (math.nan, math.nan), None)
@@ -251,13 +250,9 @@ def _assess_trajectories(
         cost=cost,
         main=nothing,
         total=nothing,
-        variance=math.nan,
-        noise_share=math.nan,
-        leave_one_out_q2=math.nan,
         posterior_std=np.sqrt(np.mean(np.diagonal(covariance, axis1=1, axis2=2), axis=0)),
         simulations=n,
         failed=failed,
-        infeasible="",
     )
     return Verified(evaluation, (cost - half, cost + half), sensitivity)
 
@@ -301,9 +296,6 @@ def _rejected(
         cost=math.inf,
         main=nothing,
         total=nothing,
-        variance=math.nan,
-        noise_share=math.nan,
-        leave_one_out_q2=math.nan,
         posterior_std=nothing,
         simulations=simulations,
         failed=failed,

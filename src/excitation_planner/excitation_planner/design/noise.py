@@ -13,6 +13,9 @@ from tricycle_core.quantities import FloatArray
 DELAY_STD = 0.05
 """Uncertainty of each sensor's clock [s]: the prior with which identification estimates it."""
 
+STANDSTILL = 1.0
+"""Time before the start that identification uses, too [s]: it tells start pose and gyro bias."""
+
 GYRO_BIAS_STD = 0.02
 """Of a gyro's constant offset [rad/s]: the prior with which identification estimates it."""
 

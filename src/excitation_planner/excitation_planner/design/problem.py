@@ -64,16 +64,14 @@ class Evaluation:
         Criterion at x; infinite for a maneuver that is infeasible or excites nothing.
     main, total : ndarray of float, shape (k,)
         Sobol' indices; NaN where they were not asked for or the cost is infinite.
-    variance : float
-        Variance of the output.
-    noise_share : float
-        Variance of its noise, as a share of that.
-    leave_one_out_q2 : float
-        Of the metamodel.
     posterior_std : ndarray of float, shape (k,)
         Standard deviations of the parameters after the drive, in ranges; NaN for the criterion H.
     simulations, failed : int
         Runs of f, and those of them that failed (NaN).
+    variance, noise_share : float
+        Variance of the output, and that of its noise as a share of it; only for the criterion H.
+    leave_one_out_q2 : float
+        Of the metamodel; only for the criterion H.
     infeasible : str
         Why the maneuver cannot be driven or judged; empty when it can.
     """
@@ -82,13 +80,13 @@ class Evaluation:
     cost: float
     main: FloatArray
     total: FloatArray
-    variance: float
-    noise_share: float
-    leave_one_out_q2: float
     posterior_std: FloatArray
     simulations: int
     failed: int
-    infeasible: str
+    variance: float = math.nan
+    noise_share: float = math.nan
+    leave_one_out_q2: float = math.nan
+    infeasible: str = ""
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,6 @@ from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, Bo
 from excitation_planner.design.problem import DesignProblem, Outcome, Search
 from excitation_planner.design.trajectories import read_trajectories, write_trajectories
 from tricycle_core.documents import (
-    check_texts,
     decode,
     encode,
     parse_json,
@@ -640,7 +639,6 @@ def _load(path: Path) -> dict[str, Any]:
     kept = parse_json(read_study_file(file), str(file), DesignError)
     if not isinstance(kept, dict) or "version" not in kept:
         raise DesignError(f"{file}: is not the description of a study")
-    check_texts(kept, str(file), DesignError)
     if kept["version"] not in (1, VERSION):
         raise DesignError(
             f"{path}: study of version {kept['version']!r}; this program reads 1 and {VERSION}"

@@ -18,7 +18,7 @@ from excitation_planner.design.information import (
     posterior_covariance,
     simulated_values,
 )
-from excitation_planner.design.noise import TrajectoryNoise
+from excitation_planner.design.noise import STANDSTILL, TrajectoryNoise
 from excitation_planner.design.prior import NOTHING_BESIDE, BesideParameters, BoxPrior
 from excitation_planner.maneuver import ManeuverFamily
 from excitation_planner.plan import Plan
@@ -40,9 +40,6 @@ from tricycle_sim.vehicle.batch import CommandedBatch
 
 PERIOD = 0.05
 """Time between points [s]: 20 Hz, as localisations give poses."""
-
-STANDSTILL = 1.0
-"""Time before the start that is measured, too [s]: it gives start pose and gyro bias."""
 
 BLOCK = 128
 """Vehicles simulated at a time, which bounds the memory."""

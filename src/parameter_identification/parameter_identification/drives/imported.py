@@ -35,7 +35,7 @@ from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
 
 STANDING = 0.02  # m/s
-STANDSTILL = 0.6  # s: half before the start event, for the judge, half until the vehicle moves
+AT_REST = 0.6  # s: half before the start event, for the judge, half until the vehicle moves
 LAST = 2.0**31 - 1.0  # s, of the stamp of a message
 STATE_EVERY = 0.5  # s, as the maneuver driver repeats its state
 LATCHED = (OfferedQos(durability="transient_local", depth=1),)
@@ -140,9 +140,9 @@ def _start(recording: Recording) -> float | None:
     speed = np.abs(motion.speed)
     first = int(np.argmax(speed > 0.1))
     standing = np.flatnonzero(speed[:first] < STANDING)
-    if not len(standing) or motion.time[standing[-1]] - motion.time[0] < STANDSTILL:
+    if not len(standing) or motion.time[standing[-1]] - motion.time[0] < AT_REST:
         return None
-    return float(motion.time[standing[-1]]) - 0.5 * STANDSTILL
+    return float(motion.time[standing[-1]]) - 0.5 * AT_REST
 
 
 def _sensed(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> Iterator[Row]:

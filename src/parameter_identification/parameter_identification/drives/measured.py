@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from excitation_planner.design.noise import STANDSTILL
 from parameter_identification.drives.poses import PlanarTrajectory
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
 from parameter_identification.drives.samples import Samples, common_times
@@ -27,7 +28,6 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
 FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
-STANDSTILL = 1.0  # s before the start event that are used
 UNTOLD = 0.2  # s between samples from which an input is not known throughout
 UNTOLD_START = 1.5  # s, likewise before the first speed from rest: pulses do not tell slow ones
 SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag

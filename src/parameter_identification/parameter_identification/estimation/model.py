@@ -29,7 +29,6 @@ from parameter_identification.estimation.instruments import CLOCKS, errors_of
 from parameter_identification.estimation.motion_model import MotionModel
 from parameter_identification.estimation.motions import Motions, Simulator
 from parameter_identification.estimation.nuisance import InUnits, Nuisance
-from tricycle_core.errors import IdentificationError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.effects import Effect
 from tricycle_sim.vehicle import Vehicle
@@ -330,32 +329,3 @@ def _thinned(signal: Signal) -> Signal:
     """Some 200 samples of a signal."""
     step = max(1, len(signal.time) // 200)
     return dataclasses.replace(signal, time=signal.time[::step], values=signal.values[::step])
-
-
-def restrict(vehicle: Vehicle, parameters: Sequence[str]) -> Vehicle:
-    """Return the vehicle with only these parameters unknown, the others at their nominal values.
-
-    Parameters
-    ----------
-    vehicle : Vehicle
-        With at least these unknown parameters.
-    parameters : sequence of str
-        Names.
-
-    Raises
-    ------
-    IdentificationError
-        If one is not unknown, or none is left.
-    """
-    if isinstance(parameters, str):  # a sequence, too: of letters
-        raise IdentificationError(f"parameters: a list of names is needed, as [{parameters!r}]")
-    for name in parameters:
-        if name not in vehicle.unknown:
-            raise IdentificationError(
-                f"{name!r} is not an unknown parameter of {vehicle.name}; there are: "
-                f"{', '.join(vehicle.unknown) or 'none'}"
-            )
-    if not parameters:
-        raise IdentificationError(f"{vehicle.name}: no unknown parameter: nothing to identify")
-    unknown = {name: vehicle.unknown[name] for name in vehicle.unknown if name in parameters}
-    return dataclasses.replace(vehicle, unknown=unknown)

@@ -29,8 +29,8 @@ __all__ = [
 
 
 MAX_GAP = 0.2  # s between poses; points of Eq. 14 within a longer gap are not matched
-STANDSTILL = 1.0  # s before the start event that give the anchor
-MIN_STANDSTILL = 0.3  # s of them that must be recorded
+ANCHORED = 1.0  # s before the start event that give the anchor
+MIN_ANCHORED = 0.3  # s of them that must be recorded
 MAX_CREEP = 0.05  # m/s of a vehicle that stands
 STRAIGHT = 0.1  # rad of heading up to which the drive is straight, for the time offset
 
@@ -281,12 +281,12 @@ def _check_matched(drive: RecordedDrive, time: FloatArray) -> None:
 def _standstill(drive: RecordedDrive) -> PlanarTrajectory:
     """Poses just before the start event; raises if there are none or the vehicle moves."""
     time = drive.poses.time
-    standing = drive.poses.part((time >= -STANDSTILL) & (time < 0))
+    standing = drive.poses.part((time >= -ANCHORED) & (time < 0))
     recorded = -standing.time[0] if len(standing.time) else 0.0
-    if recorded < MIN_STANDSTILL or len(standing.time) < 3:
+    if recorded < MIN_ANCHORED or len(standing.time) < 3:
         raise JudgeError(
             f"{drive.bag}: {recorded:.2f} s of standstill before the start event are recorded, "
-            f"{MIN_STANDSTILL} s are needed: start recording earlier"
+            f"{MIN_ANCHORED} s are needed: start recording earlier"
         )
     t, x, y = standing.time, standing.x, standing.y
     creep = np.hypot(_slope(t, x), _slope(t, y))

@@ -22,7 +22,7 @@ from tricycle_cli.arguments import (
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
-from tricycle_core.errors import BagError
+from tricycle_core.errors import BagError, naming
 from tricycle_sim.vehicle import load_vehicle
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def _by_entry(bags: Iterable[Path], key: str, left_out: list[str] | None) -> dic
         except (BagError, OSError) as error:
             if left_out is None:
                 raise
-            left_out.append(str(error) if str(bag) in str(error) else f"{bag}: {error}")
+            left_out.append(naming(error, bag))
     return dict(sorted(found.items()))
 
 

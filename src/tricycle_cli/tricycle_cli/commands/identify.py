@@ -26,7 +26,7 @@ from tricycle_cli.arguments import (
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
-from tricycle_cli.reports.identification_files import DRIVE_BY_DRIVE, FILES
+from tricycle_cli.reports.identification_files import FILES, IDENTIFICATION, VEHICLE, remove_older
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import load_vehicle
@@ -280,8 +280,11 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    from parameter_identification.estimation.model import restrict
-    from parameter_identification.identification_file import document_of_many
+    from parameter_identification.estimation.unknown import restrict
+    from parameter_identification.identification_file import (
+        document_of_many,
+        save_identification_file,
+    )
     from parameter_identification.identified_vehicle import identified_vehicle
     from parameter_identification.many_drives import identify_many
     from tricycle_cli.reports.tables import parameter_table, remarks_on_many, table_console
@@ -322,15 +325,14 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     console.print(parameter_table(found))
     for remark in remarks_on_many(found):
         console.print(remark, soft_wrap=True)
-    document = json.dumps(document_of_many(found).to_json(), allow_nan=False)
+    document = document_of_many(found)
     if args.output is not None:
-        write_whole(args.output / "vehicle.yaml", identified_vehicle(found, args.vehicle))
-        write_whole(args.output / "identification.json", document + "\n")
-        for name in set(FILES) - set(DRIVE_BY_DRIVE):  # of an earlier identification
-            (args.output / name).unlink(missing_ok=True)
+        write_whole(args.output / VEHICLE, identified_vehicle(found, args.vehicle))
+        save_identification_file(document, args.output / IDENTIFICATION)
+        remove_older(args.output, (VEHICLE, IDENTIFICATION))
         console.print(f"vehicle file and numbers: {args.output}", soft_wrap=True)
     if args.json:
-        print(document)
+        print(json.dumps(document.to_json(), allow_nan=False))
     return 0
 
 

@@ -1,7 +1,23 @@
 """Names of the files of an identification, known before what draws some of them is imported."""
 
+from collections.abc import Collection
+from pathlib import Path
+
+IDENTIFICATION, VEHICLE, REPORT = "identification.json", "vehicle.yaml", "report.html"
 FIGURES = "trajectories", "residuals", "lack", "profiles"
-DRIVE_BY_DRIVE = "identification.json", "vehicle.yaml"
-"""What `tricycle identify --drive-by-drive` writes."""
-FILES = (*DRIVE_BY_DRIVE, "report.html", *(f"{name}.png" for name in FIGURES))
-"""What `save_identification` may write."""
+FILES = (IDENTIFICATION, VEHICLE, REPORT, *(f"{name}.png" for name in FIGURES))
+"""What an identification may write."""
+
+
+def remove_older(folder: Path, written: Collection[str]) -> None:
+    """Remove the files of an earlier identification that this one has not written.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the identification.
+    written : collection of str
+        Names of the files that this one has written.
+    """
+    for name in set(FILES) - set(written):
+        (folder / name).unlink(missing_ok=True)

@@ -19,7 +19,7 @@ from parameter_identification.identified_vehicle import (
     named_drives,
 )
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
-from tricycle_cli.reports.identification_files import FIGURES
+from tricycle_cli.reports.identification_files import IDENTIFICATION, REPORT, VEHICLE, remove_older
 from tricycle_cli.reports.tables import HEADINGS, parameter_rows, remarks
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.palette import BLUE, GREEN, VERMILLION
@@ -307,11 +307,8 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
     OSError
         If something cannot be written.
     """
-    save_identification_file(document_of(found), folder / "identification.json")
-    texts = {
-        "vehicle.yaml": identified_vehicle(found, vehicle_file),
-        "report.html": identification_page(found),
-    }
+    save_identification_file(document_of(found), folder / IDENTIFICATION)
+    texts = {VEHICLE: identified_vehicle(found, vehicle_file), REPORT: identification_page(found)}
     figures = {
         "trajectories": trajectories_figure(found),
         "residuals": residuals_figure(found),
@@ -322,10 +319,7 @@ def save_identification(found: Identification, vehicle_file: Path | None, folder
         figures["profiles"] = profiles_figure(found)
     for name, text in texts.items():
         write_whole(folder / name, text)
-    for name in FIGURES:
-        picture = folder / f"{name}.png"
-        if name not in figures:
-            picture.unlink(missing_ok=True)
-            continue
-        with replacing(picture) as file:
-            figures[name].savefig(file, dpi=150)
+    for name, figure in figures.items():
+        with replacing(folder / f"{name}.png") as file:
+            figure.savefig(file, dpi=150)
+    remove_older(folder, (IDENTIFICATION, *texts, *(f"{name}.png" for name in figures)))
