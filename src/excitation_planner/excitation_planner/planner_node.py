@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from excitation_planner import planning
 from excitation_planner.area.area import load_area
 from excitation_planner.design.criteria import Criterion
-from excitation_planner.design.noise import MeasurementNoise
+from excitation_planner.design.noise import NOISE_FIELDS, MeasurementNoise
 from excitation_planner.maneuver import (
     family_by_name,
     family_names,
@@ -40,22 +40,10 @@ from tricycle_sim.vehicle import UNKNOWN_PARAMETERS, load_vehicle
 POLL = 0.2  # s between polls of the planning process
 DIAGNOSTICS_PERIOD = 1.0  # s
 SPAWN = multiprocessing.get_context("spawn")  # a fork would inherit the middleware's threads
-NOISES = {
-    "noise_std": "m, of the measured position per axis",
-    "heading_std": "rad, of the measured heading; 0: it is not measured",
-    "pose_rate": "Hz, of position and heading",
-    "gyro_rate": "Hz, of the gyro",
-    "yaw_rate_std": "rad/s, of a yaw-rate gyro; 0: there is none",
-    "wheel_rate": "Hz, of the wheel speed",
-    "wheel_speed_std": "rad/s, of the rear wheel's speed; 0: it is not measured",
-    "drift_std": "m, of a slow drift of the position",
-    "start_position_std": "m, of the start position per axis",
-    "start_heading_std": "rad, of the start heading",
-}
 PLAN_PARAMETERS = (
     *("vehicle_file", "area_file", "maneuver", "ranges", "lead_in", "target"),
     *("criterion", "effects", "samples", "budget", "seed"),
-    *NOISES,
+    *NOISE_FIELDS,
 )
 Settings = dict[str, Any]  # parameter name -> value, as declared below
 
@@ -76,7 +64,7 @@ def _request(settings: Settings) -> PlanRequest:
         samples=settings["samples"],
         budget=settings["budget"],
         seed=settings["seed"],
-        noise=MeasurementNoise(**{name: settings[name] for name in NOISES}),
+        noise=MeasurementNoise(**{name: settings[name] for name in NOISE_FIELDS}),
         area=load_area(Path(settings["area_file"])) if settings["area_file"] else None,
         effects=named_effects(settings["effects"]),
     )
@@ -124,8 +112,8 @@ class ExcitationPlanner(Node):
         setting("samples", 100, "for criterion h: simulations per maneuver", (1, 1e6))
         setting("budget", 12_000, "largest number of simulations", (1, 1e9))
         setting("seed", 0, "same seed, same plan", (0, 2**31 - 1))
-        for name, description in NOISES.items():
-            setting(name, getattr(MeasurementNoise, name), description, (0, 1e4))
+        for name, (unit, text) in NOISE_FIELDS.items():
+            setting(name, getattr(MeasurementNoise, name), f"{unit}, {text}", (0, 1e4))
         setting("plan_file", "plan.json", "the newest plan: published when it exists or is made")
         self._plans = PlanPublisher(self)
         self._plan: Plan | None = None

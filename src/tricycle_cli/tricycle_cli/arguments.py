@@ -199,6 +199,54 @@ def add_lead_in_option(parser: ArgumentParser) -> None:
     )
 
 
+def add_vehicle_option(parser: ArgumentParser, what: str = "vehicle YAML") -> None:
+    """Declare `--vehicle`.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand.
+    what : str
+        The file's meaning, for the help.
+    """
+    parser.add_argument(
+        "--vehicle", type=Path, metavar="FILE", help=f"{what} (default: the paper's tricycle)"
+    )
+
+
+def add_workers_option(parser: ArgumentParser) -> None:
+    """Declare `--workers`.
+
+    Parameters
+    ----------
+    parser : ArgumentParser
+        Of a subcommand that reads many bags.
+    """
+    parser.add_argument(
+        "--workers",
+        type=at_least(1),
+        metavar="N",
+        help="processes (default: one per processor)",
+    )
+
+
+def at_least(least: int) -> Callable[[str], int]:
+    """Return what reads a whole number.
+
+    Parameters
+    ----------
+    least : int
+        Smallest one.
+    """
+
+    def parse(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise ArgumentTypeError(f"'{text}': needs a whole number, {least} or more")
+        return int(text)
+
+    return parse
+
+
 def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, MeasurementNoise]) -> None:
     """Declare the options that say how a drive is measured.
 
@@ -209,24 +257,19 @@ def add_noise_options(parser: ArgumentParser, defaults: Mapping[str, Measurement
     defaults : mapping of str to MeasurementNoise
         What holds where an option is left out, by the condition, for the help.
     """
+    from excitation_planner.design.noise import NOISE_FIELDS
+
     group = parser.add_argument_group(
         "how the drive is measured", "deviations of white noise; where left out, the simulation's"
     )
-    for option, unit, text in (
-        ("--noise-std", "M", "of the position per axis; 0: the paper's cost"),
-        ("--heading-std", "RAD", "of the heading; 0: it is not measured"),
-        ("--pose-rate", "HZ", "rate of position and heading"),
-        ("--yaw-rate-std", "RAD/S", "of a yaw-rate gyro; 0: there is none"),
-        ("--gyro-rate", "HZ", "rate of the gyro"),
-        ("--wheel-speed-std", "RAD/S", "of the rear wheel's speed; 0: it is not measured"),
-        ("--wheel-rate", "HZ", "rate of the wheel speed"),
-        ("--drift-std", "M", "of a slow drift of the position"),
-        ("--start-position-std", "M", "of the start position per axis"),
-        ("--start-heading-std", "RAD", "of the start heading"),
-    ):
-        name = option[2:].replace("-", "_")
+    for name, (unit, text) in NOISE_FIELDS.items():
         told = ", ".join(f"{when}{getattr(noise, name):g}" for when, noise in defaults.items())
-        group.add_argument(option, type=float, metavar=unit, help=f"{text} (default: {told})")
+        group.add_argument(
+            f"--{name.replace('_', '-')}",
+            type=float,
+            metavar=unit.upper(),
+            help=f"{text} (default: {told})",
+        )
 
 
 def noise_of(args: Namespace, default: MeasurementNoise) -> MeasurementNoise:

@@ -15,12 +15,13 @@ from excitation_planner.plan import load_plan
 from excitation_planner.planning import check_vehicle
 from parameter_identification.drives.measured import Sensor, StartPose
 from parameter_identification.drives.simulated import SensedMotion, SensorNoise, measure
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.identification_file import (
     IdentificationDocument,
     ParameterEntry,
     load_identification_file,
 )
-from tricycle_cli.campaign.cycle import HALF_WIDTH, Campaign
+from tricycle_cli.campaign.cycle import Campaign
 from tricycle_cli.campaign.request import CampaignRequest
 from tricycle_cli.campaign.results import campaign_report
 from tricycle_cli.campaign.state_file import CampaignState, Step
@@ -97,7 +98,7 @@ def test_a_campaign_ends_within_its_tolerance_also_after_a_kill(tmp_path):
     assert campaign.missing() == ()
     for name in TARGETS:
         known = campaign.known()[name]
-        assert HALF_WIDTH * known.std <= 0.05 * known.estimate
+        assert half_width() * known.std <= 0.05 * known.estimate
         assert abs(known.estimate - TRUTH[name]) < 4.0 * known.std
     # as it was when it is opened again; a finished one has nothing left to do
     known, drives = campaign.known(), len(campaign.steps)

@@ -36,13 +36,18 @@ def test_an_effect_that_is_none_is_refused_before_any_work(tricycle, tmp_path, c
     [
         (["--robust"], "--drive-by-drive: not together with --robust"),
         (["--fmu", "f.yaml", "--columns", "c.yaml"], "--columns, --fmu"),
-        (["--workers", "0"], "--workers 0: 1 or more"),
     ],
 )
 def test_what_drive_by_drive_cannot_do_is_refused(tricycle, tmp_path, more, message):
     with pytest.raises(IdentificationError, match=message):
         tricycle("identify", tmp_path / "bag", "--drive-by-drive", tmp_path / "work", *more)
     assert not (tmp_path / "work").exists()
+
+
+def test_without_a_worker_nothing_is_read(tricycle, tmp_path, capsys):
+    with pytest.raises(SystemExit):
+        tricycle("identify", tmp_path / "bag", "--drive-by-drive", tmp_path, "--workers", "0")
+    assert "'0': needs a whole number, 1 or more" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

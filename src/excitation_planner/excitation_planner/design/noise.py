@@ -135,6 +135,22 @@ class TrajectoryNoise:
         raise DesignError(f"noise: {what} does not fit {times} time points of {channels} channels")
 
 
+NOISE_FIELDS = {
+    "noise_std": ("m", "of the position per axis; 0: the paper's cost"),
+    "heading_std": ("rad", "of the heading; 0: it is not measured"),
+    "pose_rate": ("Hz", "rate of position and heading"),
+    "yaw_rate_std": ("rad/s", "of a yaw-rate gyro; 0: there is none"),
+    "gyro_rate": ("Hz", "rate of the gyro"),
+    "wheel_speed_std": ("rad/s", "of the rear wheel's speed; 0: it is not measured"),
+    "wheel_rate": ("Hz", "rate of the wheel speed"),
+    "drift_std": ("m", "of a slow drift of the position"),
+    "drift_time": ("s", "correlation time of that drift"),
+    "start_position_std": ("m", "of the start position per axis"),
+    "start_heading_std": ("rad", "of the start heading"),
+}
+"""Unit and meaning of each field of `MeasurementNoise`, for options and parameters of nodes."""
+
+
 @dataclass(frozen=True)
 class MeasurementNoise:
     """How a drive is measured: what a plan assumes about its sensors and the start pose.
@@ -180,18 +196,13 @@ class MeasurementNoise:
     start_heading_std: float = 0.0175
 
     def __post_init__(self) -> None:
-        for name, unit in (
-            *(("noise_std", "m"), ("heading_std", "rad")),
-            *(("yaw_rate_std", "rad/s"), ("wheel_speed_std", "rad/s"), ("drift_std", "m")),
-            *(("start_position_std", "m"), ("start_heading_std", "rad")),
-        ):
-            if not 0.0 <= getattr(self, name) < 10.0:
-                raise PlanError(f"{name} = {getattr(self, name):g} {unit} must be from 0 to 10")
-        for name in ("pose_rate", "gyro_rate", "wheel_rate"):
-            if not 0.0 < getattr(self, name) <= 1e4:
-                raise PlanError(f"{name} = {getattr(self, name):g} Hz must be above 0, at most 1e4")
-        if not 0.0 < self.drift_time < 1e4:
-            raise PlanError(f"drift_time = {self.drift_time:g} s must be above 0")
+        for name, (unit, _) in NOISE_FIELDS.items():
+            value = getattr(self, name)
+            if name.endswith("_std"):
+                if not 0.0 <= value < 10.0:
+                    raise PlanError(f"{name} = {value:g} {unit} must be from 0 to 10")
+            elif not 0.0 < value <= 1e4:
+                raise PlanError(f"{name} = {value:g} {unit} must be above 0, at most 1e4")
 
     @property
     def position_std(self) -> float:

@@ -20,6 +20,7 @@ from tricycle_cli.arguments import (
     add_lead_in_option,
     add_noise_options,
     add_range_options,
+    add_vehicle_option,
     describe_later,
     effects_asked,
     families_of,
@@ -102,7 +103,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
     describe_later(parser, describe)
     add_range_options(parser)
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add_area_option(parser)
     add_lead_in_option(parser)
     add(

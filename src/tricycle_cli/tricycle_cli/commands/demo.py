@@ -15,6 +15,7 @@ from excitation_planner.planning import PlanRequest
 from tricycle_cli.arguments import (
     add_effects_option,
     add_overwrite_option,
+    add_vehicle_option,
     check_output_files,
     describe_later,
     effects_asked,
@@ -78,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=UNKNOWN_PARAMETERS[0],
         help="unknown parameter to excite",
     )
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add("--seed", type=seed, default=0, help="of plan, random maneuver and hidden truth")
     add(
         "--real-time-factor",

@@ -4,7 +4,14 @@ import argparse
 import shlex
 from pathlib import Path
 
-from tricycle_cli.arguments import OF_SIMULATION, namespace, real_time_factor, refuse_given, seed
+from tricycle_cli.arguments import (
+    OF_SIMULATION,
+    add_vehicle_option,
+    namespace,
+    real_time_factor,
+    refuse_given,
+    seed,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
 from tricycle_core.errors import InfeasibleManeuver, PlanError
@@ -48,12 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="drive back to the start, closed loop at walking pace, after each drive; recorded in "
         "the next bag, and that of the last drive in a folder beside --bag",
     )
-    add(
-        "--vehicle",
-        type=Path,
-        metavar="FILE",
-        help="vehicle YAML, also of the running nodes (default: the paper's tricycle)",
-    )
+    add_vehicle_option(parser, "vehicle YAML, also of the running nodes")
     add("--plant", metavar="NAME", help=f"what the simulation drives (default: {OWN})")
     add("--true-seed", type=seed, help="of the simulation's hidden true parameters")
     add(

@@ -8,6 +8,7 @@ from tricycle_cli.arguments import (
     BAG_HELP,
     add_overwrite_option,
     add_topic_options,
+    add_vehicle_option,
     bag_argument,
     check_output_files,
     topics_of,
@@ -48,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--output", type=_gif, default=Path("out/film.gif"), metavar="FILE", help="GIF")
     add_overwrite_option(parser)
     add("--speed", type=_speed, default=3.0, help="seconds of the drive per second")
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add(
         "--plant",
         choices=[RENDERED],

@@ -16,6 +16,8 @@ from tricycle_cli.arguments import (
     add_other_vehicle_option,
     add_overwrite_option,
     add_topic_options,
+    add_vehicle_option,
+    add_workers_option,
     check_output_files,
     parameter_names,
     seed,
@@ -69,7 +71,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY",
         help="entry of the bags' metadata that names the vehicle (default: the folder of the bag)",
     )
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML of all (default: the paper's)")
+    add_vehicle_option(identify, "vehicle YAML of all")
     add(
         "--shared",
         type=parameter_names,
@@ -106,7 +108,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="where drives are kept once they are read, so that the same call goes on (default: "
         "drives in the output; without one nothing is kept)",
     )
-    add("--workers", type=int, metavar="N", help="processes (default: one per processor)")
+    add_workers_option(identify)
     add("--leave-out", action="store_true", help="leave bags out that cannot be used")
     add_other_vehicle_option(identify)
     add("--seed", type=seed, default=0, help="of the starts")
@@ -140,8 +142,6 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_core.documents import check_folder
     from tricycle_sim.effects import named_effects
 
-    if args.workers is not None and args.workers < 1:
-        raise BagError(f"--workers {args.workers}: 1 or more are needed")
     effects = named_effects(args.effects)
     vehicle = load_vehicle(args.vehicle)
     if args.output is not None:

@@ -17,6 +17,8 @@ from tricycle_cli.arguments import (
     add_other_vehicle_option,
     add_overwrite_option,
     add_topic_options,
+    add_vehicle_option,
+    add_workers_option,
     bag_argument,
     check_output_files,
     effects_asked,
@@ -71,7 +73,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=bag_argument,
         help=f"{BAG_HELP}; with --columns also .csv or .csv.gz",
     )
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add(
         "--parameters",
         type=parameter_names,
@@ -141,7 +143,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "proportion; with linear intervals, and effects where --effects names them. The drives "
         "read are kept in DIR: the same call goes on",
     )
-    add("--workers", type=int, metavar="N", help="processes (default: one per processor)")
+    add_workers_option(parser)
     add("--leave-out", action="store_true", help="leave bags out that cannot be used")
     parser.set_defaults(run=run)
 
@@ -298,8 +300,6 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     }
     if wrong := [name for name, given in others.items() if given]:
         raise IdentificationError(f"--drive-by-drive: not together with {', '.join(wrong)}")
-    if args.workers is not None and args.workers < 1:
-        raise IdentificationError(f"--workers {args.workers}: 1 or more are needed")
     effects = effects_asked(args, "none")
     if args.output is not None:
         check_output_files((args.output / name for name in FILES), args)

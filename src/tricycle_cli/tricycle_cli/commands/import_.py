@@ -4,6 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
+from tricycle_cli.arguments import add_vehicle_option
 from tricycle_core.documents import check_folder
 from tricycle_sim.vehicle import load_vehicle
 
@@ -32,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("table", metavar="TABLE", type=Path, help=".csv or .csv.gz file with a header")
     add("--columns", type=Path, required=True, metavar="FILE", help="mapping of its columns, YAML")
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add("--output", type=Path, required=True, metavar="DIR", help="bag to create")
     parser.set_defaults(run=run)
 

@@ -21,6 +21,7 @@ from tricycle_cli.arguments import (
     add_noise_options,
     add_overwrite_option,
     add_range_options,
+    add_vehicle_option,
     check_output_files,
     describe_later,
     families_of,
@@ -103,7 +104,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "variance of the target, d the volume and a the sum of the variances of all parameters "
         "(default: c; h with --noise-std 0)",
     )
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add_area_option(parser)
     add_lead_in_option(parser)
     add(

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from tricycle_cli.arguments import add_overwrite_option, check_output_files
+from tricycle_cli.arguments import add_overwrite_option, add_vehicle_option, check_output_files
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_sim.vehicle import load_vehicle
@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("directory", type=Path, metavar="DIR", help="of the run, or a bag")
     add("--output", type=Path, metavar="FILE", help="default: DIR/report.html, or DIR/run.html")
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add("--figures", type=Path, metavar="FOLDER", help="write every figure to a file in it, too")
     add("--format", choices=["svg", "pdf", "png"], default="svg", help="of the figures")
     add_overwrite_option(parser)

@@ -22,6 +22,8 @@ from excitation_planner.maneuver import (
 from tricycle_cli.arguments import (
     add_overwrite_option,
     add_range_options,
+    add_vehicle_option,
+    at_least,
     check_output_files,
     describe_later,
     parse_assignments,
@@ -82,11 +84,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     describe_later(parser, describe)
     add_range_options(parser)
     add = parser.add_argument
-    add("--vehicle", type=Path, metavar="FILE", help="vehicle YAML (default: the paper's tricycle)")
+    add_vehicle_option(parser)
     add("--set", nargs="+", action="extend", default=[], metavar="NAME=VALUE", help="constants")
     add(
         "--samples",
-        type=_at_least(1),
+        type=at_least(1),
         metavar="N",
         help="draw N vehicles from the unknown's ranges",
     )
@@ -232,15 +234,6 @@ def _draw(vehicle: Vehicle, samples: int, seed: int) -> FloatArray:
     rng = np.random.default_rng(seed)
     low, high = np.array(list(vehicle.unknown.values())).reshape(-1, 2).T
     return rng.uniform(low, high, (samples, len(low)))
-
-
-def _at_least(least: int) -> Callable[[str], int]:
-    def parse(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"'{text}': needs a whole number, {least} or more")
-        return int(text)
-
-    return parse
 
 
 def _output(text: str) -> Path:
