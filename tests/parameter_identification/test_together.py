@@ -66,9 +66,9 @@ class Dense:
         gradient[ranges] = 12.0 * (v[ranges] - 0.5)
         for at, problem in zip(self.at, self.problems, strict=True):
             problem.weigh(v[at])
-            gram = problem.gram(v[at])
-            information[np.ix_(at, at)] += gram[:-1, :-1]
-            gradient[at] += gram[:-1, -1]
+            own = problem.quadratic(v[at])
+            information[np.ix_(at, at)] += own.information
+            gradient[at] += own.gradient
         return information, gradient
 
 
@@ -112,7 +112,7 @@ def telling(drives, *, deviation=0.01):
         slopes = np.array([[told * (at[0] - value), 0.0] for value in values])
         pull = variables.information @ (at - variables.mean)
         information = variables.information + np.diag([told * len(values), 0.0])
-        there = Sum(at, 0.0, information, pull + slopes.sum(axis=0), slopes, ())
+        there = Sum(at, 0.0, pull + slopes.sum(axis=0), information, slopes, ())
         searches.append(Search([], None, variables, np.zeros(len(values)), at.copy(), there))
     return Together(searches, [0])
 

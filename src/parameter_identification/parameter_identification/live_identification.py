@@ -516,7 +516,7 @@ class LiveIdentification:
             else:
                 problem.estimate_noise(fit.at)
                 fit = problem.minimise(fit.at, tolerance=ROUGH)
-            covariance = np.linalg.inv(problem.gram(fit.at)[:-1, :-1])
+            covariance = problem.quadratic(fit.at).covariance()
             drive.keep(problem, fit.at)
         std = np.sqrt(np.diag(covariance))[: problem.k] * model.width
         planned = None if drive.planned is None else drive.planned.at(elapsed)

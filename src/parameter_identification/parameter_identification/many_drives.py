@@ -23,7 +23,6 @@ from typing import Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
@@ -42,6 +41,7 @@ from parameter_identification.estimation.checks import check_motion, check_refer
 from parameter_identification.estimation.doubt import beyond_ranges, doubted, grown
 from parameter_identification.estimation.intervals import interval
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
+from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.results import (
     EffectEstimate,
     Estimate,
@@ -60,7 +60,7 @@ from tricycle_sim.vehicle import Vehicle
 LOOKED_AT = 8  # drives from which start and noise are found
 TOGETHER = 4  # drives of one task of the executor
 PASSES = 20  # over all drives, at most
-TOLERANCE = 0.01  # of the cost: a step that promises less is the last one
+TOLERANCE = 0.01  # of the cost: a step that lowers it by less is the last one
 RATE = 0.5  # standard deviation of a rate's prior, in ranges per unit of time
 
 T = TypeVar("T")
@@ -183,56 +183,19 @@ class Variables:
 
 
 @dataclass(frozen=True, eq=False)
-class Sum:
-    """What drives and prior say of variables (n,) at a point.
+class Sum(Quadratic):
+    """What drives and prior say of variables (n,) near a point.
 
     Attributes
     ----------
-    at : ndarray of float, shape (n,)
-        The point.
-    cost : float
-        Squared residuals over their variances.
-    information : ndarray of float, shape (n, n)
-        Half the second derivatives of the cost.
-    gradient : ndarray of float, shape (n,)
-        Half the first ones.
     slopes : ndarray of float, shape (d, n)
         The gradient of each drive.
     shares : tuple of DriveShare
         Of each drive.
     """
 
-    at: FloatArray
-    cost: float
-    information: FloatArray
-    gradient: FloatArray
     slopes: FloatArray
     shares: tuple[DriveShare, ...]
-
-    def step(self, low: FloatArray, high: FloatArray) -> FloatArray:
-        """Return the step (n,) to the minimum of the quadratic cost.
-
-        Parameters
-        ----------
-        low, high : ndarray of float, shape (n,)
-            Bounds of the step.
-        """
-        factor = np.linalg.cholesky(self.information)
-        wanted = np.linalg.solve(factor, -self.gradient)
-        step: FloatArray = np.linalg.solve(factor.T, wanted)
-        if np.any((step < low) | (step > high)):
-            step = lsq_linear(factor.T, wanted, (low, high), method="bvls").x
-        return step
-
-    def promise(self, step: FloatArray) -> float:
-        """Return by how much a step lowers the quadratic cost.
-
-        Parameters
-        ----------
-        step : ndarray of float, shape (n,)
-            Of the variables.
-        """
-        return -float(step @ (2.0 * self.gradient + self.information @ step))
 
 
 @dataclass(eq=False)
@@ -270,7 +233,7 @@ class Search:
         return self.here
 
     def trial(self, length: float) -> tuple[FloatArray, float]:
-        """Return the point (n,) of the next step, and what it promises.
+        """Return the point (n,) of the next step, and by how much it lowers the quadratic cost.
 
         Parameters
         ----------
@@ -278,8 +241,8 @@ class Search:
             Share of the step that is made.
         """
         low, high = self.variables.low, self.variables.high
-        step = length * self.sum.step(low - self.at, high - self.at)
-        return np.clip(self.at + step, low, high), self.sum.promise(step)
+        step = length * self.sum.step(low, high)
+        return np.clip(self.at + step, low, high), self.sum.decrease(step)
 
 
 def look(
@@ -342,7 +305,7 @@ def _summed(
         d.T @ s.information @ d for d, s in zip(of_drives, shares, strict=True)
     )
     cost = float(off @ pull) + sum(share.cost for share in shares)
-    return Sum(point, cost, information, pull + slopes.sum(axis=0), slopes, tuple(shares))
+    return Sum(point, cost, pull + slopes.sum(axis=0), information, slopes, tuple(shares))
 
 
 def descend(searches: Sequence[Search], executor: Executor | None) -> None:
@@ -367,8 +330,8 @@ def descend(searches: Sequence[Search], executor: Executor | None) -> None:
     for _ in range(PASSES):
         trials = {}
         for i in list(lengths):
-            point, promise = searches[i].trial(lengths[i])
-            if promise < TOLERANCE:
+            point, decrease = searches[i].trial(lengths[i])
+            if decrease < TOLERANCE:
                 searches[i].at = point
                 del lengths[i]
             else:
@@ -646,8 +609,7 @@ def growth_of(search: Search, level: float) -> tuple[FloatArray, FloatArray]:
     level : float
         Probability of the intervals.
     """
-    covariance = np.asarray(np.linalg.inv(search.sum.information))
-    return grown(covariance, search.sum.slopes, search.variables.information, level)
+    return grown(search.sum.covariance(), search.sum.slopes, search.variables.information, level)
 
 
 def beyond_of(
@@ -665,8 +627,7 @@ def beyond_of(
         Over subsets of the effects.
     """
     here, k = search.sum, len(search.setting.vehicle.unknown)
-    covariance = np.linalg.inv(here.information)
-    free, std = here.at - covariance @ here.gradient, np.sqrt(np.diag(covariance))
+    free, std = here.minimum(), np.sqrt(np.diag(here.covariance()))
     if average is not None:
         free, std = average.mixture.mean, average.mixture.standard_deviations
     std = factors * std
@@ -689,7 +650,7 @@ def _weigh(search: Search) -> _Average:
     effects = range(first, first + len(search.setting.shared))
     mixture = mixture_of(
         here.information,
-        here.information @ here.at - here.gradient,
+        here.pull,
         [[i] for i in effects],
         [effect.chance for effect in search.setting.shared],
         {i: variables.low[i] for i in effects if variables.low[i] > -CERTAIN},
@@ -726,7 +687,7 @@ def result_of(
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
-        covariance = np.asarray(np.linalg.inv(here.information))
+        covariance = here.covariance()
     k, vehicle = len(setting.vehicle.unknown), setting.vehicle
     width = np.array([high - low for low, high in vehicle.unknown.values()])
     before = np.asarray(np.linalg.inv(search.variables.information), dtype=np.float64)[:k, :k]

@@ -73,7 +73,7 @@ class Together:
             arrow = self._arrow(points)
             step = shorter * arrow.step(low - points, high - points)
             trial = np.clip(points + step, low, high)
-            if arrow.promise(step) < TOLERANCE:
+            if arrow.decrease(step) < TOLERANCE:
                 for search, point in zip(searches, trial, strict=True):
                     search.at = point
                 return

@@ -54,7 +54,7 @@ def test_step_and_covariances_are_those_of_the_dense_system():
             at = np.ix_(places(a)[OWN], places(b)[OWN])
             assert block == pytest.approx(covariance[at])
     lowers = -(2.0 * gradient @ expected + expected @ information @ expected)
-    assert of.promise(step) == pytest.approx(lowers)
+    assert of.decrease(step) == pytest.approx(lowers)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -68,7 +68,7 @@ def test_a_step_stays_within_bounds_and_is_little_worse_than_the_best_one(seed):
     factor = np.linalg.cholesky(information)
     best = lsq_linear(factor.T, np.linalg.solve(factor, -gradient), (-bound, bound)).x
     least = -(2.0 * gradient @ best + best @ information @ best)
-    assert 0.9 * least < of.promise(step) <= least + 1e-9
+    assert 0.9 * least < of.decrease(step) <= least + 1e-9
 
 
 def test_without_common_variables_groups_are_alone():

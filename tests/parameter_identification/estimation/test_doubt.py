@@ -41,10 +41,11 @@ def test_intervals_by_the_scatter_of_drives_that_contradict_each_other_hold(driv
 
 @pytest.mark.parametrize("drives", [2, 3, 6])
 @pytest.mark.parametrize(("bias", "told", "least"), [(0.0, AGREEING, 0.93), (20.0, 0.95, 0.85)])
-def test_intervals_of_a_few_drives_hold_where_each_errs_by_itself(drives, bias, told, least):
+def test_intervals_of_a_few_drives_hold_where_all_err_as_each_does(drives, bias, told, least):
     rng = np.random.default_rng(drives)
     noise = rng.uniform(0.5, 2.0, (1000, drives, 1))
-    found, weights = rng.normal(0.0, np.hypot(noise, bias)), noise**-2
+    alike = rng.normal(0.0, bias, (1000, 1, 1))
+    found, weights = alike + rng.normal(0.0, np.hypot(noise, bias)), noise**-2
     factors = np.array([contradicting(*of, 0.95) for of in zip(found, noise**2, strict=True)])[
         ..., 0
     ]
@@ -55,9 +56,10 @@ def test_intervals_of_a_few_drives_hold_where_each_errs_by_itself(drives, bias, 
 
 
 @pytest.mark.parametrize("drives", [2, 3, 6])
-def test_intervals_by_what_changes_without_each_drive_are_those_of_a_mean_of_samples(drives):
+def test_intervals_by_what_changes_without_each_drive_hold_where_all_err_as_each_does(drives):
+    """The interval for a further sample: by Student's distribution it holds exactly."""
     rng = np.random.default_rng(drives)
-    samples = rng.normal(0.0, 7.0, (2000, drives))
+    samples = rng.normal(0.0, 7.0, (2000, 1)) + rng.normal(0.0, 7.0, (2000, drives))
     mean = samples.mean(axis=1)
     without = (drives * mean[:, None] - samples) / (drives - 1)
     std = np.full(1, 1.0 / np.sqrt(drives))  # taken for ones of deviation 1

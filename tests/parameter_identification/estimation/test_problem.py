@@ -42,15 +42,15 @@ def optimum(problem, steps):
     return find_optimum(problem, starts=2, seed=0, level=0.95, step=lambda: steps.append(1))
 
 
-def test_the_gram_matrix_is_that_of_cost_and_gradient(problem):
+def test_the_gradient_is_that_of_the_cost(problem):
     rng = np.random.default_rng(0)
     v = np.concatenate([shares(TRUTH), 0.1 * rng.standard_normal(problem.n - problem.k)])
-    gram = problem.gram(v)
-    np.testing.assert_allclose(gram, gram.T)
+    here = problem.quadratic(v)
+    np.testing.assert_allclose(here.information, here.information.T)
     for i in (0, 3, problem.k, problem.n - 1):
         step = 1e-4 * np.eye(problem.n)[i]
-        slope = (problem.gram(v + step)[-1, -1] - problem.gram(v - step)[-1, -1]) / 2e-4
-        assert 2.0 * gram[i, -1] == pytest.approx(slope, rel=0.02, abs=0.5)
+        slope = (problem.quadratic(v + step).cost - problem.quadratic(v - step).cost) / 2e-4
+        assert 2.0 * here.gradient[i] == pytest.approx(slope, rel=0.02, abs=0.5)
 
 
 def test_variables_that_are_not_free_stay(problem):
@@ -58,7 +58,7 @@ def test_variables_that_are_not_free_stay(problem):
     free = np.arange(problem.n) >= problem.k
     fit = problem.minimise(start, free)
     np.testing.assert_array_equal(fit.at[: problem.k], 0.4)
-    assert fit.cost < problem.gram(start)[-1, -1]
+    assert fit.cost < problem.quadratic(start).cost
 
 
 def test_the_steps_of_the_search_are_counted_and_no_more_than_were_told(problem, optimum, steps):
@@ -103,23 +103,21 @@ def test_a_profile_ends_at_the_range(problem, optimum):
 
 def test_a_drive_left_out_leaves_what_the_others_find_alone(problem, optimum):
     v, free = optimum.fit.at, np.ones(problem.n, dtype=bool)
-    for drive, (found, covariance, gram) in enumerate(problem.by_the_others(v, free)):
+    for drive, (found, covariance, own_cost) in enumerate(problem.by_the_others(v, free)):
         left, shared = 1 - drive, slice(problem.k)
         with LeastSquares(
             [problem.models[left]], *prior_in_ranges(VEHICLE, None), Loss.SQUARED
         ) as one:
             one.noise = problem.noise
             at = np.append(np.arange(problem.k), problem.nuisances_at(left))
-            alone = one.gram(v[at])
-            own = one.gram(v[at])[:-1, :-1]
-            step = np.linalg.solve(own, alone[:-1, -1])
-            np.testing.assert_allclose(found[at], v[at] - step, atol=1e-3)
+            alone = one.quadratic(v[at])
+            np.testing.assert_allclose(found[at], alone.minimum(), atol=1e-3)
             np.testing.assert_allclose(
-                covariance[shared, shared], np.linalg.inv(own)[shared, shared], rtol=1e-3
+                covariance[shared, shared], alone.covariance()[shared, shared], rtol=1e-3
             )
         own = problem.nuisances_at(drive)
         np.testing.assert_allclose(found[own], 0.0, atol=1e-9)  # nothing says what they are
-        assert gram.shape == (problem.k + len(own) + 1,) * 2
+        assert own_cost.information.shape == (problem.k + len(own),) * 2
 
 
 def test_estimates_predict_better_than_nominal_values(problem, optimum, pair):

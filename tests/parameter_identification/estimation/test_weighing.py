@@ -9,6 +9,7 @@ from scipy.special import logit, logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from parameter_identification.estimation.problem import Fit
+from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.weighing import NEGLECTED, mixture, refitted
 
 NOISE = 0.3
@@ -152,9 +153,9 @@ class Bent:
         )
         return 100.0 * (is_so - seen)
 
-    def gram(self, v):
+    def quadratic(self, v):
         columns = np.column_stack([approx_fprime(v, self.residual, 1e-7), self.residual(v)])
-        return columns.T @ columns + np.diag([1e-6, 1e-6, 1e-6, 0.0])
+        return Quadratic.of_gram(v, columns.T @ columns + np.diag([1e-6, 1e-6, 1e-6, 0.0]))
 
     def minimise(self, start, free):
         def residual(some):

@@ -93,7 +93,7 @@ class Arrow:
             held |= beyond
         return step
 
-    def promise(self, step: FloatArray) -> float:
+    def decrease(self, step: FloatArray) -> float:
         """Return by how much a step lowers the cost.
 
         Parameters

@@ -75,9 +75,8 @@ def bootstrap_deviations(
             again.noise |= problem.noise
             again.set_sizes(problem.sizes())
             start = np.append(at[: problem.k], np.zeros(again.n - problem.k))
-            found = again.minimise(start).at
-            gram = again.gram(found)  # a range cuts off an estimate, not what errs
-            found = found - np.linalg.solve(gram[:-1, :-1], gram[:-1, -1])
+            # a range cuts off an estimate, not what errs
+            found = again.quadratic(again.minimise(start).at).minimum()
             errors[repeat] = found[: problem.k] - at[: problem.k]
         step()
     return np.asarray(of_few(REPEATS, level) * np.sqrt(np.mean(errors**2, axis=0)))

@@ -78,8 +78,10 @@ def contradicting(
     """Return two factors (k,) for the scatter of a few drives; 1 where it may be noise.
 
     The first is the ratio of the deviations of their mean by the scatter and by the noise. The
-    second, for intervals, counts that a few drives do not tell their scatter well: with it a normal
-    interval is as wide as one by Student's distribution.
+    second, for intervals, counts two things more. Drives that contradict each other show that the
+    model is wrong, and what it errs by alike in all of them does not scatter: it is taken to be as
+    large as what scatters, so that the interval is one for a further drive. And a few drives do not
+    tell their scatter well: a normal interval becomes as wide as one by Student's distribution.
 
     Parameters
     ----------
@@ -90,7 +92,9 @@ def contradicting(
 
     References
     ----------
-    R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177-188.
+    R. DerSimonian, N. Laird, Controlled Clinical Trials 7 (1986) 177-188; J. P. T. Higgins,
+    S. G. Thompson, D. J. Spiegelhalter, Journal of the Royal Statistical Society A 172 (2009)
+    137-159, Eq. 12.
     """
     d, k = estimates.shape
     weights = 1.0 / variances
@@ -99,9 +103,11 @@ def contradicting(
         weights * (estimates - np.sum(weights * estimates, axis=0) / total) ** 2, axis=0
     )
     of_scatter = (squares - (d - 1)) / (total - np.sum(weights**2, axis=0) / total)
-    with_scatter = np.sum(1.0 / (variances + np.fmax(of_scatter, 0.0)), axis=0)
-    factors = np.where(chdtrc(d - 1, squares) * k < AGREEING, np.sqrt(total / with_scatter), 1.0)
-    return factors, np.where(factors > 1.0, factors * of_few(d - 1, level), 1.0)
+    of_scatter = np.where(chdtrc(d - 1, squares) * k < AGREEING, np.fmax(of_scatter, 0.0), 0.0)
+    of_mean = 1.0 / np.sum(1.0 / (variances + of_scatter), axis=0)
+    factors = np.sqrt(total * (of_mean + of_scatter))
+    factors[of_scatter > 0.0] *= of_few(d - 1, level)
+    return np.sqrt(total * of_mean), factors
 
 
 def without_each(
@@ -126,7 +132,7 @@ def without_each(
     """
     d = len(estimates)
     ratio = math.sqrt(d - 1) * np.std(estimates, axis=0) / std
-    return ratio, np.fmax(ratio * of_few(d - 1, level), 1.0)
+    return ratio, np.fmax(ratio * math.sqrt(d + 1) * of_few(d - 1, level), 1.0)
 
 
 def beyond_ranges(
@@ -231,8 +237,8 @@ def doubt_of(
         Probability of the intervals.
     """
     at, k = optimum.fit.at, problem.k
-    gram = problem.gram(at)
-    by_noise = np.asarray(np.linalg.inv(gram[:-1, :-1]), dtype=np.float64)
+    here = problem.quadratic(at)
+    by_noise = here.covariance()
     scatter, factors = np.array([math.nan]), np.ones(problem.n)
     if len(problem.models) >= SCATTER:
         growth, factors = grown(by_noise, problem.slopes(at), problem.common_information(), level)
@@ -249,7 +255,7 @@ def doubt_of(
         std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])
         factors[:k] *= np.fmax(least / std, 1.0)
     covariance = optimum.covariance * np.outer(factors, factors)
-    free, std = at - by_noise @ gram[:-1, -1], np.sqrt(np.diag(by_noise))
+    free, std = here.minimum(), np.sqrt(np.diag(by_noise))
     if average is not None:
         free, std = average.mean, average.standard_deviations
     low, high = problem.low[:k], problem.high[:k]

@@ -76,9 +76,7 @@ def find_optimum(
     best = settled(problem, lowest, step)
     others = [fit for fit in fits if fit is not lowest]
     best, rivals, agreed = _compare(problem, others, best, level, step)
-    covariance: FloatArray = np.asarray(
-        np.linalg.inv(problem.gram(best.at)[:-1, :-1]), dtype=np.float64
-    )
+    covariance = problem.quadratic(best.at).covariance()
     return Optimum(best, covariance, tuple(rivals), (len(fits), 1 + agreed))
 
 

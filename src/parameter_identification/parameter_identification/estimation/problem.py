@@ -17,7 +17,6 @@ from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import lsq_linear
 
 from excitation_planner.indices.sampling import sobol_sequence
 from parameter_identification.drives.measured import Sensor
@@ -31,6 +30,7 @@ from parameter_identification.estimation.noise import (
     white_level,
     whiten,
 )
+from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.steps import uncounted
 from parameter_identification.estimation.whiteness import resolution
 from tricycle_core.closing import Closing
@@ -41,7 +41,7 @@ CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
 OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
 MAX_STEPS = 50
-ROUGHNESS = 0.3  # of the cost: a step that promises less after one that failed is not tried
+ROUGHNESS = 0.3  # of the cost: a step that lowers it by less, after one that failed, is not tried
 KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
 LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
 SIZE_ROUNDS = 1
@@ -152,7 +152,13 @@ class LeastSquares(Closing):
         return levels
 
     def predictions(self, v: FloatArray) -> list[list[Prediction]]:
-        """Return the predictions of each drive at variables (n,); the last ones are kept."""
+        """Return the predictions of each drive; the last ones are kept.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables.
+        """
         key = v.tobytes()
         if key in self._predicted:
             return self._predicted[key]
@@ -167,14 +173,21 @@ class LeastSquares(Closing):
         self._predicted[key] = found
         return found
 
-    def gram(self, v: FloatArray) -> FloatArray:
-        """Return [J r]ᵀ[J r] (n + 1, n + 1), whitened and with the priors, at variables (n,)."""
-        return self._prior_gram(v) + self._gram_of(self.predictions(v), self.noise)
+    def quadratic(self, v: FloatArray) -> Quadratic:
+        """Return the cost near variables, with the priors' part.
+
+        Parameters
+        ----------
+        v : ndarray of float, shape (n,)
+            Variables.
+        """
+        gram = self._prior_gram(v) + self._gram_of(self.predictions(v), self.noise)
+        return Quadratic.of_gram(v, gram)
 
     def _gram_of(
         self, predictions: Sequence[Sequence[Prediction]], noise: dict[Sensor, NoiseLevel]
     ) -> FloatArray:
-        """Part of the signals of all drives; sensors without a noise level are left out."""
+        """[J r]ᵀ[J r], whitened, of all drives' signals but of sensors without a noise level."""
         return sum(self._grams(predictions, noise), np.zeros((self.n + 1, self.n + 1)))
 
     def _grams(
@@ -224,11 +237,11 @@ class LeastSquares(Closing):
 
     def by_the_others(
         self, v: FloatArray, free: NDArray[np.bool_]
-    ) -> Iterator[tuple[FloatArray, FloatArray, FloatArray]]:
-        """Yield the variables (n,) without each drive, their covariance, and the drive's own gram.
+    ) -> Iterator[tuple[FloatArray, FloatArray, Quadratic]]:
+        """Yield the variables (n,) without each drive, their covariance, and the drive's own cost.
 
-        One step of those that are free; the others keep their values. The gram (q + 1, q + 1) is
-        that of the q variables of the drive at `v`, with the priors of its own ones.
+        One step of those that are free; the others keep their values. The drive's cost is that of
+        its variables at `v`, with the priors of its own ones.
 
         Parameters
         ----------
@@ -249,7 +262,8 @@ class LeastSquares(Closing):
             gram[np.ix_(own, of_own)] += prior[np.ix_(own, of_own)]
             gram[-1, own] = gram[own, -1]
             place = np.append(at, self.n)
-            yield v - covariance @ rest[:-1, -1], covariance, gram[np.ix_(place, place)]
+            alone = Quadratic.of_gram(v[at], gram[np.ix_(place, place)])
+            yield v - covariance @ rest[:-1, -1], covariance, alone
 
     def at_an_end(self, v: FloatArray) -> NDArray[np.bool_]:
         """Return which variables (n,) are at an end of what is taken for possible.
@@ -330,43 +344,31 @@ class LeastSquares(Closing):
         free : ndarray of bool, shape (n,), optional
             Which of them may change. Default: all.
         tolerance : float
-            The search ends when the next step promises to lower the cost by less (an interval is
-            where the cost rises by some 4); that step is taken, its cost is the promised one. Where
-            the cost is more than one per sample, so much more.
+            The search ends when the next step would lower the quadratic cost by less (an interval
+            is where the cost rises by some 4); that step is taken, its cost is the quadratic one.
+            Where the cost is more than one per sample, so much more.
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
-        low, high = self.low, self.high
-        at = np.where(free, np.clip(start, low, high), start)
-        whole = self.gram(at)
+        here = self.quadratic(np.where(free, np.clip(start, self.low, self.high), start))
         damping = 0.0
         for _ in range(MAX_STEPS):
-            kept = np.append(np.flatnonzero(free), self.n)
-            gram = whole[np.ix_(kept, kept)]
-            factor = np.linalg.cholesky(gram[:-1, :-1] + damping * np.eye(len(kept) - 1))
-            wanted = np.linalg.solve(factor, -gram[:-1, -1])
-            bounds = (low[free] - at[free], high[free] - at[free])
-            step = np.linalg.solve(factor.T, wanted)
-            if np.any((step < bounds[0]) | (step > bounds[1])):
-                step = lsq_linear(factor.T, wanted, bounds, method="bvls").x
-            promise = -float(step @ (2.0 * gram[:-1, -1] + gram[:-1, :-1] @ step))
-            following = at.copy()
-            following[free] += step
-            following = np.where(free, np.clip(following, low, high), following)
-            cost = float(whole[-1, -1])
-            scale = max(1.0, cost / self.samples_in_all)
-            if promise < tolerance * scale:
-                return Fit(following, cost - promise)
-            if damping > 0.0 and promise < ROUGHNESS * scale:
+            step = here.step(self.low, self.high, free=free, damping=damping)
+            decrease = here.decrease(step)
+            following = np.where(free, np.clip(here.at + step, self.low, self.high), here.at)
+            scale = max(1.0, here.cost / self.samples_in_all)
+            if decrease < tolerance * scale:
+                return Fit(following, here.cost - decrease)
+            if damping > 0.0 and decrease < ROUGHNESS * scale:
                 break
-            trial = self.gram(following)
-            if trial[-1, -1] < cost - 0.1 * promise and np.isfinite(trial).all():
-                at, whole = following, trial
+            trial = self.quadratic(following)
+            if trial.cost < here.cost - 0.1 * decrease and trial.finite:
+                here = trial
                 damping = damping / 10.0 if damping > 1.0 else 0.0
-            elif np.any(free & self._rough):  # near by it does not keep what it promises on average
+            elif np.any(free & self._rough):  # near by it is not the slope on average
                 free = free & ~self._rough
             else:
                 damping = max(10.0 * damping, 1.0)
-        return Fit(at, float(whole[-1, -1]))
+        return Fit(here.at, here.cost)
 
     def nuisances_at(self, drive: int) -> NDArray[np.int64]:
         """Return the place of each nuisance of a drive among the variables.
@@ -402,7 +404,7 @@ class LeastSquares(Closing):
         if not self._processes:
             return
         for _ in range(SIZE_ROUNDS):
-            variance = np.diag(np.linalg.inv(self.gram(v)[:-1, :-1]))
+            variance = np.diag(self.quadratic(v).covariance())
             for at in self._processes.values():
                 of_priors = np.array(at) - self.k
                 shown = np.sum(1.0 - self._precision[of_priors] * variance[at])
@@ -472,8 +474,8 @@ class LeastSquares(Closing):
         X. Lin, Biometrika 84 (1997) 309-326.
         """
         chances = {}
-        gram = self.gram(v)
-        information, pull = gram[:-1, :-1], gram[:-1, :-1] @ v - gram[:-1, -1]
+        here = self.quadratic(v)
+        information, pull = here.information, here.pull
         for e, places in self._processes.items():
             at = np.array(places)
             rest = np.setdiff1d(np.arange(self.n), at)

@@ -170,23 +170,24 @@ def share_of(
         problem.weigh(at)
         free: NDArray[np.bool_] = np.arange(problem.n) >= c
         at = problem.minimise(at, free).at
-        gram = problem.gram(at)
+        here = problem.quadratic(at)
         white = not coloured(whiteness_of_residuals(problem, problem.predictions(at)))
         samples = problem.samples_in_all
+    information, gradient = here.information.copy(), here.gradient.copy()
     effects, places = common[k:], np.arange(k, c)
-    gram[places, places] -= 1.0  # priors of what is common count once, not for every drive
-    gram[places, -1] -= effects
-    cost = gram[-1, -1] - effects @ effects
-    across, alone, slope = gram[:c, c:-1], gram[c:-1, c:-1], gram[:-1, -1]
-    eliminated = np.linalg.solve(alone, np.column_stack([across.T, slope[c:]]))
+    information[places, places] -= 1.0  # priors of what is common count once, not for every drive
+    gradient[places] -= effects
+    cost = here.cost - effects @ effects
+    across, alone = information[:c, c:], information[c:, c:]
+    eliminated = np.linalg.solve(alone, np.column_stack([across.T, gradient[c:]]))
     return DriveShare(
         drive.name,
         drive.began,
         samples,
         common,
-        float(cost - slope[c:] @ eliminated[:, -1]),
-        gram[:c, :c] - across @ eliminated[:, :-1],
-        slope[:c] - across @ eliminated[:, -1],
+        float(cost - gradient[c:] @ eliminated[:, -1]),
+        information[:c, :c] - across @ eliminated[:, :-1],
+        gradient[:c] - across @ eliminated[:, -1],
         at[c:] - eliminated[:, -1],
         white,
         drive.truth,

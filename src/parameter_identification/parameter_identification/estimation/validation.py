@@ -206,19 +206,19 @@ def predict_each_other(
     """
     v, missed, estimates = optimum.fit.at, 0.0, []
     free = (v != 0.0) & ~problem.at_an_end(v)  # other effects are held there
-    for drive, (others, covariance, gram) in enumerate(problem.by_the_others(v, free)):
+    for drive, (others, covariance, alone) in enumerate(problem.by_the_others(v, free)):
         model = problem.models[drive]
         estimates.append(others[: problem.k])
         known, fitted = problem.k + model.shared, _fitted(model)
         own = problem.nuisances_at(drive)[model.shared :]
         change = np.append((others - v)[:known], -v[own])
-        bent = gram[:-1, -1] + gram[:-1][:, np.flatnonzero(~fitted)] @ change[~fitted]
-        change[fitted] = -np.linalg.solve(gram[np.ix_(fitted, fitted)], bent[fitted])
+        bent = alone.gradient + alone.information[:, ~fitted] @ change[~fitted]
+        change[fitted] = -np.linalg.solve(alone.information[np.ix_(fitted, fitted)], bent[fitted])
         position = next(p for p in predictions[drive] if p.sensor is Sensor.POSITION)
         residual = position.residual + position.jacobian @ change
         expected = _held_covariance(problem, optimum, model)
         expected[:known, :known] = covariance[:known, :known]
-        by_rest = _by_rest(position, gram[:-1, :-1], fitted)
+        by_rest = _by_rest(position, alone.information, fitted)
         weights = problem.weights(drive)[Sensor.POSITION]
         of_model = expected[np.ix_(~fitted, ~fitted)] @ np.einsum(
             "t,tci,tcj->ij", weights, by_rest, by_rest, optimize=True
@@ -292,7 +292,7 @@ def predict_held_out(
             (predictions,) = alone.predictions(fit.at)
             position = next(p for p in predictions if p.sensor is Sensor.POSITION)
             rms.append(float(np.sqrt(np.mean(np.sum(position.residual**2, axis=1)))))
-        information = alone.gram(fit.at)[:-1, :-1]
+        information = alone.quadratic(fit.at).information
         by_rest = _by_rest(position, information, free)
         covariance = _held_covariance(problem, optimum, model)[np.ix_(~free, ~free)]
         covariance = by_rest @ covariance @ by_rest.transpose(0, 2, 1)

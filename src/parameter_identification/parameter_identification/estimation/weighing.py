@@ -1,7 +1,7 @@
 """Weighing effects by the data: the average over the models with and without each of them.
 
 Near the minimum the residuals are linear in parameters and effects, so that the evidence of every
-subset of the effects follows from one gram matrix (Laplace's method, exact for linear residuals).
+subset of the effects follows from one quadratic cost (Laplace's method, exact where they are).
 The parameters' distribution is the mixture of those of all subsets: it counts that nobody knows
 which effects act. An effect that the data cannot tell from a parameter keeps about the probability
 that it had before, and with it widens the tails. The deviations are weighed alike: not at all, or
@@ -20,6 +20,7 @@ from scipy.special import logit, logsumexp, ndtr, ndtri
 
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import Fit, LeastSquares
+from parameter_identification.estimation.quadratic import Quadratic
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.compilation import compiled
 from tricycle_sim.effects import Effect
@@ -474,11 +475,11 @@ def weigh_effects(
     least = {where[i]: problem.low[i] for i in of_effects if problem.low[i] > -CERTAIN}
     fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
     for later in reversed(range(ROUNDS)):
-        gram = problem.gram(fit.at)
-        pull = gram[:-1, :-1] @ fit.at - gram[:-1, -1]
-        mixtures, evidence, likely = [], [], _likely_sizes(problem, gram, pull, free)
+        here = problem.quadratic(fit.at)
+        pull = here.pull
+        mixtures, evidence, likely = [], [], _likely_sizes(problem, here, free)
         for of_deviations, prior in likely:
-            H = gram[:-1, :-1] + np.diag(problem.more_precision(of_deviations))
+            H = here.information + np.diag(problem.more_precision(of_deviations))
             onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
             mixtures.append(
                 mixture(
@@ -505,7 +506,7 @@ def weigh_effects(
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)
     covariance = np.zeros((problem.n, problem.n))
-    information = problem.gram(fit.at)[:-1, :-1]
+    information = problem.quadratic(fit.at).information
     covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
     covariance[np.ix_(variables, variables)] = found.covariance(fit.at[variables])
     acting_in_all = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
@@ -531,7 +532,7 @@ def refitted(
     Parameters
     ----------
     problem : LeastSquares
-        With `gram` and `minimise`.
+        With `quadratic` and `minimise`.
     fit : Fit
         With more effects.
     acts : ndarray of bool, shape (n,)
@@ -539,10 +540,9 @@ def refitted(
     places : mapping of str to sequence of int
         Variables of each effect, by its name.
     """
-    gram = problem.gram(fit.at)
-    information, slope = gram[:-1, :-1], gram[:-1, -1]
-    pull = information @ fit.at - slope
-    at_zero = gram[-1, -1] + (pull - slope) @ fit.at
+    here = problem.quadratic(fit.at)
+    information, pull = here.information, here.pull
+    at_zero = here.cost + (pull - here.gradient) @ fit.at
 
     def fitted(free: NDArray[np.bool_]) -> Fit:
         return problem.minimise(np.where(free, fit.at, 0.0), free)
@@ -568,7 +568,7 @@ def refitted(
 
 
 def _likely_sizes(
-    problem: LeastSquares, gram: FloatArray, pull: FloatArray, free: NDArray[np.bool_]
+    problem: LeastSquares, here: Quadratic, free: NDArray[np.bool_]
 ) -> list[tuple[dict[str, float], float]]:
     """Sizes of the deviations that are not improbable, with the logarithm of what precedes drives.
 
@@ -582,9 +582,9 @@ def _likely_sizes(
     for chosen in product(range(1 + len(SIZES)), repeat=len(names)):
         sizes = {n: (NO_DEVIATION, *SIZES)[i] for n, i in zip(names, chosen, strict=True)}
         prior = sum(before[i] for i in chosen) + problem.log_normaliser(sizes)
-        H = gram[:-1, :-1] + np.diag(problem.more_precision(sizes))
+        H = here.information + np.diag(problem.more_precision(sizes))
         found.append((sizes, prior))
-        evidence.append(prior + _log_evidence(H, pull, kept))
+        evidence.append(prior + _log_evidence(H, here.pull, kept))
     order = np.argsort(-np.array(evidence))
     share = np.cumsum(np.exp(np.array(evidence)[order] - logsumexp(evidence)))
     count = min(MOST_SIZES, 1 + int(np.searchsorted(share, 1.0 - NEGLECTED)))

@@ -302,7 +302,7 @@ def remarks(found: Identification) -> list[str]:
         lines.append(
             f"one of the {drives} is {1e3 * found.missed:.1f} mm (rms) farther than expected from "
             "where the others predict it: the model lacks something. The intervals count how the "
-            "estimates change without each of them"
+            "estimates change without each of them, and as much again for what errs alike in all"
         )
     if found.deviations:
         names = ", ".join(effect.name for effect in found.deviations)
@@ -358,13 +358,14 @@ def _least_white(found: Identification) -> str:
 
 def _contradictions(found: Identification | ManyDrives, drives: str) -> list[str]:
     """A line where drives disagree."""
-    from parameter_identification.estimation.doubt import CONTRADICTING
+    from parameter_identification.estimation.doubt import CONTRADICTING, SCATTER
 
     if not found.scatter > CONTRADICTING:
         return []
+    alike = "and as much again for" if len(found.drives) < SCATTER else "not"
     return [
         f"the {drives} contradict each other: they scatter up to {found.scatter:.1f} times as "
-        "much as their noise. The intervals count the scatter, not what errs alike in all"
+        f"much as their noise. The intervals count the scatter, {alike} what errs alike in all"
     ]
 
 

@@ -1,0 +1,107 @@
+"""A cost near a point, to the second order."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from tricycle_core.quantities import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """A cost near a point: a step s changes it by 2 gradient · s + sᵀ information s.
+
+    Attributes
+    ----------
+    at : ndarray of float, shape (n,)
+        The point.
+    cost : float
+        There: squared residuals over their variances.
+    gradient : ndarray of float, shape (n,)
+        Half the first derivatives.
+    information : ndarray of float, shape (n, n)
+        Half the second ones, as Gauss and Newton approximate them: the inverse covariance.
+    """
+
+    at: FloatArray
+    cost: float
+    gradient: FloatArray
+    information: FloatArray
+
+    @classmethod
+    def of_gram(cls, at: FloatArray, gram: FloatArray) -> Self:
+        """Return the cost of linear residuals.
+
+        Parameters
+        ----------
+        at : ndarray of float, shape (n,)
+            The point.
+        gram : ndarray of float, shape (n + 1, n + 1)
+            [J r]ᵀ[J r], of the residuals r there and their derivatives J.
+        """
+        return cls(at, float(gram[-1, -1]), gram[:-1, -1], gram[:-1, :-1])
+
+    @property
+    def finite(self) -> bool:
+        """Whether all numbers are."""
+        return bool(np.isfinite([self.cost, self.gradient.sum(), self.information.sum()]).all())
+
+    @property
+    def pull(self) -> FloatArray:
+        """Minus the gradient at 0, shape (n,)."""
+        pull: FloatArray = self.information @ self.at - self.gradient
+        return pull
+
+    def covariance(self) -> FloatArray:
+        """Return the inverse of the information, shape (n, n)."""
+        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+
+    def minimum(self) -> FloatArray:
+        """Return the point (n,) of the least cost, without bounds."""
+        found: FloatArray = self.at - np.linalg.solve(self.information, self.gradient)
+        return found
+
+    def step(
+        self,
+        low: FloatArray,
+        high: FloatArray,
+        *,
+        free: NDArray[np.bool_] | None = None,
+        damping: float = 0.0,
+    ) -> FloatArray:
+        """Return the step (n,) to the least cost within bounds.
+
+        Parameters
+        ----------
+        low, high : ndarray of float, shape (n,)
+            Bounds of the point.
+        free : ndarray of bool, shape (n,), optional
+            Variables that change. Default: all.
+        damping : float
+            Of Levenberg and Marquardt: added to the information's diagonal.
+        """
+        at = np.arange(len(self.at)) if free is None else np.flatnonzero(free)
+        factor = np.linalg.cholesky(self.information[np.ix_(at, at)] + damping * np.eye(len(at)))
+        wanted = np.linalg.solve(factor, -self.gradient[at])
+        bounds = low[at] - self.at[at], high[at] - self.at[at]
+        found = np.linalg.solve(factor.T, wanted)
+        if np.any((found < bounds[0]) | (found > bounds[1])):
+            found = lsq_linear(factor.T, wanted, bounds, method="bvls").x
+        step = np.zeros(len(self.at))
+        step[at] = found
+        return step
+
+    def decrease(self, step: FloatArray) -> float:
+        """Return by how much a step lowers the cost.
+
+        Parameters
+        ----------
+        step : ndarray of float, shape (n,)
+            From the point.
+        """
+        return -float(step @ (2.0 * self.gradient + self.information @ step))
