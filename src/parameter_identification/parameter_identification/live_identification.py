@@ -32,7 +32,7 @@ from parameter_identification.drives.measured import (
 )
 from parameter_identification.drives.recorded import LeadIn
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
-from parameter_identification.estimation.intervals import relative_half_width
+from parameter_identification.estimation.intervals import relative_half_width, with_deviation
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import ROUGH, settled
@@ -142,7 +142,7 @@ class LiveEstimate:
     planned: float | None
 
     def __str__(self) -> str:
-        text = f"{self.estimate:.4g} ± {self.standard_deviation:.2g}"
+        text = with_deviation(self.estimate, self.standard_deviation)
         expected = "" if self.planned is None else f" (planned ± {self.planned:.2g})"
         return f"{text}{expected} {self.unit}".rstrip()
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from scipy.special import ndtri
 
-from parameter_identification.estimation.weighing import Mixture
+if TYPE_CHECKING:
+    from parameter_identification.estimation.weighing import Mixture
 
 
 def half_width(level: float = 0.95) -> float:
@@ -34,6 +36,22 @@ def relative_half_width(estimate: float, std: float) -> float:
         Of a parameter, and its standard deviation.
     """
     return half_width() * std / abs(estimate) if estimate else math.inf
+
+
+def with_deviation(estimate: float, std: float) -> str:
+    """Return an estimate and its standard deviation as text, without powers of ten below 1e6.
+
+    Parameters
+    ----------
+    estimate, std : float
+        In one unit.
+
+    Examples
+    --------
+    >>> with_deviation(1094.96, 117.09)
+    '1095 ± 120'
+    """
+    return f"{float(f'{estimate:.4g}'):g} ± {float(f'{std:.2g}'):g}"
 
 
 def interval(

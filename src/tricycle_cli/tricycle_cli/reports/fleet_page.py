@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from parameter_identification.estimation.intervals import half_width
+from parameter_identification.estimation.intervals import half_width, with_deviation
 from parameter_identification.estimation.population import Member, Population
 from parameter_identification.fleet import DAY, Course, Fleet, course
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
@@ -70,7 +70,7 @@ def _outliers(fleet: Fleet) -> TableBlock | str:
     for name, rate, m in fleet.outliers:
         found = (fleet.changes if rate else fleet.populations)[name]
         factor = MONTH if rate else 1.0
-        own = f"{factor * m.own:.4g} ± {factor * m.deviation:.2g}"
+        own = with_deviation(factor * m.own, factor * m.deviation)
         others = f"{factor * found.mean.middle:.4g}, spread {factor * found.spread.middle:.2g}"
         what = f"change of {name} per {MONTH:.0f} days" if rate else name
         unit = "" if units[name] == "1" else units[name]

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
-from parameter_identification.estimation.intervals import half_width
+from parameter_identification.estimation.intervals import half_width, with_deviation
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
@@ -274,7 +274,7 @@ def _without_empty(
 
 def _start(drive: DriveFit) -> TableBlock:
     rows = tuple(
-        (name, f"{n.estimate:.4g} ± {n.standard_deviation:.2g}", n.unit)
+        (name, with_deviation(n.estimate, n.standard_deviation), n.unit)
         for name, n in drive.nuisances.items()
     )
     return TableBlock(("nuisance", "estimate", "unit"), rows, caption=drive.name)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from excitation_planner.plan import Plan
+from parameter_identification.estimation.intervals import with_deviation
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from tricycle_cli.reports import interactive_figures as figures
 from tricycle_cli.reports.html_page import PlotBlock, Section, TableBlock, html_page
@@ -205,7 +206,7 @@ def _estimates(name: str, found: IdentificationDocument) -> TableBlock:
         if not p.identifiable:
             return "not shown"
         deviation = p.standard_deviation
-        return f"{p.estimate:.4g}" + ("" if deviation is None else f" ± {deviation:.2g}")
+        return f"{p.estimate:.4g}" if deviation is None else with_deviation(p.estimate, deviation)
 
     rows = [
         (

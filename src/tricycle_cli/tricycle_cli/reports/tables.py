@@ -12,6 +12,7 @@ from rich.table import Table
 
 from excitation_planner.trajectory_error import POINTS
 from parameter_identification.drives.measured import Input
+from parameter_identification.estimation.intervals import with_deviation
 from parameter_identification.judging.judgement import Anchor, Judgement
 from tricycle_cli.console import plain_console
 from tricycle_sim.effects import TYRE_ROUNDING
@@ -206,7 +207,7 @@ def parameter_rows(
             name,
             "" if e.unit == "1" else e.unit,
             f"{e.range[0]:.4g} – {e.range[1]:.4g}",
-            f"{e.estimate:.4g} ± {e.standard_deviation:.2g}" if e.identifiable else "not shown",
+            with_deviation(e.estimate, e.standard_deviation) if e.identifiable else "not shown",
             f"{_short(e.low)} – {_short(e.high)}",
             _truth(e, known[name]) if name in known else "",
         )
