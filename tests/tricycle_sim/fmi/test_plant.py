@@ -92,11 +92,27 @@ def test_a_number_that_is_none_is_one_line(mapping_file, monkeypatch):
         one.advance(0, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("without", [(), ("torque", "torque_mode"), ("speed",)])
+def test_an_emergency_stop_stops_it_with_every_set_of_inputs(mapping_file, without):
+    one = plant(mapping_file(inputs=dict.fromkeys(without)))
+    for tick in range(300):
+        if "speed" in without:
+            state = one.advance(tick, 0.0, 10.0, 0.0)
+        else:
+            state = one.hold_speed(tick, 0.0, min(2.0, 0.01 * tick), 0.0)
+    assert state.vx > 1.0
+    for tick in range(300, 700):
+        state = one.advance(tick, 0.0, 0.0, 1.0)
+    assert state.vx == pytest.approx(0.0, abs=0.02)
+    one.close()
+
+
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
         ({"inputs": {"steering": None}}, "inputs: a plant needs steering"),
         ({"inputs": {"speed": None, "torque": None}}, "inputs: a plant needs torque or speed"),
+        ({"inputs": {"torque_mode": None}}, "inputs: speed and torque together need torque_mode"),
         ({"outputs": {"heading": None}}, "outputs: a plant needs heading"),
         ({"step": 0.003}, "step: 0.003 s does not divide 0.01 s"),
         ({"parameters": {"weight": "mass"}}, r"parameters\.weight: tricycle has no such constant"),

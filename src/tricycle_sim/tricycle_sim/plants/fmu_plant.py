@@ -70,6 +70,9 @@ class FmuPlant:
         self._has_brake = "brake" in mapping.inputs
         if not self._has_torque and "speed" not in mapping.inputs:
             raise PlantError(f"{file}: inputs: a plant needs torque or speed")
+        if {"torque", "speed"} <= set(mapping.inputs) and "torque_mode" not in mapping.inputs:
+            # the FMU could not tell which of them counts: a stop, by torque and brake, may be lost
+            raise PlantError(f"{file}: inputs: speed and torque together need torque_mode")
         self._steps = mapping.steps_per_tick(file, "a plant", ("steering",))
         self._parameters = [name for name in mapping.parameters if name not in START]
         for name in self._parameters:
