@@ -112,6 +112,27 @@ def test_a_torque_backwards_is_limited_as_one_forwards_is_unless_it_brakes():
         assert excess == pytest.approx(-40.0 + most)
 
 
+@pytest.mark.parametrize("law", [
+    (hub_motor, HUB_MOTOR, {}), (direct_torque, DIRECT_TORQUE, {"setpoint_torque": 12.0}),
+])  # fmt: skip
+@pytest.mark.parametrize("speed_mode", [0.0, 1.0])
+@pytest.mark.parametrize("demand", [-40.0, -3.0, 0.0, 3.0, 40.0])
+@pytest.mark.parametrize("spin", [-20.0, -5.0, 0.0, 0.1, 7.0])
+def test_backwards_a_motor_is_the_mirror_image_of_itself(law, speed_mode, demand, spin):
+    function, formulas, own = law
+    values = SimpleNamespace(**{**VEHICLE.values, **own, "speed_scale": 1.0})
+    constants = np.repeat([float(formula(values)) for formula in formulas.values()], LANES)
+    ahead = function(constants, 0, spin, 4.0, 0.7, speed_mode, demand)
+    back = function(constants, 0, -spin, -4.0, -0.7, speed_mode, -demand)
+    assert np.array(back) == pytest.approx(-np.array(ahead), abs=1e-12)
+
+
+def test_a_stop_backwards_regenerates_no_more_than_one_ahead():
+    most = VEHICLE.regenerative_torque
+    _, _, excess = motor(spin=-5.0, speed_mode=1.0, demand=0.0)
+    assert excess == pytest.approx(VEHICLE.speed_gain_proportional * 5.0 - most)
+
+
 def test_the_integrator_unwinds_while_the_motor_saturates():
     _, free, _ = motor(speed_mode=1.0, demand=0.1)
     assert free == pytest.approx(0.1 / VEHICLE.tyre_radius)

@@ -275,10 +275,11 @@ def hub_motor(
     excess : float
         Torque wanted beyond what the motor can give [N m].
     """
-    # reverse gear: everything mirrored; a torque has no gear, but brakes a wheel that turns forward
-    # (one comparison: with several the lanes are not evaluated at once)
-    forward = 1e30 * (1.0 - speed_mode) * max(spin, 0.0)
-    direction = -1.0 if demand + forward < 0.0 else 1.0
+    # backwards everything is mirrored: by the sign of the set-point; without one, by the spin
+    direction = _direction(
+        speed_mode * demand + (1.0 - speed_mode) * spin,
+        speed_mode * spin + (1.0 - speed_mode) * demand,
+    )
     error = demand / g[c + _M.radius] - spin
     wanted = (
         speed_mode * (g[c + _M.proportional] * error + g[c + _M.integral] * integrator)
@@ -291,6 +292,13 @@ def hub_motor(
         speed_mode * (error - g[c + _M.anti_windup] * excess),
         excess,
     )
+
+
+@inlined
+def _direction(first: float, second: float) -> float:
+    """Return the sign of the first number, where that is 0 of the second, as -1 or 1."""
+    # one comparison: with several the lanes are not evaluated at once
+    return -1.0 if first + 1e-30 * second < 0.0 else 1.0
 
 
 @inlined
@@ -308,7 +316,7 @@ def _without_controller(
     g: FloatArray, c: int, spin: float, torque: float, wanted: float
 ) -> tuple[float, float, float]:
     """Return what a motor's law does, for a wanted torque that no controller corrects."""
-    direction = -1.0 if wanted + 1e30 * max(spin, 0.0) < 0.0 else 1.0
+    direction = _direction(spin, wanted)
     granted = _granted(g, c, spin, direction, wanted)
     return (granted - torque) * g[c + _M.inverse_lag], 0.0, wanted - granted
 
