@@ -1,11 +1,15 @@
 """An FMU behind the boards."""
 
 import math
+import shutil
+import tempfile
+from pathlib import Path
 
 import pytest
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.errors import PlantError
+from tricycle_sim.fmi.mapping import load_mapping
 from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.rig.emulated import EmulatedRig
@@ -90,6 +94,65 @@ def test_a_number_that_is_none_is_one_line(mapping_file, monkeypatch):
     )
     with pytest.raises(PlantError, match=r"is nan at 0\.01 s"):
         one.advance(0, 0.0, 0.0, 0.0)
+
+
+def test_an_fmu_that_cannot_be_placed_anew_goes_on(mapping_file):
+    one = plant(mapping_file())
+    for tick in range(100):
+        before = one.hold_speed(tick, 0.0, 1.0, 0.0)
+    unpacked = Path(one._fmu._folder)
+    shutil.rmtree(unpacked)
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: does not start"):
+        one.place((0.0, 0.0, 0.0))
+    assert one.hold_speed(100, 0.0, 1.0, 0.0).x > before.x
+    one.close()
+
+
+def test_a_library_that_does_not_load_leaves_the_working_folder(mapping_file):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    fmu, folder = Fmu(load_mapping(mapping_file())), Path.cwd()
+    for library in Path(fmu._folder).rglob("*.so"):
+        library.write_text("no library")
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: does not start: Failed to load"):
+        fmu.start()
+    fmu.close()
+    assert Path.cwd() == folder
+
+
+def test_an_fmu_of_which_a_process_has_one_ends_before_it_starts_anew(mapping_file, monkeypatch):
+    one = plant(mapping_file())
+    one._fmu.only_once = True
+    old = one._instance
+    start = one._fmu.start
+
+    def start_alone(parameters):
+        assert old._slave is None
+        return start(parameters)
+
+    monkeypatch.setattr(one._fmu, "start", start_alone)
+    one.place((1.0, 0.0, 0.0))
+    assert one.hold_speed(0, 0.0, 0.0, 0.0).x == pytest.approx(1.0)
+    one.close()
+
+
+def test_an_fmu_that_has_ended_tells_it_and_can_be_closed_again(mapping_file):
+    one = plant(mapping_file())
+    one.close()
+    one.close()
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: has ended"):
+        one.advance(0, 0.0, 0.0, 0.0)
+
+
+def test_a_start_that_fails_leaves_nothing_unpacked(mapping_file, monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            "tricycle_sim.fmi.cosimulation.Instance.read", lambda _: {}["another mistake"]
+        )
+        with pytest.raises(KeyError):
+            plant(mapping_file())
+    assert not list(tmp_path.glob("fmu-*"))
 
 
 @pytest.mark.parametrize("without", [(), ("torque", "torque_mode"), ("speed",)])
