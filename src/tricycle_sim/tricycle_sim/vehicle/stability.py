@@ -78,8 +78,10 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     _checked.add(key)
 
 
-def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> None:
-    """Make the relaxation of samples so long that steps of `TICK` are stable.
+def lengthen_relaxation(
+    groups: FloatArray, vehicle: Vehicle, speed: float, step: float = TICK
+) -> None:
+    """Make the relaxation of samples so long that the steps are stable.
 
     Of a vehicle that `check_step` accepts, samples may be stiffer: where a fit tries both a stiffer
     tyre and a shorter relaxation, a wheel swings faster on its tyre, or the vehicle on its tyres,
@@ -93,13 +95,15 @@ def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> N
         Of which they are.
     speed : float
         Highest set-point [m/s]; wheels may be faster by the share `FASTER`, up to `MAX_SPEED`.
+    step : float
+        Length of the steps [s].
     """
     rows = groups.reshape(len(groups), -1, LANES)
 
     def of_each(row: int) -> FloatArray:
         return rows[:, of_wheels(row, WHEEL_ROWS, len(vehicle.wheels))]
 
-    most = LIMIT / TICK
+    most = LIMIT / step
     stiffness, radius = of_each(WHEEL.tyre_law + _L.c_kappa), of_each(WHEEL.tyre + _T.radius)
     along, aside = (of_each(WHEEL.tyre + row) for row in (_T.inverse_sigma_x, _T.inverse_sigma_y))
     largest = most**2 * of_each(WHEEL.place + _P.inertia) / (stiffness * radius**2)
@@ -111,8 +115,8 @@ def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> N
     moved = (
         rows[:, [_B.inverse_mass]]
         + rows[:, [_B.inverse_izz]] * of_each(WHEEL.place + _P.x) ** 2
-        + rows[:, [_B.inverse_ixx]] * of_each(WHEEL.place + _P.z) ** 2
-    )  # by a lateral force on each wheel
+        + rows[:, [_B.inverse_ixx]] * (of_each(WHEEL.place + _P.z) - radius) ** 2
+    )  # by a lateral force on each wheel, at its contact
     # the squares of the rates at which it swings aside, yawing and rolling, are together
     squares = np.sum(of_each(WHEEL.tyre_law + _L.c_alpha) * aside * moved, axis=1, keepdims=True)
     aside *= np.fmin(1.0, most**2 / squares)
