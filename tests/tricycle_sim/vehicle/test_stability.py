@@ -47,6 +47,14 @@ def test_vehicles_that_are_too_stiff_are_refused(values, cause):
         LiveVehicle(vehicle)
 
 
+def test_wheels_that_turn_beyond_a_right_angle_are_refused_whatever_made_the_vehicle():
+    vehicle = VEHICLE.replace(steering_limit=1.2, steering_scale=2.0)
+    with pytest.raises(VehicleError, match="needs a rising angle below 90 deg"):
+        simulate(vehicle, Commands([0.0, 1.0], [0.0, 0.0], [1.0, 1.0]))
+    with pytest.raises(VehicleError, match="needs a rising angle below 90 deg"):
+        LiveVehicle(vehicle)
+
+
 def test_samples_that_are_stiffer_than_the_vehicle_stay_bounded():
     stiff = {"slip_stiffness": (1500.0, 9000.0), "longitudinal_relaxation_length": (0.02, 0.2)}
     vehicle = dataclasses.replace(VEHICLE, unknown=stiff)

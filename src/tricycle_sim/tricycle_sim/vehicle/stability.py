@@ -24,7 +24,7 @@ from tricycle_sim.vehicle.layout import (
     of_wheels,
     states_of,
 )
-from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS
+from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS, check_steering
 from tricycle_sim.vehicle.registry import tyre_name
 from tricycle_sim.vehicle.tyre import LINEAR, SOFTENED, TYRE
 
@@ -49,7 +49,7 @@ _checked: set[tuple[str, float]] = set()
 
 
 def check_step(vehicle: Vehicle, step: float) -> None:
-    """Raise unless Runge-Kutta steps are short enough for a vehicle.
+    """Raise unless Runge-Kutta steps are short enough for a vehicle, and its steering turns wheels.
 
     Parameters
     ----------
@@ -61,11 +61,12 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     Raises
     ------
     VehicleError
-        Naming the rate of the fastest mode and the constants behind it.
+        Naming the rate of the fastest mode and the constants behind it, or `steering_limit`.
     """
     key = vehicle.fingerprint, step
     if key in _checked:
         return
+    check_steering(vehicle, ranges=False)  # of a file; this may be another one, by `replace`
     rate, state = fastest_mode(vehicle)
     if not rate * step < LIMIT:
         if state > STATE.spin:  # of any wheel
