@@ -14,6 +14,7 @@ from tricycle_sim.vehicle.actuators import (
     DIRECT_TORQUE,
     FRICTION_BRAKE,
     HUB_MOTOR,
+    SECOND_ORDER,
     THROTTLE_CURVE,
     direct_torque,
     friction_brake,
@@ -51,6 +52,17 @@ def test_servo_follows_its_differential_equation(damping):
     system = [[0.0, 1.0], [-(25.0**2), -50.0 * damping]]
     exact = expm(0.1 * np.array(system)) @ [0.1 - 0.3, -0.5] + [0.3, 0.0]
     assert servo == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(40.0, 2.0), (2e5, 1.5), (3e3, 50.0)])
+def test_a_servo_with_much_damping_has_two_real_modes_however_fast(frequency, damping):
+    values = {"servo_natural_frequency": frequency, "servo_damping_ratio": damping}
+    v = SimpleNamespace(**{**VEHICLE.values, **values})
+    modes = np.roots([1.0, 2.0 * damping * frequency, frequency**2])
+    vectors = np.array([[1.0, 1.0], modes])
+    exact = vectors @ np.diag(np.exp(0.01 * modes)) @ np.linalg.inv(vectors)
+    found = [formula(v, 0.01) for formula in list(SECOND_ORDER.values())[:4]]
+    assert found == pytest.approx(exact.ravel().tolist(), rel=1e-6, abs=1e-12)
 
 
 def test_a_fast_servo_with_much_damping_steers_a_vehicle():

@@ -5,7 +5,6 @@ and the constants that it reads. A vehicle file chooses one under `parts: {motor
 `DRIVES` says which wheels get which share of the torque.
 """
 
-import cmath
 import math
 from collections.abc import Callable
 from typing import Any
@@ -26,10 +25,16 @@ def _transition(v: Any, step: float) -> tuple[float, float, float, float]:
     """Transition over a step of theta'' = omega^2 (command - theta) - 2 zeta omega theta'."""
     frequency = v.servo_natural_frequency
     decay_rate = v.servo_damping_ratio * frequency
-    root = cmath.sqrt(decay_rate**2 - frequency**2)
-    decay = math.exp(-decay_rate * step)
-    even = decay * cmath.cosh(root * step).real
-    odd = decay * ((cmath.sinh(root * step) / root).real if root else step)
+    square = decay_rate**2 - frequency**2
+    root = math.sqrt(abs(square))
+    if square > 0.0:  # two exponentials, of which the slower one is factored out: none overflows
+        slower = math.exp(-(frequency**2) / (decay_rate + root) * step)
+        gap = -math.expm1(-2.0 * root * step)
+        even, odd = slower * (1.0 - 0.5 * gap), 0.5 * slower * gap / root
+    else:
+        decay = math.exp(-decay_rate * step)
+        even = decay * math.cos(root * step)
+        odd = decay * (math.sin(root * step) / root if root else step)
     return even + decay_rate * odd, odd, -(frequency**2) * odd, even - decay_rate * odd
 
 
