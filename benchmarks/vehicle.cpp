@@ -99,7 +99,8 @@ static inline void evaluate(V* g, const V* c, const double* t, double mode, doub
     V ex = 2.0 * (q1 * q3 - q0 * q2), ey = 2.0 * (q2 * q3 + q0 * q1),
       ez = 1.0 - 2.0 * (q1 * q1 + q2 * q2);
     V spin = g[SPIN + 2] - q, torque = g[TORQUE];  // relative to the body
-    double direction = mode * demand < 0.0 ? -1.0 : 1.0;
+    V sign = mode * (demand + 1e-30 * spin) + (1.0 - mode) * (spin + 1e-30 * demand);
+    V direction = sign < 0.0 ? all(-1.0) : all(1.0);
     V error = demand / c[RADIUS] - spin;
     V wanted = mode * (c[KP] * error + c[KI] * g[INTEGRATOR]) + (1.0 - mode) * demand;
     V forward = direction * spin;

@@ -124,6 +124,23 @@ def test_one_that_cannot_be_ends_the_simulation_of_the_launch_with_one_line(
         assert "Traceback" not in errors
 
 
+def test_a_start_that_fails_behind_one_leaves_nothing_unpacked(ros_environment, tmp_path):
+    mapping, unpacked = write_bicycle_fmu(tmp_path), tmp_path / "unpacked"
+    unpacked.mkdir()
+    command = [Path(sys.executable).with_name("tricycle_sim"), "--ros-args"]
+    for name, value in (("plant", f"fmu:{mapping}"), ("drive_port", "/proc/nowhere/drive")):
+        command += ["-p", f"{name}:={value}"]
+    done = subprocess.run(
+        [*command, "-p", f"steer_port:={tmp_path / 'steer'}"],
+        env=ros_environment | {"TMPDIR": str(unpacked)}, capture_output=True, text=True,
+        timeout=PATIENCE, check=False,
+    )  # fmt: skip
+    assert done.returncode != 0
+    assert "/proc/nowhere" in done.stderr
+    assert not list(unpacked.glob("fmu-*"))
+    assert not (tmp_path / "steer").exists()
+
+
 def test_one_that_cannot_be_ends_the_drive_with_one_line_and_leaves_no_bag(
     ros_environment, plan, tmp_path
 ):

@@ -1,5 +1,6 @@
 """The simulation as a process, on emulated PLCs and on the real firmware: clock and mistakes."""
 
+import shutil
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
 from tricycle_cli.operation.operator_node import ServiceCaller
 
@@ -121,6 +123,22 @@ def test_its_pace_can_be_set_while_it_runs(start_simulation, watch):
         assert answer.results[0].successful
         time.sleep(0.1)
     assert watch.pace(4.0) > 2.0
+
+
+def test_a_reset_at_which_a_board_does_not_boot_is_told_and_the_simulation_goes_on(
+    start_simulation, watch, firmware_images, tmp_path
+):
+    build = shutil.copytree(firmware_images, tmp_path / "build")
+    simulation = start_simulation(plc="firmware", firmware=build)
+    watch.wait(lambda: watch.now > 0.2)
+    (build / "steer.elf").unlink()
+    services = ServiceCaller(watch.node, lambda condition, _: watch.wait(condition))
+    answer = services.call("tricycle_sim/reset", Trigger, Trigger.Request())
+    assert not answer.success
+    assert "steer.elf does not exist: `make firmware` builds it" in answer.message
+    now = watch.now
+    watch.wait(lambda: watch.now > now + 0.5)
+    assert simulation.poll() is None
 
 
 def test_cables_are_pulled_and_the_localisation_jumps_by_parameter(

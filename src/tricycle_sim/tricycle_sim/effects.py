@@ -226,9 +226,14 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
     found = []
     extended = extend(vehicle, _extensions(vehicle))
     for name, unit, std, choices in _OF_CONSTANTS:
+        if option_of(name) not in names:
+            continue
         owned = next((c for c in choices if set(c) <= set(extended.values)), None)
         if owned is not None and not set(owned) & set(vehicle.unknown):
             change = {c: extended.values[c] if per is None else per for c, per in owned.items()}
+            change = {c: per for c, per in change.items() if per}  # a share of 0 changes nothing
+            if not change:
+                continue
             if name == WHEEL_RADIUS:  # of all tyres
                 radii = {c: v for c, v in extended.values.items() if c.endswith("tyre_radius")}
                 if set(radii) & set(vehicle.unknown):
@@ -246,12 +251,14 @@ def effects_of(vehicle: Vehicle, names: Sequence[str]) -> tuple[Effect, ...]:
                 )
             )
     for e in _OTHERS:
+        if e.option not in names:
+            continue
         if e.name == SERVO_DEAD_TIME:
             if "servo_delay" in vehicle.unknown:
                 continue
             e = dataclasses.replace(e, low=-vehicle.values.get("servo_delay", 0.0))
         found.append(e)
-    return tuple(e for e in found if e.option in names)
+    return tuple(found)
 
 
 def extend(vehicle: Vehicle, parts: Mapping[str, str]) -> Vehicle:

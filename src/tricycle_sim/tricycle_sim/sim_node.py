@@ -1,5 +1,6 @@
 """tricycle_sim: the simulated tricycle on two ptys; its clock is published as `/clock`."""
 
+import contextlib
 import math
 import selectors
 import threading
@@ -20,7 +21,7 @@ from sensor_msgs.msg import Imu
 from std_srvs.srv import Trigger
 
 from tricycle_bridge.protocol.messages import Board
-from tricycle_core.errors import LinkError, PlantError, VehicleError
+from tricycle_core.errors import ExcitationError, LinkError, VehicleError
 from tricycle_core.nodes import RECORDED, declare, overridable, run_node, time_message
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
@@ -117,17 +118,23 @@ class TricycleSim(Node):
         vehicle = vehicle.replace(**(truth | _numbers_by_name(truth_pairs)))
         if plc not in ("emulated", "firmware"):
             raise VehicleError(f"plc: {plc!r} must be emulated or firmware")
-        plant = plant_by_name(plant_name, vehicle, noise_seed)
-        self._rig: Rig
-        if plc == "firmware":
-            self._rig = FirmwareRig(vehicle, Path(build), plant=plant)
-        else:
-            self._rig = EmulatedRig(vehicle, plant=plant)
-        if any(self._start_pose()):
-            self._rig.reset(self._start_pose())
+        with contextlib.ExitStack() as failing:  # leaves no file of the plant or the ports
+            plant = plant_by_name(plant_name, vehicle, noise_seed)
+            failing.callback(plant.close)
+            self._rig: Rig
+            if plc == "firmware":
+                self._rig = FirmwareRig(vehicle, Path(build), plant=plant)
+            else:
+                self._rig = EmulatedRig(vehicle, plant=plant)
+            if any(self._start_pose()):
+                self._rig.reset(self._start_pose())
+            self._ports: dict[Board, PtyPort] = {}
+            for board, path in ports.items():
+                self._ports[board] = PtyPort(path)
+                failing.callback(self._ports[board].close)
+            failing.pop_all()
         # another sequence than that of the hidden truth, which may have the same seed
         self._rng = np.random.default_rng([noise_seed, NOISE])
-        self._ports = {board: PtyPort(path) for board, path in ports.items()}
         self._clock_publisher = self.create_publisher(Clock, "/clock", **overridable(CLOCK_QOS))
         self._odom = self.create_publisher(Odometry, "odom", **overridable(RECORDED))
         self._truth = self.create_publisher(Odometry, "ground_truth", **overridable(RECORDED))
@@ -168,7 +175,7 @@ class TricycleSim(Node):
         try:
             with self._lock:
                 self._rig.reset(self._start_pose())
-        except PlantError as error:
+        except ExcitationError as error:
             response.success, response.message = False, str(error)
         else:
             response.success, response.message = True, "at rest at its start pose, boards rebooted"
@@ -181,10 +188,10 @@ class TricycleSim(Node):
             raise SystemExit(1)
 
     def _run(self) -> None:
-        """Simulate until the node is destroyed or the plant fails."""
+        """Simulate until the node is destroyed, or the plant or a board fails."""
         try:
             self._simulate()
-        except PlantError as error:
+        except ExcitationError as error:
             self._failure = str(error)
 
     def _simulate(self) -> None:

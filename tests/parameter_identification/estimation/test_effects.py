@@ -51,6 +51,15 @@ def test_effects_keep_constants_possible():
                 )
 
 
+def test_a_share_of_a_constant_that_is_0_is_no_effect():
+    proportional = VEHICLE.replace(speed_gain_integral=0.0)
+    assert effects_of(proportional, ()) == ()
+    (found,) = effects_of(proportional, ("speed-loop",))
+    assert dict(found.constants) == {"speed_gain_proportional": VEHICLE.speed_gain_proportional}
+    (both,) = effects_of(VEHICLE, ("speed-loop",))
+    assert (found.low, found.high) == (both.low, both.high)
+
+
 def test_laws_with_more_constants_move_alike_without_the_effects():
     parts = {p: law for e in effects_of(VEHICLE, EFFECTS) for p, law in e.parts.items()}
     assert parts == {"servo": "geared", "tyre": "softened"}

@@ -1,11 +1,15 @@
 """An FMU behind the boards."""
 
 import math
+import shutil
+import tempfile
+from pathlib import Path
 
 import pytest
 
 from tricycle_bridge.commands.command_stream import VehicleCommand
 from tricycle_core.errors import PlantError
+from tricycle_sim.fmi.mapping import load_mapping
 from tricycle_sim.plants.installed import plant_by_name
 from tricycle_sim.plants.own import OwnPlant
 from tricycle_sim.rig.emulated import EmulatedRig
@@ -92,11 +96,86 @@ def test_a_number_that_is_none_is_one_line(mapping_file, monkeypatch):
         one.advance(0, 0.0, 0.0, 0.0)
 
 
+def test_an_fmu_that_cannot_be_placed_anew_goes_on(mapping_file):
+    one = plant(mapping_file())
+    for tick in range(100):
+        before = one.hold_speed(tick, 0.0, 1.0, 0.0)
+    unpacked = Path(one._fmu._folder)
+    shutil.rmtree(unpacked)
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: does not start"):
+        one.place((0.0, 0.0, 0.0))
+    assert one.hold_speed(100, 0.0, 1.0, 0.0).x > before.x
+    one.close()
+
+
+def test_a_library_that_does_not_load_leaves_the_working_folder(mapping_file):
+    from tricycle_sim.fmi.cosimulation import Fmu
+
+    fmu, folder = Fmu(load_mapping(mapping_file())), Path.cwd()
+    for library in Path(fmu._folder).rglob("*.so"):
+        library.write_text("no library")
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: does not start: Failed to load"):
+        fmu.start()
+    fmu.close()
+    assert Path.cwd() == folder
+
+
+def test_an_fmu_of_which_a_process_has_one_ends_before_it_starts_anew(mapping_file, monkeypatch):
+    one = plant(mapping_file())
+    one._fmu.only_once = True
+    old = one._instance
+    start = one._fmu.start
+
+    def start_alone(parameters):
+        assert old._slave is None
+        return start(parameters)
+
+    monkeypatch.setattr(one._fmu, "start", start_alone)
+    one.place((1.0, 0.0, 0.0))
+    assert one.hold_speed(0, 0.0, 0.0, 0.0).x == pytest.approx(1.0)
+    one.close()
+
+
+def test_an_fmu_that_has_ended_tells_it_and_can_be_closed_again(mapping_file):
+    one = plant(mapping_file())
+    one.close()
+    one.close()
+    with pytest.raises(PlantError, match=r"tricycle\.fmu: has ended"):
+        one.advance(0, 0.0, 0.0, 0.0)
+
+
+def test_a_start_that_fails_leaves_nothing_unpacked(mapping_file, monkeypatch, tmp_path):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    with monkeypatch.context() as patched:
+        patched.setattr(
+            "tricycle_sim.fmi.cosimulation.Instance.read", lambda _: {}["another mistake"]
+        )
+        with pytest.raises(KeyError):
+            plant(mapping_file())
+    assert not list(tmp_path.glob("fmu-*"))
+
+
+@pytest.mark.parametrize("without", [(), ("torque", "torque_mode"), ("speed",)])
+def test_an_emergency_stop_stops_it_with_every_set_of_inputs(mapping_file, without):
+    one = plant(mapping_file(inputs=dict.fromkeys(without)))
+    for tick in range(300):
+        if "speed" in without:
+            state = one.advance(tick, 0.0, 10.0, 0.0)
+        else:
+            state = one.hold_speed(tick, 0.0, min(2.0, 0.01 * tick), 0.0)
+    assert state.vx > 1.0
+    for tick in range(300, 700):
+        state = one.advance(tick, 0.0, 0.0, 1.0)
+    assert state.vx == pytest.approx(0.0, abs=0.02)
+    one.close()
+
+
 @pytest.mark.parametrize(
     ("changes", "line"),
     [
         ({"inputs": {"steering": None}}, "inputs: a plant needs steering"),
         ({"inputs": {"speed": None, "torque": None}}, "inputs: a plant needs torque or speed"),
+        ({"inputs": {"torque_mode": None}}, "inputs: speed and torque together need torque_mode"),
         ({"outputs": {"heading": None}}, "outputs: a plant needs heading"),
         ({"step": 0.003}, "step: 0.003 s does not divide 0.01 s"),
         ({"parameters": {"weight": "mass"}}, r"parameters\.weight: tricycle has no such constant"),

@@ -146,6 +146,26 @@ def test_without_motor_and_brake_it_loses_energy_by_its_rolling_resistance_alone
     assert (speeds[0] - speeds[-1]) / 1.99 == pytest.approx(loss / inertia, rel=0.05)
 
 
+def test_what_has_rolled_over_lies_where_it_is():
+    plant = plant_of(VEHICLE)
+    data = plant.scene[1]
+    data.qvel[[0, 3]] = 2.0, 6.0  # forward and in roll
+    state = plant.advance(0, 0.0, 5.0, 0.0)
+    for tick in range(1, 200):
+        before, state = state, plant.advance(tick, 0.0, 5.0, 0.0)
+        if state.rolled_over:
+            break
+    assert before.vx > 1.0
+    for _ in range(3):
+        assert state.rolled_over
+        assert (state.vx, state.vy, state.vz) == (0.0, 0.0, 0.0)
+        assert (state.roll_rate, state.pitch_rate, state.yaw_rate) == (0.0, 0.0, 0.0)
+        assert (state.drive_speed, state.motor_torque, state.motor_current) == (0.0, 0.0, 0.0)
+        x, roll = state.x, state.roll
+        state = plant.advance(tick, 0.0, 5.0, 0.0)
+        assert (state.x, state.roll) == (x, roll)
+
+
 @pytest.mark.slow
 def test_a_drive_is_the_same_every_time():
     ends = []

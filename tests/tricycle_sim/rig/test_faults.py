@@ -57,6 +57,19 @@ def faults(host, board):
     return Fault(host.bridge.links[board].telemetry.faults)
 
 
+@pytest.mark.parametrize("kind", [FaultKind.DRIVE_HANG, FaultKind.STEER_HANG])
+def test_a_reset_forgets_what_a_hung_board_put_out(driven, kind):
+    host = driven(kind, AT + 0.02)
+    rig = host.rig
+    assert rig.state.vx > 0.9
+    assert rig.state.steering_motor_angle == pytest.approx(0.1, abs=0.01)
+    rig.reset()
+    host.run(0.02)
+    assert rig.active_faults == {kind}
+    assert rig.state.vx == pytest.approx(0.0, abs=1e-3)
+    assert rig.state.steering_motor_angle == 0.0
+
+
 def test_the_pulses_of_a_plant_that_diverges_are_counted_at_once():
     hall = HallSensor(0.5)
     hall.turn(1e12, 0.01, {})

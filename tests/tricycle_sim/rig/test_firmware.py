@@ -1,6 +1,7 @@
 """The vehicle driven by the real firmware: it does what the emulated PLCs do, within a wheel."""
 
 import random
+import shutil
 
 import numpy as np
 import pytest
@@ -60,6 +61,27 @@ class Drive:
 
     def states(self):
         return [PlcState(link.telemetry.state) for link in self.bridge.links.values()]
+
+
+def test_a_board_stays_where_no_other_boots(firmware_images, tmp_path):
+    build = shutil.copytree(firmware_images, tmp_path / "build")
+    with FirmwareRig(VEHICLE, build) as rig:
+        drive = Drive(rig)
+        drive.arm()
+        image = build / "drive.elf"
+        for content, said in (
+            (None, "drive.elf does not exist"),
+            (b"", "drive.elf: is no firmware image: `make firmware` builds it"),
+            (image.read_bytes()[:1000], "the firmware crashed"),
+        ):
+            image.unlink()
+            if content is not None:
+                image.write_bytes(content)
+            with pytest.raises(LinkError, match=said):
+                rig._boards[DRIVE].replace()
+            drive.run(0.1)
+            assert drive.states() == [PlcState.ARMED, PlcState.ARMED]
+            image.touch()
 
 
 @pytest.fixture

@@ -390,12 +390,12 @@ def hub_motor(v):
         sign = 1.0
         error = wanted = 0.0
         if set_speed is not None:
-            sign = -1.0 if set_speed < 0.0 else 1.0
+            sign = math.copysign(1.0, set_speed or spin)
             error = set_speed / v.tyre_radius - spin
             wanted = v.speed_gain_proportional * error + v.speed_gain_integral * state.integrator
         else:
             wanted = demand
-            sign = -1.0 if demand < 0.0 and spin <= 0.0 else 1.0
+            sign = math.copysign(1.0, spin or demand)
         available = min(
             v.motor_torque,
             v.motor_power / max(sign * spin, 0.5),

@@ -14,6 +14,7 @@ from tricycle_sim.vehicle.actuators import (
     DIRECT_TORQUE,
     FRICTION_BRAKE,
     HUB_MOTOR,
+    SECOND_ORDER,
     THROTTLE_CURVE,
     direct_torque,
     friction_brake,
@@ -51,6 +52,17 @@ def test_servo_follows_its_differential_equation(damping):
     system = [[0.0, 1.0], [-(25.0**2), -50.0 * damping]]
     exact = expm(0.1 * np.array(system)) @ [0.1 - 0.3, -0.5] + [0.3, 0.0]
     assert servo == pytest.approx(exact, rel=1e-12)
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(40.0, 2.0), (2e5, 1.5), (3e3, 50.0)])
+def test_a_servo_with_much_damping_has_two_real_modes_however_fast(frequency, damping):
+    values = {"servo_natural_frequency": frequency, "servo_damping_ratio": damping}
+    v = SimpleNamespace(**{**VEHICLE.values, **values})
+    modes = np.roots([1.0, 2.0 * damping * frequency, frequency**2])
+    vectors = np.array([[1.0, 1.0], modes])
+    exact = vectors @ np.diag(np.exp(0.01 * modes)) @ np.linalg.inv(vectors)
+    found = [formula(v, 0.01) for formula in list(SECOND_ORDER.values())[:4]]
+    assert found == pytest.approx(exact.ravel().tolist(), rel=1e-6, abs=1e-12)
 
 
 def test_a_fast_servo_with_much_damping_steers_a_vehicle():
@@ -110,6 +122,27 @@ def test_a_torque_backwards_is_limited_as_one_forwards_is_unless_it_brakes():
     for spin, most in ((0.0, 35.0), (-10.0, 25.0), (0.1, VEHICLE.regenerative_torque)):
         _, _, excess = motor(spin=spin, demand=-40.0)
         assert excess == pytest.approx(-40.0 + most)
+
+
+@pytest.mark.parametrize("law", [
+    (hub_motor, HUB_MOTOR, {}), (direct_torque, DIRECT_TORQUE, {"setpoint_torque": 12.0}),
+])  # fmt: skip
+@pytest.mark.parametrize("speed_mode", [0.0, 1.0])
+@pytest.mark.parametrize("demand", [-40.0, -3.0, 0.0, 3.0, 40.0])
+@pytest.mark.parametrize("spin", [-20.0, -5.0, 0.0, 0.1, 7.0])
+def test_backwards_a_motor_is_the_mirror_image_of_itself(law, speed_mode, demand, spin):
+    function, formulas, own = law
+    values = SimpleNamespace(**{**VEHICLE.values, **own, "speed_scale": 1.0})
+    constants = np.repeat([float(formula(values)) for formula in formulas.values()], LANES)
+    ahead = function(constants, 0, spin, 4.0, 0.7, speed_mode, demand)
+    back = function(constants, 0, -spin, -4.0, -0.7, speed_mode, -demand)
+    assert np.array(back) == pytest.approx(-np.array(ahead), abs=1e-12)
+
+
+def test_a_stop_backwards_regenerates_no_more_than_one_ahead():
+    most = VEHICLE.regenerative_torque
+    _, _, excess = motor(spin=-5.0, speed_mode=1.0, demand=0.0)
+    assert excess == pytest.approx(VEHICLE.speed_gain_proportional * 5.0 - most)
 
 
 def test_the_integrator_unwinds_while_the_motor_saturates():

@@ -211,6 +211,19 @@ def test_saturated_steering_is_reported_with_time_and_place():
     assert feasibility.reasons(0)[0].startswith("steering saturated at 3.00 s, x = 2.")
 
 
+def test_commands_beyond_the_end_stop_saturate_the_steering_there():
+    vehicle, time = VEHICLE.replace(steering_limit=0.3), np.arange(0.0, 3.0, 0.01)
+    angles = np.clip(0.2 * (time - 1.0), 0.0, 0.35)  # meets the stop at 2.5 s
+    trajectory = simulate(vehicle, Commands(time, -angles, np.minimum(time, 1.0)))
+    assert trajectory.steering_motor_angle.min() == -0.3
+    saturated = trajectory.feasibility.steering_saturated
+    assert saturated.time[0] == pytest.approx(2.51)
+    assert saturated.value[0] == pytest.approx(0.002)
+    assert trajectory.feasibility.reasons(0)[0].startswith("steering saturated at 2.51 s")
+    up_to_it = Commands(time, np.minimum(angles, 0.3), np.minimum(time, 1.0))
+    assert simulate(vehicle, up_to_it).feasibility.feasible[0]
+
+
 def test_saturated_motor_is_reported():
     vehicle = VEHICLE.replace(motor_power=30.0)
     feasibility = simulate(vehicle, Commands([0.0, 5.0], [0.0, 0.0], [3.0, 3.0])).feasibility

@@ -14,7 +14,14 @@ from hypothesis import strategies as st
 from tricycle_core.rotations import attitude_quaternion
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.groups import equilibrium, pack
-from tricycle_sim.vehicle.kernel import NO_OUTPUT, NO_ROWS, functions_for, position, yaw
+from tricycle_sim.vehicle.kernel import (
+    NO_OUTPUT,
+    NO_ROWS,
+    compiled_for,
+    functions_for,
+    position,
+    yaw,
+)
 from tricycle_sim.vehicle.layout import (
     EVALUATED,
     LANES,
@@ -40,6 +47,18 @@ def load(path):
 
 ORACLE = load(Path(__file__).with_name("lagrange_oracle.py"))
 CHECKS = load(Path(__file__).parents[3] / "benchmarks" / "vehicle_checks.py")
+
+
+def _asks():
+    """Stand for what calls the functions of a structure."""
+
+
+def test_a_structure_is_compiled_once_however_it_is_asked_for():
+    asks = compiled_for(VEHICLE, _asks)
+    again = getattr(asks, "py_func", asks).__globals__  # without a compiler it is itself
+    assert again["advance"] is FUNCTIONS.advance
+    assert again["steer"] is FUNCTIONS.steer
+    assert functions_for(VEHICLE, own_commands=False) is FUNCTIONS
 
 
 def numbers(count, low, high):

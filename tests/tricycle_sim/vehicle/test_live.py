@@ -54,6 +54,17 @@ def test_live_path_equals_the_batch_bit_for_bit():
     assert live.feasibility.friction.time[0] == batch.feasibility.friction.time[0]
 
 
+def test_a_stiff_sample_lives_as_it_does_in_the_batch():
+    ranges = {"slip_stiffness": (1500.0, 9000.0), "longitudinal_relaxation_length": (0.02, 0.2)}
+    vehicle, point = dataclasses.replace(VEHICLE, unknown=ranges), [9000.0, 0.02]
+    batch = simulate(vehicle, COMMANDS, [point])
+    states, live = drive(vehicle, COMMANDS, parameters=point, substeps=1)
+    assert [state.x for state in states] == batch.x[0].tolist()
+    assert live.feasibility.friction.value[0] == batch.feasibility.friction.value[0] < 1.0
+    finer, _ = drive(vehicle, COMMANDS, parameters=point)
+    assert finer[-1].x == pytest.approx(states[-1].x, abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("vehicle", "parameters"),
     [

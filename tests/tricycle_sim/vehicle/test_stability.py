@@ -7,6 +7,7 @@ import pytest
 
 from tricycle_core.errors import VehicleError
 from tricycle_sim.commands import Commands
+from tricycle_sim.setpoints import command_rows, slew
 from tricycle_sim.vehicle import load_vehicle
 from tricycle_sim.vehicle.batch import simulate
 from tricycle_sim.vehicle.layout import STATE
@@ -46,6 +47,14 @@ def test_vehicles_that_are_too_stiff_are_refused(values, cause):
         LiveVehicle(vehicle)
 
 
+def test_wheels_that_turn_beyond_a_right_angle_are_refused_whatever_made_the_vehicle():
+    vehicle = VEHICLE.replace(steering_limit=1.2, steering_scale=2.0)
+    with pytest.raises(VehicleError, match="needs a rising angle below 90 deg"):
+        simulate(vehicle, Commands([0.0, 1.0], [0.0, 0.0], [1.0, 1.0]))
+    with pytest.raises(VehicleError, match="needs a rising angle below 90 deg"):
+        LiveVehicle(vehicle)
+
+
 def test_samples_that_are_stiffer_than_the_vehicle_stay_bounded():
     stiff = {"slip_stiffness": (1500.0, 9000.0), "longitudinal_relaxation_length": (0.02, 0.2)}
     vehicle = dataclasses.replace(VEHICLE, unknown=stiff)
@@ -65,6 +74,28 @@ def test_samples_whose_lateral_slip_relaxes_within_a_step_stay_bounded():
     points = np.array([[1000.0, 0.02], [1000.0, 0.003], [4000.0, 0.02], [4000.0, 0.003]])
     trajectory = simulate(vehicle, commands, points)
     np.testing.assert_allclose(trajectory.yaw[1::2], trajectory.yaw[::2], atol=5e-3)
+
+
+def test_tall_samples_do_not_swing_on_their_tyres_at_the_steps_rate():
+    stiff = {"cornering_stiffness": (500.0, 40000.0), "lateral_relaxation_length": (0.003, 0.2)}
+    tall = VEHICLE.replace(com_height=0.7, roll_inertia=6.0, rollover_angle=1.2)
+    vehicle, time = dataclasses.replace(tall, unknown=stiff), np.arange(0.0, 6.0, 0.1)
+    commands = Commands(time, 0.1 * np.sin(3.0 * time), np.full(60, 1.5))
+    trajectory = simulate(vehicle, commands, [[4000.0, 0.003]])
+    # by a lateral force at each contact; with such a length 2.5 rad per step of 10 ms
+    moved = (
+        3.0 / tall.mass
+        + (2.0 * tall.com_to_front_axle**2 + tall.com_to_rear_axle**2) / tall.yaw_inertia
+        + 3.0 * tall.com_height**2 / tall.roll_inertia
+    )
+    live = LiveVehicle(vehicle, parameters=[4000.0, 4000.0 * moved / 250.0**2], substeps=8)
+    steering = speed = 0.0
+    rates = [0.0]
+    for row in command_rows(commands):
+        steering = slew(steering, commands.steering_motor_angle[row], vehicle.steering_slew)
+        speed = slew(speed, commands.speed[row], vehicle.acceleration)
+        rates.append(live.step(steering=steering, speed=speed).roll_rate)
+    assert np.std(trajectory.roll_rate) == pytest.approx(np.std(rates), rel=0.1)
 
 
 def test_vehicles_just_within_the_limit_stay_bounded():

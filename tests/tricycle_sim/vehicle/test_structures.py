@@ -91,3 +91,20 @@ def test_constants_of_actuators_move_each_sample_alone(name, unknown):
             found = getattr(together, column)
             assert found[sample] == pytest.approx(getattr(alone, column)[0], abs=1e-9)
     assert not np.allclose(together.x[0], together.x[1])
+
+
+@pytest.mark.slow
+def test_a_stop_backwards_is_the_mirror_image_of_one_ahead():
+    """Of a vehicle whose rear is as its front, with more to brake than the motor regenerates."""
+    alike = {f"rear_{side}.x": -0.6 for side in ("left", "right")}
+    vehicle = structures.vehicle_of(
+        structures.ALL_WHEELS, drive_front_share=0.5, acceleration=3.0, **alike
+    )
+    ahead, back = (
+        simulate(vehicle, Commands([0.0, 2.0, 4.0], np.zeros(3), [speed, 0.0, 0.0]))
+        for speed in (2.0, -2.0)
+    )
+    assert ahead.motor_torque.min() == pytest.approx(-vehicle.regenerative_torque, rel=1e-3)
+    for name in ("x", "vx", "pitch", "motor_torque", "drive_speed"):
+        mirrored = -getattr(back, name)
+        assert mirrored == pytest.approx(getattr(ahead, name), abs=1e-9), name

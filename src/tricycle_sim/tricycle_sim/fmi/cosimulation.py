@@ -5,6 +5,7 @@ import math
 import shutil
 import tempfile
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from tricycle_core.errors import PlantError
@@ -41,6 +42,8 @@ class Fmu:
         By part of the mapping and name: type, value reference, our value by the FMU's.
     readings : dict
         By type: names of outputs, their value references, our values by the FMU's.
+    only_once : bool
+        Whether a process can have one instance of it at a time.
 
     Raises
     ------
@@ -62,6 +65,7 @@ class Fmu:
             raise PlantError(f"{path}: needs an FMU 2.0 or 3.0; this one is of FMI {version}")
         if self._description.coSimulation is None:
             raise PlantError(f"{path}: needs an FMU for co-simulation; this one is not")
+        self.only_once = bool(self._description.coSimulation.canBeInstantiatedOnlyOncePerProcess)
         self._variables = {v.name: v for v in self._description.modelVariables}
         self.places: dict[tuple[str, str], tuple[str, int, float]] = {}
         self.readings: dict[str, tuple[list[Any], ...]] = {}
@@ -166,7 +170,9 @@ class Instance:
         self._fmu, self._steps = fmu, 0
         self._where = fmu.mapping.path
         description = fmu._description  # noqa: SLF001 (of the same module)
-        with self._telling("does not start"):
+        self._slave: Any = None
+        # FMPy goes into the FMU's folder, and stays there if its library does not load
+        with self._telling("does not start"), contextlib.chdir(Path.cwd()):
             self._slave = instantiate_fmu(
                 fmu._folder,  # noqa: SLF001
                 description,
@@ -186,6 +192,13 @@ class Instance:
         except PlantError:
             self.close()
             raise
+
+    @property
+    def _running(self) -> Any:
+        """What FMPy has of the FMU; calling one that has ended would crash the process."""
+        if self._slave is None:
+            raise PlantError(f"{self._where}: has ended")
+        return self._slave
 
     @contextlib.contextmanager
     def _telling(self, what: str) -> Any:
@@ -212,7 +225,7 @@ class Instance:
             with self._telling(
                 f"refuses {', '.join(f'{name} = {v:g}' for name, v in values.items())}"
             ):
-                getattr(self._slave, f"set{kind}")(references, numbers)
+                getattr(self._running, f"set{kind}")(references, numbers)
 
     def set(self, **inputs: float) -> None:
         """Set inputs; those that the mapping lacks are left out.
@@ -221,6 +234,11 @@ class Instance:
         ----------
         **inputs : float
             By our quantity, in our units.
+
+        Raises
+        ------
+        PlantError
+            If the FMU refuses a value, or has ended.
         """
         self._write("inputs", inputs)
 
@@ -230,11 +248,11 @@ class Instance:
         Raises
         ------
         PlantError
-            If the FMU fails.
+            If the FMU fails, or has ended.
         """
         step = self._fmu.mapping.step
         with self._telling(f"fails at {self._steps * step:.2f} s"):
-            told = self._slave.doStep(
+            told = self._running.doStep(
                 currentCommunicationPoint=self._steps * step, communicationStepSize=step
             )
         if isinstance(told, tuple):  # FMI 3.0: event, terminate, early return, time
@@ -249,12 +267,12 @@ class Instance:
         Raises
         ------
         PlantError
-            If one is not finite.
+            If one is not finite, or the FMU has ended.
         """
         found = {}
         for kind, (names, references, factors) in self._fmu.readings.items():
             with self._telling("does not tell its outputs"):
-                values = getattr(self._slave, f"get{kind}")(references)
+                values = getattr(self._running, f"get{kind}")(references)
             for name, value, factor in zip(names, values, factors, strict=True):
                 found[name] = float(value) * factor
                 if not math.isfinite(found[name]):
@@ -264,11 +282,14 @@ class Instance:
         return found
 
     def close(self) -> None:
-        """End the instance."""
+        """End the instance; a second call does nothing."""
+        slave, self._slave = self._slave, None
+        if slave is None:
+            return
         with contextlib.suppress(Exception):  # it may be beyond that already
-            self._slave.terminate()
+            slave.terminate()
         with contextlib.suppress(Exception):
-            self._slave.freeInstance()
+            slave.freeInstance()
 
 
 def _quiet(*_: Any) -> None:

@@ -5,6 +5,7 @@ driven wheels' speed from the forward velocity and their angle from that, the st
 the vehicle file's servo.
 """
 
+import contextlib
 import math
 from pathlib import Path
 
@@ -70,6 +71,9 @@ class FmuPlant:
         self._has_brake = "brake" in mapping.inputs
         if not self._has_torque and "speed" not in mapping.inputs:
             raise PlantError(f"{file}: inputs: a plant needs torque or speed")
+        if {"torque", "speed"} <= set(mapping.inputs) and "torque_mode" not in mapping.inputs:
+            # the FMU could not tell which of them counts: a stop, by torque and brake, may be lost
+            raise PlantError(f"{file}: inputs: speed and torque together need torque_mode")
         self._steps = mapping.steps_per_tick(file, "a plant", ("steering",))
         self._parameters = [name for name in mapping.parameters if name not in START]
         for name in self._parameters:
@@ -77,13 +81,13 @@ class FmuPlant:
                 raise PlantError(f"{file}: parameters.{name}: {vehicle.name} has no such constant")
         units = {name: vehicle.unit(name) for name in self._parameters}
         self._own_servo = "steering_motor_angle" not in mapping.outputs
-        self._fmu = Fmu(mapping, units)
-        try:
+        with contextlib.ExitStack() as failing:
+            self._fmu = Fmu(mapping, units)
+            failing.callback(self._fmu.close)
             self._instance = self._begin()
+            failing.callback(self.close)
             self.place((0.0, 0.0, 0.0))
-        except PlantError:
-            self._fmu.close()
-            raise
+            failing.pop_all()
 
     def place(self, start: Pose) -> LiveState:
         """Return the state at rest at a pose.
@@ -92,12 +96,24 @@ class FmuPlant:
         ----------
         start : (float, float, float)
             x, y [m] and heading [rad].
+
+        Raises
+        ------
+        PlantError
+            If the FMU does not start anew; it then goes on from where it was, unless a process
+            can have one instance of it only.
         """
+        if self._fmu.only_once:
+            self._instance.close()
+        with contextlib.ExitStack() as failing:
+            fresh = self._begin()
+            failing.callback(fresh.close)
+            outputs = fresh.read()
+            failing.pop_all()
         self._instance.close()
-        self._instance = self._begin()
+        self._instance, self._outputs = fresh, outputs
         self._servo = SteeringServo(self._vehicle)
         self._turned = 0.0
-        self._outputs = self._instance.read()
         self._unturned = self._outputs.get("drive_angle", 0.0)
         self._origin, self._start = self._pose(), start
         self._motion = PlanarMotion(*(self._outputs.get(n, 0.0) for n in PlanarMotion._fields))
@@ -123,7 +139,7 @@ class FmuPlant:
         return self._moved(tick, steering, brake, speed=speed)
 
     def close(self) -> None:
-        """End the FMU and remove what was unpacked."""
+        """End the FMU and remove what was unpacked; a second call does nothing."""
         self._instance.close()
         self._fmu.close()
 

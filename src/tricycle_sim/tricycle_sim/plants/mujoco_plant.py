@@ -134,6 +134,13 @@ class MujocoPlant:
             self._servo.advance(steering)
             self._motor.advance(torque, self._shares @ self._data.qvel[self._spins])
             self._run(brake)
+        state = self._state(tick + 1)
+        if not state.rolled_over:
+            return state
+        self._motor.torque = 0.0  # it lies where it is from now on
+        self._data.qvel[:] = 0.0
+        self._data.ctrl[len(self._held) :] = 0.0
+        mujoco.mj_forward(self._model, self._data)
         return self._state(tick + 1)
 
     def close(self) -> None:

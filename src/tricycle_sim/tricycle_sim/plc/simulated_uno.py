@@ -94,7 +94,7 @@ class SimulatedUno(Closing):
     Raises
     ------
     LinkError
-        The image or the simulator is not there.
+        The image or the simulator is not there, or the image is none.
     """
 
     def __init__(self, build: Path, name: str) -> None:
@@ -102,7 +102,10 @@ class SimulatedUno(Closing):
         self._c = ctypes.CDLL(str(build / "libmachine.so"))
         self._c.machine_new.restype = ctypes.c_void_p
         self._c.machine_word.restype = ctypes.c_uint16
-        self._machine = ctypes.c_void_p(self._c.machine_new(str(build / f"{name}.elf").encode()))
+        image = build / f"{name}.elf"
+        self._machine = ctypes.c_void_p(self._c.machine_new(str(image).encode()))
+        if not self._machine:
+            raise LinkError(f"{image}: is no firmware image: `make firmware` builds it")
         self.supply(DRIVE_SUPPLY if name == "drive" else STEER_SUPPLY)
         self.estop(pressed=False)
         self._c.machine_sensor(self._machine, 0, 0)  # half a pulse before its edge

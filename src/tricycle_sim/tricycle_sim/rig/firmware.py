@@ -46,21 +46,26 @@ class _FirmwareBoard:
     def __init__(self, board: Board, build: Path) -> None:
         self._board = board
         self._build = build
-        self._boot()
+        self.uno = self._booted()
+        self._begin()
 
-    def _boot(self) -> None:
-        self.uno = SimulatedUno(self._build, self._board.name.lower())
+    def _booted(self) -> SimulatedUno:
+        uno = SimulatedUno(self._build, self._board.name.lower())
+        uno.run(_LEAD_US)
+        return uno
+
+    def _begin(self) -> None:
         self._time = _LEAD_US
-        self.uno.run(self._time)
         self.state, self.faults = PlcState.BOOT, Fault(0)
         self.heard = False  # a command since the last step
         self._sent = FrameDecoder(self._board, host=False)
         self._received = FrameDecoder(self._board, host=True)
 
     def replace(self) -> None:
-        """Put another board in its place, fresh from the flashing."""
-        self.uno.close()
-        self._boot()
+        """Put another board in its place, fresh from the flashing; if none boots, it stays."""
+        before, self.uno = self.uno, self._booted()
+        before.close()
+        self._begin()
 
     def write(self, data: bytes) -> None:
         """Send bytes of the host to the board."""

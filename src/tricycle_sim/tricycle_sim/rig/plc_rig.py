@@ -34,6 +34,10 @@ class Push(NamedTuple):
     brake: float
 
 
+# what boards put out until their first tick
+_SERVO_OFF, _STOPPED = SteerOutput(False, 0.0), Push(None, 0.0, 1.0)
+
+
 class PlcRig(Rig):
     """Vehicle and two PLC objects.
 
@@ -60,8 +64,7 @@ class PlcRig(Rig):
         super().__init__(vehicle, faults, plant)
         self._plcs = {Board.STEER: steer, Board.DRIVE: drive}
         self._boot_ticks = {Board.STEER: 0, Board.DRIVE: 0}
-        self._servo = SteerOutput(False, 0.0)
-        self._push = Push(None, 0.0, 1.0)
+        self._servo, self._push = _SERVO_OFF, _STOPPED
         self._rest()
 
     def plc_state(self, board: Board) -> PlcState:
@@ -85,6 +88,10 @@ class PlcRig(Rig):
     def _reboot(self, board: Board, cause: ResetCause) -> None:
         self._boot_ticks[board] = self._ticks
         self._plcs[board].reset(cause)
+        if board is Board.STEER:
+            self._servo = _SERVO_OFF
+        else:
+            self._push = _STOPPED
 
     def _receive(self, board: Board, data: bytes) -> bytes:
         answers: bytes = self._plcs[board].receive(data, self._plc_time_us(board))

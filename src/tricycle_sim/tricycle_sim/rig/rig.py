@@ -151,6 +151,8 @@ class Rig(Closing):
         ------
         PlantError
             If the plant cannot be placed there.
+        LinkError
+            If a board does not boot.
         """
         self._place(start)
         self._rest()
@@ -178,6 +180,8 @@ class Rig(Closing):
         ------
         PlantError
             If the plant has failed, or its state is not finite.
+        LinkError
+            If a board has crashed.
         """
         hung = {board for board in _HANG if _HANG[board] in self._faults}
         sent = self._step(hung)

@@ -5,7 +5,6 @@ and the constants that it reads. A vehicle file chooses one under `parts: {motor
 `DRIVES` says which wheels get which share of the torque.
 """
 
-import cmath
 import math
 from collections.abc import Callable
 from typing import Any
@@ -26,10 +25,16 @@ def _transition(v: Any, step: float) -> tuple[float, float, float, float]:
     """Transition over a step of theta'' = omega^2 (command - theta) - 2 zeta omega theta'."""
     frequency = v.servo_natural_frequency
     decay_rate = v.servo_damping_ratio * frequency
-    root = cmath.sqrt(decay_rate**2 - frequency**2)
-    decay = math.exp(-decay_rate * step)
-    even = decay * cmath.cosh(root * step).real
-    odd = decay * ((cmath.sinh(root * step) / root).real if root else step)
+    square = decay_rate**2 - frequency**2
+    root = math.sqrt(abs(square))
+    if square > 0.0:  # two exponentials, of which the slower one is factored out: none overflows
+        slower = math.exp(-(frequency**2) / (decay_rate + root) * step)
+        gap = -math.expm1(-2.0 * root * step)
+        even, odd = slower * (1.0 - 0.5 * gap), 0.5 * slower * gap / root
+    else:
+        decay = math.exp(-decay_rate * step)
+        even = decay * math.cos(root * step)
+        odd = decay * (math.sin(root * step) / root if root else step)
     return even + decay_rate * odd, odd, -(frequency**2) * odd, even - decay_rate * odd
 
 
@@ -275,10 +280,11 @@ def hub_motor(
     excess : float
         Torque wanted beyond what the motor can give [N m].
     """
-    # reverse gear: everything mirrored; a torque has no gear, but brakes a wheel that turns forward
-    # (one comparison: with several the lanes are not evaluated at once)
-    forward = 1e30 * (1.0 - speed_mode) * max(spin, 0.0)
-    direction = -1.0 if demand + forward < 0.0 else 1.0
+    # backwards everything is mirrored: by the sign of the set-point; without one, by the spin
+    direction = _direction(
+        speed_mode * demand + (1.0 - speed_mode) * spin,
+        speed_mode * spin + (1.0 - speed_mode) * demand,
+    )
     error = demand / g[c + _M.radius] - spin
     wanted = (
         speed_mode * (g[c + _M.proportional] * error + g[c + _M.integral] * integrator)
@@ -291,6 +297,13 @@ def hub_motor(
         speed_mode * (error - g[c + _M.anti_windup] * excess),
         excess,
     )
+
+
+@inlined
+def _direction(first: float, second: float) -> float:
+    """Return the sign of the first number, where that is 0 of the second, as -1 or 1."""
+    # one comparison: with several the lanes are not evaluated at once
+    return -1.0 if first + 1e-30 * second < 0.0 else 1.0
 
 
 @inlined
@@ -308,7 +321,7 @@ def _without_controller(
     g: FloatArray, c: int, spin: float, torque: float, wanted: float
 ) -> tuple[float, float, float]:
     """Return what a motor's law does, for a wanted torque that no controller corrects."""
-    direction = -1.0 if wanted + 1e30 * max(spin, 0.0) < 0.0 else 1.0
+    direction = _direction(spin, wanted)
     granted = _granted(g, c, spin, direction, wanted)
     return (granted - torque) * g[c + _M.inverse_lag], 0.0, wanted - granted
 

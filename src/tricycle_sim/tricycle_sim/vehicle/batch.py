@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tricycle_bridge.protocol.units import ANGLE_UNIT
 from tricycle_core.quantities import FloatArray, Progress
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
@@ -288,7 +289,10 @@ class CommandedBatch:
         ticks = len(rows)
         self.time = np.arange(ticks + 1, dtype=np.float64) * TICK
         setpoints, lag = slew_all(commands.steering_motor_angle[rows], vehicle.steering_slew)
-        self._lag = np.append(lag, 0.0)
+        # what is beyond the end stop is never reached: the motor stays there
+        beyond = np.abs(setpoints) - vehicle.steering_limit
+        beyond[beyond < ANGLE_UNIT] = 0.0  # a board cannot tell it from the end stop
+        self._lag = np.append(np.maximum(lag, beyond), 0.0)
         speeds, _ = slew_all(commands.speed[rows], vehicle.acceleration, setpoint)
         self._drive = np.zeros((ticks + 1, len(COMMAND)))
         self._drive[:, COMMAND.speed_mode] = 1.0

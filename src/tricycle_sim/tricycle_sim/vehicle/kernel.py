@@ -659,11 +659,11 @@ def variant_of(structure: Structure, own_commands: bool = False) -> str:
 
 @functools.cache
 def _compile_caller(structure: Structure, function: Callable[..., Any]) -> Any:
-    return compiled(function, variant_of(structure), **_compile(structure)._asdict())
+    return compiled(function, variant_of(structure), **_compile(structure, False)._asdict())
 
 
 @functools.cache
-def _compile(structure: Structure, own_commands: bool = False) -> Functions:
+def _compile(structure: Structure, own_commands: bool) -> Functions:  # one way to call: one key
     chosen = laws_of(structure, own_commands)
     variant = variant_of(structure, own_commands)
     advancing = compiled(_advance_with, variant, laws=chosen)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tricycle_bridge.protocol.limits import MAX_SPEED
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import pitch_angle, roll_angle, yaw_angle
 from tricycle_core.timing import TICK
@@ -37,7 +38,7 @@ from tricycle_sim.vehicle.parts import (
     steering_constants,
     structure_of,
 )
-from tricycle_sim.vehicle.stability import check_step
+from tricycle_sim.vehicle.stability import check_step, lengthen_relaxation
 
 ORIGIN = (0.0, 0.0, 0.0)
 """Pose: x, y [m] and heading [rad]."""
@@ -113,6 +114,8 @@ class LiveVehicle:
         self._substeps = substeps
         self._functions = functions_for(vehicle)
         self._groups = pack(vehicle, point[np.newaxis], equilibrium(vehicle))
+        # which set-points are to come is not known
+        lengthen_relaxation(self._groups, vehicle, MAX_SPEED, TICK / substeps)
         self._rows = self._groups.reshape(-1, LANES)
         self._place(*start)
         self._constants = steering_constants(

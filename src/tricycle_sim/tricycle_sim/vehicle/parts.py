@@ -181,16 +181,24 @@ def steering_columns(vehicle: Vehicle) -> list[int]:
     ]
 
 
-def check_steering(vehicle: Vehicle) -> None:
-    """Raise a `VehicleError` if a wheel turns by a right angle, or back, before the motor's stop.
+def check_steering(vehicle: Vehicle, *, ranges: bool = True) -> None:
+    """Raise unless each wheel turns with the motor, by less than a right angle, up to its stops.
 
     Parameters
     ----------
     vehicle : Vehicle
-        Its nominal values and each end of its ranges are looked at.
+        Its nominal values are looked at.
+    ranges : bool
+        Whether each end of its ranges is looked at too.
+
+    Raises
+    ------
+    VehicleError
+        If a wheel does not.
     """
     linkage = steering.LINKAGES[structure_of(vehicle).steering].function
-    ends = [{name: end} for name, pair in vehicle.unknown.items() for end in pair]
+    unknown = vehicle.unknown if ranges else {}
+    ends = [{name: end} for name, pair in unknown.items() for end in pair]
     for changed in ({}, *ends):
         constants = steering_constants(vehicle, TICK, {**vehicle.values, **changed})
         limit, sign = constants[_LIMIT], constants[_SIGN]

@@ -24,7 +24,7 @@ from tricycle_sim.vehicle.layout import (
     of_wheels,
     states_of,
 )
-from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS
+from tricycle_sim.vehicle.parts import BLOCK, WHEEL, WHEEL_ROWS, check_steering
 from tricycle_sim.vehicle.registry import tyre_name
 from tricycle_sim.vehicle.tyre import LINEAR, SOFTENED, TYRE
 
@@ -49,7 +49,7 @@ _checked: set[tuple[str, float]] = set()
 
 
 def check_step(vehicle: Vehicle, step: float) -> None:
-    """Raise unless Runge-Kutta steps are short enough for a vehicle.
+    """Raise unless Runge-Kutta steps are short enough for a vehicle, and its steering turns wheels.
 
     Parameters
     ----------
@@ -61,11 +61,12 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     Raises
     ------
     VehicleError
-        Naming the rate of the fastest mode and the constants behind it.
+        Naming the rate of the fastest mode and the constants behind it, or `steering_limit`.
     """
     key = vehicle.fingerprint, step
     if key in _checked:
         return
+    check_steering(vehicle, ranges=False)  # of a file; this may be another one, by `replace`
     rate, state = fastest_mode(vehicle)
     if not rate * step < LIMIT:
         if state > STATE.spin:  # of any wheel
@@ -78,8 +79,10 @@ def check_step(vehicle: Vehicle, step: float) -> None:
     _checked.add(key)
 
 
-def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> None:
-    """Make the relaxation of samples so long that steps of `TICK` are stable.
+def lengthen_relaxation(
+    groups: FloatArray, vehicle: Vehicle, speed: float, step: float = TICK
+) -> None:
+    """Make the relaxation of samples so long that the steps are stable.
 
     Of a vehicle that `check_step` accepts, samples may be stiffer: where a fit tries both a stiffer
     tyre and a shorter relaxation, a wheel swings faster on its tyre, or the vehicle on its tyres,
@@ -93,13 +96,15 @@ def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> N
         Of which they are.
     speed : float
         Highest set-point [m/s]; wheels may be faster by the share `FASTER`, up to `MAX_SPEED`.
+    step : float
+        Length of the steps [s].
     """
     rows = groups.reshape(len(groups), -1, LANES)
 
     def of_each(row: int) -> FloatArray:
         return rows[:, of_wheels(row, WHEEL_ROWS, len(vehicle.wheels))]
 
-    most = LIMIT / TICK
+    most = LIMIT / step
     stiffness, radius = of_each(WHEEL.tyre_law + _L.c_kappa), of_each(WHEEL.tyre + _T.radius)
     along, aside = (of_each(WHEEL.tyre + row) for row in (_T.inverse_sigma_x, _T.inverse_sigma_y))
     largest = most**2 * of_each(WHEEL.place + _P.inertia) / (stiffness * radius**2)
@@ -111,8 +116,8 @@ def lengthen_relaxation(groups: FloatArray, vehicle: Vehicle, speed: float) -> N
     moved = (
         rows[:, [_B.inverse_mass]]
         + rows[:, [_B.inverse_izz]] * of_each(WHEEL.place + _P.x) ** 2
-        + rows[:, [_B.inverse_ixx]] * of_each(WHEEL.place + _P.z) ** 2
-    )  # by a lateral force on each wheel
+        + rows[:, [_B.inverse_ixx]] * (of_each(WHEEL.place + _P.z) - radius) ** 2
+    )  # by a lateral force on each wheel, at its contact
     # the squares of the rates at which it swings aside, yawing and rolling, are together
     squares = np.sum(of_each(WHEEL.tyre_law + _L.c_alpha) * aside * moved, axis=1, keepdims=True)
     aside *= np.fmin(1.0, most**2 / squares)
