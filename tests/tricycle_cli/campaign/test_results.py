@@ -53,7 +53,7 @@ def test_the_report_says_what_is_known_after_each_drive(campaign):
     target = report["targets"]["cornering_stiffness"]
     assert target["estimate"] == 710.0
     assert target["truth"] == 700.0
-    assert target["half_width"] == pytest.approx(1.96 * 10.0 / 710.0)
+    assert target["half_width"] == pytest.approx(1.96 * 10.0 / 710.0, rel=1e-4)
     assert target["within_tolerance"]
     assert (report["drives"], report["driving_seconds"]) == (1, 20.0)
     assert report["steps"][0]["known"]["cornering_stiffness"] == {"estimate": 710.0, "std": 10.0}
