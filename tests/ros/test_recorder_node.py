@@ -306,7 +306,8 @@ def test_a_disk_that_fills_up_stops_the_recording_and_leaves_a_readable_bag(  # 
     assert not success
     assert "File too large" in message
     with BagReader(tmp_path / "bag") as bag:
-        assert bag.complete
+        assert not bag.complete
+        assert "File too large" in bag.metadata["failure"]
     found = texts(tmp_path / "bag", "/odom")
     assert found
     assert set(found) == {"x" * 1000}

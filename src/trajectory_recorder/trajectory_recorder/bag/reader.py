@@ -30,7 +30,9 @@ from trajectory_recorder.bag.location import bag_path, is_remote
 from trajectory_recorder.bag.metadata import read_metadata
 from trajectory_recorder.bag.records import (
     CHUNK,
+    FAILURE,
     FOOTER_SIZE,
+    LOST,
     MAGIC,
     MESSAGE,
     METADATA_RECORD,
@@ -140,8 +142,8 @@ class BagReader(Closing):
     metadata : dict of str to str
         What the recorder noted about the drive.
     complete : bool
-        False if a file was cut off, by a killed recorder for example, or is missing, or the
-        recorder lost messages; what is left is read.
+        False if a file was cut off, by a killed recorder for example, or is missing, the recorder
+        lost messages, or the disk ended the recording; what is left is read.
     kind : str
         How it is stored: "mcap", "sqlite3", ...
     files : list of Path
@@ -188,7 +190,8 @@ class BagReader(Closing):
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
             self.kind = self._storages[0].kind
             self.files = [file for storage in self._storages for file in storage.files]
-            self.complete &= not (_missing(path, information, files) or self.metadata.get("lost"))
+            self.complete &= not _missing(path, information, files)
+            self.complete &= self.metadata.keys().isdisjoint((LOST, FAILURE))
             self.size = sum(storage.size for storage in self._storages)
             spans = [storage.span for storage in self._storages if storage.span]
             self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
