@@ -51,6 +51,17 @@ def test_a_bag_begins_with_the_latched_messages_of_before(
     assert contents(bag) == [("/maneuver/path", 10, b"new"), ("/odom", 11, b"during")]
 
 
+def test_without_a_time_a_bag_begins_with_the_first_one(
+    recording: Recording, tmp_path: Path
+) -> None:
+    plan = recording.offer(topic("/maneuver/path", LATCHED))
+    plan.received(b"plan", 1)
+    bag = recording.start(str(tmp_path / "bag"), None)
+    recording.write_latched(7)
+    recording.stop()
+    assert contents(bag) == [("/maneuver/path", 7, b"plan")]
+
+
 def test_a_topic_that_comes_late_is_recorded(recording: Recording, tmp_path: Path) -> None:
     bag = recording.start(str(tmp_path / "bag"), 0)
     recording.write(recording.offer(topic("/late")), b"x", 1)

@@ -178,15 +178,15 @@ class Recording:
         if scarce := self._scarce(shutil.disk_usage(there).free):
             raise BagError(f"{path}: {scarce}")
 
-    def start(self, output: str, stamp: int) -> Path:
+    def start(self, output: str, stamp: int | None) -> Path:
         """Begin a bag with the latched messages received so far; return where it is.
 
         Parameters
         ----------
         output : str
             Directory to create.
-        stamp : int
-            Time now, of the latched messages [ns].
+        stamp : int, optional
+            Time now, of the latched messages [ns]; None: they are left to `write_latched`.
 
         Raises
         ------
@@ -198,8 +198,9 @@ class Recording:
         bag = self._open(output)
         for source in self.topics.values():
             source.lost = 0
-            for data in source.latched:
-                self._put(source, data, stamp)
+            if stamp is not None:
+                for data in source.latched:
+                    self._put(source, data, stamp)
         if self._bag is None:
             raise BagError(self._failure)
         return bag.path
@@ -388,6 +389,18 @@ class Recording:
                 for status in statuses(deserialize(source.topic.type, data)):
                     pairs = ((pair.key, pair.value) for pair in status.values)
                     self._bag.metadata |= {k: v for k, v in pairs if matches(k, METADATA)}
+
+    def write_latched(self, stamp: int) -> None:
+        """Write the latched messages that have come while there was no time yet.
+
+        Parameters
+        ----------
+        stamp : int
+            Of the first tick of the clock [ns].
+        """
+        for source in self.topics.values():
+            for data in source.latched:
+                self.write(source, data, stamp)
 
     def flush(self) -> None:
         """Bring to the disk what was written, or end the recording where the disk is full."""
