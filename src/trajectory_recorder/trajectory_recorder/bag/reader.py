@@ -544,6 +544,10 @@ class _McapFile:
                 self._take_channel(opcode, content)
         if statistics is None or (statistics.message_count and not self._chunks):
             return False
+        if statistics.channel_count > len(self._channels) or (
+            statistics.schema_count > len(self._schemas)
+        ):  # a summary need not repeat them
+            return False
         self._counts.update(statistics.channel_message_counts)
         return True
 
@@ -687,6 +691,9 @@ def _uncompress(record: bytes) -> Buffer:
     if size > MAX_CHUNK:
         raise ValueError(f"a chunk of {size} bytes is beyond the limit of {MAX_CHUNK}")
     if compression == b"zstd":
+        # a frame that tells its size is decompressed whole, whatever the limit
+        if zstandard.frame_content_size(data) not in (-1, size):
+            raise ValueError("its zstd frame has another size than the chunk")
         data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     elif compression == b"lz4":
         data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
