@@ -1,5 +1,6 @@
 """The containers' rights: a user that is not root, and no device but the two boards."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,14 @@ def test_the_image_does_not_end_as_root():
 
 def test_a_stopped_container_ends_as_ros2_launch_does_of_ctrl_c():
     assert image("STOPSIGNAL") == "SIGINT"
+
+
+def test_rosdep_leaves_out_what_it_would_install_with_pip():
+    """As root it may not on Ubuntu 24.04; `make setup` installs the same in an environment."""
+    packages = (FOLDER.parent / "src").glob("*/package.xml")
+    found = {key for p in packages for key in re.findall(r">(\S+-pip)<", p.read_text())}
+    (skipped,) = re.findall(r"--skip-keys (\S+|\"[^\"]*\")", (FOLDER / "Dockerfile").read_text())
+    assert found == {*skipped.strip('"').split()}
 
 
 @pytest.mark.parametrize("name", SERVICES)

@@ -306,7 +306,8 @@ def test_a_disk_that_fills_up_stops_the_recording_and_leaves_a_readable_bag(  # 
     assert not success
     assert "File too large" in message
     with BagReader(tmp_path / "bag") as bag:
-        assert bag.complete
+        assert not bag.complete
+        assert "File too large" in bag.metadata["failure"]
     found = texts(tmp_path / "bag", "/odom")
     assert found
     assert set(found) == {"x" * 1000}
@@ -333,6 +334,30 @@ def test_on_simulated_time_a_message_has_the_tick_it_was_received_at(  # type: i
     with BagReader(tmp_path / "bag") as bag:
         stamps = [message.stamp for message in bag.messages(["/odom"])]
     assert stamps == [2_000_000_000, 3_000_000_000, 4_000_000_000]
+
+
+def test_before_the_first_tick_only_latched_messages_are_kept(  # type: ignore[no-untyped-def]
+    recorder, ros_node: Node, tmp_path: Path
+) -> None:
+    clock = ros_node.create_publisher(Clock, "/clock", 1000)
+    latched = ros_node.create_publisher(String, "maneuver/path", LATCHED)
+    latched.publish(String(data="plan"))
+    publisher = ros_node.create_publisher(String, "odom", 10)
+    topics = "[odom,maneuver/path]"
+    r = recorder(record=True, output=tmp_path / "bag", topics=topics, use_sim_time=True)
+    r.wait(lambda: publisher.get_subscription_count() == 1 and clock.get_subscription_count() == 2)
+    publisher.publish(String(data="without a time"))
+    r.wait(lambda: "waits for the first /clock" in r.message)
+    assert (r.level, r.status["messages"]) == (DiagnosticStatus.WARN, "0")
+
+    def heard() -> bool:
+        clock.publish(Clock(clock=Time(sec=7)))
+        return r.status.get("messages") == "1"
+
+    r.wait(heard)
+    assert r.end() == 0
+    with BagReader(tmp_path / "bag") as bag:
+        assert [(m.topic, m.stamp) for m in bag.messages()] == [("/maneuver/path", 7_000_000_000)]
 
 
 def test_a_bag_that_is_removed_stops_the_recording_with_a_diagnostic(  # type: ignore[no-untyped-def]

@@ -8,7 +8,7 @@ from trajectory_recorder.receipt_clock import ReceiptClock
 
 def test_a_message_has_the_time_of_its_receipt_not_of_its_handling():
     clock = ReceiptClock()
-    assert (clock.at(5), clock.newest) == (0, -1)
+    assert (clock.at(5), clock.newest) == (None, -1)
     for tick in range(4):
         clock.tick(100 + 10 * tick, 1000 * tick)
     assert clock.newest == 130

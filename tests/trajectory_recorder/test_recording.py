@@ -7,7 +7,7 @@ import pytest
 
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
-from trajectory_recorder.recording import BagSettings, Recording, chosen, matches
+from trajectory_recorder.recording import BagSettings, Recording, TopicSource, chosen, matches
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError
 
@@ -51,6 +51,17 @@ def test_a_bag_begins_with_the_latched_messages_of_before(
     assert contents(bag) == [("/maneuver/path", 10, b"new"), ("/odom", 11, b"during")]
 
 
+def test_without_a_time_a_bag_begins_with_the_first_one(
+    recording: Recording, tmp_path: Path
+) -> None:
+    plan = recording.offer(topic("/maneuver/path", LATCHED))
+    plan.received(b"plan", 1)
+    bag = recording.start(str(tmp_path / "bag"), None)
+    recording.write_latched(7)
+    recording.stop()
+    assert contents(bag) == [("/maneuver/path", 7, b"plan")]
+
+
 def test_a_topic_that_comes_late_is_recorded(recording: Recording, tmp_path: Path) -> None:
     bag = recording.start(str(tmp_path / "bag"), 0)
     recording.write(recording.offer(topic("/late")), b"x", 1)
@@ -84,6 +95,19 @@ def test_a_bag_says_which_messages_it_lacks(recording: Recording, tmp_path: Path
     with BagReader(bag) as reader:
         assert reader.metadata["lost"] == "2 of /odom"
         assert not reader.complete
+
+
+def test_also_the_bag_of_a_killed_recorder_says_which_messages_it_lacks(
+    recording: Recording, tmp_path: Path
+) -> None:
+    odom = recording.offer(topic("/odom"))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    for sequence in (1, 4):
+        odom.received(b"", sequence)
+        recording.write(odom, b"x", sequence)
+    recording.flush()
+    with BagReader(bag) as reader:
+        assert reader.metadata["lost"] == "2 of /odom"
 
 
 def test_a_superseded_state_is_not_lost(recording: Recording) -> None:
@@ -165,6 +189,9 @@ def test_a_disk_without_reserve_ends_the_recording(failures: list[str], tmp_path
         recording.stop()
     recording.flush()
     assert contents(bag) == [("/odom", 1, b"x")]
+    with BagReader(bag) as reader:
+        assert "disk_reserve" in reader.metadata["failure"]
+        assert not reader.complete
 
 
 def test_patterns() -> None:
@@ -205,6 +232,38 @@ def test_a_snapshot_holds_the_newest_messages_and_what_was_latched(tmp_path: Pat
     assert contents(recording.snapshot(str(tmp_path / "second"))) == [
         ("/maneuver/path", 9, b"p"), ("/odom", 9, b"9"),
     ]  # fmt: skip
+
+
+def test_a_snapshot_holds_what_was_latched_while_a_bag_was_recorded(tmp_path: Path) -> None:
+    recording = Recording(BagSettings(backlog=100), lambda _: None)
+    plan, odom = recording.offer(topic("/maneuver/path", LATCHED)), recording.offer(topic("/odom"))
+
+    def take(source: TopicSource, data: bytes, stamp: int) -> None:
+        source.received(data, stamp)
+        recording.write(source, data, stamp)
+
+    take(plan, b"A", 1)
+    recording.start(str(tmp_path / "bag"), 2)
+    take(plan, b"B", 3)
+    recording.stop()
+    take(odom, b"x", 5)
+    assert contents(recording.snapshot(str(tmp_path / "snapshot"))) == [
+        ("/maneuver/path", 5, b"B"), ("/odom", 5, b"x"),
+    ]  # fmt: skip
+
+
+def test_a_snapshot_says_which_messages_it_lacks(tmp_path: Path) -> None:
+    recording = Recording(BagSettings(backlog=100), lambda _: None)
+    odom = recording.offer(topic("/odom"))
+    for sequence in (1, 4):
+        odom.received(b"", sequence)
+        recording.write(odom, b"x", sequence)
+    with BagReader(recording.snapshot(str(tmp_path / "first"))) as reader:
+        assert reader.metadata["lost"] == "2 of /odom"
+    odom.received(b"", 5)
+    recording.write(odom, b"x", 5)
+    with BagReader(recording.snapshot(str(tmp_path / "second"))) as reader:
+        assert "lost" not in reader.metadata  # what was lost before is not missing here
 
 
 def test_a_snapshot_needs_messages_that_are_kept(recording: Recording, tmp_path: Path) -> None:

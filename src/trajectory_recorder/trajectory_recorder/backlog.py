@@ -56,6 +56,18 @@ class Backlog:
         while self._bytes > self._size:
             self._drop()
 
+    def latch(self, message: KeptMessage) -> None:
+        """Take note of a latched message that is written to a bag: it replaces those of before.
+
+        Parameters
+        ----------
+        message : KeptMessage
+            Newer than those of before.
+        """
+        if self._size:
+            before = self._before.get(message.topic, ())
+            self._before[message.topic] = deque([*before, message], maxlen=message.latched)
+
     def clear(self) -> None:
         """Drop all but the latched messages."""
         while self._kept:
@@ -84,4 +96,4 @@ class Backlog:
         message = self._kept.popleft()
         self._bytes -= len(message.data)
         if message.latched:
-            self._before.setdefault(message.topic, deque(maxlen=message.latched)).append(message)
+            self.latch(message)

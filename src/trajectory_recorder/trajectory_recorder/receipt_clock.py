@@ -47,11 +47,11 @@ class ReceiptClock:
         if len(self._received) > 2 * self._kept:
             del self._received[: -self._kept], self._times[: -self._kept]
 
-    def at(self, received: int) -> int:
+    def at(self, received: int) -> int | None:
         """Return the simulated time of the last tick received until then [ns].
 
-        The first tick kept where that is older, and 0 before any, as ROS clocks do.
+        The first tick kept where that is older, and None before any: there is no time yet.
         """
         if not self._times:
-            return 0
+            return None
         return self._times[max(bisect_right(self._received, received) - 1, 0)]

@@ -5,8 +5,10 @@ before and loses nothing to discovery. They take raw bytes and are drained in on
 costs a fraction of one callback per message.
 """
 
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +26,7 @@ from trajectory_recorder.bag.writer import Compression
 from trajectory_recorder.receipt_clock import ReceiptClock
 from trajectory_recorder.recording import LACKS, BagSettings, Recording, TopicSource, matches
 from tricycle_core import __version__
+from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError, message_of
 from tricycle_core.nodes import NotTheExecutors, declare, overridable, run_node
 from tricycle_core.stamps import nanoseconds_of
@@ -70,7 +73,9 @@ class TrajectoryRecorder(Node):
 
         self._receipts = ReceiptClock()
         self._ticks: Subscription | None = None
-        if self.get_parameter("use_sim_time").value:
+        # whether there is a time: a simulated clock has ticked
+        self._timed = not self.get_parameter("use_sim_time").value
+        if not self._timed:
             self._ticks = self.create_subscription(
                 ClockMessage,
                 "/clock",
@@ -102,7 +107,7 @@ class TrajectoryRecorder(Node):
         self.create_service(Trigger, "~/snapshot", partial(self._serve, self.snapshot))
         wall = Clock(clock_type=ClockType.STEADY_TIME)  # a stopped /clock stops no flush
         self.create_timer(DISCOVERY_PERIOD, self._discover, clock=wall)
-        self.create_timer(FLUSH_PERIOD, self.recording.flush, clock=wall)
+        self.create_timer(FLUSH_PERIOD, self._flush, clock=wall)
         self.create_timer(DIAGNOSTICS_PERIOD, self._report, clock=wall)
         self._discover()
         if record:
@@ -123,7 +128,7 @@ class TrajectoryRecorder(Node):
         """
         self._drain_all()  # what waits is newer than the latched messages taken so far
         output = self.get_parameter("output").value
-        return self.recording.start(output, self.get_clock().now().nanoseconds)
+        return self.recording.start(output, self._stamp(time.time_ns()))
 
     def start_with_room(self) -> Path:
         """Begin a bag, unless it would end at once: who asks for it can make room.
@@ -168,7 +173,7 @@ class TrajectoryRecorder(Node):
     def split(self) -> str:
         """Begin the next file of the bag."""
         self._drain_all()
-        self.recording.split(self.get_clock().now().nanoseconds)
+        self.recording.split(self._stamp(time.time_ns()) or 0)  # before any, nothing is written
         return "split"
 
     def snapshot(self) -> Path:
@@ -260,6 +265,12 @@ class TrajectoryRecorder(Node):
         """Take all that has arrived, which a recorder that was held up may have much of."""
         for name, subscription in self._subscriptions_of.items():
             self._drain(self.recording.topics[name], subscription, self._depth)
+        self._stamp(time.time_ns())
+
+    def _flush(self) -> None:
+        if not self._timed:
+            self._stamp(time.time_ns())
+        self.recording.flush()
 
     def _drain(self, source: TopicSource, subscription: Subscription, most: int = DRAIN) -> None:
         with subscription.handle:
@@ -270,11 +281,16 @@ class TrajectoryRecorder(Node):
                 self._take(source, *taken)
 
     def _take(self, source: TopicSource, data: bytes, info: dict[str, int]) -> None:
+        stamp = self._stamp(info["received_timestamp"])
         source.received(data, info["publication_sequence_number"])
-        self.recording.write(source, data, self._stamp(info["received_timestamp"]))
+        if stamp is not None:
+            self.recording.write(source, data, stamp)
 
-    def _stamp(self, received: int) -> int:
-        """Return ROS time of receipt, ns."""
+    def _stamp(self, received: int) -> int | None:
+        """Return ROS time of receipt, ns; None before the first tick of a simulated clock.
+
+        With the first tick the latched messages of before it are written.
+        """
         if self._ticks is None:
             return received
         with self._ticks.handle:
@@ -284,9 +300,12 @@ class TrajectoryRecorder(Node):
                     break
                 message, info = taken
                 if message.clock.sec >= 0:
-                    time = nanoseconds_of(message.clock)
-                    self._receipts.tick(info["received_timestamp"], time)
-        return self._receipts.at(received)
+                    self._receipts.tick(info["received_timestamp"], nanoseconds_of(message.clock))
+        stamp = self._receipts.at(received)
+        if not self._timed and stamp is not None:
+            self._timed = True
+            self.recording.write_latched(stamp)
+        return stamp
 
     def _on_failure(self, failure: str) -> None:
         self.get_logger().error(failure)
@@ -296,6 +315,9 @@ class TrajectoryRecorder(Node):
 
     def _report(self) -> None:
         found = self.recording.status(self._patterns)
+        if not self._timed and found.level is Level.OK:
+            message = "waits for the first /clock: nothing is recorded before it"
+            found = replace(found, level=Level.WARN, message=message)
         status = DiagnosticStatus(
             level=bytes([found.level]),
             name=f"{self.get_name()}: bag",

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from trajectory_recorder.backlog import Backlog, KeptMessage
+from trajectory_recorder.bag.records import LOST
 from trajectory_recorder.bag.topics import Topic, deserialize
 from trajectory_recorder.bag.writer import BagWriter, Compression
 from tricycle_core.diagnostics import Level
@@ -156,7 +157,7 @@ class Recording:
 
     @property
     def lost(self) -> str:
-        """How many messages of which topics were lost since the start; empty where none was."""
+        """How many messages of which topics were lost since a bag began or ended; may be empty."""
         return ", ".join(f"{s.lost} of {name}" for name, s in self.topics.items() if s.lost)
 
     def check_room(self, output: str) -> None:
@@ -177,15 +178,15 @@ class Recording:
         if scarce := self._scarce(shutil.disk_usage(there).free):
             raise BagError(f"{path}: {scarce}")
 
-    def start(self, output: str, stamp: int) -> Path:
+    def start(self, output: str, stamp: int | None) -> Path:
         """Begin a bag with the latched messages received so far; return where it is.
 
         Parameters
         ----------
         output : str
             Directory to create.
-        stamp : int
-            Time now, of the latched messages [ns].
+        stamp : int, optional
+            Time now, of the latched messages [ns]; None: they are left to `write_latched`.
 
         Raises
         ------
@@ -196,8 +197,10 @@ class Recording:
         """
         bag = self._open(output)
         for source in self.topics.values():
-            for data in source.latched:
-                self.write(source, data, stamp)
+            source.lost = 0
+            if stamp is not None:
+                for data in source.latched:
+                    self._put(source, data, stamp)
         if self._bag is None:
             raise BagError(self._failure)
         return bag.path
@@ -224,7 +227,7 @@ class Recording:
             raise BagError("no message was received")
         self._open(output)
         for message in kept:
-            self.write(self.topics[message.topic], message.data, message.stamp)
+            self._put(self.topics[message.topic], message.data, message.stamp)
         return self.stop()
 
     def pause(self) -> None:
@@ -292,7 +295,6 @@ class Recording:
         self._disk_free = shutil.disk_usage(bag.path).free
         for source in self.topics.values():
             source.id = bag.add_topic(source.topic)
-            source.lost = 0
         return bag
 
     def stop(self) -> Path:
@@ -307,13 +309,15 @@ class Recording:
         """
         bag = self._recorded()
         self._bag = None
-        self._close(bag)
+        self._note_lost(bag)
+        bag.close()
+        for source in self.topics.values():
+            source.lost = 0
         return bag.path
 
-    def _close(self, bag: BagWriter) -> None:
+    def _note_lost(self, bag: BagWriter) -> None:
         if self.lost:
-            bag.metadata["lost"] = self.lost
-        bag.close()
+            bag.metadata[LOST] = self.lost
 
     def forget_other_type(self, topic: Topic) -> bool:
         """Forget a topic that had another type before; return whether there was one.
@@ -360,11 +364,19 @@ class Recording:
         stamp : int
             Time of receipt [ns].
         """
+        latched = source.latched.maxlen or 0
         if self._bag is None:
-            latched = source.latched.maxlen or 0
             self._backlog.add(KeptMessage(source.topic.name, stamp, data, latched))
             return
-        if self._paused and not source.topic.latched:
+        if latched:
+            self._backlog.latch(KeptMessage(source.topic.name, stamp, data, latched))
+        elif self._paused:
+            return
+        self._put(source, data, stamp)
+
+    def _put(self, source: TopicSource, data: bytes, stamp: int) -> None:
+        """Write a message to the bag, unless the disk has ended it."""
+        if self._bag is None:
             return
         try:
             self._bag.write(source.id, stamp, data)
@@ -378,6 +390,18 @@ class Recording:
                     pairs = ((pair.key, pair.value) for pair in status.values)
                     self._bag.metadata |= {k: v for k, v in pairs if matches(k, METADATA)}
 
+    def write_latched(self, stamp: int) -> None:
+        """Write the latched messages that have come while there was no time yet.
+
+        Parameters
+        ----------
+        stamp : int
+            Of the first tick of the clock [ns].
+        """
+        for source in self.topics.values():
+            for data in source.latched:
+                self.write(source, data, stamp)
+
     def flush(self) -> None:
         """Bring to the disk what was written, or end the recording where the disk is full."""
         if self._bag is None:
@@ -386,6 +410,7 @@ class Recording:
             self._disk_free = shutil.disk_usage(self._bag.path).free
             reason = self._scarce(self._disk_free)
             if not reason:
+                self._note_lost(self._bag)  # a killed recorder says it, too
                 self._bag.flush()
                 return
         except OSError as error:
@@ -441,8 +466,8 @@ class Recording:
         bag, self._bag = self._bag, None
         self._failure = f"recording stopped: {reason}"
         if bag is not None:
-            with suppress(OSError):
-                self._close(bag)
+            self._note_lost(bag)
+            bag.fail(reason)
         self._failed(self._failure)
 
 

@@ -385,48 +385,52 @@ def add_topic_options(parser: ArgumentParser, *, sensors: bool = False) -> None:
     sensors : bool
         Whether it also reads commands and sensors besides the pose.
     """
-    from parameter_identification.drives.recorded import TopicNames
-
-    names = TopicNames()
-    add = parser.add_argument_group("bags that were not recorded by this suite").add_argument
+    # without defaults: what is not given are the names of TopicNames, or those of a campaign
+    add = parser.add_argument_group("topics with other names than this suite's").add_argument
     add(
         "--pose",
-        default=names.pose,
         metavar="TOPIC",
         help="Odometry, PoseStamped, TransformStamped, TFMessage or NavSatFix (default: odom)",
     )
-    add("--reference", default=names.reference, metavar="TOPIC", help="Path with stamps from 0")
-    add("--state", default=names.state, metavar="TOPIC", help="DiagnosticStatus of the driver")
+    add(
+        "--reference", metavar="TOPIC", help="Path with stamps from 0 (default: maneuver/reference)"
+    )
+    add("--state", metavar="TOPIC", help="DiagnosticStatus of the driver (default: maneuver/state)")
     if sensors:
-        add("--commands", default=names.commands, metavar="TOPIC", help="JointTrajectory driven")
-        add("--imu", default=names.imu, metavar="TOPIC", help="Imu; yaw rate, acceleration")
+        add(
+            "--commands",
+            metavar="TOPIC",
+            help="JointTrajectory driven (default: maneuver/commands)",
+        )
+        add("--imu", metavar="TOPIC", help="Imu; yaw rate, acceleration (default: imu)")
         add(
             "--joint-states",
-            default=names.joint_states,
             metavar="TOPIC",
-            help="JointState; speeds of wheels, torque of the motor",
+            help="JointState; speeds of wheels, torque of the motor (default: joint_states)",
         )
     add(
         "--child-frame",
-        default=names.child_frame,
         metavar="FRAME",
         help="of the poses and transforms to take (default: base_link)",
     )
     add("--datum", type=_datum, metavar="LAT,LON[,ALT]", help="origin for NavSatFix, degrees and m")
 
 
-def topics_of(args: Namespace) -> TopicNames:
+def topics_of(args: Namespace, kept: TopicNames | None = None) -> TopicNames:
     """Return the names of the topics that the options say.
 
     Parameters
     ----------
     args : Namespace
         Parsed arguments, among them those of `add_topic_options`.
+    kept : TopicNames, optional
+        Names where no option is given; default: those of the suite.
     """
     from parameter_identification.drives.recorded import TopicNames
 
-    given = {name: getattr(args, name) for name in vars(TopicNames()) if hasattr(args, name)}
-    return TopicNames(**given)
+    names = kept or TopicNames()
+    given = {name: getattr(args, name, None) for name in vars(names)}
+    return replace(names, **{name: value for name, value in given.items() if value is not None})
 
 
 def _datum(text: str) -> Datum:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways, velocities
+from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways, status, velocities
 
 from parameter_identification.drives.measured import measured_drive, read_measured_drive
 from parameter_identification.drives.recorded import LeadIn, TopicNames, read_drive
@@ -75,6 +75,17 @@ def test_a_bag_without_the_end_of_its_drive_is_not_whole(tmp_path: Path) -> None
 
     assert read_drive(Scene().write(tmp_path / "bag")).complete
     assert not read_drive(Scene(edit=cut).write(tmp_path / "cut")).complete
+
+
+def test_a_way_back_after_the_drive_may_be_aborted(tmp_path: Path) -> None:
+    def go_back(messages):
+        end, _ = messages["/maneuver/state"][-1]
+        messages["/maneuver/state"] += [
+            (end + 10**8, status("returning", "")),
+            (end + 2 * 10**8, status("aborted", "", reason="stopped by the operator")),
+        ]
+
+    assert read_drive(Scene(edit=go_back).write(tmp_path / "bag")).complete
 
 
 @pytest.mark.slow

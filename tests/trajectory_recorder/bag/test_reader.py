@@ -5,14 +5,17 @@ import shutil
 from pathlib import Path
 
 import pytest
+import zstandard
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.records import Chunk
 from mcap.writer import CompressionType, IndexType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 from rosbags.rosbag2.enums import CompressionFormat, CompressionMode
 
-from trajectory_recorder.bag.reader import BagReader, RecordedMessage
+from trajectory_recorder.bag.reader import BagReader, RecordedMessage, _uncompress
+from trajectory_recorder.bag.records import serialize
 from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import Topic, deserialize, jazzy
 from trajectory_recorder.bag.writer import BagWriter, Compression
@@ -159,6 +162,31 @@ def test_files_of_mcaps_own_writer_are_read(
         assert {name: topic.count for name, topic in reader.topics.items()} == {
             "/chatter0": 100, "/chatter1": 100, "/chatter2": 100,
         }  # fmt: skip
+
+
+@pytest.mark.parametrize("missing", ["repeat_channels", "repeat_schemas", "use_statistics"])
+def test_a_summary_need_not_repeat_channels_and_schemas(tmp_path: Path, missing: str) -> None:
+    path = tmp_path / "foreign.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=700, **{missing: False})  # type: ignore[arg-type]
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
+        ids = [writer.register_channel(f"/chatter{i}", "cdr", schema) for i in range(3)]
+        for i, message in enumerate(MESSAGES):
+            writer.add_message(ids[i % 3], message.stamp, message.data, message.stamp)
+        writer.finish()
+    with BagReader(path) as reader:
+        assert reader.complete
+        assert list(reader.messages()) == MESSAGES
+        assert {topic.type for topic in reader.topics.values()} == {STRING}
+        assert reader.topics["/chatter1"].count == 100
+
+
+def test_a_chunk_that_is_larger_than_it_says_is_not_decompressed() -> None:
+    data = zstandard.ZstdCompressor().compress(bytes(1_000_000))
+    chunk = Chunk("zstd", data, 1, 0, 0, uncompressed_size=1000)
+    with pytest.raises(ValueError, match="zstd frame has another size"):
+        _uncompress(serialize(chunk))
 
 
 @pytest.mark.slow

@@ -19,6 +19,19 @@ def test_definition_and_hash_of_a_type_of_jazzy() -> None:
     assert "MSG: builtin_interfaces/Time" in topic.definition
 
 
+@pytest.mark.parametrize("text", ["wstring<=5 w\n", "string NAME=\n", "$\n", "Loop x\n", "\xff"])
+def test_a_definition_that_cannot_be_read_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str
+) -> None:
+    folder = tmp_path / "share" / "odd_msgs" / "msg"
+    folder.mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    (folder / "Odd.msg").write_text(text, encoding="latin-1")
+    (folder / "Loop.msg").write_text("Odd back\n")
+    with pytest.raises(BagError, match="definition of the message type 'odd_msgs/msg/Odd'"):
+        Topic.of_type("/odd", "odd_msgs/msg/Odd")
+
+
 def test_types_of_installed_packages_are_found_with_their_parts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -167,10 +167,10 @@ def test_full_disk_leaves_what_was_flushed(tmp_path: Path) -> None:
             if i % 100 == 99:
                 try:
                     bag.flush()
-                except OSError:
+                except OSError as error:
                     print(i - 99)
+                    bag.fail(str(error))
                     break
-        bag.close()
         """
     )
     result = subprocess.run(
@@ -182,6 +182,9 @@ def test_full_disk_leaves_what_was_flushed(tmp_path: Path) -> None:
     expected = [("/chatter", i, "x" * 100) for i in range(kept)]
     assert read_with_rosbags(tmp_path / "bag") == expected
     assert read_with_mcap(tmp_path / "bag") == expected
+    with BagReader(tmp_path / "bag") as reader:
+        assert "File too large" in reader.metadata["failure"]
+        assert not reader.complete
 
 
 def test_a_disk_that_takes_no_bag_is_left_as_it_was(tmp_path: Path) -> None:

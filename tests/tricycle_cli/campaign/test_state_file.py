@@ -24,7 +24,7 @@ def test_it_is_read_as_it_was_written(tmp_path):
     state.write(tmp_path / "campaign.json")
     assert CampaignState.read(tmp_path / "campaign.json") == state
     written = json.loads((tmp_path / "campaign.json").read_text())
-    assert list(written) == ["schema", "settings", "steps"]
+    assert list(written) == ["schema", "settings", "steps", "topics"]
 
 
 def test_what_was_identified_is_read_with_it(tmp_path):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
-from tricycle_cli.commands.campaign import _step
+from tricycle_cli.commands.campaign import _identify
 from tricycle_cli.main import main
 
 
@@ -35,16 +35,15 @@ def test_a_mistake_is_one_line_and_leaves_nothing(line, message, capsys, tmp_pat
 @pytest.mark.parametrize(("driven", "early"), [(14.54, False), (12.0, True)])
 def test_only_a_drive_that_has_ended_early_is_said_to(driven, early):
     planned = SimpleNamespace(
-        maneuver="circle", operation={}, target="mass", duration=14.540000000000001, driven=False
+        maneuver="circle", operation={}, target="mass", duration=14.540000000000001
     )
-    campaign = SimpleNamespace(steps=[planned], left_out=())
+    campaign = SimpleNamespace(steps=[planned])
     campaign.request = SimpleNamespace(targets=())
-    campaign.plan = campaign.drive = lambda *_, **__: None
 
     def identify(progress):
         campaign.steps = [SimpleNamespace(duration=driven)]
         return {}
 
     campaign.identify = identify
-    _step(campaign, None, console := Console(file=io.StringIO()))
+    _identify(campaign, console := Console(file=io.StringIO()))
     assert ("ended early" in console.file.getvalue()) == early

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from excitation_planner.plan import save_plan
+from trajectory_recorder.bag.topics import Topic
+from trajectory_recorder.bag.writer import BagWriter
 from tricycle_cli.main import main
 from tricycle_cli.operation import session
 from tricycle_core.errors import InfeasibleManeuver, NodeError
@@ -75,6 +77,22 @@ def test_repeats_and_mirror_images_take_turns_and_each_has_a_bag(line, monkeypat
     assert [bag for bag, _ in driven] == [tmp_path / "bag" / name for name in names]
     left, right = (plan.commands.steering_motor_angle for _, plan in driven[:2])
     np.testing.assert_array_equal(left, -right)
+
+
+@pytest.mark.parametrize(
+    ("topic", "option"),
+    [("/odom", ""), ("/a/odom", ""), ("/pose/filtered", " --pose /pose/filtered")],
+)
+def test_the_command_that_judges_a_bag_names_its_poses(
+    line, monkeypatch, tmp_path, capsys, topic, option
+):
+    def drive(plan, bag, _):
+        with BagWriter(bag) as writer:
+            writer.write(writer.add_topic(Topic(topic, "nav_msgs/msg/Odometry")), 1, b"")
+
+    monkeypatch.setattr(session, "simulated_session", lambda **_: contextlib.nullcontext(drive))
+    assert line() == 0
+    assert f"tricycle judge {tmp_path / 'bag'}{option}\n" in capsys.readouterr().out
 
 
 def test_a_plan_is_driven_once_at_least(line, capsys):

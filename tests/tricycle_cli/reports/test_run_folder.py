@@ -2,11 +2,15 @@
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
 
 from excitation_planner.plan import save_plan
+from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.writer import BagWriter
+from tricycle_cli.main import main
 from tricycle_cli.reports.run_folder import read_run
 from tricycle_core.errors import IdentificationError, ReportError
 
@@ -19,6 +23,29 @@ def test_a_bag_is_shown_with_the_plan_that_was_driven_whatever_their_names(folde
     assert maneuver.te_expected == 0.00123
     assert np.all(maneuver.joints.wheel_rate == 2.0)
     assert maneuver.joints.time[0] == 0.0
+
+
+def test_a_bag_with_other_names_of_topics_is_read_by_them(folder, capsys):
+    bag = folder / "bags" / "recorded"
+    shutil.move(bag, folder / "odom")
+    renamed(folder / "odom", bag, {"/odom": "/localization/odometry"})
+    shutil.rmtree(folder / "odom")
+    (maneuver,) = read_run(bag).maneuvers
+    assert "no topic odom" in maneuver.failure
+    topics = ["--pose", "/localization/odometry"]
+    assert main(["report", str(bag), "--output", str(folder / "r.html"), *topics]) == 0
+    assert "no topic odom" not in (folder / "r.html").read_text()
+
+
+def renamed(bag, output, names):
+    """Write a bag anew with other names of topics."""
+    with BagReader(bag) as reader, BagWriter(output) as writer:
+        ids = {
+            name: writer.add_topic(dataclasses.replace(topic, name=names.get(name, name)))
+            for name, topic in reader.topics.items()
+        }
+        for message in reader.messages():
+            writer.write(ids[message.topic], message.stamp, message.data)
 
 
 def test_every_drive_and_every_plan_is_shown_under_a_name_of_its_own(plan, record_drive, tmp_path):

@@ -483,10 +483,13 @@ class _Collector:
         for at, state in states[states.index(running[-1]) :]:
             if state.state is PlaybackState.ABORTED:
                 raise JudgeError(f"{self.bag}: the maneuver was aborted: {state.reason}")
-            if state.state is PlaybackState.DONE and ended is None:
+            if state.state is PlaybackState.RETURNING:  # which may be aborted too
+                break
+            if state.state is PlaybackState.DONE:
                 ended = at
                 if state.reason and state.elapsed < event.duration:
                     early = state.elapsed
+                break
         whole = ended is not None
         if ended is None:
             ended = recorded + round(event.duration * 1e9)

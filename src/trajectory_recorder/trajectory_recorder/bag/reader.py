@@ -30,7 +30,9 @@ from trajectory_recorder.bag.location import bag_path, is_remote
 from trajectory_recorder.bag.metadata import read_metadata
 from trajectory_recorder.bag.records import (
     CHUNK,
+    FAILURE,
     FOOTER_SIZE,
+    LOST,
     MAGIC,
     MESSAGE,
     METADATA_RECORD,
@@ -140,8 +142,8 @@ class BagReader(Closing):
     metadata : dict of str to str
         What the recorder noted about the drive.
     complete : bool
-        False if a file was cut off, by a killed recorder for example, or is missing, or the
-        recorder lost messages; what is left is read.
+        False if a file was cut off, by a killed recorder for example, or is missing, the recorder
+        lost messages, or the disk ended the recording; what is left is read.
     kind : str
         How it is stored: "mcap", "sqlite3", ...
     files : list of Path
@@ -188,7 +190,8 @@ class BagReader(Closing):
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
             self.kind = self._storages[0].kind
             self.files = [file for storage in self._storages for file in storage.files]
-            self.complete &= not (_missing(path, information, files) or self.metadata.get("lost"))
+            self.complete &= not _missing(path, information, files)
+            self.complete &= self.metadata.keys().isdisjoint((LOST, FAILURE))
             self.size = sum(storage.size for storage in self._storages)
             spans = [storage.span for storage in self._storages if storage.span]
             self.span = (min(s for s, _ in spans), max(e for _, e in spans)) if spans else None
@@ -541,6 +544,10 @@ class _McapFile:
                 self._take_channel(opcode, content)
         if statistics is None or (statistics.message_count and not self._chunks):
             return False
+        if statistics.channel_count > len(self._channels) or (
+            statistics.schema_count > len(self._schemas)
+        ):  # a summary need not repeat them
+            return False
         self._counts.update(statistics.channel_message_counts)
         return True
 
@@ -684,6 +691,9 @@ def _uncompress(record: bytes) -> Buffer:
     if size > MAX_CHUNK:
         raise ValueError(f"a chunk of {size} bytes is beyond the limit of {MAX_CHUNK}")
     if compression == b"zstd":
+        # a frame that tells its size is decompressed whole, whatever the limit
+        if zstandard.frame_content_size(data) not in (-1, size):
+            raise ValueError("its zstd frame has another size than the chunk")
         data = zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
     elif compression == b"lz4":
         data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)

@@ -9,6 +9,7 @@ from mcap.records import McapRecord
 
 MAGIC = b"\x89MCAP0\r\n"  # first and last bytes of a file
 METADATA_RECORD = "tricycle"  # name of the metadata record: plan id, vehicle hash, versions
+LOST, FAILURE = "lost", "failure"  # in it: which messages a bag lacks, why it was ended
 
 RECORD = struct.Struct("<BQ")  # head of every record: opcode, length of its content
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow

@@ -200,12 +200,21 @@ class Topic:
         Raises
         ------
         BagError
-            If there is no such type.
+            If there is no such type, or its definition cannot be read.
         """
         store = jazzy()
-        _register(type_name)
-        definition, _ = store.generate_msgdef(type_name, ros_version=2)
-        return cls(name, type_name, definition, store.hash_rihs01(type_name), qos)
+        try:
+            _register(type_name)
+            definition, _ = store.generate_msgdef(type_name, ros_version=2)
+            type_hash = store.hash_rihs01(type_name)
+        except BagError:
+            raise
+        except Exception as error:  # of rosbags, on a file of any content
+            raise BagError(
+                f"the definition of the message type {type_name!r}, or of one in it, is not of "
+                "plain fields"
+            ) from error
+        return cls(name, type_name, definition, type_hash, qos)
 
 
 @cache

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import lz4.frame
 import zstandard
@@ -38,7 +39,14 @@ from mcap.records import (
 )
 
 from trajectory_recorder.bag.metadata import dump_yaml, write_metadata
-from trajectory_recorder.bag.records import CHUNK, MAGIC, METADATA_RECORD, RECORD, serialize
+from trajectory_recorder.bag.records import (
+    CHUNK,
+    FAILURE,
+    MAGIC,
+    METADATA_RECORD,
+    RECORD,
+    serialize,
+)
 from trajectory_recorder.bag.topics import Topic
 from tricycle_core.closing import Closing
 from tricycle_core.errors import BagError
@@ -149,6 +157,7 @@ class BagWriter(Closing):
         self._chunks = _Chunk(), _Chunk()  # of topics with small and with large messages
         self._large: set[int] = set()  # ids of topics that have had a large one
         self._begun: int | None = None  # first stamp of the present file
+        self._information: dict[str, Any] = {}  # in metadata.yaml
         try:
             self._files = [_OutputFile(self._next_path(0))]
             self.flush()
@@ -221,6 +230,20 @@ class BagWriter(Closing):
         finally:
             file.close()
 
+    def fail(self, reason: str) -> None:
+        """Close a bag that ends before it was meant to, and note why, as far as the disk takes it.
+
+        Parameters
+        ----------
+        reason : str
+            For the metadata.
+        """
+        self.metadata[FAILURE] = reason
+        with suppress(OSError):
+            self.close()
+        with suppress(OSError):  # the file may be full, this one is small
+            write_metadata(self.path, self._information | {"custom_data": dict(self.metadata)})
+
     def _append(self, topic_id: int, stamp: int, data: bytes) -> _Chunk:
         size = len(data)
         try:
@@ -273,7 +296,7 @@ class BagWriter(Closing):
         files = [file for file in self._files if file.messages]
         start = min((file.start for file in files), default=0)
         end = max((file.end for file in files), default=0)
-        information = {
+        self._information = {
             "storage_identifier": "mcap",
             "duration": {"nanoseconds": end - start},
             "starting_time": {"nanoseconds_since_epoch": start},
@@ -306,7 +329,7 @@ class BagWriter(Closing):
             "custom_data": dict(self.metadata) or None,
             "ros_distro": "jazzy",
         }
-        write_metadata(self.path, information)
+        write_metadata(self.path, self._information)
 
 
 @contextmanager

@@ -13,12 +13,14 @@ import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from excitation_planner.design.prior import BoxPrior
 from excitation_planner.plan import Plan, load_plan, save_plan
 from excitation_planner.planning import plan_maneuver, planned_for
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
+from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.prior import box_prior
 from parameter_identification.identification import identify
@@ -78,6 +80,8 @@ class Campaign:
         Drives so far; the last one may be unfinished.
     left_out : tuple of str
         Families that had no maneuver for the last plan, with the reason.
+    topics : TopicNames
+        Names by which the bags are read.
 
     Raises
     ------
@@ -90,6 +94,7 @@ class Campaign:
         self.folder, self.request = folder, request
         self.steps: tuple[Step, ...] = ()
         self.left_out: tuple[str, ...] = ()
+        self.topics = TopicNames()
         if not self._state.exists():
             check_folder(folder)
             if folder.exists() and any(file.name != LOCK for file in folder.iterdir()):
@@ -139,11 +144,24 @@ class Campaign:
                     f"{self._state}: drive {step.bag}: needs predicted_std of every target, and "
                     f"estimates of parameters of {self.request.vehicle.name} only"
                 )
+        self.topics = state.topics
         return state.steps
 
     def _keep(self, steps: tuple[Step, ...]) -> None:
-        CampaignState(self.request.settings(), steps).write(self._state)
+        CampaignState(self.request.settings(), steps, self.topics).write(self._state)
         self.steps = steps
+
+    def read_by(self, topics: TopicNames) -> None:
+        """Read the bags by these names from now on, also when the campaign is opened again.
+
+        Parameters
+        ----------
+        topics : TopicNames
+            Names in the bags.
+        """
+        if topics != self.topics:
+            self.topics = topics
+            self._keep(self.steps)
 
     def known(self, after: int | None = None) -> dict[str, Knowledge]:
         """Return what is known of each parameter.
@@ -179,6 +197,17 @@ class Campaign:
         if self.steps and self.steps[-1].identification is None:
             return False
         return not self.missing() or len(self.steps) >= self.request.most_drives
+
+    @property
+    def driven(self) -> bool:
+        """Whether the last drive is recorded to its end, but not identified."""
+        step = self.steps[-1] if self.steps else None
+        return (
+            step is not None
+            and step.identification is None
+            and step.driven
+            and (self.folder / step.bag).exists()
+        )
 
     def plan(self, progress: Callable[[str], AbstractContextManager[Progress]]) -> Plan:
         """Return the plan of the next drive; it is made unless that of the last one is still open.
@@ -270,7 +299,7 @@ class Campaign:
         }
 
     def drive(self, drive: DrivePlan, progress: Progress, *, stop_early: bool = False) -> None:
-        """Drive the last plan, unless its bag is complete.
+        """Drive the last plan, unless that was done and its bag is there.
 
         Parameters
         ----------
@@ -283,7 +312,7 @@ class Campaign:
             seen while it drives.
         """
         step = self.steps[-1]
-        if step.driven:
+        if self.driven:
             return
         bag = self.folder / step.bag
         if bag.exists():  # what a kill has left of it
@@ -302,25 +331,26 @@ class Campaign:
 
     def identify(
         self,
-        read: Callable[[Path, Vehicle], MeasuredDrive] = read_measured_drive,
+        read: Callable[[Path, Vehicle], MeasuredDrive] | None = None,
         progress: Progress | None = None,
     ) -> dict[str, Knowledge]:
         """Identify from all bags, unless that is done, and return what is known now.
 
         Parameters
         ----------
-        read : callable
-            Reads a bag's drive for a vehicle.
+        read : callable, optional
+            Reads a bag's drive for a vehicle; default: `read_measured_drive`, by `topics`.
         progress : callable, optional
             As that of `parameter_identification.identification.identify`.
 
         Raises
         ------
         PlanError
-            If the bag of the last drive holds none that can be used, or it teaches nothing; it
-            counts as not driven.
+            If the bag of the last drive holds none that can be used, or it teaches nothing; the
+            bag is kept.
         """
         step = self.steps[-1]
+        read = read or partial(read_measured_drive, topics=self.topics)
         if step.identification is None:
             vehicle = self.request.vehicle
             drives = [read(self.folder / s.bag, vehicle) for s in self.steps[:-1]]
@@ -337,9 +367,11 @@ class Campaign:
                     progress=progress,
                 )
             except ExcitationError as error:
-                self._keep((*self.steps[:-1], dataclasses.replace(step, driven=False)))
-                again = "give the same command again, and it is driven again"
-                raise PlanError(f"{error}; {again}") from error
+                bag = self.folder / step.bag
+                raise PlanError(
+                    f"{error}; the bag is kept: give the same command again, where needed with the "
+                    f"names of its topics (--pose ...); or move {bag} away, and it is driven again"
+                ) from error
             identified = dataclasses.replace(
                 step,
                 identification=document_of(found),

@@ -133,10 +133,10 @@ def plot_yard(campaign: Campaign, area: Area, path: Path) -> None:
         if not step.driven:
             continue
         bag = campaign.folder / step.bag
-        poses = read_drive(bag, sensors=False).driven
+        poses = read_drive(bag, topics=campaign.topics, sensors=False).driven
         color = FAMILIES[families.index(step.maneuver) % len(FAMILIES)]
         for way in (bag, campaign.folder / WAY_BACK / bag.name):
-            if way.exists() and (back := read_way_back(way)) is not None:
+            if way.exists() and (back := read_way_back(way, topics=campaign.topics)) is not None:
                 thin = max(1, len(back.x) // 300)  # the noise of all poses would fill the dashes
                 axes.plot(back.x[::thin], back.y[::thin], "--", color="0.6", linewidth=0.8)
                 returned = True

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.identification_file import IdentificationDocument
 from tricycle_cli.campaign.request import Settings
 from tricycle_core.documents import decode, encode, parse_json, read_bounded, write_whole
@@ -36,7 +37,7 @@ class Step:
     predicted_std : mapping of str to float
         Expected standard deviation of each parameter after it, in its unit.
     driven : bool
-        Whether the bag is complete.
+        Whether it was driven to its end; its bag is never deleted.
     identification : IdentificationDocument, optional
         What is known after it; None: not yet identified.
 
@@ -75,11 +76,14 @@ class CampaignState:
         Of the campaign.
     steps : tuple of Step
         Drives so far; the last one may be unfinished.
+    topics : TopicNames
+        Names by which the bags are read.
     """
 
     schema: int = field(default=SCHEMA, kw_only=True)
     settings: Settings
     steps: tuple[Step, ...] = ()
+    topics: TopicNames = field(default_factory=TopicNames)
 
     def write(self, file: Path) -> None:
         """Write or replace the file."""

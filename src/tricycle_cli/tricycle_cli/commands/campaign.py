@@ -20,6 +20,7 @@ from tricycle_cli.arguments import (
     add_lead_in_option,
     add_noise_options,
     add_range_options,
+    add_topic_options,
     add_vehicle_option,
     describe_later,
     effects_asked,
@@ -30,6 +31,7 @@ from tricycle_cli.arguments import (
     refuse_given,
     search_boxes,
     seed,
+    topics_of,
     warn_about,
 )
 from tricycle_cli.campaign.request import WAY_BACK, CampaignRequest
@@ -55,7 +57,7 @@ examples:
   tricycle campaign --targets cornering_stiffness --tolerance 5% --area yard.yaml \\
       --output out/yard
   tricycle campaign --targets cornering_stiffness --tolerance 2% --vehicle-nodes \\
-      --vehicle mine.yaml --output out/mine
+      --vehicle mine.yaml --output out/mine --pose /localization/odometry
 """
 
 
@@ -137,6 +139,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="of the same: what plans count as not known either (default: none)",
     )
     add("--json", action="store_true", help="print one JSON object")
+    add_topic_options(parser, sensors=True)
     parser.set_defaults(run=run)
 
 
@@ -177,14 +180,18 @@ def run(args: argparse.Namespace) -> int:
         plan_effects=named_effects(args.plan_effects),
     )
     campaign = Campaign(args.output, request)
+    campaign.read_by(topics_of(args, campaign.topics))
     warn_about(vehicle, args)
     console = plain_console(stderr=True)
     if campaign.steps:
         console.print(f"{args.output}: going on after {len(campaign.steps)} planned drives")
+    if campaign.driven:  # which needs no vehicle any more
+        _identify(campaign, console)
     if not campaign.finished:
         with _session(args, len(campaign.steps)) as drive:
             while not campaign.finished:
-                _step(campaign, drive, console, stop_early=args.stop_early)
+                _drive(campaign, drive, console, stop_early=args.stop_early)
+                _identify(campaign, console)
     truth = None if request.true_seed is None else hidden_truth(vehicle, request.true_seed)
     report, table = campaign_report(campaign, truth), campaign_table(campaign, truth)
     write_whole(args.output / "report.json", json.dumps(report, indent=1) + "\n")
@@ -252,10 +259,10 @@ def _way_back(args: argparse.Namespace) -> Path | None:
     return args.output / WAY_BACK if args.back else None
 
 
-def _step(
+def _drive(
     campaign: Campaign, drive: DrivePlan, console: Console, *, stop_early: bool = False
 ) -> None:
-    """Plan, drive and identify once, or what is left of that."""
+    """Plan and drive once, or what is left of that."""
     campaign.plan(progress_bar)
     number = len(campaign.steps)
     for problem in campaign.left_out:
@@ -263,9 +270,13 @@ def _step(
     step = campaign.steps[-1]
     values = ", ".join(f"{name} {value:.3g}" for name, value in step.operation.items())
     console.print(f"drive {number}: {step.maneuver} ({values}) for {step.target}", highlight=False)
-    if not step.driven:
-        with progress_bar(f"driving {step.maneuver}, ms") as progress:
-            campaign.drive(drive, progress, stop_early=stop_early)
+    with progress_bar(f"driving {step.maneuver}, ms") as progress:
+        campaign.drive(drive, progress, stop_early=stop_early)
+
+
+def _identify(campaign: Campaign, console: Console) -> None:
+    """Identify from all bags, and say what is known now."""
+    step = campaign.steps[-1]
     with progress_bar("identifying") as progress:
         known = campaign.identify(progress=progress)
     driven = campaign.steps[-1].duration

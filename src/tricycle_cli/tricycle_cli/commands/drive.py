@@ -14,7 +14,7 @@ from tricycle_cli.arguments import (
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
-from tricycle_core.errors import InfeasibleManeuver, PlanError
+from tricycle_core.errors import BagError, InfeasibleManeuver, PlanError
 from tricycle_sim.plants import OWN
 from tricycle_sim.vehicle import load_vehicle
 
@@ -142,5 +142,22 @@ def run(args: argparse.Namespace) -> int:
             bag.parent.mkdir(parents=True, exist_ok=True)
             with progress_bar(f"driving {plan.maneuver}, ms") as progress:
                 drive(one, bag, progress)
-            print(f"bag: {bag}   judge it: {shlex.join(['tricycle', 'judge', str(bag)])}")
+            judge = shlex.join(["tricycle", "judge", str(bag), *_pose_option(bag)])
+            print(f"bag: {bag}   judge it: {judge}")
     return 0
+
+
+def _pose_option(bag: Path) -> list[str]:
+    """The option that names the poses of a bag, where odom of the nodes was remapped."""
+    from parameter_identification.drives.recorded import TopicNames
+    from trajectory_recorder.bag.reader import BagReader
+
+    try:
+        with BagReader(bag) as reader:
+            topics = reader.topics.values()
+    except BagError:  # the recorder's computer is another one
+        return []
+    names = [topic.name for topic in topics if topic.type == "nav_msgs/msg/Odometry"]
+    if len(names) != 1 or names[0].endswith(f"/{TopicNames.pose}"):
+        return []
+    return ["--pose", names[0]]

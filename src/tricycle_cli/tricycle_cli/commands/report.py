@@ -2,9 +2,16 @@
 
 import argparse
 import json
+from functools import partial
 from pathlib import Path
 
-from tricycle_cli.arguments import add_overwrite_option, add_vehicle_option, check_output_files
+from tricycle_cli.arguments import (
+    add_overwrite_option,
+    add_topic_options,
+    add_vehicle_option,
+    check_output_files,
+    topics_of,
+)
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_sim.vehicle import load_vehicle
@@ -38,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--format", choices=["svg", "pdf", "png"], default="svg", help="of the figures")
     add_overwrite_option(parser)
     add("--json", action="store_true", help="print one JSON object")
+    add_topic_options(parser, sensors=True)
     parser.set_defaults(run=run)
 
 
@@ -49,13 +57,14 @@ def run(args: argparse.Namespace) -> int:
     args : argparse.Namespace
         Parsed arguments.
     """
+    from parameter_identification.drives.recorded import read_drive
     from tricycle_cli.reports.run_folder import IDENTIFIED, read_run
     from tricycle_cli.reports.run_page import page_of, run_sections
 
     vehicle = load_vehicle(args.vehicle)
     if args.figures is not None:
         check_folder(args.figures)
-    found = read_run(args.directory)
+    found = read_run(args.directory, read=partial(read_drive, topics=topics_of(args)))
     # identify keeps its own report beside its result
     name = "run.html" if (args.directory / IDENTIFIED).exists() else "report.html"
     output: Path = args.output or args.directory / name
