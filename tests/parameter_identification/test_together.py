@@ -11,7 +11,7 @@ from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.problem import LeastSquares, Loss
-from parameter_identification.many_drives import Search, Sum, Variables, begin, descend
+from parameter_identification.many_drives import Sum, Variables, VehicleFit, begin, descend
 from parameter_identification.together import Alone, Together
 
 SENSORS = {Sensor.HEADING: SensorNoise(0.002), Sensor.YAW_RATE: SensorNoise(0.005)}
@@ -19,7 +19,7 @@ K, SHARED = 6, [1, 3]  # camber stiffness and yaw inertia
 
 
 @pytest.fixture
-def searches(tmp_path):
+def fits(tmp_path):
     rng = np.random.default_rng(0)
     files = []
     for number in range(4):
@@ -40,24 +40,24 @@ def searches(tmp_path):
 class Dense:
     """All drives in one matrix: what is shared, then of each vehicle, then of each drive."""
 
-    def __init__(self, searches):
-        self.at, self.problems, last = [], [], len(SHARED) + (K - len(SHARED)) * len(searches)
+    def __init__(self, fits):
+        self.at, self.problems, last = [], [], len(SHARED) + (K - len(SHARED)) * len(fits)
         self.own = [i for i in range(K) if i not in SHARED]
-        for number, search in enumerate(searches):
+        for number, fit in enumerate(fits):
             parameters = np.empty(K, dtype=int)
             parameters[SHARED] = np.arange(len(SHARED))
             first = len(SHARED) + len(self.own) * number
             parameters[self.own] = first + np.arange(len(self.own))
-            for file in search.files:
+            for file in fit.files:
                 model = DriveModel(VEHICLE, kept(file))
                 problem = LeastSquares([model], np.full(K, 0.5), np.zeros((K, K)), Loss.SQUARED)
-                problem.noise = dict(search.setting.noise)
+                problem.noise = dict(fit.setting.noise)
                 q = problem.n - K
                 self.at.append(np.concatenate([parameters, last + np.arange(q)]))
                 self.problems.append(problem)
                 last += q
         self.size = last
-        self.parameters = len(SHARED) + len(self.own) * len(searches)
+        self.parameters = len(SHARED) + len(self.own) * len(fits)
 
     def look(self, v):
         information, gradient = np.zeros((self.size, self.size)), np.zeros(self.size)
@@ -73,30 +73,30 @@ class Dense:
 
 
 @pytest.mark.slow
-def test_it_is_the_dense_problem_of_all_drives(searches):
-    together = Together(searches, SHARED)
+def test_it_is_the_dense_problem_of_all_drives(fits):
+    together = Together(fits, SHARED)
     together.descend(None)
     found = together.result(0.95)
-    dense = Dense(searches)
+    dense = Dense(fits)
     v = np.zeros(dense.size)
     v[: dense.parameters] = 0.5
     v[: len(SHARED)] = found.at[0, SHARED]  # the start; the end must not depend on it
-    for number, search in enumerate(searches):
+    for number, fit in enumerate(fits):
         first = len(SHARED) + len(dense.own) * number
-        v[first : first + len(dense.own)] = search.at[dense.own]
+        v[first : first + len(dense.own)] = fit.at[dense.own]
     for _ in range(8):
         information, gradient = dense.look(v)
         v = v - np.linalg.solve(information, gradient)
         v[: dense.parameters] = np.clip(v[: dense.parameters], 0.0, 1.0)
     covariance = np.linalg.inv(information)
-    for number in range(len(searches)):
+    for number in range(len(fits)):
         places = dense.at[2 * number][:K]
         std = np.sqrt(np.diag(covariance)[places])
         assert found.at[number] == pytest.approx(v[places], abs=0.05 * std.min())
         expected = covariance[np.ix_(places, places)]
         scale = np.outer(std, std)
         assert found.covariance(number) / scale == pytest.approx(expected / scale, abs=0.02)
-    alone = [search.sum.information for search in searches]
+    alone = [fit.sum.information for fit in fits]
     assert found.of_common[0, 0] < min(np.linalg.inv(h)[1, 1] for h in alone)
     for problem in dense.problems:
         problem.close()
@@ -107,14 +107,14 @@ def telling(drives, *, deviation=0.01):
     variables = Variables(np.zeros(2), np.ones(2), np.full(2, 0.5), np.eye(2) * 12.0)
     told = deviation**-2
     at = np.append(np.clip(np.mean(drives), 0.0, 1.0), 0.5)
-    searches = []
+    fits = []
     for values in drives:
         slopes = np.array([[told * (at[0] - value), 0.0] for value in values])
         pull = variables.information @ (at - variables.mean)
         information = variables.information + np.diag([told * len(values), 0.0])
         there = Sum(at, 0.0, pull + slopes.sum(axis=0), information, slopes, ())
-        searches.append(Search([], None, variables, np.zeros(len(values)), at.copy(), there))
-    return Together(searches, [0])
+        fits.append(VehicleFit([], None, variables, np.zeros(len(values)), at.copy(), there))
+    return Together(fits, [0])
 
 
 def test_few_vehicles_whose_drives_contradict_each_other_know_little():

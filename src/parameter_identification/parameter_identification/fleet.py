@@ -195,7 +195,7 @@ def identify_fleet(
         raise IdentificationError(
             f"{', '.join(changing)}: no change is seen where drives have no times that differ"
         )
-    searches = begin(
+    fits = begin(
         list(files.values()),
         vehicle,
         effects_of(vehicle, effects),
@@ -206,15 +206,15 @@ def identify_fleet(
         since=lambda time: (time - when) / unit,
         progress=lambda done, count: tell(steps - count + done),
     )
-    descend(searches, executor)
+    descend(fits, executor)
     names = list(vehicle.unknown)
-    together = Together(searches, sorted(names.index(name) for name in shared))
+    together = Together(fits, sorted(names.index(name) for name in shared))
     together.descend(executor)
     found = together.result(level)
     alike = found.shared(level)
     vehicles = {}
-    for i, (name, search) in enumerate(zip(files, searches, strict=True)):
-        one = result_of(search, (), level, covariance=found.covariance(i))
+    for i, (name, fit) in enumerate(zip(files, fits, strict=True)):
+        one = result_of(fit, (), level, covariance=found.covariance(i))
         vehicles[name] = replace(one, parameters={**one.parameters, **alike})
     populations, changes = {}, {}
     for i, parameter in enumerate(names):
@@ -223,7 +223,7 @@ def identify_fleet(
         low, high = vehicle.unknown[parameter]
         at = [i]
         if parameter in changing:
-            at.append(searches[0].variables.common + list(changing).index(parameter))
+            at.append(fits[0].variables.common + list(changing).index(parameter))
         parts = found.without_prior(at, level)
         told = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
         if len(told) < FEWEST:

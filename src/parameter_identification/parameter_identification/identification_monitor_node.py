@@ -21,10 +21,10 @@ from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.identification_file import load_identification_file
 from parameter_identification.live_identification import (
+    DriveVerdict,
     LiveIdentification,
     Moment,
     Planned,
-    Verdict,
 )
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import ExcitationError, IdentificationError, message_of
@@ -257,7 +257,7 @@ class IdentificationMonitor(Node):
         else:
             self._tell(lambda: (self._live.update(), None))
 
-    def _tell(self, learn: Callable[[], tuple[Moment | None, Verdict | None]]) -> None:
+    def _tell(self, learn: Callable[[], tuple[Moment | None, DriveVerdict | None]]) -> None:
         """Publish what was learnt, or why nothing could be."""
         try:
             moment, verdict = learn()

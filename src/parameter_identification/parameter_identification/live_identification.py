@@ -30,7 +30,7 @@ from parameter_identification.drives.measured import (
     Signal,
     resolved,
 )
-from parameter_identification.drives.recorded import LeadIn
+from parameter_identification.drives.recorded import SteeredLeadIn
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
 from parameter_identification.estimation.intervals import relative_half_width, with_deviation
 from parameter_identification.estimation.model import DriveModel
@@ -179,7 +179,7 @@ class Moment:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class DriveVerdict:
     """Whether a drive was as informative as planned.
 
     Attributes
@@ -238,7 +238,7 @@ class _Drive:
         """Commands, with what the driver steered in their lead-in."""
         if not self.led:
             return self.commands
-        return LeadIn(self.lead_in, *np.array(self.led).T).in_place(self.commands)
+        return SteeredLeadIn(self.lead_in, *np.array(self.led).T).in_place(self.commands)
 
     def variables(self, problem: LeastSquares) -> FloatArray:
         """Where the next fit starts: the means of the nuisances' priors follow the samples."""
@@ -403,7 +403,7 @@ class LiveIdentification:
         drive.newest = {sensor: s[-1][0] for sensor, s in self._samples.items() if s}
         return all(at >= end or at == before.get(sensor) for sensor, at in drive.newest.items())
 
-    def end(self, elapsed: float = math.inf) -> tuple[Moment | None, Verdict | None]:
+    def end(self, elapsed: float = math.inf) -> tuple[Moment | None, DriveVerdict | None]:
         """End the drive.
 
         Parameters
@@ -415,7 +415,7 @@ class LiveIdentification:
         -------
         moment : Moment or None
             From all samples until then; None if they show nothing.
-        verdict : Verdict or None
+        verdict : DriveVerdict or None
             None where nothing was planned or seen.
 
         Raises
@@ -431,7 +431,7 @@ class LiveIdentification:
         of_target = list(moment.parameters).index(target)
         before, at_end = (float(drive.planned.at(time)[of_target]) for time in (0.0, math.inf))
         estimate = replace(moment.parameters[target], planned=at_end)
-        verdict = Verdict(target, estimate, before, ())
+        verdict = DriveVerdict(target, estimate, before, ())
         if not verdict.informative:
             verdict = replace(verdict, reasons=tuple(self._reasons(drive, moment)))
         return moment, verdict

@@ -38,7 +38,11 @@ from parameter_identification.drives.kept import (
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.checks import check_motion, check_reference, check_signs
-from parameter_identification.estimation.doubt import beyond_ranges, doubted, grown
+from parameter_identification.estimation.doubt import (
+    beyond_ranges,
+    scatter_factors,
+    with_prior_variance,
+)
 from parameter_identification.estimation.intervals import interval
 from parameter_identification.estimation.prior import GaussianPrior, prior_in_ranges
 from parameter_identification.estimation.quadratic import Quadratic
@@ -199,7 +203,7 @@ class Sum(Quadratic):
 
 
 @dataclass(eq=False)
-class Search:
+class VehicleFit:
     """The drives of one vehicle, and where their best fit is looked for.
 
     Attributes
@@ -246,13 +250,13 @@ class Search:
 
 
 def look(
-    searches: Sequence[Search], points: Sequence[FloatArray], executor: Executor | None
+    fits: Sequence[VehicleFit], points: Sequence[FloatArray], executor: Executor | None
 ) -> list[Sum]:
     """Return what the drives of vehicles say at points; one pass over all of them.
 
     Parameters
     ----------
-    searches : sequence of Search
+    fits : sequence of VehicleFit
         The vehicles.
     points : sequence of ndarray of float, shape (n,)
         Of their variables.
@@ -260,22 +264,22 @@ def look(
         Default: this process.
     """
     jobs, designs = [], []
-    for search, point in zip(searches, points, strict=True):
-        of_drives = [search.variables.of_drive(since) for since in search.since]
+    for fit, point in zip(fits, points, strict=True):
+        of_drives = [fit.variables.of_drive(since) for since in fit.since]
         designs.append(of_drives)
-        c, drives = search.variables.common, len(search.files)
-        low, high = search.variables.low[:c], search.variables.high[:c]
+        c, drives = fit.variables.common, len(fit.files)
+        low, high = fit.variables.low[:c], fit.variables.high[:c]
         places = [np.clip(design @ point, low, high) for design in of_drives]
         before: list[FloatArray | None] = [None] * drives
-        if search.here is not None:
-            before = [share.own for share in search.here.shares]
+        if fit.here is not None:
+            before = [share.own for share in fit.here.shares]
         for first in range(0, drives, TOGETHER):
             some = slice(first, first + TOGETHER)
-            jobs.append((search.setting, search.files[some], places[some], before[some]))
+            jobs.append((fit.setting, fit.files[some], places[some], before[some]))
     shares = itertools.chain.from_iterable(each(executor, _look, jobs))
     return [
         _summed(s.variables, point, of_drives, list(itertools.islice(shares, len(s.files))))
-        for s, point, of_drives in zip(searches, points, designs, strict=True)
+        for s, point, of_drives in zip(fits, points, designs, strict=True)
     ]
 
 
@@ -308,12 +312,12 @@ def _summed(
     return Sum(point, cost, pull + slopes.sum(axis=0), information, slopes, tuple(shares))
 
 
-def descend(searches: Sequence[Search], executor: Executor | None) -> None:
+def descend(fits: Sequence[VehicleFit], executor: Executor | None) -> None:
     """Bring each vehicle to the best fit of its drives, all in the same passes.
 
     Parameters
     ----------
-    searches : sequence of Search
+    fits : sequence of VehicleFit
         The vehicles.
     executor : concurrent.futures.Executor, optional
         Default: this process.
@@ -323,25 +327,25 @@ def descend(searches: Sequence[Search], executor: Executor | None) -> None:
     IdentificationError
         If one has no minimum.
     """
-    found = look(searches, [search.at for search in searches], executor)
-    for search, there in zip(searches, found, strict=True):
-        search.here = there
-    lengths = dict.fromkeys(range(len(searches)), 1.0)
+    found = look(fits, [fit.at for fit in fits], executor)
+    for fit, there in zip(fits, found, strict=True):
+        fit.here = there
+    lengths = dict.fromkeys(range(len(fits)), 1.0)
     for _ in range(PASSES):
         trials = {}
         for i in list(lengths):
-            point, decrease = searches[i].trial(lengths[i])
+            point, decrease = fits[i].trial(lengths[i])
             if decrease < TOLERANCE:
-                searches[i].at = point
+                fits[i].at = point
                 del lengths[i]
             else:
                 trials[i] = point
         if not trials:
             return
-        found = look([searches[i] for i in trials], list(trials.values()), executor)
+        found = look([fits[i] for i in trials], list(trials.values()), executor)
         for (i, point), there in zip(trials.items(), found, strict=True):
-            if there.cost < searches[i].sum.cost:
-                searches[i].at, searches[i].here, lengths[i] = point, there, 1.0
+            if there.cost < fits[i].sum.cost:
+                fits[i].at, fits[i].here, lengths[i] = point, there, 1.0
             else:
                 lengths[i] *= 0.3
     raise IdentificationError(f"no minimum after {PASSES} passes over the drives")
@@ -409,12 +413,12 @@ def identify_many(
     )  # fmt: skip
     if not files:
         raise IdentificationError("no drive: nothing to identify from")
-    (search,) = begin([list(files.values())], vehicle, beside, prior, seed, executor)
-    descend([search], executor)
+    (fit,) = begin([list(files.values())], vehicle, beside, prior, seed, executor)
+    descend([fit], executor)
     average = None
-    if weighed and search.setting.shared:
-        average = _weigh(search)
-    return result_of(search, left_out, level, average=average)
+    if weighed and fit.setting.shared:
+        average = _weigh(fit)
+    return result_of(fit, left_out, level, average=average)
 
 
 def read_bags(
@@ -486,7 +490,7 @@ def begin(
     changing: Sequence[str] = (),
     since: Callable[[float], float] = lambda _: 0.0,
     progress: Progress | None = None,
-) -> list[Search]:
+) -> list[VehicleFit]:
     """Return where vehicles are searched from: the best fit of a few of their drives.
 
     Parameters
@@ -529,7 +533,9 @@ def begin(
             rates,
         )
         times = np.array([since(began(file)) for file in own]) if rates else np.zeros(len(own))
-        found.append(Search(own, setting, variables, times, np.append(at, np.zeros(len(rates)))))
+        found.append(
+            VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates))))
+        )
         if progress is not None:
             progress(len(found), len(files))
     return found
@@ -599,40 +605,40 @@ def _read(job: tuple[Path, Vehicle, Path, TopicNames | None, bool]) -> tuple[Pat
     return file, ""
 
 
-def growth_of(search: Search, level: float) -> tuple[FloatArray, FloatArray]:
-    """Return the two factors (n,) of `grown` for the drives' scatter.
+def growth_of(fit: VehicleFit, level: float) -> tuple[FloatArray, FloatArray]:
+    """Return the two factors (n,) of `scatter_factors` for the drives' scatter.
 
     Parameters
     ----------
-    search : Search
+    fit : VehicleFit
         At the best fit.
     level : float
         Probability of the intervals.
     """
-    return grown(search.sum.covariance(), search.sum.slopes, search.variables.information, level)
+    return scatter_factors(fit.sum.covariance(), fit.sum.slopes, fit.variables.information, level)
 
 
 def beyond_of(
-    search: Search, factors: FloatArray, average: "_Average | None" = None
+    fit: VehicleFit, factors: FloatArray, average: "_Average | None" = None
 ) -> NDArray[np.bool_]:
     """Return which parameters (k,) the drives pull beyond their ranges.
 
     Parameters
     ----------
-    search : Search
+    fit : VehicleFit
         At the best fit.
     factors : ndarray of float, shape (n,)
         Those of `growth_of` for intervals.
     average : _Average, optional
         Over subsets of the effects.
     """
-    here, k = search.sum, len(search.setting.vehicle.unknown)
+    here, k = fit.sum, len(fit.setting.vehicle.unknown)
     free, std = here.minimum(), np.sqrt(np.diag(here.covariance()))
     if average is not None:
         free, std = average.mixture.mean, average.mixture.standard_deviations
     std = factors * std
-    low, high = search.variables.low, search.variables.high
-    return beyond_ranges(*(values[:k] for values in (search.at, free, std, low, high)))
+    low, high = fit.variables.low, fit.variables.high
+    return beyond_ranges(*(values[:k] for values in (fit.at, free, std, low, high)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -643,24 +649,24 @@ class _Average:
     acts: tuple[float, ...]
 
 
-def _weigh(search: Search) -> _Average:
+def _weigh(fit: VehicleFit) -> _Average:
     """Average over effects that all drives have in common; go to the most probable ones."""
-    here, variables = search.sum, search.variables
-    first = len(search.setting.vehicle.unknown)
-    effects = range(first, first + len(search.setting.shared))
+    here, variables = fit.sum, fit.variables
+    first = len(fit.setting.vehicle.unknown)
+    effects = range(first, first + len(fit.setting.shared))
     mixture = mixture_of(
         here.information,
         here.pull,
         [[i] for i in effects],
-        [effect.chance for effect in search.setting.shared],
+        [effect.chance for effect in fit.setting.shared],
         {i: variables.low[i] for i in effects if variables.low[i] > -CERTAIN},
     )
-    search.at = np.clip(mixture.means[0], variables.low, variables.high)
+    fit.at = np.clip(mixture.means[0], variables.low, variables.high)
     return _Average(mixture, tuple((mixture.weights @ mixture.acting).tolist()))
 
 
 def result_of(
-    search: Search,
+    fit: VehicleFit,
     left_out: Sequence[str],
     level: float,
     *,
@@ -671,7 +677,7 @@ def result_of(
 
     Parameters
     ----------
-    search : Search
+    fit : VehicleFit
         At the best fit.
     left_out : sequence of str
         Bags that were not used, with the reason.
@@ -682,18 +688,18 @@ def result_of(
     average : _Average, optional
         Over subsets of the effects.
     """
-    here, setting, at = search.sum, search.setting, search.at
-    growth, factors = growth_of(search, level)
+    here, setting, at = fit.sum, fit.setting, fit.at
+    growth, factors = growth_of(fit, level)
     if average is not None:
         covariance = average.mixture.covariance(at)
     elif covariance is None:
         covariance = here.covariance()
     k, vehicle = len(setting.vehicle.unknown), setting.vehicle
     width = np.array([high - low for low, high in vehicle.unknown.values()])
-    before = np.asarray(np.linalg.inv(search.variables.information), dtype=np.float64)[:k, :k]
-    beyond = beyond_of(search, factors, average)
+    before = np.asarray(np.linalg.inv(fit.variables.information), dtype=np.float64)[:k, :k]
+    beyond = beyond_of(fit, factors, average)
     by_noise = np.sqrt(np.diag(covariance))
-    covariance = doubted(covariance * np.outer(factors, factors), before, beyond)
+    covariance = with_prior_variance(covariance * np.outer(factors, factors), before, beyond)
     std = np.sqrt(np.diag(covariance))
     estimates = {}
     for i, name in enumerate(vehicle.unknown):

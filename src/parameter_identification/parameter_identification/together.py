@@ -12,15 +12,20 @@ from numpy.typing import NDArray
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.estimation.arrow import Arrow
-from parameter_identification.estimation.doubt import SCATTER, beyond_ranges, doubted, grown
+from parameter_identification.estimation.doubt import (
+    SCATTER,
+    beyond_ranges,
+    scatter_factors,
+    with_prior_variance,
+)
 from parameter_identification.estimation.intervals import half_width, interval
 from parameter_identification.estimation.population import Population, population
 from parameter_identification.estimation.results import Estimate, estimate_of
 from parameter_identification.many_drives import (
     PASSES,
     TOLERANCE,
-    Search,
     Sum,
+    VehicleFit,
     beyond_of,
     growth_of,
     look,
@@ -37,13 +42,13 @@ class Together:
 
     Attributes
     ----------
-    searches : sequence of Search
+    fits : sequence of VehicleFit
         The vehicles, each at its own best fit.
     common : sequence of int
         Places of these variables.
     """
 
-    searches: Sequence[Search]
+    fits: Sequence[VehicleFit]
     common: Sequence[int]
 
     def descend(self, executor: Executor | None) -> None:
@@ -59,26 +64,26 @@ class Together:
         IdentificationError
             If there is no minimum.
         """
-        searches, common = self.searches, list(self.common)
+        fits, common = self.fits, list(self.common)
         if not common:
             return
-        low = np.array([search.variables.low for search in searches])
-        high = np.array([search.variables.high for search in searches])
-        points = np.array([search.at for search in searches])
+        low = np.array([fit.variables.low for fit in fits])
+        high = np.array([fit.variables.high for fit in fits])
+        points = np.array([fit.at for fit in fits])
         points[:, common] = np.median(points[:, common], axis=0)
         points += self._arrow(points).step(low - points, high - points)
-        self._take(points, look(searches, list(points), executor))
+        self._take(points, look(fits, list(points), executor))
         shorter = 1.0
         for _ in range(PASSES):
             arrow = self._arrow(points)
             step = shorter * arrow.step(low - points, high - points)
             trial = np.clip(points + step, low, high)
             if arrow.decrease(step) < TOLERANCE:
-                for search, point in zip(searches, trial, strict=True):
-                    search.at = point
+                for fit, point in zip(fits, trial, strict=True):
+                    fit.at = point
                 return
-            there = look(searches, list(trial), executor)
-            if self._cost(there) < self._cost([search.sum for search in searches]):
+            there = look(fits, list(trial), executor)
+            if self._cost(there) < self._cost([fit.sum for fit in fits]):
                 points, shorter = trial, 1.0
                 self._take(trial, there)
             else:
@@ -88,22 +93,22 @@ class Together:
         )
 
     def _take(self, points: FloatArray, sums: Sequence[Sum]) -> None:
-        for search, point, there in zip(self.searches, points, sums, strict=True):
-            search.at, search.here = point, there
+        for fit, point, there in zip(self.fits, points, sums, strict=True):
+            fit.at, fit.here = point, there
 
     def _repeated(self) -> FloatArray:
         """What the vehicles tell too much (s, s) of what is common: its prior counts once."""
-        prior = self.searches[0].variables.information
+        prior = self.fits[0].variables.information
         places = np.array(self.common, dtype=np.int64)
-        return (len(self.searches) - 1) * prior[np.ix_(places, places)]
+        return (len(self.fits) - 1) * prior[np.ix_(places, places)]
 
     def _cost(self, sums: Sequence[Sum]) -> float:
-        off = (sums[0].at - self.searches[0].variables.mean)[list(self.common)]
+        off = (sums[0].at - self.fits[0].variables.mean)[list(self.common)]
         return sum(s.cost for s in sums) - float(off @ self._repeated() @ off)
 
     def _arrow(self, points: FloatArray) -> Arrow:
         """What all say at points (v, n), by their derivatives close by."""
-        sums, mean = [search.sum for search in self.searches], self.searches[0].variables.mean
+        sums, mean = [fit.sum for fit in self.fits], self.fits[0].variables.mean
         shifted = [
             s.gradient + s.information @ (point - s.at)
             for s, point in zip(sums, points, strict=True)
@@ -125,23 +130,23 @@ class Together:
         level : float
             Probability of the intervals.
         """
-        points = np.array([search.at for search in self.searches])
+        points = np.array([fit.at for fit in self.fits])
         arrow = self._arrow(points)
         covariance, alone, follow = arrow.covariances()
         beyond = np.zeros(len(self.common), dtype=bool)
         if self.common:
-            prior = self._repeated() / (len(self.searches) - 1)
+            prior = self._repeated() / (len(self.fits) - 1)
             # few vehicles do not show how they scatter; their drives may
             clusters = list(arrow.gradient[:, np.newaxis])
             if len(clusters) < SCATTER:
-                clusters = [search.sum.slopes for search in self.searches]
+                clusters = [fit.sum.slopes for fit in self.fits]
             slopes = [
                 own[:, arrow.common] + own[:, arrow.own] @ f
                 for own, f in zip(clusters, follow, strict=True)
             ]
-            _, factors = grown(covariance, np.concatenate(slopes), prior, level)
+            _, factors = scatter_factors(covariance, np.concatenate(slopes), prior, level)
             covariance = covariance * np.outer(factors, factors)
-            variables, free = self.searches[0].variables, np.full_like(points, np.inf)
+            variables, free = self.fits[0].variables, np.full_like(points, np.inf)
             beyond = beyond_ranges(
                 points[0, arrow.common],
                 (points + arrow.step(-free, free))[0, arrow.common],
@@ -149,9 +154,9 @@ class Together:
                 variables.low[arrow.common],
                 variables.high[arrow.common],
             )
-            covariance = doubted(covariance, np.asarray(np.linalg.inv(prior)), beyond)
+            covariance = with_prior_variance(covariance, np.asarray(np.linalg.inv(prior)), beyond)
         return Joint(
-            *(self.searches, points, arrow.common, arrow.own, covariance, alone, follow, beyond)
+            *(self.fits, points, arrow.common, arrow.own, covariance, alone, follow, beyond)
         )
 
 
@@ -161,7 +166,7 @@ class Joint:
 
     Attributes
     ----------
-    searches : sequence of Search
+    fits : sequence of VehicleFit
         The vehicles.
     at : ndarray of float, shape (v, n)
         Their variables.
@@ -177,7 +182,7 @@ class Joint:
         Which common ones all drives together pull beyond their ranges.
     """
 
-    searches: Sequence[Search]
+    fits: Sequence[VehicleFit]
     at: FloatArray
     common: NDArray[np.int64]
     own: NDArray[np.int64]
@@ -210,9 +215,9 @@ class Joint:
         level : float
             Probability of the intervals.
         """
-        vehicle = self.searches[0].setting.vehicle
+        vehicle = self.fits[0].setting.vehicle
         names = list(vehicle.unknown)
-        before = 1.0 / np.sqrt(np.diag(self.searches[0].variables.information))
+        before = 1.0 / np.sqrt(np.diag(self.fits[0].variables.information))
         found = {}
         stds = np.sqrt(np.diag(self.of_common)).tolist()
         for i, std, beyond in zip(self.common.tolist(), stds, self.beyond.tolist(), strict=True):
@@ -234,17 +239,17 @@ class Joint:
         level : float
             Probability of the intervals.
         """
-        variables = self.searches[0].variables
+        variables = self.fits[0].variables
         prior = np.diag(variables.information)[list(at)].copy()
         prior[1:] *= TAKEN_OUT
         places = np.searchsorted(self.own, at)
         estimates, covariances, together, shown = [], [], [], []
         root = np.linalg.cholesky(self.of_common)
-        for i, search in enumerate(self.searches):
+        for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
             told_apart = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
-            growth, for_intervals = growth_of(search, level)
-            shown.append(bool(told_apart and not beyond_of(search, for_intervals)[at[0]]))
+            growth, for_intervals = growth_of(fit, level)
+            shown.append(bool(told_apart and not beyond_of(fit, for_intervals)[at[0]]))
             told = np.linalg.inv(self.alone[i][np.ix_(places, places)])
             rest = np.linalg.inv(told - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]

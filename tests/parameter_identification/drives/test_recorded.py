@@ -8,7 +8,7 @@ import pytest
 from driven_bags import START, VEHICLE, Scene, SimulatedBag, imu, sideways, status, velocities
 
 from parameter_identification.drives.measured import measured_drive, read_measured_drive
-from parameter_identification.drives.recorded import LeadIn, TopicNames, read_drive
+from parameter_identification.drives.recorded import SteeredLeadIn, TopicNames, read_drive
 from parameter_identification.judging.judgement import judge, judge_drive
 from tricycle_core.errors import JudgeError
 from tricycle_sim.commands import Commands
@@ -91,7 +91,7 @@ def test_a_way_back_after_the_drive_may_be_aborted(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_steering_of_a_lead_in_takes_the_place_of_the_plan_s_until_its_end() -> None:
     planned = Commands(np.arange(5) * 0.02, np.full(5, 0.3), np.array([1.0, 2.0, 3.0, 4.0, 4.0]))
-    led = LeadIn(0.05, np.array([0.01, 0.0299, 0.04]), np.array([0.1, -0.2, 0.2]))
+    led = SteeredLeadIn(0.05, np.array([0.01, 0.0299, 0.04]), np.array([0.1, -0.2, 0.2]))
     found = led.in_place(planned)  # a set-point is held until the next; one at 0 s is lost
     np.testing.assert_allclose(found.time, [0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08])
     np.testing.assert_allclose(

@@ -8,10 +8,10 @@ from parameter_identification.estimation.doubt import (
     AGREEING,
     SCATTER,
     beyond_ranges,
-    contradicting,
-    doubted,
-    grown,
-    without_each,
+    heterogeneity_factors,
+    jackknife_factors,
+    scatter_factors,
+    with_prior_variance,
 )
 
 
@@ -20,8 +20,10 @@ def test_deviations_of_a_mean_are_those_of_its_samples():
     samples = rng.normal(0.0, 5.0, 2000)  # taken for ones of deviation 1
     covariance = np.array([[1.0 / len(samples)]])
     slopes = (samples - samples.mean())[:, None]
-    assert grown(covariance, slopes, np.zeros((1, 1)), 0.95)[0] == pytest.approx(5.0, rel=0.05)
-    ratio, factors = grown(covariance, slopes[: SCATTER - 1], np.zeros((1, 1)), 0.95)
+    assert scatter_factors(covariance, slopes, np.zeros((1, 1)), 0.95)[0] == pytest.approx(
+        5.0, rel=0.05
+    )
+    ratio, factors = scatter_factors(covariance, slopes[: SCATTER - 1], np.zeros((1, 1)), 0.95)
     assert np.isnan(ratio).all()
     assert factors.tolist() == [1.0]
 
@@ -32,7 +34,9 @@ def test_intervals_by_the_scatter_of_drives_that_contradict_each_other_hold(driv
     rng = np.random.default_rng(drives)
     samples = rng.normal(0.0, 10.0, (4000, drives, 1))  # taken for ones of deviation 1
     mean, covariance = samples.mean(axis=1)[:, 0], np.array([[1.0 / drives]])
-    factors = [grown(covariance, s - s.mean(), np.zeros((1, 1)), level)[1][0] for s in samples]
+    factors = [
+        scatter_factors(covariance, s - s.mean(), np.zeros((1, 1)), level)[1][0] for s in samples
+    ]
     reach = ndtri(0.5 + 0.5 * level) * np.array(factors) / np.sqrt(drives)
     # three deviations of so many repeats
     error = 3.0 * np.sqrt(level * (1.0 - level) / len(samples))
@@ -46,9 +50,9 @@ def test_intervals_of_a_few_drives_hold_where_all_err_as_each_does(drives, bias,
     noise = rng.uniform(0.5, 2.0, (1000, drives, 1))
     alike = rng.normal(0.0, bias, (1000, 1, 1))
     found, weights = alike + rng.normal(0.0, np.hypot(noise, bias)), noise**-2
-    factors = np.array([contradicting(*of, 0.95) for of in zip(found, noise**2, strict=True)])[
-        ..., 0
-    ]
+    factors = np.array(
+        [heterogeneity_factors(*of, 0.95) for of in zip(found, noise**2, strict=True)]
+    )[..., 0]
     assert np.mean(factors[:, 0] > 1.0) == pytest.approx(told, abs=0.1)
     mean = np.sum(weights * found, axis=1) / np.sum(weights, axis=1)
     reach = 1.96 * factors[:, 1] / np.sqrt(np.sum(weights[:, :, 0], axis=1))
@@ -63,7 +67,7 @@ def test_intervals_by_what_changes_without_each_drive_hold_where_all_err_as_each
     mean = samples.mean(axis=1)
     without = (drives * mean[:, None] - samples) / (drives - 1)
     std = np.full(1, 1.0 / np.sqrt(drives))  # taken for ones of deviation 1
-    factors = np.array([without_each(each[:, None], std, 0.95)[1][0] for each in without])
+    factors = np.array([jackknife_factors(each[:, None], std, 0.95)[1][0] for each in without])
     assert np.mean(np.abs(mean) < 1.96 * factors * std) == pytest.approx(0.95, abs=0.015)
 
 
@@ -79,8 +83,10 @@ def test_what_follows_a_doubted_variable_is_doubted_as_far_as_it_follows():
     rng = np.random.default_rng(0)
     first, own = rng.normal(0.0, 0.1, 4000), rng.normal(0.0, 0.2, 4000)
     after = np.cov([first, 3.0 * first + own, own])
-    found = doubted(after, np.diag([1.0, 50.0]), np.array([True, False]))
+    found = with_prior_variance(after, np.diag([1.0, 50.0]), np.array([True, False]))
     wide = 10.0 * first / np.std(first, ddof=1) / 10.0  # as uncertain as before: 1
     wanted = np.cov([wide, 3.0 * wide + own, own])
     np.testing.assert_allclose(found, wanted, rtol=0.1, atol=0.02)
-    np.testing.assert_array_equal(doubted(after, np.eye(2), np.zeros(2, dtype=bool)), after)
+    np.testing.assert_array_equal(
+        with_prior_variance(after, np.eye(2), np.zeros(2, dtype=bool)), after
+    )

@@ -119,7 +119,7 @@ class ImuSamples:
 
 
 @dataclass(frozen=True, eq=False)
-class LeadIn:
+class SteeredLeadIn:
     """The steering while the driver kept the vehicle on a line, in place of that of the commands.
 
     Attributes
@@ -190,7 +190,7 @@ class RecordedDrive:
     ended_early : float, optional
         Time at which the driver ended the maneuver, because no more of it was needed [s]; the
         reference ends then, the commands go on. None: it was driven to its end.
-    lead_in : LeadIn, optional
+    lead_in : SteeredLeadIn, optional
         What the driver steered closed loop before the commands; None: nothing.
     """
 
@@ -208,7 +208,7 @@ class RecordedDrive:
     wheel_rates: Mapping[str, Samples] = field(default_factory=dict)
     topics: TopicNames = field(default_factory=TopicNames)
     ended_early: float | None = None
-    lead_in: LeadIn | None = None
+    lead_in: SteeredLeadIn | None = None
 
     @property
     def driven(self) -> PlanarTrajectory:
@@ -420,7 +420,7 @@ class _Collector:
 
     def _led(
         self, messages: Iterable[Any], commands: Any, played: Iterable[Any], start: int
-    ) -> LeadIn | None:
+    ) -> SteeredLeadIn | None:
         """The lead-in with the stamp of the commands, as it was steered; None without one."""
         own = [m for m in messages if commands is not None and stamp_of(m) == stamp_of(commands)]
         if not own or not own[-1].poses:
@@ -433,7 +433,7 @@ class _Collector:
             and 0.0 <= (elapsed := (stamp_of(setpoint) - start) * 1e-9) < end
         ]
         time, angle = np.array(rows, dtype=np.float64).reshape(-1, 2).T
-        return LeadIn(end, time, angle)
+        return SteeredLeadIn(end, time, angle)
 
     def _reference(self, messages: Iterable[Any], commands: Any) -> PlanarTrajectory:
         """The reference with the stamp of the commands; the only one where none has it."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from parameter_identification.drives.measured import MeasuredDrive, Sensor
-from parameter_identification.estimation.doubt import of_few
+from parameter_identification.estimation.doubt import student_factor
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares, Loss
@@ -79,4 +79,4 @@ def bootstrap_deviations(
             found = again.quadratic(again.minimise(start).at).minimum()
             errors[repeat] = found[: problem.k] - at[: problem.k]
         step()
-    return np.asarray(of_few(REPEATS, level) * np.sqrt(np.mean(errors**2, axis=0)))
+    return np.asarray(student_factor(REPEATS, level) * np.sqrt(np.mean(errors**2, axis=0)))

@@ -22,7 +22,7 @@ AGREEING = 0.01  # chance of a scatter of fewer drives from which it is taken fo
 PULL = 3.0  # standard deviations by which data may pull a parameter beyond the end of its range
 
 
-def of_few(degrees: int, level: float) -> float:
+def student_factor(degrees: int, level: float) -> float:
     """Return by how much an interval is wider where its deviation is estimated from few numbers.
 
     The quantile of Student's distribution over that of the normal one.
@@ -36,13 +36,13 @@ def of_few(degrees: int, level: float) -> float:
 
     Examples
     --------
-    >>> round(of_few(9, 0.95), 2)
+    >>> round(student_factor(9, 0.95), 2)
     1.15
     """
     return float(stdtrit(degrees, 0.5 + 0.5 * level)) / half_width(level)
 
 
-def grown(
+def scatter_factors(
     covariance: FloatArray, slopes: FloatArray, prior: FloatArray, level: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return two factors (n,) for the clusters' scatter.
@@ -69,10 +69,10 @@ def grown(
     middle = slopes.T @ slopes * count / (count - 1) + prior
     robust = covariance @ middle @ covariance
     growth = np.asarray(np.sqrt(np.diag(robust) / np.diag(covariance)))
-    return growth, np.where(growth > 1.0, growth * of_few(count - 1, level), 1.0)
+    return growth, np.where(growth > 1.0, growth * student_factor(count - 1, level), 1.0)
 
 
-def contradicting(
+def heterogeneity_factors(
     estimates: FloatArray, variances: FloatArray, level: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return two factors (k,) for the scatter of a few drives; 1 where it may be noise.
@@ -106,16 +106,16 @@ def contradicting(
     of_scatter = np.where(chdtrc(d - 1, squares) * k < AGREEING, np.fmax(of_scatter, 0.0), 0.0)
     of_mean = 1.0 / np.sum(1.0 / (variances + of_scatter), axis=0)
     factors = np.sqrt(total * (of_mean + of_scatter))
-    factors[of_scatter > 0.0] *= of_few(d - 1, level)
+    factors[of_scatter > 0.0] *= student_factor(d - 1, level)
     return np.sqrt(total * of_mean), factors
 
 
-def without_each(
+def jackknife_factors(
     estimates: FloatArray, std: FloatArray, level: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return two factors (k,) for how much estimates change without each of a few drives.
 
-    They are those of `contradicting`, by the jackknife.
+    They are those of `heterogeneity_factors`, by the jackknife.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def without_each(
     """
     d = len(estimates)
     ratio = math.sqrt(d - 1) * np.std(estimates, axis=0) / std
-    return ratio, np.fmax(ratio * math.sqrt(d + 1) * of_few(d - 1, level), 1.0)
+    return ratio, np.fmax(ratio * math.sqrt(d + 1) * student_factor(d - 1, level), 1.0)
 
 
 def beyond_ranges(
@@ -159,7 +159,9 @@ def beyond_ranges(
     return pulled | (above & (free > at + PULL * std))
 
 
-def doubted(covariance: FloatArray, before: FloatArray, beyond: NDArray[np.bool_]) -> FloatArray:
+def with_prior_variance(
+    covariance: FloatArray, before: FloatArray, beyond: NDArray[np.bool_]
+) -> FloatArray:
     """Return a covariance (n, n) in which some variables are as uncertain as before the drives.
 
     The others are as uncertain as they become by following these.
@@ -241,15 +243,17 @@ def doubt_of(
     by_noise = here.covariance()
     scatter, factors = np.array([math.nan]), np.ones(problem.n)
     if len(problem.models) >= SCATTER:
-        growth, factors = grown(by_noise, problem.slopes(at), problem.common_information(), level)
+        growth, factors = scatter_factors(
+            by_noise, problem.slopes(at), problem.common_information(), level
+        )
         scatter = growth[:k]
     elif len(problem.models) > 1:
         acting = at != 0.0  # other effects are held there
         acting[:k] = True
-        scatter, factors[:k] = contradicting(*problem.by_each_drive(at, acting), level)
+        scatter, factors[:k] = heterogeneity_factors(*problem.by_each_drive(at, acting), level)
         if missing is not None:
             std = np.sqrt(np.diag(optimum.covariance)[:k])
-            ratio, more = without_each(missing, std, level)
+            ratio, more = jackknife_factors(missing, std, level)
             scatter, factors[:k] = np.fmax(scatter, ratio), np.fmax(factors[:k], more)
     if least is not None:
         std = factors[:k] * np.sqrt(np.diag(optimum.covariance)[:k])
@@ -264,6 +268,6 @@ def doubt_of(
     if wrong and problem.at_an_end(at).any():
         beyond[:] = True  # what is held there bends the others
     before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
-    covariance = doubted(covariance, before, beyond)
+    covariance = with_prior_variance(covariance, before, beyond)
     widening = np.sqrt(np.diag(covariance)[:k] / np.diag(optimum.covariance)[:k])
     return Doubt(covariance, widening, beyond, float(scatter.max()))
