@@ -32,14 +32,14 @@ from parameter_identification.drives.measured import (
 )
 from parameter_identification.drives.recorded import SteeredLeadIn
 from parameter_identification.estimation.checks import MIN_POSITIONS, check_motion
-from parameter_identification.estimation.intervals import relative_half_width, with_deviation
+from parameter_identification.estimation.intervals import relative_half_width
 from parameter_identification.estimation.model import DriveModel
 from parameter_identification.estimation.noise import NoiseLevel
 from parameter_identification.estimation.optimum import ROUGH, settled
 from parameter_identification.estimation.prior import GaussianPrior, box_prior, prior_in_ranges
 from parameter_identification.estimation.problem import LeastSquares, Loss
 from tricycle_core.errors import IdentificationError
-from tricycle_core.quantities import FloatArray
+from tricycle_core.quantities import FloatArray, with_deviation
 from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle

@@ -9,3 +9,19 @@ FloatArray = NDArray[np.float64]
 
 Progress = Callable[[int, int], None]
 """Called with the amounts of work done and in all, in whatever unit the caller counts."""
+
+
+def with_deviation(estimate: float, std: float) -> str:
+    """Return an estimate and its standard deviation as text, without powers of ten below 1e6.
+
+    Parameters
+    ----------
+    estimate, std : float
+        In one unit.
+
+    Examples
+    --------
+    >>> with_deviation(1094.96, 117.09)
+    '1095 ± 120'
+    """
+    return f"{float(f'{estimate:.4g}'):g} ± {float(f'{std:.2g}'):g}"

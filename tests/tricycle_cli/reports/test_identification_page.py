@@ -32,7 +32,8 @@ from tricycle_cli.reports.identification_page import (
     save_identification,
     trajectories_figure,
 )
-from tricycle_cli.reports.tables import parameter_table, remarks
+from tricycle_cli.reports.remarks import remarks
+from tricycle_cli.reports.tables import parameter_table
 from tricycle_sim.vehicle import load_vehicle
 
 LEFT = "left of the model / m"

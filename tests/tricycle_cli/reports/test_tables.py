@@ -15,15 +15,13 @@ from parameter_identification.estimation.whiteness import Whiteness
 from parameter_identification.fleet import Fleet
 from parameter_identification.judging.judgement import judge
 from parameter_identification.many_drives import ManyDrives
+from tricycle_cli.reports.remarks import remarks, remarks_on_fleet, remarks_on_many
 from tricycle_cli.reports.tables import (
     WIDEST,
     drives_table,
     judgement_table,
     plan_table,
     prediction_table,
-    remarks,
-    remarks_on_fleet,
-    remarks_on_many,
     table_console,
 )
 

@@ -38,22 +38,6 @@ def relative_half_width(estimate: float, std: float) -> float:
     return half_width() * std / abs(estimate) if estimate else math.inf
 
 
-def with_deviation(estimate: float, std: float) -> str:
-    """Return an estimate and its standard deviation as text, without powers of ten below 1e6.
-
-    Parameters
-    ----------
-    estimate, std : float
-        In one unit.
-
-    Examples
-    --------
-    >>> with_deviation(1094.96, 117.09)
-    '1095 ± 120'
-    """
-    return f"{float(f'{estimate:.4g}'):g} ± {float(f'{std:.2g}'):g}"
-
-
 def interval(
     i: int,
     z: float,

@@ -116,15 +116,11 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_cli.operation.session import hidden_truth
     from tricycle_cli.reports.identification_files import FILES
     from tricycle_cli.reports.identification_page import save_identification
+    from tricycle_cli.reports.remarks import remarks
     from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import run_page
     from tricycle_cli.reports.static_figures import plot_drives
-    from tricycle_cli.reports.tables import (
-        drives_table,
-        parameter_table,
-        remarks,
-        table_console,
-    )
+    from tricycle_cli.reports.tables import drives_table, parameter_table, table_console
     from tricycle_sim.plc.simulated_uno import check_build
 
     check_installed("rclpy", "a demo")

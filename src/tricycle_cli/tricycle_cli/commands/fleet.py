@@ -138,7 +138,8 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.fleet import identify_fleet
     from trajectory_recorder.bag.location import find_bags
     from tricycle_cli.reports.fleet_page import FILES, save_fleet
-    from tricycle_cli.reports.tables import population_table, remarks_on_fleet, table_console
+    from tricycle_cli.reports.remarks import remarks_on_fleet
+    from tricycle_cli.reports.tables import population_table, table_console
     from tricycle_core.documents import check_folder
     from tricycle_sim.effects import named_effects
 

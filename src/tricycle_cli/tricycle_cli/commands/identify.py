@@ -4,13 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from trajectory_recorder.bag.location import is_remote
 from tricycle_cli.arguments import (
     BAG_HELP,
     add_effects_option,
@@ -27,22 +22,14 @@ from tricycle_cli.arguments import (
     seed,
     topics_of,
 )
+from tricycle_cli.drives import is_table, read_drives
 from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.identification_files import FILES, IDENTIFICATION, VEHICLE, remove_older
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import IdentificationError
 from tricycle_sim.vehicle import load_vehicle
 
-if TYPE_CHECKING:
-    from parameter_identification.drives.measured import MeasuredDrive
-    from parameter_identification.drives.table import Columns, Recording
-    from parameter_identification.drives.windows import Selection, Windows
-    from parameter_identification.estimation.redrawn import Table
-    from parameter_identification.estimation.results import Identification
-    from tricycle_sim.vehicle import Vehicle
-
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
-EXACT = 1e-4  # m, noise of positions below which no sensor has told them
 
 EXAMPLE = """\
 examples:
@@ -169,7 +156,8 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
     from tricycle_cli.reports.identification_page import save_identification
-    from tricycle_cli.reports.tables import parameter_table, remarks, table_console
+    from tricycle_cli.reports.remarks import remarks, remarks_on_drives
+    from tricycle_cli.reports.tables import parameter_table, table_console
     from tricycle_sim.vehicle.batch import CommandedBatch
 
     if args.output is not None:
@@ -184,31 +172,18 @@ def run(args: argparse.Namespace) -> int:
 
         simulator = FmuSimulator(args.fmu)
     vehicle = load_vehicle(args.vehicle)
-    remarks_on_tables: list[str] = []
-    tables: dict[Path, Table] = {}
-    read = _reader(args, vehicle, columns, tables, remarks_on_tables)
-    paths = [*args.drives, *args.held_out]
-    alike = len({path.stem for path in paths}) < len(paths)
-    drives: list[list[MeasuredDrive]] = []
-    with progress_bar("reading drives") as progress:
-        for done, path in enumerate(paths, start=1):
-            own = read(path)
-            if alike:
-                own = [replace(drive, name=f"{path.parent}/{drive.name}") for drive in own]
-            drives.append(own)
-            progress(done, len(paths))
-    used = list(chain.from_iterable(drives[: len(args.drives)]))
+    read = read_drives(args, vehicle, columns)
     redraw = None
-    if args.fmu is None and all(drive.speed is not None for drive in used):
-        redraw = redraw_of([tables[path] for path in args.drives])
+    if args.fmu is None and all(drive.speed is not None for drive in read.used):
+        redraw = redraw_of(read.tables)
     with progress_bar("identifying") as progress:
         found = identify(
-            used,
+            read.used,
             vehicle,
             parameters=args.parameters,
             hold_others=args.hold_others,
             other_vehicle=args.other_vehicle,
-            held_out=list(chain.from_iterable(drives[len(args.drives) :])),
+            held_out=read.held_out,
             **effects,
             inputs=Inputs(args.inputs),
             simulator=simulator,
@@ -220,10 +195,10 @@ def run(args: argparse.Namespace) -> int:
         )
     console = table_console(stderr=args.json, width=TABLE_WIDTH)
     console.print(parameter_table(found))
-    told = _remarks_on_measurements(
-        found, drives, used, tables=columns is not None, redrawn=redraw is not None
+    of_drives = remarks_on_drives(
+        found, read.used, read.held_out, tables=columns is not None, redrawn=redraw is not None
     )
-    for remark in (*remarks(found), *remarks_on_tables, *told):
+    for remark in (*remarks(found), *read.remarks, *of_drives):
         console.print(remark, soft_wrap=True)
     if args.output is not None:
         save_identification(found, args.vehicle, args.output)
@@ -231,50 +206,6 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(document_of(found).to_json(), allow_nan=False))
     return 0
-
-
-def _remarks_on_measurements(
-    found: Identification,
-    drives: Sequence[Sequence[MeasuredDrive]],
-    used: Sequence[MeasuredDrive],
-    *,
-    tables: bool,
-    redrawn: bool,
-) -> Iterator[str]:
-    """What a reader must know of the measurements: bags cut off, unused sensors, exact positions.
-
-    `redrawn`: whether the intervals count what smoothing the speed errs by.
-    """
-    from parameter_identification.drives.measured import Input, Sensor
-    from parameter_identification.estimation.redrawn import SCATTERED
-
-    for drive in chain.from_iterable(drives):
-        if not drive.complete:
-            yield (
-                f"{drive.name}: its bag is not whole (cut off before the drive's end, or a file or "
-                "messages are missing); used as far as it goes"
-            )
-    inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
-    unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
-    for sensor in sorted(unused, key=lambda sensor: sensor.value):
-        yield f"{sensor.value}: measured, but not used: the model does not give it"
-    white = found.noise[Sensor.POSITION].white
-    if tables and white < EXACT:
-        yield (
-            f"the positions are exact to {1e3 * white:.2g} mm, as of a simulation: the "
-            "inputs that are found in a table err by more, and the intervals do "
-            "NOT count it; add the noise of a sensor"
-        )
-    if redrawn or (white > SCATTERED and any(drive.speed is not None for drive in used)):
-        counted = (
-            "the intervals count, by tables that were simulated and identified in the same way"
-            if redrawn
-            else "the intervals do NOT count where such tables are used with other drives or an FMU"
-        )
-        yield (
-            f"the positions scatter by {1e3 * white:.2g} mm, and the speed is smoothed from them: "
-            f"what that errs by, alike in all windows, {counted}"
-        )
 
 
 def _drive_by_drive(args: argparse.Namespace) -> int:
@@ -289,7 +220,8 @@ def _drive_by_drive(args: argparse.Namespace) -> int:
     )
     from parameter_identification.identified_vehicle import identified_vehicle
     from parameter_identification.many_drives import identify_many
-    from tricycle_cli.reports.tables import parameter_table, remarks_on_many, table_console
+    from tricycle_cli.reports.remarks import remarks_on_many
+    from tricycle_cli.reports.tables import parameter_table, table_console
 
     others = {
         "--columns": args.columns,
@@ -347,58 +279,5 @@ def _refuse_what_has_no_effect(args: argparse.Namespace) -> None:
             if given is None and getattr(args, name) not in (None, False):
                 raise IdentificationError(f"--{name.replace('_', '-')}: only with {option}")
     needs_table = args.columns is not None and args.drive_by_drive is None
-    if needs_table and not any(map(_is_table, [*args.drives, *args.held_out])):
+    if needs_table and not any(map(is_table, [*args.drives, *args.held_out])):
         raise IdentificationError("--columns: no drive is a table, which ends in .csv or .csv.gz")
-
-
-def _is_table(path: Path) -> bool:
-    return path.name.lower().endswith((".csv", ".csv.gz"))
-
-
-def _reader(
-    args: argparse.Namespace,
-    vehicle: Vehicle,
-    columns: Columns | None,
-    tables: dict[Path, Table],
-    remarks: list[str],
-) -> Callable[[Path], list[MeasuredDrive]]:
-    """Return what reads a bag as one drive, a table as several.
-
-    It adds tables by their paths, and how much of them is used.
-    """
-    from parameter_identification.drives.measured import read_measured_drive
-    from parameter_identification.drives.table import read_recording
-    from parameter_identification.drives.windows import Windows, select_windows, steering_of
-    from parameter_identification.estimation.redrawn import Table
-
-    topics = topics_of(args)
-    asked = {"length": args.window, "every": args.every, "above": args.above}
-    windows = Windows(**{name: value for name, value in asked.items() if value is not None})
-
-    def read(path: Path) -> list[MeasuredDrive]:
-        if not _is_table(path):
-            return [read_measured_drive(path, vehicle, topics=topics)]
-        if is_remote(path):
-            raise IdentificationError(f"{path}: only bags are read from a URL: download the table")
-        if columns is None:
-            raise IdentificationError(
-                f"{path}: a table needs --columns, the mapping of its columns"
-            )
-        recording = read_recording(path, columns, vehicle)
-        steering = steering_of(recording, vehicle, columns)
-        selection = select_windows(recording, vehicle, steering, windows)
-        remarks.append(_used(recording, selection, windows))
-        tables[path] = Table(recording, vehicle, steering, windows)
-        return [*selection.drives]
-
-    return read
-
-
-def _used(recording: Recording, selection: Selection, windows: Windows) -> str:
-    """How much of a table the windows are, and what is left out."""
-    count, whole = len(selection.drives), recording.time[-1] - recording.time[0]
-    return (
-        f"{recording.name}: {count} windows of {windows.length:g} s are "
-        f"{count * windows.length:.3g} of its {whole:.3g} s; left out of the other "
-        f"possible windows, one every {windows.every:g} s: {selection}"
-    )

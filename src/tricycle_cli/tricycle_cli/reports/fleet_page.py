@@ -8,14 +8,15 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from parameter_identification.estimation.intervals import half_width, with_deviation
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.population import Member, Population
 from parameter_identification.fleet import DAY, Course, Fleet, course
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
+from tricycle_cli.reports.remarks import remarks_on_fleet
 from tricycle_cli.reports.static_figures import MOST_VEHICLES, fleet_figure
-from tricycle_cli.reports.tables import MONTH, remarks_on_fleet, shown_interval
+from tricycle_cli.reports.tables import MONTH, shown_interval
 from tricycle_core.documents import replacing, write_whole
-from tricycle_core.quantities import FloatArray
+from tricycle_core.quantities import FloatArray, with_deviation
 
 FILES = "report.html", "fleet.json", "fleet.png"
 """What `save_fleet` writes."""

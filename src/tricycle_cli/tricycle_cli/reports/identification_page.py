@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.estimation import chi_square
-from parameter_identification.estimation.intervals import half_width, with_deviation
+from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.model import Prediction
 from parameter_identification.identification import DriveFit, Identification
 from parameter_identification.identification_file import document_of, save_identification_file
@@ -20,9 +20,11 @@ from parameter_identification.identified_vehicle import (
 )
 from tricycle_cli.reports.html_page import FigureBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.identification_files import IDENTIFICATION, REPORT, VEHICLE, remove_older
-from tricycle_cli.reports.tables import HEADINGS, parameter_rows, remarks
+from tricycle_cli.reports.remarks import remarks
+from tricycle_cli.reports.tables import HEADINGS, parameter_rows
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.palette import BLUE, GREEN, VERMILLION
+from tricycle_core.quantities import with_deviation
 
 CONDITIONS = {
     "time / s": "time",

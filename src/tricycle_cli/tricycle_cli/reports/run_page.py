@@ -3,13 +3,12 @@
 from collections.abc import Callable, Sequence
 
 from excitation_planner.plan import Plan
-from parameter_identification.estimation.intervals import with_deviation
 from parameter_identification.identification_file import IdentificationDocument, ParameterEntry
 from tricycle_cli.reports import interactive_figures as figures
 from tricycle_cli.reports.html_page import PlotBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.run_folder import Maneuver, Run, wheel_loads
 from tricycle_core.errors import PlanError
-from tricycle_core.quantities import Progress
+from tricycle_core.quantities import Progress, with_deviation
 from tricycle_sim.vehicle import Vehicle
 
 Block = str | TableBlock | PlotBlock

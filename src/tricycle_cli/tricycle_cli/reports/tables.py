@@ -11,17 +11,15 @@ from rich.console import Console
 from rich.table import Table
 
 from excitation_planner.trajectory_error import POINTS
-from parameter_identification.drives.measured import Input
-from parameter_identification.estimation.intervals import with_deviation
 from parameter_identification.judging.judgement import Anchor, Judgement
 from tricycle_cli.console import plain_console
-from tricycle_sim.effects import TYRE_ROUNDING
+from tricycle_core.quantities import with_deviation
 
 if TYPE_CHECKING:
     from excitation_planner.plan import Plan
     from parameter_identification.estimation.population import Interval, Population
     from parameter_identification.fleet import Fleet
-    from parameter_identification.identification import Estimate, HeldOut, Identification
+    from parameter_identification.identification import Estimate, Identification
     from parameter_identification.many_drives import ManyDrives
 
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
@@ -35,18 +33,6 @@ WIDEST = 100_000
 
 MOST_MEMBERS = 12  # of a list that are printed
 MONTH = 30.0  # days, for which changes are shown
-WORSE = 1.2
-"""Error of a prediction, over that of the vehicle file, from which it is told."""
-
-IMPROBABLE = 0.05
-"""Probability of an effect below which the remarks only count it."""
-
-FAR = 3.0  # standard deviations of an effect's prior beyond which its size is told as unexpected
-
-OFTEN_OUTSIDE = 0.15  # of a drive more than expected: its samples err together
-
-MUCH_FRICTION = 0.5
-"""Share of a tyre's friction above which its stiffness depends on the law that it is given."""
 
 
 def table_console(*, stderr: bool = False, width: int = NARROWEST) -> Console:
@@ -250,188 +236,6 @@ def parameter_table(
     return table
 
 
-def remarks(found: Identification) -> list[str]:
-    """Return what a reader must know besides the table, a line each.
-
-    Parameters
-    ----------
-    found : Identification
-        What `identify` found.
-    """
-    from parameter_identification.identified_vehicle import kind_of_drives
-
-    drives = kind_of_drives(found)
-    lines = [
-        f"not shown by these {drives}: {combination} "
-        f"(1σ is {combination.remaining:.0%} of the prior 1σ)"
-        for combination in found.hidden
-    ]
-    if found.fixed:
-        fixed = ", ".join(f"{name} {value:.4g}" for name, value in found.fixed.items())
-        lines.append(f"taken as known: {fixed}. An error in them is in no interval")
-    if Input.STEERING in found.measured:
-        lines.append("the steering moved as measured, not as the file's servo by its commands")
-    if Input.SPEED in found.measured:
-        lines.append(
-            "the wheels turned as measured, not as the file's speed loop by its commands; their "
-            "speed tells nothing else"
-        )
-    lines += _not_asked_for(found)
-    ends = {
-        name: e
-        for name, e in (*found.parameters.items(), *found.others.items())
-        if min(abs(e.estimate - end) for end in e.range) <= 1e-9 * (e.range[1] - e.range[0])
-    }
-    if not any(found.identifiable.values()):
-        cure = "the model contradicts them" if ends else "drive longer, or other maneuvers"
-        lines.append(f"these {drives} show none of the parameters: {cure}")
-    if ends:
-        lines.append(
-            f"at an end of the range: {', '.join(ends)}. Widen it in the vehicle file, or the "
-            "model lacks something"
-        )
-    if contradicted := [name for name, e in ends.items() if (e.low, e.high) == e.range]:
-        lines.append(f"the {drives} contradict the range: {', '.join(contradicted)}; so not shown")
-    if not found.white:
-        lines.append(
-            f"residuals are NOT white ({_least_white(found)}): "
-            "the model lacks an effect or a sensor drifts. "
-            "The intervals count it as drifting noise; they do not cover a wrong model"
-        )
-    lines += _contradictions(found, drives)
-    if found.missed:
-        lines.append(
-            f"one of the {drives} is {1e3 * found.missed:.1f} mm (rms) farther than expected from "
-            "where the others predict it: the model lacks something. The intervals count how the "
-            "estimates change without each of them, and as much again for what errs alike in all"
-        )
-    if found.deviations:
-        names = ", ".join(effect.name for effect in found.deviations)
-        lines.append(
-            f"the vehicle moves as the model CANNOT ({names}): it has something that no effect "
-            "stands for, as tyres that slide or play in the steering. The intervals do not count it"
-        )
-    counted = any(effect.name == TYRE_ROUNDING for effect in found.effects)
-    if found.friction_used > MUCH_FRICTION and not counted:
-        lines.append(
-            f"a tyre used up to {found.friction_used:.0%} of its friction: stiffnesses are those "
-            "of the vehicle file's tyre law. A tyre that bends otherwise may be stiffer at small "
-            "slips; the intervals do not count it"
-        )
-    absent = [e for e in found.effects if e.acts is not None and e.acts < IMPROBABLE]
-    lines += [f"effect: {effect}" for effect in found.effects if effect not in absent]
-    if held := [e.name for e in found.effects if e.at_an_end]:
-        lines.append(
-            f"at an end of what is taken for possible: {', '.join(held)}. Correct the constant in "
-            "the vehicle file and identify with --other-vehicle, or the model lacks something"
-        )
-    if far := [e.name for e in found.effects if abs(e.estimate) > FAR * e.prior]:
-        lines.append(
-            f"farther from the vehicle file than expected: {', '.join(far)}. Measure it, correct "
-            "the file and identify with --other-vehicle, or the model lacks something"
-        )
-    if absent:
-        lines.append(
-            f"effects: {len(absent)} others, each with a probability below {IMPROBABLE:.0%} "
-            "(identification.json)"
-        )
-    if found.rivals:
-        lines.append(
-            f"{len(found.rivals)} other set(s) of parameters fit as well; intervals hold them too"
-        )
-    if found.outliers:
-        lines.append(
-            f"{found.outliers} samples lie beyond 6 standard deviations: outliers, which count "
-            "less with --robust, or what the model lacks"
-        )
-    return lines + [_remark_on_held_out(held, found.level) for held in found.held_out]
-
-
-def _least_white(found: Identification) -> str:
-    """How many residuals are not white, and which is the farthest from it."""
-    coloured = found.coloured
-    worst = max(coloured, key=lambda test: test.statistic / test.lags)
-    count = f"{len(coloured)} of {len(found.whiteness)}"
-    if len(coloured) == 1:
-        return f"{count}: {worst.drive} {worst.channel}"
-    return f"{count}, least of all {worst.drive} {worst.channel}; all: identification.json"
-
-
-def _contradictions(found: Identification | ManyDrives, drives: str) -> list[str]:
-    """A line where drives disagree."""
-    from parameter_identification.estimation.doubt import CONTRADICTING, SCATTER
-
-    if not found.scatter > CONTRADICTING:
-        return []
-    alike = "and as much again for" if len(found.drives) < SCATTER else "not"
-    return [
-        f"the {drives} contradict each other: they scatter up to {found.scatter:.1f} times as "
-        f"much as their noise. The intervals count the scatter, {alike} what errs alike in all"
-    ]
-
-
-def _some(names: Sequence[str]) -> str:
-    """The first names, and whether there are more."""
-    more = ", …" if len(names) > MOST_MEMBERS else ""
-    return f"{', '.join(names[:MOST_MEMBERS])}{more}"
-
-
-def _not_asked_for(found: Identification | ManyDrives) -> list[str]:
-    if not found.others:
-        return []
-    names = ", ".join(found.others)
-    return [f"not asked for, but counted as unknown: {names} (--hold-others takes them as known)"]
-
-
-def _remark_on_held_out(held: HeldOut, level: float) -> str:
-    band = ""
-    if held.expected is not None and held.inside is not None:
-        band = (
-            f"; expected {1e3 * held.expected:.1f} mm, inside its {level:.0%} band for "
-            f"{held.inside:.0%} of the samples"
-        )
-        if held.inside < level - OFTEN_OUTSIDE:
-            band += "; it is OUTSIDE: this vehicle moves as the model CANNOT"
-    if held.rms_estimated > WORSE * held.rms_nominal:
-        band += "; WORSE than by the vehicle file"
-    return (
-        f"{held.name}, not used: predicted to {1e3 * held.rms_estimated:.1f} mm (rms; before "
-        f"{1e3 * held.rms_nominal:.1f} mm, noise and drift alone {1e3 * held.noise:.1f} mm{band})"
-    )
-
-
-def remarks_on_many(found: ManyDrives) -> list[str]:
-    """Return what a reader must know besides the table, a line each.
-
-    Parameters
-    ----------
-    found : ManyDrives
-        What `identify_many` found.
-    """
-    hidden = [name for name, e in found.parameters.items() if not e.identifiable]
-    lines = [f"not shown by these drives: {', '.join(hidden)}"] if hidden else []
-    lines += _not_asked_for(found)
-    if not found.white:
-        lines.append(
-            f"residuals of {found.not_white} of {len(found.drives)} drives are NOT white: the "
-            "model lacks an effect or a sensor drifts. More drives do not mend that"
-        )
-    lines += _contradictions(found, "drives")
-    lines += [f"effect: {effect}" for effect in found.effects]
-    lines += _not_whole([drive.name for drive in found.drives if not drive.complete])
-    lines += [f"left out: {reason}" for reason in found.left_out]
-    return lines
-
-
-def _not_whole(drives: Sequence[str]) -> list[str]:
-    if not drives:
-        return []
-    return [
-        f"bags that are not whole (cut off before the drive's end, or a file or messages are "
-        f"missing), used as far as they go: {len(drives)} ({_some(drives)})"
-    ]
-
-
 def population_table(fleet: Fleet) -> Table:
     """Return what is shared, the populations, and what each vehicle is in them.
 
@@ -478,54 +282,6 @@ def shown_interval(interval: Interval | Estimate) -> str:
         Of a population, a member or a vehicle.
     """
     return f"{_short(interval.low)} – {_short(interval.high)}"
-
-
-def remarks_on_fleet(fleet: Fleet) -> list[str]:
-    """Return what a reader must know besides the table, a line each, outliers first.
-
-    Parameters
-    ----------
-    fleet : Fleet
-        What `identify_fleet` found.
-    """
-    from parameter_identification.many_drives import few_coloured
-
-    lines = []
-    for name in fleet.odd:
-        where = ", ".join(
-            f"{'the change of ' * rate}{parameter} ({m.distance:+.1f} σ)"
-            for parameter, rate, m in fleet.outliers
-            if m.vehicle == name
-        )
-        lines.append(f"{name} is odd: far from what the others let expect in {where}")
-    parameters = next(iter(fleet.vehicles.values())).parameters
-    known = {*fleet.populations, *fleet.shared, *fleet.own}
-    lines += [f"{name}: too few vehicles show it" for name in parameters if name not in known]
-    coloured = [
-        f"{name} ({found.not_white} of {len(found.drives)} drives)"
-        for name, found in fleet.vehicles.items()
-        if not found.white
-    ]
-    if coloured:
-        lines.append(
-            f"residuals of {len(coloured)} vehicles are NOT white: the model lacks something, or a "
-            f"parameter changes from drive to drive: {_some(coloured)}"
-        )
-    # a vehicle with few drives cannot show it alone
-    if not coloured and not few_coloured(fleet.not_white, fleet.drives):
-        lines.append(
-            f"residuals of {fleet.not_white} of all {fleet.drives} drives are NOT white: the model "
-            "lacks something, or vehicles differ in what they are said to share"
-        )
-    lines += _not_whole(
-        [
-            f"{name}/{drive.name}"
-            for name, found in fleet.vehicles.items()
-            for drive in found.drives
-            if not drive.complete
-        ]
-    )
-    return lines + [f"left out: {reason}" for reason in fleet.left_out]
 
 
 def _milliseconds(seconds: float, deviation: float) -> str:
