@@ -3,7 +3,9 @@
 import errno
 import json
 import math
+import threading
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -172,6 +174,21 @@ def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path):
     assert path.read_text() == "old"
     write_whole(path, b"new")
     assert path.read_bytes() == b"new"
+
+
+def test_threads_that_write_the_same_file_each_write_a_whole_one(tmp_path):
+    path, both = tmp_path / "table.csv", threading.Barrier(2, timeout=10.0)
+
+    def write(text):
+        with replacing(path) as partial:
+            both.wait()
+            partial.write_text(text)
+            both.wait()
+
+    with ThreadPoolExecutor(2) as threads:
+        list(threads.map(write, ("one", "two")))
+    assert path.read_text() in ("one", "two")
+    assert [p.name for p in tmp_path.iterdir()] == ["table.csv"]
 
 
 def test_a_full_disk_is_told_with_the_file_that_was_wanted(tmp_path):

@@ -39,9 +39,10 @@ def test_columns_may_come_in_any_order_and_with_spaces(tmp_path):
 
 
 @pytest.mark.parametrize("separator", [";", "\t"])
-def test_columns_may_be_separated_as_spreadsheets_do(tmp_path, separator):
-    path = tmp_path / "c.csv"
-    path.write_text("time,steering_motor_angle,speed\n0,0,1\n2,0.1,0\n".replace(",", separator))
+@pytest.mark.parametrize("before", ["", "\n", " \n\n"])
+def test_columns_may_be_separated_as_spreadsheets_do(tmp_path, separator, before):
+    path, rows = tmp_path / "c.csv", "time,steering_motor_angle,speed\n0,0,1\n2,0.1,0\n"
+    path.write_text(before + rows.replace(",", separator))
     commands = load_commands(path)
     assert commands.time.tolist() == [0.0, 2.0]
     assert commands.steering_motor_angle.tolist() == [0.0, 0.1]

@@ -10,7 +10,8 @@ import dataclasses
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping
+import threading
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -86,7 +87,8 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{os.getpid()}.{path.name}")  # keeps the suffix
+    writer = f"{os.getpid()}-{threading.get_native_id()}"
+    partial = path.with_name(f".{writer}.{path.name}")  # keeps the suffix
     try:
         yield partial
         partial.replace(path)
@@ -237,19 +239,20 @@ def check_texts(values: object, where: str, error: type[ExcitationError]) -> Non
         places += inner
 
 
-def separator_of(header: str) -> str:
+def separator_of(lines: Iterable[str]) -> str:
     """Return what separates the columns of a table: the comma, unless there are more of another.
 
     Parameters
     ----------
-    header : str
-        First line.
+    lines : iterable of str
+        The table's, as an open file gives them; the first one that is not blank is the header.
 
     Examples
     --------
-    >>> separator_of("time;x;y, of the COM")
+    >>> separator_of(["", "time;x;y, of the COM"])
     ';'
     """
+    header = next((line for line in lines if line.strip()), "")
     return max(",;\t", key=header.count)
 
 

@@ -120,7 +120,7 @@ def load_commands(path: Path) -> Commands:
         )
     try:
         text = io.StringIO(content.decode("utf-8-sig"), newline="")
-        separator = separator_of(text.readline())
+        separator = separator_of(text)
         text.seek(0)
         rows_of_text = csv.reader(text, delimiter=separator)
         lines = [line for line in rows_of_text if any(cell.strip() for cell in line)]

@@ -1,5 +1,6 @@
 """Our vehicle as an FMU: valid, without Python, and the same motion as the batch's."""
 
+import dataclasses
 import subprocess
 import zipfile
 
@@ -104,6 +105,15 @@ def test_the_command_writes_it_once(tmp_path, capsys, monkeypatch):
     assert main(["vehicle", "export-fmu", "--output", str(path), "--overwrite"]) != 0
     assert "gcc" in capsys.readouterr().err
     assert path.read_text() == "mine"
+
+
+def test_a_name_with_other_letters_makes_an_identifier_of_c(tmp_path):
+    from tricycle_sim.fmi.export import export_fmu
+
+    path = tmp_path / "named.fmu"
+    export_fmu(dataclasses.replace(VEHICLE, name="Dreirad für Ω-Tests"), path)
+    description = fmpy.read_model_description(str(path), validate=True)
+    assert description.coSimulation.modelIdentifier == "Dreirad_f_r___Tests"
 
 
 def test_a_vehicle_too_stiff_for_the_steps_is_refused(tmp_path):

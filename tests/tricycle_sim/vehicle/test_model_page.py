@@ -16,7 +16,10 @@ def test_the_page_has_the_figures_that_the_checks_print():
     command = [sys.executable, ROOT / "benchmarks" / "vehicle_checks.py"]
     run = subprocess.run(command, check=True, capture_output=True, text=True)
     page = (ROOT / "docs" / "model.md").read_text(encoding="utf-8").splitlines()
-    for line in run.stdout.splitlines():
+    printed_lines = run.stdout.splitlines()
+    begin = page.index("`python benchmarks/vehicle_checks.py` prints:") + 2
+    assert len(printed_lines) == page.index("", begin) - begin
+    for line in printed_lines:
         check = line[:62].rstrip()
         (quoted,) = [text.strip() for text in page if text.startswith("    " + check)]
         printed, there = (

@@ -423,7 +423,7 @@ def _radius(name: str, column: Column, vehicle: Vehicle | None, where: str) -> f
 def _read_table(path: Path, headings: set[str]) -> dict[str, FloatArray]:
     """Columns (rows,) of these headings; NaN where a cell is empty."""
     text = io.StringIO(_text(path), newline="")
-    separator = separator_of(text.readline())
+    separator = separator_of(text)
     text.seek(0)
     try:
         lines = [line for line in csv.reader(text, delimiter=separator) if line]

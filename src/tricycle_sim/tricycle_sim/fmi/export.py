@@ -132,7 +132,7 @@ def export_fmu(vehicle: Vehicle, output: Path) -> tuple[str, ...]:
     if compiler is None:
         raise VehicleError(f"an FMU needs the compiler {COMPILER}, and there is none on the path")
     variables = _variables(vehicle)
-    identifier = re.sub(r"\W", "_", vehicle.name)
+    identifier = re.sub(r"\W", "_", vehicle.name, flags=re.ASCII)  # a name in C
     if identifier[:1].isdigit():
         identifier = f"_{identifier}"
     header = _header(vehicle, variables)
