@@ -116,7 +116,8 @@ class BagWriter(Closing):
     chunk_size : int
         Size of a chunk before compression [bytes].
     split_size : int
-        Size after which the next file is begun [bytes]; 0 for never.
+        Size after which the next file is begun, without the repeated messages at its beginning
+        [bytes]; 0 for never.
     split_duration : float
         Time between stamps after which the next file is begun [s]; 0 for never.
     metadata : mapping of str to str, optional
@@ -157,6 +158,7 @@ class BagWriter(Closing):
         self._chunks = _Chunk(), _Chunk()  # of topics with small and with large messages
         self._large: set[int] = set()  # ids of topics that have had a large one
         self._begun: int | None = None  # first stamp of the present file
+        self._repeated = 0  # bytes at its beginning that are repeated messages
         self._information: dict[str, Any] = {}  # in metadata.yaml
         try:
             self._files = [_OutputFile(self._next_path(0))]
@@ -277,7 +279,8 @@ class BagWriter(Closing):
 
     def _split_due(self, stamp: int) -> bool:
         file = self._files[-1]
-        return (0 < self._split_size <= file.size and file.messages > 0) or (
+        size = file.size - self._repeated
+        return (0 < self._split_size <= size and file.messages > 0) or (
             0 < self._split_duration <= (0 if self._begun is None else stamp - self._begun)
         )
 
@@ -291,6 +294,7 @@ class BagWriter(Closing):
             for data in last:
                 self._append(topic_id, stamp, data)
         self.flush()
+        self._repeated = self._files[-1].size
 
     def _write_metadata(self) -> None:
         files = [file for file in self._files if file.messages]
