@@ -103,7 +103,8 @@ class TopicSource:
         """Take note of how the topic is offered from now on."""
         self.topic = topic
         self._sequence = 0
-        # The middleware does not say how many messages a publisher latches; nearly all latch one.
+        # The middleware says neither how many messages a publisher latches (nearly all one), nor
+        # of which publisher a message is.
         self.latched = deque(self.latched, maxlen=len(topic.qos) if topic.latched else 0)
 
     def received(self, data: bytes, sequence: int) -> None:
@@ -346,6 +347,8 @@ class Recording:
         source = self.topics.get(topic.name)
         if source is not None:
             source.offered(topic)
+            if self._bag is not None:
+                self._bag.offered(source.id, topic)
             return source
         source = self.topics[topic.name] = TopicSource(topic)
         if self._bag is not None:

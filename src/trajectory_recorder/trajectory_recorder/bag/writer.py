@@ -176,11 +176,25 @@ class BagWriter(Closing):
         """Begin a topic; return its id for `write`."""
         self._topics.append(topic)
         topic_id = len(self._topics)
-        if topic.latched:
-            depth = sum(max(qos.depth, 1) for qos in topic.qos)
-            self._latched[topic_id] = deque(maxlen=depth)
+        self.offered(topic_id, topic)
         self._files[-1].add_channel(topic_id, topic)
         return topic_id
+
+    def offered(self, topic_id: int, topic: Topic) -> None:
+        """Take note of how a topic is offered from now on, by more publishers for example.
+
+        Parameters
+        ----------
+        topic_id : int
+            From `add_topic`.
+        topic : Topic
+            Of the same name and type.
+        """
+        self._topics[topic_id - 1] = topic
+        latched = self._latched.pop(topic_id, ())
+        if topic.latched:
+            depth = sum(max(qos.depth, 1) for qos in topic.qos)
+            self._latched[topic_id] = deque(latched, maxlen=depth)
 
     def write(self, topic_id: int, stamp: int, data: bytes) -> None:
         """Append a message.
