@@ -324,7 +324,7 @@ class BagWriter(Closing):
                     "topic_metadata": {
                         "name": topic.name,
                         "type": topic.type,
-                        "serialization_format": "cdr",
+                        "serialization_format": topic.encoding,
                         "offered_qos_profiles": [qos.to_yaml() for qos in topic.qos],
                         "type_description_hash": topic.type_hash,
                     },
@@ -381,7 +381,8 @@ class _OutputFile:
         self.end = 0
         self.counts: dict[int, int] = {}  # channel id -> messages
         self.closed = False
-        self._schemas: dict[str, Schema] = {}  # by type name
+        # by name, encoding and text of the type
+        self._schemas: dict[tuple[str, str, str], Schema] = {}
         self._channels: list[Channel] = []
         self._chunks = 0
         self._chunk_indexes = bytearray()  # encoded: there may be many, and each tail has them all
@@ -409,21 +410,22 @@ class _OutputFile:
 
     def add_channel(self, channel_id: int, topic: Topic) -> None:
         """Add the schema, when it is new, and the channel of a topic."""
-        schema = self._schemas.get(topic.type)
+        key = (topic.type, topic.definition_encoding, topic.definition)
+        schema = self._schemas.get(key)
         if schema is None:
             schema = Schema(
                 id=len(self._schemas) + 1,
                 name=topic.type,
-                encoding="ros2msg" if topic.definition else "",
-                data=topic.definition.encode(),
+                encoding=topic.definition_encoding if topic.definition else "",
+                data=topic.definition.encode(errors="surrogateescape"),
             )
-            self._schemas[topic.type] = schema
+            self._schemas[key] = schema
             self._add(serialize(schema))
         channel = Channel(
             id=channel_id,
             schema_id=schema.id,
             topic=topic.name,
-            message_encoding="cdr",
+            message_encoding=topic.encoding,
             metadata={
                 "offered_qos_profiles": dump_yaml([qos.to_yaml() for qos in topic.qos]),
                 "topic_type_hash": topic.type_hash,
