@@ -23,8 +23,9 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool, String
 from std_srvs.srv import Trigger
 
+from trajectory_recorder import recorder_node
 from trajectory_recorder.bag.reader import BagReader
-from trajectory_recorder.bag.topics import deserialize
+from trajectory_recorder.bag.topics import OfferedQos, Topic, deserialize
 from trajectory_recorder.recorder_node import TrajectoryRecorder
 from tricycle_cli.operation.operator_node import ServiceCaller
 from tricycle_cli.operation.processes import executable
@@ -431,6 +432,105 @@ def test_pause_split_and_snapshot(recorder, ros_node: Node, tmp_path: Path) -> N
     assert r.trigger("stop")[0]
     assert texts(tmp_path / "bag", "/odom") == ["recorded", "in the second file"]
     assert len(list((tmp_path / "bag").glob("*.mcap"))) == 2
+
+
+class Said:
+    """Stands in for a logger."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def warning(self, text: str) -> None:
+        self.lines.append(text)
+
+    error = warning
+
+
+@pytest.fixture
+def said() -> Said:
+    return Said()
+
+
+@pytest.fixture
+def node(
+    ros_environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: Said
+) -> Iterator[TrajectoryRecorder]:
+    """A recorder in this process, which is not spun."""
+    rclpy.init(args=["--ros-args", "-p", f"output:={tmp_path / 'bag'}", "-p", "disk_reserve:=0.0"])
+    try:
+        node = TrajectoryRecorder()
+        monkeypatch.setattr(node, "get_logger", lambda: said)
+        yield node
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def test_without_times_and_numbers_of_the_middleware_stamps_are_those_of_handling(
+    node: TrajectoryRecorder, said: Said, tmp_path: Path
+) -> None:
+    begin = time.time_ns()
+    node.start()
+    source = node.recording.offer(Topic("/odom", "std_msgs/msg/String", qos=(OfferedQos(),)))
+    unknown = {"received_timestamp": 0, "publication_sequence_number": 2**64 - 1}
+    for data in (b"1", b"2"):
+        node._take(source, data, unknown)
+    assert node.stop() == str(tmp_path / "bag")  # no loss is made up
+    with BagReader(tmp_path / "bag") as bag:
+        assert all(begin <= m.stamp <= time.time_ns() for m in bag.messages(["/odom"]))
+        assert bag.topics["/odom"].count == 2
+    assert [line for line in said.lines if "lost messages are not counted" in line] == said.lines
+    assert len(said.lines) == 1
+
+
+def test_a_last_write_that_fails_ends_the_process_with_status_1(
+    node: TrajectoryRecorder, said: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> str:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(node, "stop", fail)
+        patch.setattr(Node, "destroy_node", lambda _: None)
+        with pytest.raises(SystemExit) as ending:
+            node.destroy_node()
+    assert ending.value.code == 1
+    assert said.lines == ["the bag is not complete: No space left on device"]
+
+
+def test_every_topic_without_a_definition_is_warned_of_once(
+    node: TrajectoryRecorder, said: Said, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        recorder_node, "_topic", lambda name, kind, _: Topic(name, kind, qos=(OfferedQos(),))
+    )
+    for name in ("odom", "imu"):
+        node.create_publisher(String, name, 10)
+        publishers = node.get_publishers_info_by_topic(name)
+        for _ in range(2):
+            node._subscribe(f"/{name}", publishers)
+    assert [line.partition(" ")[0] for line in said.lines] == ["/odom", "/imu"]
+
+
+def test_losses_are_counted_again_when_a_publisher_has_left(node: TrajectoryRecorder) -> None:
+    first, second = (node.create_publisher(String, "odom", 10) for _ in range(2))
+
+    def wait(number: int) -> None:
+        deadline = time.monotonic() + 20
+        while len(node.get_publishers_info_by_topic("/odom")) != number:
+            assert time.monotonic() < deadline
+            rclpy.spin_once(node, timeout_sec=0.02)
+        node._discover()
+
+    wait(2)
+    source = node.recording.topics["/odom"]
+    source.received(b"", 900)
+    node.destroy_publisher(first)
+    wait(1)
+    for sequence in (3, 9):
+        source.received(b"", sequence)
+    assert source.lost == 5
+    node.destroy_publisher(second)
 
 
 @pytest.mark.parametrize(

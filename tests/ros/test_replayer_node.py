@@ -40,6 +40,7 @@ def bag(tmp_path: Path) -> Path:
         odom = writer.add_topic(Topic.of_type("/odom", TYPE))
         writer.add_topic(Topic.of_type("/imu", TYPE, qos=sensor))
         writer.add_topic(Topic("/foreign", "no_such_msgs/msg/Thing"))
+        writer.add_topic(Topic("/json", TYPE, encoding="json"))
         for i in range(100):
             data = jazzy().serialize_cdr(jazzy().types[TYPE](data=str(i)), TYPE)
             writer.write(odom if i else plan, 1000 * 10**9 + i * 10**7, bytes(data))
@@ -112,7 +113,9 @@ def test_play_pause_step_clock_and_end(  # type: ignore[no-untyped-def]
     r.wait(lambda: heard[-1] == "99")
     assert heard == [str(i) for i in range(1, 100)]
     assert r.process.returncode == 0
-    assert "/foreign is not played" in r.errors()
+    errors = r.errors()
+    assert "/foreign is not played" in errors
+    assert "/json is not played: its messages are not CDR" in errors
     assert clock == sorted(clock)
     assert 1000.0 <= clock[0] <= clock[-1] <= 1000.99
 

@@ -116,6 +116,32 @@ def test_loop_begins_again(bag: BagReader) -> None:
     assert played[:32] == played[32:64]
 
 
+@pytest.mark.parametrize("start", [0.0, 0.1])
+def test_a_loop_of_one_message_does_not_flood(bag: BagReader, start: float) -> None:
+    played: list[RecordedMessage] = []
+    player = Player(bag, ["/plan"], start=start, loop=True)
+    thread = Thread(target=player.run, args=(played.append, lambda _: None))
+    begin = time.monotonic()
+    thread.start()
+    until(lambda: len(played) >= 5)
+    took = time.monotonic() - begin
+    player.stop()
+    thread.join()
+    assert took >= 0.04
+
+
+def test_a_player_stops_also_while_it_skips(bag: BagReader) -> None:
+    played: list[RecordedMessage] = []
+
+    def publish(message: RecordedMessage) -> None:
+        played.append(message)
+        player.stop()
+
+    player = Player(bag, ["/plan", "/odom"], start=1.0, loop=True)
+    player.run(publish, lambda _: None)
+    assert [m.topic for m in played] == ["/plan"]
+
+
 def test_topics_that_were_written_one_after_the_other_play_by_stamp(tmp_path: Path) -> None:
     """As a recorder that is behind writes them, over several chunks and files."""
     with BagWriter(tmp_path / "bag", chunk_size=200, split_duration=0.1) as writer:

@@ -12,7 +12,7 @@ from tricycle_core.diagnostics import Level
 from tricycle_core.errors import BagError
 
 TYPE = "std_msgs/msg/String"
-LATCHED = (OfferedQos(durability="transient_local"),)
+LATCHED = (OfferedQos(durability="transient_local", depth=1),)
 ONE = (OfferedQos(),)
 PATTERNS = ["/odom", "/maneuver/*"]
 
@@ -308,6 +308,22 @@ def test_a_split_begins_a_file_that_can_be_used_alone(recording: Recording, tmp_
     assert contents(first) == [("/maneuver/path", 1, b"plan")]
     assert contents(second) == [("/maneuver/path", 2, b"plan")]
     assert contents(third) == [("/maneuver/path", 2, b"plan"), ("/odom", 3, b"x")]
+
+
+def test_a_split_repeats_the_messages_of_publishers_that_came_later(
+    recording: Recording, tmp_path: Path
+) -> None:
+    recording.offer(topic("/tf_static", LATCHED))
+    bag = recording.start(str(tmp_path / "bag"), 0)
+    static = recording.offer(topic("/tf_static", LATCHED * 3))
+    for data in (b"A", b"B", b"C"):
+        recording.write(static, data, 1)
+    recording.split(2)
+    recording.stop()
+    second = bag / "bag_1.mcap"
+    assert contents(second) == [("/tf_static", 2, data) for data in (b"A", b"B", b"C")]
+    with BagReader(second) as reader:
+        assert len(reader.topics["/tf_static"].qos) == 3
 
 
 @pytest.mark.parametrize("harm", ["deleted", "cut"])

@@ -76,6 +76,16 @@ def test_a_namespace_has_its_own_clock_diagnostics_transforms_and_ports():
     assert set(ports(alone).values()).isdisjoint(ports(second).values())
 
 
+def test_quality_of_service_of_the_parameter_file_holds_in_a_namespace():
+    (driver,) = (
+        node["parameters"]
+        for node in launched_nodes("simulation.launch.py", namespace="second")
+        if node["executable"] == "maneuver_driver"
+    )
+    odom = "qos_overrides./second/odom.subscription"  # a parameter has the topic's full name
+    assert (driver[f"{odom}.reliability"], driver[f"{odom}.depth"]) == ("reliable", 1)
+
+
 @pytest.mark.parametrize("file", ["simulation.launch.py", "vehicle.launch.py"])
 def test_the_model_is_published_where_robot_state_publisher_is_installed(file):
     nodes = launched_nodes(file, installed=["robot_state_publisher"])

@@ -75,9 +75,14 @@ class Player:
             Called with recorded time [ns], every CLOCK_PERIOD of it.
         """
         while True:
+            begun = time.monotonic()
             self._play_once(publish, tick)
             if self._stopped or not (self._loop or self._sought):
                 return
+            # a pass of one message, or of none, lasts no time
+            left = begun + CLOCK_PERIOD * 1e-9 / (self._rate or 1.0) - time.monotonic()
+            with self._changed:
+                self._changed.wait_for(lambda: self._stopped or self._sought, max(left, 0.0))
 
     def pause(self) -> None:
         """Hold before the next message."""
@@ -133,6 +138,8 @@ class Player:
             start = self._start
         begin = next_tick = None
         for message in self._bag.messages_by_stamp(self._topics):
+            if self._stopped or self._sought:
+                return
             stamp = message.stamp
             if begin is None:
                 begin = stamp + start

@@ -35,6 +35,7 @@ DISCOVERY_PERIOD = 0.1  # s
 FLUSH_PERIOD = 0.5  # s; a killed recorder loses what came since the last flush
 DIAGNOSTICS_PERIOD = 1.0  # s
 DRAIN = 1000  # messages taken in one callback, so that services are answered in a flood
+UNNUMBERED = 2**64 - 1  # number of a message where the middleware has none
 CLOCK_DEPTH = 10_000  # ticks that wait for the next message
 TOPICS = [
     *("maneuver/*", "identification/*", "vehicle/*", "odom", "imu"),
@@ -95,6 +96,8 @@ class TrajectoryRecorder(Node):
             self._on_failure,
         )
         self._subscriptions_of: dict[str, Subscription] = {}
+        self._undefined: set[str] = set()  # topics without a definition that were warned of
+        self._numbered = True  # whether the middleware numbers messages, as far as is known
         self._seen: dict[str, set[bytes]] = {}  # topic -> ids of the publishers it had last
         self._diagnostics = self.create_publisher(
             DiagnosticArray, "/diagnostics", **overridable(10)
@@ -182,13 +185,17 @@ class TrajectoryRecorder(Node):
         return self.recording.snapshot(self.get_parameter("output").value)
 
     def destroy_node(self) -> None:
-        """Close the bag, then the node."""
+        """Close the bag, then the node; end the process with status 1 if the bag lacks its end."""
+        failed = False
         with suppress(BagError):
             try:
                 self.stop()
             except OSError as error:
+                failed = True
                 self.get_logger().error(f"the bag is not complete: {message_of(error)}")
         super().destroy_node()
+        if failed:
+            raise SystemExit(1)
 
     def _serve(
         self, action: Callable[[], Path | str], _: Trigger.Request, response: Trigger.Response
@@ -210,6 +217,10 @@ class TrajectoryRecorder(Node):
             seen = self._seen.get(name, set())
             if gids - seen or (gids != seen and gids and name in self.recording.refused):
                 self._subscribe(name, publishers)
+            elif gids != seen and name in self._subscriptions_of:
+                source = self.recording.topics[name]
+                self._drain(source, self._subscriptions_of[name], self._depth)
+                source.left(len(gids))
             self._seen[name] = gids
 
     def _subscribe(self, name: str, publishers: list[TopicEndpointInfo]) -> None:
@@ -227,11 +238,11 @@ class TrajectoryRecorder(Node):
             self._refuse(name, str(error))
             return
         self.recording.refused.pop(name, None)
-        if not topic.definition:
+        if not topic.definition and name not in self._undefined:
+            self._undefined.add(name)
             self.get_logger().warning(
                 f"{name} is recorded without the definition of its type {types[0]}, for which no "
-                ".msg file of plain fields was found: readers need the type installed",
-                once=True,
+                ".msg file of plain fields was found: readers need the type installed"
             )
         reliable = all(qos.reliability == "reliable" for qos in topic.qos)
         profile = QoSProfile(
@@ -282,15 +293,23 @@ class TrajectoryRecorder(Node):
 
     def _take(self, source: TopicSource, data: bytes, info: dict[str, int]) -> None:
         stamp = self._stamp(info["received_timestamp"])
-        source.received(data, info["publication_sequence_number"])
+        sequence = info["publication_sequence_number"]
+        if sequence == UNNUMBERED and self._numbered:
+            self._numbered = False
+            self.get_logger().warning(
+                "lost messages are not counted: the middleware (RMW_IMPLEMENTATION) numbers none"
+            )
+        source.received(data, sequence)
         if stamp is not None:
             self.recording.write(source, data, stamp)
 
     def _stamp(self, received: int) -> int | None:
         """Return ROS time of receipt, ns; None before the first tick of a simulated clock.
 
-        With the first tick the latched messages of before it are written.
+        With the first tick the latched messages of before it are written. Where the middleware has
+        no time of arrival (0), it is that of handling.
         """
+        received = received or time.time_ns()
         if self._ticks is None:
             return received
         with self._ticks.handle:
@@ -300,7 +319,8 @@ class TrajectoryRecorder(Node):
                     break
                 message, info = taken
                 if message.clock.sec >= 0:
-                    self._receipts.tick(info["received_timestamp"], nanoseconds_of(message.clock))
+                    arrived = info["received_timestamp"] or time.time_ns()
+                    self._receipts.tick(arrived, nanoseconds_of(message.clock))
         stamp = self._receipts.at(received)
         if not self._timed and stamp is not None:
             self._timed = True

@@ -95,6 +95,7 @@ class TopicSource:
         self.topic = topic
         self.id = 0  # in the bag being written
         self.lost = 0  # messages
+        self._publishers = 0
         self._sequence = 0  # last one received
         self.latched: deque[bytes] = deque()
         self.offered(topic)
@@ -102,9 +103,21 @@ class TopicSource:
     def offered(self, topic: Topic) -> None:
         """Take note of how the topic is offered from now on."""
         self.topic = topic
-        self._sequence = 0
-        # The middleware does not say how many messages a publisher latches; nearly all latch one.
+        self.left(len(topic.qos))
+        # The middleware says neither how many messages a publisher latches (nearly all one), nor
+        # of which publisher a message is.
         self.latched = deque(self.latched, maxlen=len(topic.qos) if topic.latched else 0)
+
+    def left(self, publishers: int) -> None:
+        """Take note of how many publishers are left: the numbers of one alone tell losses.
+
+        Parameters
+        ----------
+        publishers : int
+            Number of them.
+        """
+        self._publishers = publishers
+        self._sequence = 0
 
     def received(self, data: bytes, sequence: int) -> None:
         """Keep a latched message, and count those that are missing before it.
@@ -120,7 +133,7 @@ class TopicSource:
             Number by its publisher.
         """
         self.latched.append(data)
-        if len(self.topic.qos) == 1 and not self.topic.latched and 0 < self._sequence < sequence:
+        if self._publishers == 1 and not self.topic.latched and 0 < self._sequence < sequence:
             self.lost += sequence - self._sequence - 1
         self._sequence = sequence
 
@@ -310,7 +323,11 @@ class Recording:
         bag = self._recorded()
         self._bag = None
         self._note_lost(bag)
-        bag.close()
+        try:
+            bag.close()
+        except OSError as error:
+            bag.fail(f"{bag.path}: {error.strerror or error}")
+            raise
         for source in self.topics.values():
             source.lost = 0
         return bag.path
@@ -346,6 +363,8 @@ class Recording:
         source = self.topics.get(topic.name)
         if source is not None:
             source.offered(topic)
+            if self._bag is not None:
+                self._bag.offered(source.id, topic)
             return source
         source = self.topics[topic.name] = TopicSource(topic)
         if self._bag is not None:

@@ -98,6 +98,9 @@ class BagReplayer(Node):
 
     def _create(self, name: str) -> None:
         topic = self._bag.topics[name]
+        if topic.encoding != "cdr":
+            self.get_logger().warning(f"{name} is not played: its messages are not CDR")
+            return
         try:
             kind = message_class(topic.type)
         except BagError as error:

@@ -24,6 +24,8 @@ from lifecycle_msgs.msg import Transition
 
 from tricycle_bringup.configuration import bridge_parameters, driver_parameters
 from tricycle_bringup.urdf import tricycle_urdf
+from tricycle_core.documents import parse_yaml
+from tricycle_core.errors import NodeError
 from tricycle_core.start import ending_with_parent
 from tricycle_sim.vehicle import load_vehicle
 
@@ -156,7 +158,7 @@ class VehicleNodes:
             Further arguments of `Node`.
         """
         return Node(
-            parameters=[self.config, *parameters],
+            parameters=[self.config, *self._overrides(executable), *parameters],
             **self._common(package, executable),
             **more,
         )
@@ -202,6 +204,20 @@ class VehicleNodes:
             *monitors,
             *self._state_publisher(),
         ]
+
+    def _overrides(self, executable: str) -> list[Parameters]:
+        """Quality of service in the parameter file, by the names of topics in the namespace."""
+        if not self.namespace:
+            return []
+        nodes = parse_yaml(Path(self.config).read_bytes(), self.config, NodeError)
+        own = nodes.get(f"/**/{executable}", {}).get("ros__parameters", {})
+        found: Parameters = {
+            f"qos_overrides./{self.namespace}{topic}.{end}.{policy}": value
+            for topic, ends in own.get("qos_overrides", {}).items()
+            for end, policies in ends.items()
+            for policy, value in policies.items()
+        }
+        return [found] if found else []
 
     def _common(self, package: str, executable: str) -> dict[str, object]:
         """Arguments of every node; without SROS2 its enclave does nothing."""

@@ -236,7 +236,7 @@ def run_node(factory: Callable[[], Node]) -> None:
     Exits with status 2 and one logged line where the arguments are wrong, or constructing the node
     raises what a user's mistake raises: ValueError, OSError, a parameter of the wrong type or out
     of range. Warns of given parameters that the node does not have. A callback may end the process
-    by raising SystemExit.
+    by raising SystemExit, and `destroy_node` may set its status so.
 
     Parameters
     ----------
@@ -280,12 +280,19 @@ def run_node(factory: Callable[[], Node]) -> None:
     finally:
         if executor is not None:
             executor.shutdown()
+        ending: SystemExit | None = None  # of a node that could not end well
         if node is not None:
-            with contextlib.suppress(KeyboardInterrupt):
+            try:
                 node.destroy_node()
+            except KeyboardInterrupt:
+                pass
+            except SystemExit as error:
+                ending = error
         # from Kilted on this destroys nodes, one whose construction failed too
         with contextlib.suppress(AttributeError) if node is None else contextlib.nullcontext():
             rclpy.try_shutdown()
         # Ctrl-C comes twice from `ros2 launch`; Python gives up its handlers before it has ended
         for number in ends:
             signal.signal(number, signal.SIG_IGN)
+        if ending is not None:
+            raise ending

@@ -3,11 +3,14 @@
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from trajectory_recorder.bag.conversion import convert
 from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.recovery import recover
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter
 from tricycle_core.errors import BagError
@@ -51,6 +54,43 @@ def test_several_bags_become_one_by_their_stamps(tmp_path: Path) -> None:
         assert reader.metadata == {"first": "x", "second": "x"}
         assert reader.topics["/odom"].count == 6
         assert reader.span == (0, 5 * S)
+
+
+def test_messages_and_definitions_keep_their_encodings(tmp_path: Path) -> None:
+    with (tmp_path / "foreign.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        for encoding, kind, definition in (
+            ("json", "jsonschema", b'{"type": "object"}'),
+            ("protobuf", "protobuf", b"\x0a\xff\xfe"),
+            ("cdr", "ros2idl", b"module std_msgs {};"),
+        ):
+            schema = writer.register_schema("foxglove.Pose", kind, definition)
+            channel = writer.register_channel(f"/{encoding}", encoding, schema)
+            writer.add_message(channel, 10, b"{}", 10)
+        writer.finish()
+    convert([tmp_path / "foreign.mcap"], tmp_path / "new")
+    recover(tmp_path / "foreign.mcap", tmp_path / "recovered")
+    for name in ("new", "recovered"):
+        with (tmp_path / name / f"{name}_0.mcap").open("rb") as stream:
+            found = {
+                (channel.topic, channel.message_encoding, schema.encoding, schema.data)
+                for schema, channel, _ in make_reader(stream).iter_messages()
+                if schema is not None
+            }
+        assert found == {
+            ("/json", "json", "jsonschema", b'{"type": "object"}'),
+            ("/protobuf", "protobuf", "protobuf", b"\x0a\xff\xfe"),
+            ("/cdr", "cdr", "ros2idl", b"module std_msgs {};"),
+        }
+
+
+def test_a_topic_with_two_encodings_is_refused(tmp_path: Path) -> None:
+    for name, encoding in (("a", "cdr"), ("b", "json")):
+        with BagWriter(tmp_path / name) as writer:
+            writer.write(writer.add_topic(Topic("/x", STRING, encoding=encoding)), 1, b"{}")
+    with pytest.raises(BagError, match="/x has two encodings, cdr and json"):
+        convert([tmp_path / "a", tmp_path / "b"], tmp_path / "both")
 
 
 def test_what_cannot_be_written_leaves_no_bag(tmp_path: Path) -> None:

@@ -110,6 +110,18 @@ def test_every_flush_leaves_a_complete_bag(tmp_path: Path) -> None:
     assert read_with_rosbags(tmp_path / "bag") == expected
 
 
+def test_latched_messages_above_the_split_size_do_not_begin_a_file_each(tmp_path: Path) -> None:
+    with BagWriter(
+        tmp_path / "bag", split_size=1000, chunk_size=100, compression=Compression.NONE
+    ) as bag:
+        plan, other = bag.add_topic(chatter("/plan", LATCHED)), bag.add_topic(chatter())
+        bag.write(plan, 0, string("x" * 2000))
+        bag.flush()
+        for stamp in range(1, 51):
+            bag.write(other, stamp, string("short"))
+    assert 2 < len(list((tmp_path / "bag").glob("*.mcap"))) < 8
+
+
 @pytest.mark.slow
 def test_split_by_size_repeats_latched_topics_in_every_file(tmp_path: Path) -> None:
     with BagWriter(

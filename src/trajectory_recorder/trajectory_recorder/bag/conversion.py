@@ -62,8 +62,7 @@ def convert(
                 if topics is not None and name not in topics:
                     continue
                 known = found.setdefault(name, topic)
-                if known.type != topic.type:
-                    raise BagError(f"{name} has two types, {known.type} and {topic.type}")
+                known.check_same(topic)
                 if known is not topic:
                     found[name] = replace(known, count=known.count + topic.count)
         spans = [reader.span for reader in readers if reader.span is not None]

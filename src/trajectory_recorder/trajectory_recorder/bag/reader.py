@@ -181,10 +181,10 @@ class BagReader(Closing):
                 self.metadata |= storage.metadata
                 for topic in storage.topics:
                     known = self.topics.get(topic.name, replace(topic, count=0))
-                    if known.type != topic.type:
-                        raise BagError(
-                            f"{path}: {topic.name} has two types, {known.type} and {topic.type}"
-                        )
+                    try:
+                        known.check_same(topic)
+                    except BagError as error:
+                        raise BagError(f"{path}: {error}") from error
                     self.topics[topic.name] = replace(known, count=known.count + topic.count)
             if not self.topics:
                 raise BagError(f"{path} is an empty bag: no topic was recorded")
@@ -429,10 +429,12 @@ class _McapFile:
                 Topic(
                     name=channel.topic,
                     type=schema.name if schema else "",
-                    definition=schema.data.decode(errors="replace") if schema else "",
+                    definition=schema.data.decode(errors="surrogateescape") if schema else "",
                     type_hash=channel.metadata.get("topic_type_hash", ""),
                     qos=parse_profiles(channel.metadata.get("offered_qos_profiles", "")),
                     count=self._counts[channel.id],
+                    encoding=channel.message_encoding,
+                    definition_encoding=schema.encoding if schema and schema.data else "ros2msg",
                 )
             )
         return topics
@@ -642,16 +644,16 @@ def _rosbags_topic(connection: "Connection") -> Topic:
     texts = (connection.topic, connection.msgtype, connection.digest)
     if not isinstance(connection.msgcount, int) or not all(isinstance(t, str) for t in texts):
         raise BagError("its topics need a name, a type and a message count")
+    ext = cast("ConnectionExtRosbag2", connection.ext)
     return Topic(
         name=connection.topic,
         type=connection.msgtype,
         definition=connection.msgdef.data,
         type_hash=connection.digest,
-        qos=tuple(
-            OfferedQos.of_connection(qos)
-            for qos in cast("ConnectionExtRosbag2", connection.ext).offered_qos_profiles
-        ),
+        qos=tuple(map(OfferedQos.of_connection, ext.offered_qos_profiles)),
         count=connection.msgcount,
+        encoding=ext.serialization_format,
+        definition_encoding="ros2idl" if connection.msgdef.format.name == "IDL" else "ros2msg",
     )
 
 

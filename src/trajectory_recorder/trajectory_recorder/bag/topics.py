@@ -163,13 +163,18 @@ class Topic:
     type : str
         ``nav_msgs/msg/Odometry``.
     definition : str
-        In ``.msg`` syntax with its dependencies; empty if unknown.
+        In ``.msg`` syntax with its dependencies; empty if unknown. Bytes of a binary definition
+        that are no text are surrogates (`surrogateescape`).
     type_hash : str
         ``RIHS01_...``; empty if unknown.
     qos : tuple of OfferedQos
         One per publisher when recording began.
     count : int
         Messages in the bag.
+    encoding : str
+        Of the messages; other ones than CDR are copied, but not decoded.
+    definition_encoding : str
+        Of the definition, as MCAP names it: ``ros2msg``, ``ros2idl``, ``jsonschema``, ...
     """
 
     name: str
@@ -178,6 +183,26 @@ class Topic:
     type_hash: str = ""
     qos: tuple[OfferedQos, ...] = ()
     count: int = 0
+    encoding: str = "cdr"
+    definition_encoding: str = "ros2msg"
+
+    def check_same(self, other: Topic) -> None:
+        """Refuse a topic of this name with messages of another kind.
+
+        Parameters
+        ----------
+        other : Topic
+            Of the same name.
+
+        Raises
+        ------
+        BagError
+            If type or encoding differ.
+        """
+        if self.type != other.type:
+            raise BagError(f"{self.name} has two types, {self.type} and {other.type}")
+        if self.encoding != other.encoding:
+            raise BagError(f"{self.name} has two encodings, {self.encoding} and {other.encoding}")
 
     @property
     def latched(self) -> bool:

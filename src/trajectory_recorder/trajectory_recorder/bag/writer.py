@@ -116,7 +116,8 @@ class BagWriter(Closing):
     chunk_size : int
         Size of a chunk before compression [bytes].
     split_size : int
-        Size after which the next file is begun [bytes]; 0 for never.
+        Size after which the next file is begun, without the repeated messages at its beginning
+        [bytes]; 0 for never.
     split_duration : float
         Time between stamps after which the next file is begun [s]; 0 for never.
     metadata : mapping of str to str, optional
@@ -157,6 +158,7 @@ class BagWriter(Closing):
         self._chunks = _Chunk(), _Chunk()  # of topics with small and with large messages
         self._large: set[int] = set()  # ids of topics that have had a large one
         self._begun: int | None = None  # first stamp of the present file
+        self._repeated = 0  # bytes at its beginning that are repeated messages
         self._information: dict[str, Any] = {}  # in metadata.yaml
         try:
             self._files = [_OutputFile(self._next_path(0))]
@@ -174,11 +176,25 @@ class BagWriter(Closing):
         """Begin a topic; return its id for `write`."""
         self._topics.append(topic)
         topic_id = len(self._topics)
-        if topic.latched:
-            depth = sum(max(qos.depth, 1) for qos in topic.qos)
-            self._latched[topic_id] = deque(maxlen=depth)
+        self.offered(topic_id, topic)
         self._files[-1].add_channel(topic_id, topic)
         return topic_id
+
+    def offered(self, topic_id: int, topic: Topic) -> None:
+        """Take note of how a topic is offered from now on, by more publishers for example.
+
+        Parameters
+        ----------
+        topic_id : int
+            From `add_topic`.
+        topic : Topic
+            Of the same name and type.
+        """
+        self._topics[topic_id - 1] = topic
+        latched = self._latched.pop(topic_id, ())
+        if topic.latched:
+            depth = sum(max(qos.depth, 1) for qos in topic.qos)
+            self._latched[topic_id] = deque(latched, maxlen=depth)
 
     def write(self, topic_id: int, stamp: int, data: bytes) -> None:
         """Append a message.
@@ -277,7 +293,8 @@ class BagWriter(Closing):
 
     def _split_due(self, stamp: int) -> bool:
         file = self._files[-1]
-        return (0 < self._split_size <= file.size and file.messages > 0) or (
+        size = file.size - self._repeated
+        return (0 < self._split_size <= size and file.messages > 0) or (
             0 < self._split_duration <= (0 if self._begun is None else stamp - self._begun)
         )
 
@@ -291,6 +308,7 @@ class BagWriter(Closing):
             for data in last:
                 self._append(topic_id, stamp, data)
         self.flush()
+        self._repeated = self._files[-1].size
 
     def _write_metadata(self) -> None:
         files = [file for file in self._files if file.messages]
@@ -306,7 +324,7 @@ class BagWriter(Closing):
                     "topic_metadata": {
                         "name": topic.name,
                         "type": topic.type,
-                        "serialization_format": "cdr",
+                        "serialization_format": topic.encoding,
                         "offered_qos_profiles": [qos.to_yaml() for qos in topic.qos],
                         "type_description_hash": topic.type_hash,
                     },
@@ -363,7 +381,8 @@ class _OutputFile:
         self.end = 0
         self.counts: dict[int, int] = {}  # channel id -> messages
         self.closed = False
-        self._schemas: dict[str, Schema] = {}  # by type name
+        # by name, encoding and text of the type
+        self._schemas: dict[tuple[str, str, str], Schema] = {}
         self._channels: list[Channel] = []
         self._chunks = 0
         self._chunk_indexes = bytearray()  # encoded: there may be many, and each tail has them all
@@ -391,21 +410,22 @@ class _OutputFile:
 
     def add_channel(self, channel_id: int, topic: Topic) -> None:
         """Add the schema, when it is new, and the channel of a topic."""
-        schema = self._schemas.get(topic.type)
+        key = (topic.type, topic.definition_encoding, topic.definition)
+        schema = self._schemas.get(key)
         if schema is None:
             schema = Schema(
                 id=len(self._schemas) + 1,
                 name=topic.type,
-                encoding="ros2msg" if topic.definition else "",
-                data=topic.definition.encode(),
+                encoding=topic.definition_encoding if topic.definition else "",
+                data=topic.definition.encode(errors="surrogateescape"),
             )
-            self._schemas[topic.type] = schema
+            self._schemas[key] = schema
             self._add(serialize(schema))
         channel = Channel(
             id=channel_id,
             schema_id=schema.id,
             topic=topic.name,
-            message_encoding="cdr",
+            message_encoding=topic.encoding,
             metadata={
                 "offered_qos_profiles": dump_yaml([qos.to_yaml() for qos in topic.qos]),
                 "topic_type_hash": topic.type_hash,
