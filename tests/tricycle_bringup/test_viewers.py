@@ -7,8 +7,8 @@ import pytest
 import yaml
 
 import tricycle_bringup
-from excitation_planner.playback import FRAME
 from trajectory_recorder.bag.topics import jazzy
+from tricycle_core.frames import MANEUVER
 from tricycle_core.joints import JOINTS
 
 SHARE = Path(tricycle_bringup.__file__).parents[1]
@@ -26,7 +26,7 @@ def test_rviz_shows_topics_of_the_suite_in_the_frame_of_the_maneuver():
     manager = yaml.safe_load((SHARE / "rviz" / "tricycle.rviz").read_text())[
         "Visualization Manager"
     ]
-    assert manager["Global Options"]["Fixed Frame"] == FRAME
+    assert manager["Global Options"]["Fixed Frame"] == MANEUVER
     topics = {
         display[key]["Value"]: display["Class"].rsplit("/", 1)[1]
         for display in manager["Displays"]

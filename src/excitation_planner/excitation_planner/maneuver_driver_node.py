@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory, MultiDOFJointTrajectory
 
 from excitation_planner.localisation import PlanarState
-from excitation_planner.playback import FRAME, Playback
+from excitation_planner.playback import Playback
 from excitation_planner.preflight import RECORDER, Check, Report, clock, commanders, recording
 from excitation_planner.schedule import MAX_ROWS, Schedule
 from excitation_planner.vehicle_watch import CLOCK_TOLERANCE, VehicleWatch
@@ -34,6 +34,7 @@ from excitation_planner.way_back.route import RouteRequest, find_route
 from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import LinkError, PlanError
+from tricycle_core.frames import MANEUVER
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
@@ -465,7 +466,7 @@ class ManeuverDriver(Node):
         orientation.z, orientation.w = math.sin(origin.yaw / 2), math.cos(origin.yaw / 2)
         self._start.publish(pose)
         if self._static is not None:
-            transform = TransformStamped(header=pose.header, child_frame_id=FRAME)
+            transform = TransformStamped(header=pose.header, child_frame_id=MANEUVER)
             translation = transform.transform.translation
             translation.x, translation.y = origin.x, origin.y
             transform.transform.rotation = orientation

@@ -17,19 +17,16 @@ from trajectory_msgs.msg import (
 
 from excitation_planner.area.fence import Fence
 from excitation_planner.plan import Plan
-from excitation_planner.playback import FRAME
+from tricycle_core.frames import BASE_LINK, MANEUVER
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED, overridable, time_message
 from tricycle_core.quantities import FloatArray
 from tricycle_core.stamps import split_seconds
 
-BODY = "base_link"
-"""Frame of the vehicle."""
-
 
 def _pose(x: float, y: float, yaw: float, time: float) -> PoseStamped:
     pose = PoseStamped()
-    pose.header.frame_id = FRAME
+    pose.header.frame_id = MANEUVER
     pose.header.stamp = time_message(time)
     pose.pose.position.x, pose.pose.position.y = x, y
     pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
@@ -88,7 +85,7 @@ class PlanPublisher:
         """Publish path, reference and area, then the commands that make them current."""
         path, reference = Path(), Path()
         commands = JointTrajectory(joint_names=list(JOINTS))
-        path.header.frame_id = reference.header.frame_id = FRAME
+        path.header.frame_id = reference.header.frame_id = MANEUVER
         commands.header.frame_id = plan.id
         stamp = self._clock.now().to_msg()
         path.header.stamp = reference.header.stamp = commands.header.stamp = stamp
@@ -107,7 +104,7 @@ class PlanPublisher:
             commands.points.append(point)
         if plan.lead_in > 0.0:
             lead_in = Path()
-            lead_in.header.frame_id, lead_in.header.stamp = FRAME, stamp
+            lead_in.header.frame_id, lead_in.header.stamp = MANEUVER, stamp
             end = float(r.x[r.time <= plan.lead_in][-1])
             lead_in.poses = [_pose(0.0, 0.0, 0.0, 0.0), _pose(end, 0.0, 0.0, plan.lead_in)]
             self._lead_in.publish(lead_in)
@@ -123,10 +120,10 @@ class PlanPublisher:
             ground.header.frame_id = fence.frame
             footprint = _polygon(fence.footprint)
             start = _pose(*fence.start, 0.0)
-            twist = MultiDOFJointTrajectory(joint_names=[BODY])
+            twist = MultiDOFJointTrajectory(joint_names=[BASE_LINK])
             twist.points = list(map(_unit_twist, fence.curvature.tolist(), time.tolist()))
             start.header.frame_id = fence.frame
-            footprint.header.frame_id = twist.header.frame_id = BODY
+            footprint.header.frame_id = twist.header.frame_id = BASE_LINK
             footprint.header.stamp = start.header.stamp = twist.header.stamp = stamp
             self._footprint.publish(footprint)
             self._planned_start.publish(start)

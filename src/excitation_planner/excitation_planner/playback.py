@@ -32,9 +32,6 @@ from tricycle_core.maneuver_state import PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import Readiness
 
-FRAME = "maneuver"
-"""Frame of a maneuver's path and reference: its origin is the pose of the start."""
-
 STALL = 0.1
 """Time without a command [s] after which a run is not the planned one; the boards hold the last."""
 

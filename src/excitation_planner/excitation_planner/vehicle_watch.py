@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from excitation_planner.localisation import PlanarState
+from tricycle_core.frames import BASE_LINK
 from tricycle_core.readiness import PERIOD, TOPIC, Readiness
 
 STANDSTILL_SPEED = 0.05
@@ -165,8 +166,8 @@ class VehicleWatch:
             return f"no pose on odom for {silence:.2f} s"
         if not self.observed.finite:
             return "the pose on odom is not finite, or its orientation is no unit quaternion"
-        if self.observed.body.lstrip("/") not in ("", "base_link"):
-            return f"odom has the pose of {self.observed.body}: that of base_link is needed"
+        if self.observed.body.lstrip("/") not in ("", BASE_LINK):
+            return f"odom has the pose of {self.observed.body}: that of {BASE_LINK} is needed"
         if age < -self.clock_tolerance:
             return f"odom is stamped {-age:.2f} s ahead of the clock: synchronise the clocks"
         if age > self.odom_timeout:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+from tricycle_core.frames import BASE_LINK
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_sim.vehicle import Vehicle, load_vehicle
 from tricycle_sim.vehicle.kinematics import king_pin_angles
@@ -46,7 +47,7 @@ def tricycle_urdf(vehicle: Vehicle) -> str:
     middle = 0.5 * (pairs[0][0][1] + pairs[0][1][1])
     height = by_axle["front"][0][2]
 
-    base = SubElement(robot, "link", name="base_link")
+    base = SubElement(robot, "link", name=BASE_LINK)
     bar = min(BAR, 0.05 * vehicle.wheelbase)
     _box(base, (front - rear, bar, bar), (0.5 * (front + rear), middle, height))
     for (x, y, z), (_, other_y, _) in pairs:
@@ -95,7 +96,7 @@ def _joint(
 ) -> Element:
     """Joint `<child>_joint` of `base_link`."""
     joint = SubElement(robot, "joint", name=f"{child}_joint", type=kind)
-    SubElement(joint, "parent", link="base_link")
+    SubElement(joint, "parent", link=BASE_LINK)
     SubElement(joint, "child", link=child)
     SubElement(joint, "origin", xyz=_text(*origin), rpy="0 0 0")
     SubElement(joint, "axis", xyz=_text(*axis))

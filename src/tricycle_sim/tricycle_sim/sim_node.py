@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 
 from tricycle_bridge.protocol.messages import Board
 from tricycle_core.errors import ExcitationError, LinkError, VehicleError
+from tricycle_core.frames import BASE_LINK, ODOM
 from tricycle_core.nodes import RECORDED, declare, overridable, run_node, time_message
 from tricycle_core.timing import TICK
 from tricycle_sim.plants import OWN
@@ -282,7 +283,7 @@ class TricycleSim(Node):
 
     def _measured_imu(self, state: LiveState, stamp: Time) -> Imu:
         message = Imu()
-        message.header.stamp, message.header.frame_id = stamp, "base_link"
+        message.header.stamp, message.header.frame_id = stamp, BASE_LINK
         rates = (state.roll_rate, state.pitch_rate, state.yaw_rate)
         noise = self._rng.standard_normal(6)
         rate, force = message.angular_velocity, message.linear_acceleration
@@ -320,8 +321,8 @@ def _numbers_by_name(pairs: list[str]) -> dict[str, float]:
 
 
 def _odometry(stamp: Time) -> Odometry:
-    message = Odometry(child_frame_id="base_link")
-    message.header.stamp, message.header.frame_id = stamp, "odom"
+    message = Odometry(child_frame_id=BASE_LINK)
+    message.header.stamp, message.header.frame_id = stamp, ODOM
     return message
 
 

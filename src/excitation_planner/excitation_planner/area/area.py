@@ -12,6 +12,7 @@ import numpy as np
 from excitation_planner.area.polygons import Rings, rings_of, signed_distance
 from tricycle_core.documents import decode, parse_yaml, read_bounded
 from tricycle_core.errors import PlanError
+from tricycle_core.frames import ODOM
 from tricycle_core.quantities import FloatArray
 
 MAX_BYTES = 1_000_000  # of an area file
@@ -78,7 +79,7 @@ class Area:
     keep_out: tuple[FloatArray, ...] = ()
     margin: float = 0.5
     start: StartRegion = StartRegion()
-    frame: str = "odom"
+    frame: str = ODOM
     datum: Span | None = None
 
     def __post_init__(self) -> None:

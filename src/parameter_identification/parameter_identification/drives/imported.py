@@ -26,6 +26,7 @@ from parameter_identification.drives.windows import MEASURED, recorded_commands
 from trajectory_recorder.bag.topics import OfferedQos, Topic, jazzy
 from trajectory_recorder.bag.writer import BagWriter, whole_or_none
 from tricycle_core.errors import IdentificationError
+from tricycle_core.frames import BASE_LINK, ODOM
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
@@ -239,7 +240,7 @@ def _message(kind: str, /, **entries: Any) -> Any:
     return jazzy().types[kind](**entries)
 
 
-def _header(stamp: int, frame: str = "odom") -> Any:
+def _header(stamp: int, frame: str = ODOM) -> Any:
     time = _message("builtin_interfaces/msg/Time", sec=stamp // SECOND, nanosec=stamp % SECOND)
     return _message("std_msgs/msg/Header", stamp=time, frame_id=frame)
 
@@ -266,7 +267,7 @@ def _odometry(stamp: int, x: float, y: float, heading: float | None) -> Any:
     return _message(
         KINDS["/odom"],
         header=_header(stamp),
-        child_frame_id="base_link",
+        child_frame_id=BASE_LINK,
         pose=_message("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=nothing),
         twist=_message("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=nothing),
     )
@@ -291,7 +292,7 @@ def _imu(stamp: int, rate: float, ahead: float, left: float) -> Any:
     force = (value if math.isfinite(value) else 0.0 for value in (ahead, left))
     return _message(
         KINDS["/imu"],
-        header=_header(stamp, "base_link"),
+        header=_header(stamp, BASE_LINK),
         orientation=_message("geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=0.0, w=1.0),
         orientation_covariance=unknown,
         angular_velocity=_vector(z=rate if turning else 0.0),

@@ -24,6 +24,7 @@ from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import deserialize
 from tricycle_core.errors import JudgeError
+from tricycle_core.frames import BASE_LINK
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
@@ -73,7 +74,7 @@ class TopicNames:
     diagnostics: str = "diagnostics"
     imu: str = "imu"
     joint_states: str = "joint_states"
-    child_frame: str = "base_link"
+    child_frame: str = BASE_LINK
     datum: Datum | None = None
 
 
