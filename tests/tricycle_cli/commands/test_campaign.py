@@ -6,8 +6,11 @@ from types import SimpleNamespace
 import pytest
 from rich.console import Console
 
+from tricycle_cli.campaign.cycle import Campaign
+from tricycle_cli.campaign.state_file import CampaignState, Step
 from tricycle_cli.commands.campaign import _identify
 from tricycle_cli.main import main
+from tricycle_core.errors import PlanError
 
 
 @pytest.mark.parametrize(
@@ -30,6 +33,32 @@ def test_a_mistake_is_one_line_and_leaves_nothing(line, message, capsys, tmp_pat
     assert main(["campaign", *line.split(), "--output", str(output)]) == 2
     assert message in capsys.readouterr().err
     assert not output.exists()
+
+
+def test_a_kept_bag_is_identified_by_the_names_given_before_any_node_is_needed(
+    monkeypatch, tmp_path, capsys
+):
+    def identify(campaign, **_):
+        raise PlanError(f"identified by {campaign.topics.pose}")
+
+    monkeypatch.setattr(Campaign, "identify", identify)
+    output = tmp_path / "campaign"
+    line = ["campaign", "--targets", "camber_stiffness", "--tolerance", "5%", "--vehicle-nodes"]
+    line += ["--output", str(output), "--pose", "/localization/odometry"]
+    with monkeypatch.context() as patch:  # begin it, and leave it at the first plan
+        patch.setattr("tricycle_cli.commands.campaign._session", no_session)
+        assert main(line) == 2
+    state = CampaignState.read(output / "campaign.json")
+    std = {"camber_stiffness": 1.0}
+    step = Step("camber_stiffness", "plans/01.json", "bags/01", "circle", {}, "id", 8.0, std, True)
+    CampaignState(state.settings, (step,), state.topics).write(output / "campaign.json")
+    (output / "bags/01").mkdir(parents=True)
+    assert main(line[:-2]) == 2
+    assert "identified by /localization/odometry" in capsys.readouterr().err
+
+
+def no_session(*_):
+    raise PlanError("no nodes")
 
 
 @pytest.mark.parametrize(("driven", "early"), [(14.54, False), (12.0, True)])
