@@ -439,6 +439,17 @@ def test_a_clock_that_jumps_back_aborts_and_makes_what_was_heard_unknown():
         playback.start(12.1)
 
 
+def test_a_clock_that_jumps_back_makes_the_button_unknown():
+    playback = ready(hold_timeout=0.2)
+    playback.hold(pressed=True, now=10.0)
+    playback.tick(10.0)
+    playback.tick(7.0)
+    playback.observe(AT_REST, 7.1, 7.1)
+    playback.hear(ARMED, 7.1)
+    with pytest.raises(PlanError, match="maneuver/hold is not pressed"):
+        playback.start(7.1)
+
+
 def test_a_small_step_back_of_the_clock_plays_the_first_row_again():
     assert running().tick(9.95) == JointCommand(0.1, 1.0)
 

@@ -126,18 +126,18 @@ def deliver(node, spin):
     """Send every nasty message to every subscription of a node, one after the other."""
     hearing = Hearing(node)
     sender = rclpy.create_node("sender")
-    deadline = time.monotonic() + PATIENCE
     sent = 0
     for topic, (kind, wanted) in subscribed(node).items():
         profile = QoSProfile(
             depth=1, durability=wanted.durability, reliability=ReliabilityPolicy.RELIABLE
         )
         publisher = sender.create_publisher(kind, topic, profile)
+        deadline = time.monotonic() + PATIENCE
         while not publisher.get_subscription_count():
             assert time.monotonic() < deadline, topic
             spin(0.01)
         for count, content in enumerate(nasty(kind)):
-            before = hearing.taken
+            before, deadline = hearing.taken, time.monotonic() + PATIENCE
             while hearing.taken == before:  # the first may come before it is known here
                 assert time.monotonic() < deadline, (topic, count)
                 publisher.publish(content)

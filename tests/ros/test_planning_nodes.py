@@ -220,6 +220,8 @@ def test_a_planning_under_way_is_cancelled(observer, start, tmp_path):
     assert observer.call("excitation_planner/plan").success
     assert observer.call("excitation_planner/cancel").success
     assert not (tmp_path / "b.json").exists()
+    assert observer.call("excitation_planner/cancel").message == "nothing is being planned"
+    assert observer.call("excitation_planner/plan").success  # refused while one is under way
 
 
 class Chain:
@@ -406,9 +408,12 @@ def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):
     observer.wait(lambda: len(ticks) > 200, "the clock")
     assert all((b - a) % 10_000_000 == 0 and b > a for a, b in pairwise(ticks))
     assert (tmp_path / "steer").is_char_device()
-    assert observer.call("tricycle_sim/reset").success
     observer.wait(lambda: truth, "the truth")
     assert abs(truth[0].pose.pose.position.x) < 1e-6
+    aside = SetParameters.Request(parameters=[Parameter("start_x", value=3.0).to_parameter_msg()])
+    assert observer.call("tricycle_sim/set_parameters", SetParameters, aside).results[0].successful
+    assert observer.call("tricycle_sim/reset").success
+    observer.wait(lambda: abs(truth[0].pose.pose.position.x - 3.0) < 1e-3, "the start pose")
 
 
 @pytest.mark.parametrize(

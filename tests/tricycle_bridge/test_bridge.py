@@ -121,6 +121,36 @@ def test_the_steering_is_told_that_the_vehicle_stands_still(driving):
     assert not driving.servo_on
 
 
+def test_the_steering_lets_go_only_after_a_while_at_rest(driving):
+    driving.bridge.stop("the operator's wish")
+    resting = 0  # ticks
+    while driving.servo_on:
+        driving.step()
+        resting += driving.measured[DRIVE].speed == 0.0
+        assert resting < 60
+    assert resting >= 25
+
+
+@pytest.mark.parametrize("fault", [Fault.OVERSPEED, Fault.STOP_TIMEOUT])
+def test_a_faulty_wheel_does_not_let_the_steering_go(driving, fault):
+    plc = driving.plcs[DRIVE]
+    plc.state = PlcState.FAULT
+    plc.faults |= fault
+    driving.step(500)
+    assert driving.measured[DRIVE].speed == 0.0
+    assert driving.servo_on
+
+
+def test_while_the_steering_holds_nothing_is_armed(driving):
+    driving.bridge.emergency_stop(driving.now)
+    driving.target = (0.2, 0.0)
+    driving.step(2)
+    assert driving.servo_on
+    accepted, reason = driving.arm()
+    assert not accepted
+    assert "still holds its angle" in reason
+
+
 @pytest.mark.parametrize("sensor", ["broken", "contradicted by odometry"])
 def test_a_wheel_that_is_not_trusted_does_not_let_the_steering_go(driving, sensor):
     driving.measured[DRIVE] = stuck = dataclasses.replace(driving.measured[DRIVE], speed=0.0)
@@ -312,7 +342,16 @@ def test_the_operators_estop_latches_until_the_next_arm(driving):
         assert plc.faults & Fault.ESTOP_HOST
     driving.target = (0.0, 0.0)
     driving.step(100)
+    assert [p.state for p in driving.plcs.values()] == [PlcState.ESTOP] * 2
     assert driving.arm() == (True, "armed")
+
+
+def test_an_estop_whose_operation_is_lost_comes_with_the_commands(driving):
+    for link in driving.bridge.links.values():
+        link.operate = lambda *_: None
+    driving.bridge.emergency_stop(driving.now)
+    driving.step(100)
+    assert [p.state for p in driving.plcs.values()] == [PlcState.ESTOP] * 2
 
 
 def test_disarm_takes_the_drive_away_at_once(driving):
@@ -383,7 +422,9 @@ def test_a_commander_at_1_khz_does_not_overload_the_line(vehicle):
 
 @pytest.mark.slow
 @settings(max_examples=50)
-@given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300))
+@given(
+    st.floats(-1e300, 1e300) | st.floats(-0.7, 0.7), st.floats(-1e300, 1e300) | st.floats(-4.8, 4.8)
+)
 def test_no_finite_command_breaks_or_exceeds_anything(new_vehicle, angle, speed):
     vehicle = new_vehicle()
     assert vehicle.arm()[0]

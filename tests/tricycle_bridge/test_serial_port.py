@@ -135,6 +135,7 @@ def test_unplugged_and_replugged_at_random_moments_it_comes_back_unarmed(host, p
     rng = random.Random(0)
     host.until(host.up, "both links")
     for _ in range(5):
+        host.arm()
         board = rng.choice((STEER, DRIVE))
         _replug(host, plc_pair, board, rng)
         assert not host.bridge.armed
@@ -165,9 +166,9 @@ def test_after_replugs_in_mid_drive_each_board_is_back_within_half_a_second(host
 def test_a_stalled_board_gets_no_stale_command(host, plc_pair):
     host.drive(0.2, 0.5, plc_pair)
     plc_pair.stall(STEER)
-    host.until(lambda: plc_pair.drive.state is PlcState.SAFE, "the drive to stop")
-    host.target = (-0.5, 0.0)
     frozen = plc_pair.steering_angle
+    host.target = (-0.5, 0.0)  # is sent while the link is still up
+    host.until(lambda: plc_pair.drive.state is PlcState.SAFE, "the drive to stop")
     until = time.monotonic() + 0.5
     while time.monotonic() < until:
         host.spin_once()

@@ -94,8 +94,9 @@ class VehicleWatch:
         self._pressed, self._pressed_at = pressed, now
 
     def forget(self) -> None:
-        """Forget pose and readiness, whose age is not known any more."""
+        """Forget pose, readiness and the hold-to-run button, whose age is not known any more."""
         self.observed = self._readiness = None
+        self._pressed = False
 
     @property
     def speed(self) -> float:

@@ -220,6 +220,8 @@ class MotionModel:
         self.lanes: NDArray[np.int64] = np.array([i for i, _ in acting])
         self._simulated = sum(_way(n) is _Way.SIMULATED for _, n in acting)
         self._steps = np.array([_step(n) for _, n in acting])
+        # towards the mean, where there may be bounds; a vehicle that rests never steps backwards
+        self._inwards = np.array([n.name not in _STEPS for _, n in acting])
 
     def unaffected(self, Z: FloatArray) -> Motions:
         """Return the motions of n vehicles without effects, from the measured speed.
@@ -280,7 +282,7 @@ class MotionModel:
         lengths = np.concatenate(
             [
                 np.where(z < 0.5, STEP, -STEP),
-                np.where(nuisances[self.lanes] > 0.0, -self._steps, self._steps),
+                np.where(self._inwards & (nuisances[self.lanes] > 0.0), -self._steps, self._steps),
             ]
         )
         Z, all_nuisances = np.tile(z, (1 + k + e, 1)), np.tile(nuisances, (1 + k + e, 1))
