@@ -97,7 +97,7 @@ class Together:
             fit.at, fit.here = point, there
 
     def _repeated(self) -> FloatArray:
-        """What the vehicles tell too much (s, s) of what is common: its prior counts once."""
+        """Prior information (s, s) of what is common that the vehicles' fits count too often."""
         prior = self.fits[0].variables.information
         places = np.array(self.common, dtype=np.int64)
         return (len(self.fits) - 1) * prior[np.ix_(places, places)]

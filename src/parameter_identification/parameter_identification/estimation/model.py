@@ -86,6 +86,10 @@ class DriveModel:
     ----------
     motion : MotionModel
         Of the drive.
+    drive : MeasuredDrive
+        With the signals that are compared (`MotionModel.drive`).
+    low, width : ndarray of float, shape (k,)
+        Of the parameters' ranges, in their units.
     shared : int
         Number of nuisances, the first ones, that all drives have in common.
     nuisances : tuple of Nuisance

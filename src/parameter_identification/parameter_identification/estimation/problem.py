@@ -86,10 +86,18 @@ class LeastSquares(Closing):
 
     Attributes
     ----------
+    n, k, shared : int
+        Numbers of variables: all, the parameters among them, and those that all drives have in
+        common. Variables are in this order: parameters in their ranges, effects of all drives, then
+        what each drive has of its own, both in standard deviations of their priors.
+    low, high : ndarray of float, shape (n,)
+        Bounds of the variables.
+    noise : dict of Sensor to NoiseLevel
+        By which residuals are weighted; `estimate_noise` sets it.
+    floors : dict of Sensor to float
+        Noise that rounding makes, at least.
     samples_in_all : int
         Numbers measured.
-    shared : int
-        Number of the variables, the first ones, that all drives have in common.
     """
 
     def __init__(
@@ -429,7 +437,7 @@ class LeastSquares(Closing):
         self._precision = self._precision + self.more_precision(sizes)[self.k :]
 
     def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
-        """Return what other sizes of the deviations add to the information's diagonal (n,).
+        """Return how much more information (n,) the prior has with other sizes of the deviations.
 
         Parameters
         ----------
