@@ -1,5 +1,6 @@
 """identification_monitor beside the nodes of a simulated drive."""
 
+import re
 import time
 
 import numpy as np
@@ -109,4 +110,6 @@ def test_poses_of_another_frame_are_ignored_and_told_once(
     }  # fmt: skip
     told = capfd.readouterr().err
     assert told.count("are ignored") == 1
-    assert "odom: poses of map are ignored: those of base_link are needed" in told
+    # the first messages may come before the two have found each other
+    said = r"odom: poses of (map|camera_link) are ignored: those of base_link are needed"
+    assert re.search(said, told)

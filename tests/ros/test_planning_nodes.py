@@ -411,7 +411,10 @@ def test_simulation_ticks_once_per_10_ms_and_resets(observer, start, tmp_path):
     observer.wait(lambda: truth, "the truth")
     assert abs(truth[0].pose.pose.position.x) < 1e-6
     aside = SetParameters.Request(parameters=[Parameter("start_x", value=3.0).to_parameter_msg()])
-    assert observer.call("tricycle_sim/set_parameters", SetParameters, aside).results[0].successful
+    (set_aside,) = observer.services.call(
+        "tricycle_sim/set_parameters", SetParameters, aside
+    ).results
+    assert set_aside.successful
     assert observer.call("tricycle_sim/reset").success
     observer.wait(lambda: abs(truth[0].pose.pose.position.x - 3.0) < 1e-3, "the start pose")
 
