@@ -57,6 +57,7 @@ from parameter_identification.estimation.results import (
     Identification,
     NuisanceEstimate,
     Profile,
+    common_truth,
     estimate_of,
 )
 from parameter_identification.estimation.steps import Steps
@@ -244,9 +245,9 @@ def identify(
                 predict_held_out(problem, optimum, d, loss, level, missed) for d in held_out
             ),
             outliers=problem.outliers(predictions, OUTLIER),
-            rivals=tuple(model.parameters(z) for z in optimum.rivals),
+            rivals=tuple(model.motion.parameters(z) for z in optimum.rivals),
             starts=optimum.starts,
-            truth=_common_truth(drives),
+            truth=common_truth(drive.truth for drive in drives),
             level=level,
             seed=seed,
             seconds=time.perf_counter() - begun,
@@ -258,12 +259,6 @@ def identify(
                 m.motion.friction_used(optimum.fit.at[: problem.k]) for m in problem.models
             ),
         ).only(asked.unknown)
-
-
-def _common_truth(drives: Sequence[MeasuredDrive]) -> dict[str, float]:
-    """True parameters of all drives; empty where they differ."""
-    truth = drives[0].truth
-    return dict(truth) if all(drive.truth == truth for drive in drives) else {}
 
 
 def _estimates(

@@ -528,7 +528,9 @@ class LiveIdentification:
                 None if planned is None else float(planned[i]),
             )
             for i, (name, value) in enumerate(
-                zip(self._vehicle.unknown, model.parameters(fit.at[: problem.k]), strict=True)
+                zip(
+                    self._vehicle.unknown, model.motion.parameters(fit.at[: problem.k]), strict=True
+                )
             )
         }
         return Moment(elapsed, found)

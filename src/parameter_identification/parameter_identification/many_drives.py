@@ -50,6 +50,7 @@ from parameter_identification.estimation.results import (
     EffectEstimate,
     Estimate,
     asked_for,
+    common_truth,
     estimate_of,
 )
 from parameter_identification.estimation.shares import DriveShare, Setting, first_fit, share_of
@@ -722,15 +723,13 @@ def result_of(
         for e in setting.effects
         if e.process and e.name in setting.sizes
     ]
-    truth = here.shares[0].truth
-    alike = all(share.truth == truth for share in here.shares)
     return ManyDrives(
         estimates,
         covariance[:k, :k] * np.outer(width, width),
         float(growth.max()),
         here.shares,
         tuple(left_out),
-        truth if alike else {},
+        common_truth(share.truth for share in here.shares),
         vehicle.name,
         vehicle.fingerprint,
         level,

@@ -3,6 +3,7 @@
 import resource
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zstandard
@@ -138,6 +139,18 @@ def test_a_file_whose_end_was_being_replaced_is_not_whole(tmp_path: Path) -> Non
             assert len(list(reader.messages())) >= 100
 
 
+def write_by_mcap(path: Path, **options: Any) -> None:
+    """Write the messages by turns to three topics with the writer of the package `mcap`."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, chunk_size=700, **options)
+        writer.start(profile="ros2")
+        schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
+        ids = [writer.register_channel(f"/chatter{i}", "cdr", schema) for i in range(3)]
+        for i, message in enumerate(MESSAGES):
+            writer.add_message(ids[i % 3], message.stamp, message.data, message.stamp)
+        writer.finish()
+
+
 @pytest.mark.parametrize("compression", CompressionType)
 @pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
 @pytest.mark.parametrize("chunks", [True, False])
@@ -145,16 +158,7 @@ def test_files_of_mcaps_own_writer_are_read(
     tmp_path: Path, compression: CompressionType, index: IndexType, chunks: bool
 ) -> None:
     path = tmp_path / "foreign.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(
-            stream, chunk_size=700, compression=compression, index_types=index, use_chunking=chunks
-        )
-        writer.start(profile="ros2")
-        schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
-        ids = [writer.register_channel(f"/chatter{i}", "cdr", schema) for i in range(3)]
-        for i, message in enumerate(MESSAGES):
-            writer.add_message(ids[i % 3], message.stamp, message.data, message.stamp)
-        writer.finish()
+    write_by_mcap(path, compression=compression, index_types=index, use_chunking=chunks)
     with BagReader(path) as reader:
         assert reader.complete
         assert list(reader.messages()) == MESSAGES
@@ -167,14 +171,7 @@ def test_files_of_mcaps_own_writer_are_read(
 @pytest.mark.parametrize("missing", ["repeat_channels", "repeat_schemas", "use_statistics"])
 def test_a_summary_need_not_repeat_channels_and_schemas(tmp_path: Path, missing: str) -> None:
     path = tmp_path / "foreign.mcap"
-    with path.open("wb") as stream:
-        writer = Writer(stream, chunk_size=700, **{missing: False})  # type: ignore[arg-type]
-        writer.start(profile="ros2")
-        schema = writer.register_schema(STRING, "ros2msg", DEFINITION)
-        ids = [writer.register_channel(f"/chatter{i}", "cdr", schema) for i in range(3)]
-        for i, message in enumerate(MESSAGES):
-            writer.add_message(ids[i % 3], message.stamp, message.data, message.stamp)
-        writer.finish()
+    write_by_mcap(path, **{missing: False})
     with BagReader(path) as reader:
         assert reader.complete
         assert list(reader.messages()) == MESSAGES

@@ -108,14 +108,12 @@ class DriveModel:
         self.vehicle, self.effects, self._simulator = vehicle, tuple(effects), simulator
         self.motion = MotionModel(vehicle, drive, effects, simulator, measured)
         self.drive = self.motion.drive
-        self.low, high = np.array(list(vehicle.unknown.values())).T
-        self.width = high - self.low
+        self.low, self.width = self.motion.low, self.motion.width
         self.shared = sum(not e.per_drive for e in effects)
         self._errors = {s: errors_of(s, signal) for s, signal in self.drive.signals.items()}
         seen = (*self._of_start_pose(), *self._of_sensors())
         self.nuisances = (*self.motion.nuisances, *seen)
         self._in_units = InUnits(self.nuisances)
-        self._deviations = np.array([n.std for n in self.nuisances])
         self._at = {nuisance.name: i for i, nuisance in enumerate(self.nuisances)}
         # what the derivatives of the motion depend on: all that moves, and when it is seen
         clocks = [self._at[CLOCKS[sensor]] for sensor in self.drive.signals]
@@ -153,8 +151,7 @@ class DriveModel:
     def _start_guess(self) -> tuple[float, float, float]:
         """Start pose if known, else from the first second, or of the best rigid motion."""
         start: StartPose = self.drive.start
-        nominal = (self.vehicle.nominal_point() - self.low) / self.width
-        motion = self.motion.unaffected(nominal[np.newaxis])
+        motion = self.motion.unaffected(self.nominal[np.newaxis])
         position = self.drive.signals[Sensor.POSITION]
         early = position.time <= position.time[0] + max(5.0, 0.5 * float(np.ptp(position.time)))
         time = position.time[early]
@@ -177,10 +174,11 @@ class DriveModel:
         y = float(origin.imag) if start.y is None else start.y
         return x, y, heading
 
-    def parameters(self, z: FloatArray) -> FloatArray:
-        """Return parameters (..., k) in their units for those in ranges."""
-        values: FloatArray = self.low + self.width * z
-        return values
+    @property
+    def nominal(self) -> FloatArray:
+        """Nominal parameters in their ranges, shape (k,)."""
+        nominal: FloatArray = (self.vehicle.nominal_point() - self.low) / self.width
+        return nominal
 
     def predict(self, z: FloatArray, nuisances: FloatArray) -> list[Prediction]:
         """Predict all signals.
@@ -287,7 +285,7 @@ class DriveModel:
                 by_error = 1.0 if error.factor is None else seen[0][error.factor]
                 jacobian[:, c, k + at[error.name]] = by_error
         jacobian[:, :, k + at[CLOCKS[sensor]]] = -slopes.T
-        jacobian[:, :, k:] *= self._deviations
+        jacobian[:, :, k:] *= self._in_units.deviations
         by_motion = np.swapaxes(derivatives, 0, 1)  # (m, c, k + e)
         jacobian[:, :, :k] = by_motion[:, :, :k]
         jacobian[:, :, k + self.motion.lanes] = by_motion[:, :, k:]
@@ -315,7 +313,7 @@ class DriveModel:
         self, motion: Motions, signals: dict[Sensor, Signal], white: dict[Sensor, float]
     ) -> float:
         k, q = len(self.low), len(self.nuisances)
-        b = np.array([nuisance.mean for nuisance in self.nuisances])
+        b = self._in_units.means
         gram = np.diag(np.append(np.ones(q), 0.0))  # of nuisances and residual
         for sensor, signal in signals.items():
             columns, slopes = motion.sensed(sensor, signal.time)

@@ -150,6 +150,8 @@ class MotionModel:
         That the motion depends on, those that all drives have in common first.
     lanes : ndarray of int, shape (e,)
         Which of them the motion is differentiated by.
+    low, width : ndarray of float, shape (k,)
+        Of the parameters' ranges, in their units.
     """
 
     def __init__(
@@ -208,8 +210,8 @@ class MotionModel:
         self._nominal = simulated.nominal_point()
         place = {name: i for i, name in enumerate(simulated.unknown)}
         self._parameters = [place[name] for name in vehicle.unknown]
-        self._low, high = np.array(list(vehicle.unknown.values())).T
-        self._width = high - self._low
+        self.low, high = np.array(list(vehicle.unknown.values())).T
+        self.width = high - self.low
         self._changes = [
             (place[constant], i, change)
             for i, n in acting
@@ -223,6 +225,17 @@ class MotionModel:
         # towards the mean, where there may be bounds; a vehicle that rests never steps backwards
         self._inwards = np.array([n.name not in _STEPS for _, n in acting])
 
+    def parameters(self, z: FloatArray) -> FloatArray:
+        """Return parameters in their units.
+
+        Parameters
+        ----------
+        z : ndarray of float, shape (..., k)
+            In their ranges.
+        """
+        values: FloatArray = self.low + self.width * z
+        return values
+
     def unaffected(self, Z: FloatArray) -> Motions:
         """Return the motions of n vehicles without effects, from the measured speed.
 
@@ -231,9 +244,8 @@ class MotionModel:
         Z : ndarray of float, shape (n, k)
             Parameters in their ranges.
         """
-        means = np.array([n.mean for n in self.nuisances])
-        values = self._low + self._width * Z
-        return self._run(self._without_effects, values, np.tile(means, (len(Z), 1)))
+        means = np.tile(self._in_units.means, (len(Z), 1))
+        return self._run(self._without_effects, self.parameters(Z), means)
 
     def friction_used(self, z: FloatArray) -> float:
         """Return the largest share of its friction limit that a wheel uses; NaN: not known.
@@ -243,9 +255,8 @@ class MotionModel:
         z : ndarray of float, shape (k,)
             Parameters in their ranges.
         """
-        values = self._low + self._width * z
         speed = np.array([self.drive.start.speed])
-        run = self._without_effects.run(values[np.newaxis], ("x",), speed=speed)
+        run = self._without_effects.run(self.parameters(z)[np.newaxis], ("x",), speed=speed)
         return float(run.feasibility.friction.value[0]) if run.groups.size else math.nan
 
     def motion(self, z: FloatArray, nuisances: FloatArray) -> Motions:
@@ -303,9 +314,9 @@ class MotionModel:
     def _lanes_of(self, Z: FloatArray, nuisances: FloatArray) -> Motions:
         """Motions of n lanes; those after the simulated ones have the parameters of the first."""
         values = self._in_units(nuisances)
-        simulated = min(len(Z), 1 + len(self._low) + self._simulated)
+        simulated = min(len(Z), 1 + len(self.low) + self._simulated)
         points = np.tile(self._nominal, (simulated, 1))
-        points[:, self._parameters] = self._low + self._width * Z[:simulated]
+        points[:, self._parameters] = self.parameters(Z[:simulated])
         for constant, i, change in self._changes:
             points[:, constant] += change * values[:simulated, i]
         motion = self._run(self._batch, points, values[:simulated])

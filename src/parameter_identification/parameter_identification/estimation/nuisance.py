@@ -44,11 +44,16 @@ class InUnits:
     ----------
     nuisances : sequence of Nuisance
         All q of them.
+
+    Attributes
+    ----------
+    means, deviations : ndarray of float, shape (q,)
+        Of the nuisances' priors, in their units.
     """
 
     def __init__(self, nuisances: Sequence[Nuisance]) -> None:
-        self._means = np.array([n.mean for n in nuisances])
-        self._deviations = np.array([n.std for n in nuisances])
+        self.means = np.array([n.mean for n in nuisances])
+        self.deviations = np.array([n.std for n in nuisances])
 
     def __call__(self, values: FloatArray) -> FloatArray:
         """Return values (..., q) in their units.
@@ -58,5 +63,5 @@ class InUnits:
         values : ndarray of float, shape (..., q)
             In standard deviations from the means.
         """
-        found: FloatArray = self._means + self._deviations * values
+        found: FloatArray = self.means + self.deviations * values
         return found

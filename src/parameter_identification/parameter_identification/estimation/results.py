@@ -1,7 +1,7 @@
 """Results of an identification: what `identify` returns."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Self
 
@@ -82,6 +82,18 @@ def in_range(limits: tuple[float, float], share: float) -> float:
     """
     low, high = limits
     return float(min(max(low + (high - low) * share, low), high))
+
+
+def common_truth(truths: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Return the true parameters that all drives have alike; empty where they differ.
+
+    Parameters
+    ----------
+    truths : iterable of mapping of str to float
+        Those of each drive.
+    """
+    first, *others = truths
+    return dict(first) if all(truth == first for truth in others) else {}
 
 
 def estimate_of(

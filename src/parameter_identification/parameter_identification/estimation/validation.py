@@ -45,7 +45,7 @@ def fits_of_drives(
         Of each drive at the best fit.
     """
     nominal = optimum.fit.at.copy()
-    nominal[: problem.k] = _nominal(problem.models[0])
+    nominal[: problem.k] = problem.models[0].nominal
     std = np.sqrt(np.diag(optimum.covariance))
     fits = []
     for drive, (model, before, after) in enumerate(
@@ -287,7 +287,7 @@ def predict_held_out(
         known, free = k + model.shared, _fitted(model)
         rms = []
         unaffected = np.zeros(model.shared)
-        for shown in (np.append(_nominal(model), unaffected), optimum.fit.at[:known]):
+        for shown in (np.append(model.nominal, unaffected), optimum.fit.at[:known]):
             fit = alone.minimise(np.append(shown, np.zeros(alone.n - known)), free)
             (predictions,) = alone.predictions(fit.at)
             position = next(p for p in predictions if p.sensor is Sensor.POSITION)
@@ -363,9 +363,3 @@ def _staying_share(problem: LeastSquares, moments: FloatArray, name: str) -> flo
             together += (np.sum(own) - np.trace(own)) / (len(knots) - 1)
             alone += np.trace(own)
     return float(np.clip(together / alone, 0.0, 1.0)) if alone else 0.0
-
-
-def _nominal(model: DriveModel) -> FloatArray:
-    """Nominal parameters (k,) in their ranges."""
-    nominal: FloatArray = (model.vehicle.nominal_point() - model.low) / model.width
-    return nominal
