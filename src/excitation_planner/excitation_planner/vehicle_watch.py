@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from excitation_planner.localisation import PlanarState
-from tricycle_core.frames import BASE_LINK
+from tricycle_core.frames import BASE_LINK, of_frame
 from tricycle_core.readiness import PERIOD, TOPIC, Readiness
 
 STANDSTILL_SPEED = 0.05
@@ -167,7 +167,7 @@ class VehicleWatch:
             return f"no pose on odom for {silence:.2f} s"
         if not self.observed.finite:
             return "the pose on odom is not finite, or its orientation is no unit quaternion"
-        if self.observed.body.lstrip("/") not in ("", BASE_LINK):
+        if not of_frame(self.observed.body, BASE_LINK):
             return f"odom has the pose of {self.observed.body}: that of {BASE_LINK} is needed"
         if age < -self.clock_tolerance:
             return f"odom is stamped {-age:.2f} s ahead of the clock: synchronise the clocks"

@@ -16,7 +16,7 @@ from trajectory_msgs.msg import JointTrajectory
 from excitation_planner.plan import load_plan
 from excitation_planner.planning import check_vehicle
 from parameter_identification.drives.measured import Sensor, commands_of
-from parameter_identification.drives.poses import of_frame, planar, stamp_of
+from parameter_identification.drives.poses import planar, stamp_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.prior import GaussianPrior
 from parameter_identification.identification_file import load_identification_file
@@ -28,6 +28,7 @@ from parameter_identification.live_identification import (
 )
 from tricycle_core.diagnostics import Level
 from tricycle_core.errors import ExcitationError, IdentificationError, message_of
+from tricycle_core.frames import of_frame
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node

@@ -8,3 +8,16 @@ ODOM = "odom"
 
 MANEUVER = "maneuver"
 """Of a maneuver's path and reference: its origin is the pose of the start."""
+
+
+def of_frame(name: str, wanted: str) -> bool:
+    """Return whether poses of a frame are those of the wanted one; if they name none, they are.
+
+    Parameters
+    ----------
+    name : str
+        `child_frame_id` of a message.
+    wanted : str
+        Whose poses are taken.
+    """
+    return name.lstrip("/") in {"", wanted}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tricycle_core.errors import JudgeError
+from tricycle_core.frames import of_frame
 from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.stamps import nanoseconds_of
@@ -62,19 +63,6 @@ class PlanarTrajectory:
     def part(self, selected: NDArray[np.bool_]) -> "PlanarTrajectory":
         """Return the poses where ``selected`` (t,) is true."""
         return PlanarTrajectory(*(v[selected] for v in (self.time, self.x, self.y, self.heading)))
-
-
-def of_frame(name: str, wanted: str) -> bool:
-    """Return whether poses of a frame are those of the wanted one; if they name none, they are.
-
-    Parameters
-    ----------
-    name : str
-        `child_frame_id` of a message.
-    wanted : str
-        Whose poses are taken.
-    """
-    return name.lstrip("/") in {"", wanted}
 
 
 class PoseCollector:
