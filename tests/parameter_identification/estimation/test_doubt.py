@@ -1,5 +1,7 @@
 """Where the noise alone promises too much."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.special import ndtri
@@ -10,9 +12,11 @@ from parameter_identification.estimation.doubt import (
     beyond_ranges,
     heterogeneity_factors,
     jackknife_factors,
+    pulled_effects,
     scatter_factors,
     with_prior_variance,
 )
+from parameter_identification.estimation.quadratic import Quadratic
 
 
 def test_deviations_of_a_mean_are_those_of_its_samples():
@@ -76,6 +80,19 @@ def test_only_what_is_pulled_outwards_by_more_than_its_deviation_allows_is_beyon
     free = at + np.array([-1.0, -0.2, 1.0, 1.0, -1.0, 9.0])
     beyond = beyond_ranges(at, free, np.full(6, 0.1), np.zeros(6), np.ones(6))
     assert beyond.tolist() == [True, False, False, True, False, False]
+
+
+@pytest.mark.parametrize(("pull", "doubted"), [(0.0, False), (2.0, False), (4.0, True)])
+def test_an_effect_at_its_limit_is_in_doubt_only_if_the_data_pull_it_beyond(pull, doubted):
+    """Two parameters, an effect at its upper limit, and one that does not act and is left out."""
+    J = np.random.default_rng(2).standard_normal((30, 4))
+    information = J.T @ J
+    at = np.array([0.5, 0.5, 2.0, 0.0])
+    std = np.sqrt(np.linalg.inv(information[:3, :3])[2, 2])
+    beyond = np.array([0.0, 0.0, pull * std])
+    gradient = np.append(-information[:3, :3] @ beyond, -1e6)
+    problem = SimpleNamespace(n=4, k=2, low=np.full(4, -2.0), high=np.full(4, 2.0))
+    assert pulled_effects(problem, Quadratic(at, 0.0, gradient, information)).any() == doubted
 
 
 def test_what_follows_a_doubted_variable_is_doubted_as_far_as_it_follows():

@@ -44,6 +44,14 @@ def test_the_pull_is_minus_the_gradient_at_zero(quadratic):
     np.testing.assert_allclose(quadratic.pull, J.T @ (J @ AT - r))
 
 
+def test_the_curvature_that_it_lacks_is_that_of_a_kink_on_the_way(quadratic):
+    """Along the third variable the cost rises more steeply from half of the step on."""
+    step = np.array([1e-3, 0.1, 0.8, -0.2])
+    there = quadratic.gradient + quadratic.information @ step + [0.0, 0.0, 60.0 * 0.4, 0.0]
+    other = Quadratic(AT + step, 0.0, there, quadratic.information)
+    np.testing.assert_allclose(quadratic.lacking(step, other), [1.0, 1.0, 30.0, 1.0])
+
+
 def test_damping_shortens_the_step(quadratic):
     far = np.full(4, 9.0)
     plain, damped = (quadratic.step(-far, far, damping=d) for d in (0.0, 100.0))

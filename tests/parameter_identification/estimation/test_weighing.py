@@ -8,6 +8,7 @@ from scipy.optimize import approx_fprime, least_squares
 from scipy.special import logit, logsumexp
 from scipy.stats import multivariate_normal, norm
 
+from parameter_identification.estimation.intervals import half_width, interval
 from parameter_identification.estimation.problem import Fit
 from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.weighing import NEGLECTED, mixture, refitted
@@ -131,6 +132,16 @@ def test_an_interval_reaches_to_a_fit_that_bounds_keep_off():
     np.testing.assert_allclose(found.interval(0, above, 0.95), (low, above + high - middle))
 
 
+def test_where_the_model_is_doubted_an_interval_is_no_narrower_than_its_standard_deviation():
+    found = weighed(*linear(1, 0.1))
+    at, std = found.quantile(0, 0.03), 2.0 * found.standard_deviations[0]
+    ends = interval(0, at, std, 0.95, beyond=False, average=found, widening=2.0)
+    high = found.quantile(0, 0.975)
+    np.testing.assert_allclose(ends, (at - half_width() * std, at + 2.0 * (high - at)))
+    plain = interval(0, at, std, 0.95, beyond=False, average=found)
+    assert plain == found.interval(0, at, 0.95)
+
+
 def test_an_effect_that_hides_behind_a_parameter_widens_its_tails():
     found = weighed(*linear(3, 0.0))
     without = found.weights.argmax()
@@ -157,7 +168,7 @@ class Bent:
         columns = np.column_stack([approx_fprime(v, self.residual, 1e-7), self.residual(v)])
         return Quadratic.of_gram(v, columns.T @ columns + np.diag([1e-6, 1e-6, 1e-6, 0.0]))
 
-    def minimise(self, start, free):
+    def minimise(self, start, free, *, tolerance):
         def residual(some):
             v = start.copy()
             v[free] = some

@@ -13,6 +13,7 @@ from scipy.special import chdtrc, stdtrit
 from parameter_identification.estimation.intervals import half_width
 from parameter_identification.estimation.optimum import Optimum
 from parameter_identification.estimation.problem import LeastSquares
+from parameter_identification.estimation.quadratic import Quadratic
 from parameter_identification.estimation.weighing import Mixture
 from tricycle_core.quantities import FloatArray
 
@@ -159,6 +160,30 @@ def beyond_ranges(
     return pulled | (above & (free > at + PULL * std))
 
 
+def pulled_effects(problem: LeastSquares, here: Quadratic) -> NDArray[np.bool_]:
+    """Return which of what acts in a fit, but for parameters, data pull beyond what it may be.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        Of n variables.
+    here : Quadratic
+        Its cost at the fit; effects that are 0 do not act.
+
+    Returns
+    -------
+    ndarray of bool, shape (a,)
+        By nuisance that acts.
+    """
+    acts = np.flatnonzero((here.at != 0.0) | (np.arange(problem.n) < problem.k))
+    own = Quadratic(
+        here.at[acts], here.cost, here.gradient[acts], here.information[np.ix_(acts, acts)]
+    )
+    std = np.sqrt(np.diag(own.covariance()))
+    pulled = beyond_ranges(own.at, own.minimum(), std, problem.low[acts], problem.high[acts])
+    return pulled[problem.k :]
+
+
 def with_prior_variance(
     covariance: FloatArray, before: FloatArray, beyond: NDArray[np.bool_]
 ) -> FloatArray:
@@ -233,8 +258,8 @@ def doubt_of(
         Estimates without each of a few drives, if these miss each other (`CrossPrediction`).
     white : bool
         Whether residuals look white. If not, or if drives contradict or miss each other, the model
-        is wrong for this vehicle, and where a parameter or an effect is at an end of what it may be
-        all are doubted.
+        is wrong for this vehicle, and where a parameter is at an end of its range or an effect
+        pulled beyond what it may be all are doubted.
     level : float
         Probability of the intervals.
     """
@@ -265,7 +290,7 @@ def doubt_of(
     low, high = problem.low[:k], problem.high[:k]
     beyond = beyond_ranges(at[:k], free[:k], factors[:k] * std[:k], low, high)
     wrong = not white or missing is not None or scatter.max() > CONTRADICTING
-    if wrong and problem.at_an_end(at).any():
+    if wrong and (problem.at_an_end(at)[:k].any() or pulled_effects(problem, here).any()):
         beyond[:] = True  # what is held there bends the others
     before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
     covariance = with_prior_variance(covariance, before, beyond)

@@ -63,12 +63,15 @@ def interval(
     average : Mixture, optional
         Over models with and without effects, whose interval it is then.
     widening : float
-        Factor on the interval of the average.
+        Factor on the interval of the average; with one above 1 it is no narrower than by `std`.
     """
     if beyond:
         return 0.0, 1.0
-    if average is not None:
-        low, high = average.interval(i, z, level)
-        return z + widening * (low - z), z + widening * (high - z)
     half = half_width(level) * std
-    return z - half, z + half
+    if average is None:
+        return z - half, z + half
+    low, high = average.interval(i, z, level)
+    if widening == 1.0:
+        return low, high
+    # of a vehicle that moves as the model cannot, the average may lie beside the estimate
+    return min(z + widening * (low - z), z - half), max(z + widening * (high - z), z + half)

@@ -10,10 +10,11 @@ All that the minimisation needs of thousands of residuals r and their Jacobian J
 import itertools
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +46,8 @@ ROUGHNESS = 0.3  # of the cost: a step that lowers it by less, after one that fa
 KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
 LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
 SIZE_ROUNDS = 1
+
+_T = TypeVar("_T")
 
 
 class Loss(Enum):
@@ -159,6 +162,18 @@ class LeastSquares(Closing):
                 levels[sensor] = max(levels[sensor], white_level(signal.time, signal.values))
         return levels
 
+    def each(self, function: Callable[..., _T], *of: Iterable[Any]) -> Iterator[_T]:
+        """Call a function with items of these in threads, as `map` does, and yield what it returns.
+
+        Parameters
+        ----------
+        function : callable
+            Holds the interpreter for a small part of its time.
+        *of : iterable
+            Its arguments.
+        """
+        return self._pool.map(function, *of)
+
     def predictions(self, v: FloatArray) -> list[list[Prediction]]:
         """Return the predictions of each drive; the last ones are kept.
 
@@ -175,7 +190,7 @@ class LeastSquares(Closing):
             model, at = pair
             return model.predict(v[: self.k], v[at[self.k :]])
 
-        found = list(self._pool.map(predict, zip(self.models, self._at, strict=True)))
+        found = list(self.each(predict, zip(self.models, self._at, strict=True)))
         if len(self._predicted) == KEPT:
             del self._predicted[next(iter(self._predicted))]
         self._predicted[key] = found
@@ -201,7 +216,7 @@ class LeastSquares(Closing):
     def _grams(
         self, predictions: Sequence[Sequence[Prediction]], noise: dict[Sensor, NoiseLevel]
     ) -> Iterator[FloatArray]:
-        return self._pool.map(
+        return self.each(
             lambda predicted, samples, at: self._signals_gram(predicted, samples, at, noise),
             *(predictions, self._samples, self._at),
         )
@@ -358,7 +373,7 @@ class LeastSquares(Closing):
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
         here = self.quadratic(np.where(free, np.clip(start, self.low, self.high), start))
-        damping = 0.0
+        damping = np.zeros(self.n)
         for _ in range(MAX_STEPS):
             step = here.step(self.low, self.high, free=free, damping=damping)
             decrease = here.decrease(step)
@@ -366,16 +381,16 @@ class LeastSquares(Closing):
             scale = max(1.0, here.cost / self.samples_in_all)
             if decrease < tolerance * scale:
                 return Fit(following, here.cost - decrease)
-            if damping > 0.0 and decrease < ROUGHNESS * scale:
+            if damping.any() and decrease < ROUGHNESS * scale:
                 break
             trial = self.quadratic(following)
             if trial.cost < here.cost - 0.1 * decrease and trial.finite:
                 here = trial
-                damping = damping / 10.0 if damping > 1.0 else 0.0
+                damping = np.where(damping > 1.0, damping / 10.0, 0.0)
             elif np.any(free & self._rough):  # near by it is not the slope on average
                 free = free & ~self._rough
             else:
-                damping = max(10.0 * damping, 1.0)
+                damping = np.maximum(10.0 * damping, here.lacking(step, trial))
         return Fit(here.at, here.cost)
 
     def nuisances_at(self, drive: int) -> NDArray[np.int64]:
@@ -535,7 +550,7 @@ class LeastSquares(Closing):
             return restricted_noise(channels, rest, self.noise[sensor], floor=self.floors[sensor])
 
         found = {}
-        for sensor, level in zip(self.noise, self._pool.map(estimate, self.noise), strict=True):
+        for sensor, level in zip(self.noise, self.each(estimate, self.noise), strict=True):
             found[sensor] = level
             step()
         self.noise = found

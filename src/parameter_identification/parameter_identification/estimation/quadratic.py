@@ -72,7 +72,7 @@ class Quadratic:
         high: FloatArray,
         *,
         free: NDArray[np.bool_] | None = None,
-        damping: float = 0.0,
+        damping: FloatArray | float = 0.0,
     ) -> FloatArray:
         """Return the step (n,) to the least cost within bounds.
 
@@ -82,11 +82,13 @@ class Quadratic:
             Bounds of the point.
         free : ndarray of bool, shape (n,), optional
             Variables that change. Default: all.
-        damping : float
+        damping : float or ndarray of float, shape (n,)
             Of Levenberg and Marquardt: added to the information's diagonal.
         """
         at = np.arange(len(self.at)) if free is None else np.flatnonzero(free)
-        factor = np.linalg.cholesky(self.information[np.ix_(at, at)] + damping * np.eye(len(at)))
+        factor = np.linalg.cholesky(
+            self.information[np.ix_(at, at)] + np.diag(np.broadcast_to(damping, self.at.shape)[at])
+        )
         wanted = np.linalg.solve(factor, -self.gradient[at])
         bounds = low[at] - self.at[at], high[at] - self.at[at]
         found = np.linalg.solve(factor.T, wanted)
@@ -95,6 +97,23 @@ class Quadratic:
         step = np.zeros(len(self.at))
         step[at] = found
         return step
+
+    def lacking(self, step: FloatArray, there: Self) -> FloatArray:
+        """Return the curvature (n,) along each variable that this cost lacks, from one elsewhere.
+
+        That of the secant, as large as 1 at least; it is large where the slope has a kink.
+
+        Parameters
+        ----------
+        step : ndarray of float, shape (n,)
+            From the point to the other.
+        there : Quadratic
+            The cost near the other point.
+        """
+        change = there.gradient - self.gradient - self.information @ step
+        work = change * step
+        large = work > 0.1 * np.maximum(work, 0.0).sum()
+        return np.maximum(1.0, np.divide(change, step, out=np.zeros(len(step)), where=large))
 
     def decrease(self, step: FloatArray) -> float:
         """Return by how much a step lowers the cost.

@@ -35,6 +35,7 @@ _LOG_ROOT_TAU = 0.5 * math.log(math.tau)  # of the normal distribution's density
 _FAR_TAIL = 30.0  # standard deviations from which its tail is found by a series
 ROUNDS = 5  # of weights, and fit with the most probable effects
 SURPRISE = 30.0  # of the cost, from which a fit shows that the motion is not linear in an effect
+ENOUGH = 0.1  # of it, to which such fits are compared
 NOTICEABLE = 0.1  # standard deviations of its prior, from which an effect may be the cause
 INDISPENSABLE = 1.0 - 1e-15  # probability of such an effect
 
@@ -476,21 +477,24 @@ def weigh_effects(
     fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
     for later in reversed(range(ROUNDS)):
         here = problem.quadratic(fit.at)
-        pull = here.pull
-        mixtures, evidence, likely = [], [], _likely_sizes(problem, here, free)
-        for of_deviations, prior in likely:
-            H = here.information + np.diag(problem.more_precision(of_deviations))
+        likely = _likely_sizes(problem, here, free)
+
+        def weighed(
+            chosen: tuple[dict[str, float], float], here: Quadratic = here
+        ) -> tuple[Mixture, float]:
+            of_deviations, prior = chosen
+            H, pull = here.information + np.diag(problem.more_precision(of_deviations)), here.pull
             onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
-            mixtures.append(
-                mixture(
-                    H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
-                    pull[variables] - onto.T @ pull[rest],
-                    groups,
-                    chances,
-                    least,
-                )
+            found = mixture(
+                H[np.ix_(variables, variables)] - H[np.ix_(variables, rest)] @ onto,
+                pull[variables] - onto.T @ pull[rest],
+                groups,
+                chances,
+                least,
             )
-            evidence.append(prior + mixtures[-1].evidence + _log_evidence(H, pull, rest))
+            return found, prior + found.evidence + _log_evidence(H, pull, rest)
+
+        mixtures, evidence = zip(*problem.each(weighed, likely), strict=True)
         found = joined(mixtures, np.array(evidence))
         acts = np.ones(problem.n, dtype=bool)
         for at, acting in zip(places, found.acting[0], strict=True):
@@ -545,7 +549,8 @@ def refitted(
     at_zero = here.cost + (pull - here.gradient) @ fit.at
 
     def fitted(free: NDArray[np.bool_]) -> Fit:
-        return problem.minimise(np.where(free, fit.at, 0.0), free)
+        start = np.where(free, fit.at, 0.0)
+        return problem.minimise(start, free, tolerance=ENOUGH * SURPRISE)
 
     def expected(free: NDArray[np.bool_]) -> float:
         inside = information[np.ix_(free, free)]
