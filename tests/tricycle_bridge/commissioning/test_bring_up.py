@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import pytest
 
@@ -10,7 +11,9 @@ from tricycle_bridge.commissioning.stand import PortStand
 from tricycle_bridge.protocol.boards import HALL_PULSE
 from tricycle_bridge.protocol.messages import Board
 from tricycle_bridge.settings import BridgeSettings
+from tricycle_sim.plc.drive import DriveMeasurement, DrivePlc
 from tricycle_sim.plc.pair import PlcPair
+from tricycle_sim.plc.steer import SteerMeasurement
 
 pytestmark = [pytest.mark.slow, pytest.mark.real_time]
 SETTINGS = BridgeSettings()
@@ -124,3 +127,79 @@ def test_a_wheel_in_the_air_does_not_pass_and_is_told_what_it_lacks(pair, monkey
     (result,) = run(pair, Engineer(pair), only("motor direction"))
     assert not result.passed
     assert "the drive PLC is FAULT (PULSES), which a wheel that turns more easily" in result.problem
+
+
+def nothing():
+    """What an engineer does who does not do it."""
+
+
+@pytest.mark.parametrize(
+    ("step", "word", "done", "message"),
+    [
+        ("emergency stop", "press", nothing, "not both boards saw the emergency stop within"),
+        ("emergency stop", "release", nothing, "not both boards saw it released within"),
+        ("steering sensor", "left", nothing, "rad ± 10 % (left is positive)"),
+        ("cable pulled", "pull", nothing, "the link to the drive PLC stayed up within"),
+        ("cable pulled", "put", nothing, "the drive PLC did not come back"),
+    ],
+)
+def test_what_the_boards_do_not_see_does_not_pass(pair, monkeypatch, step, word, done, message):
+    monkeypatch.setattr("tricycle_bridge.commissioning.bring_up.BY_HAND", 0.5)
+    (result,) = run(pair, Engineer(pair, **{word: done}), only(step))
+    assert not result.passed
+    assert message in result.problem
+
+
+@pytest.mark.parametrize(
+    ("step", "measurement", "measured", "message"),
+    [
+        (
+            "links, set-up and supply",
+            SteerMeasurement,
+            lambda it: replace(it, supply=4.0),
+            "the steer PLC's supply is 4.0 V",
+        ),
+        (
+            "servo centre and ends",
+            SteerMeasurement,
+            lambda it: replace(it, angle=it.angle + 0.12),
+            "servo centre: +0.120 rad, must be +0.000",
+        ),
+        (
+            "servo centre and ends",
+            SteerMeasurement,
+            lambda it: replace(it, angle=-it.angle),
+            "sign of the potentiometer",
+        ),
+        (
+            "motor direction",
+            DriveMeasurement,
+            lambda it: replace(it, hall_count=-it.hall_count),
+            "the drive PLC is FAULT (PULSES)",
+        ),
+    ],
+)
+def test_what_the_boards_measure_wrongly_does_not_pass(
+    pair, monkeypatch, step, measurement, measured, message
+):
+    monkeypatch.setattr(
+        f"tricycle_sim.plc.pair.{measurement.__name__}",
+        lambda *values, **named: measured(measurement(*values, **named)),
+    )
+    (result,) = run(pair, Engineer(pair), only(step))
+    assert not result.passed
+    assert message in result.problem
+
+
+@pytest.mark.parametrize(
+    ("step", "method", "message"),
+    [
+        ("watchdog", "_check_watchdog", "without commands the drive PLC tripped after"),
+        ("emergency stop by the host", "_estop", "ESTOP did not stop both boards"),
+    ],
+)
+def test_a_board_that_does_not_stop_does_not_pass(pair, monkeypatch, step, method, message):
+    monkeypatch.setattr(DrivePlc, method, lambda *_: None)
+    (result,) = run(pair, Engineer(pair), only(step))
+    assert not result.passed
+    assert message in result.problem

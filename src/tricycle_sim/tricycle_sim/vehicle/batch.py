@@ -436,6 +436,8 @@ class CommandedBatch:
             differ = np.column_stack([differ, steered])
         _, first, which = np.unique(differ, axis=0, return_index=True, return_inverse=True)
         by_lane = np.append(which, np.repeat(which[-1:], count * LANES - samples))
+        by_group = by_lane.reshape(count, LANES)
+        uniform = (by_group == by_group[:, :1]).all(axis=1)  # most are, and are filled at once
         for steering, sample in enumerate(first):
             values = sample_values(self._vehicle, parameters[sample])
             constants = steering_constants(self._vehicle, 0.5 * TICK, values)
@@ -443,10 +445,12 @@ class CommandedBatch:
             wanted = self._setpoints if steered is None else self._setpoints + steered[sample, :-1]
             setpoints = delayed(wanted, float(delays[sample]), 0.0)
             self._functions.steer(servo, setpoints, constants, 2, own, both)
-            alike = which.ravel() == steering
-            axles[:, alike], angles[alike] = own[::2].T[:, np.newaxis], both[0]
-            for lane in np.flatnonzero(by_lane == steering):
-                table[lane // LANES, :, :8, lane % LANES] = own
+            own_lanes = which.ravel() == steering
+            axles[:, own_lanes], angles[own_lanes] = own[::2].T[:, np.newaxis], both[0]
+            alike = by_group == steering
+            table[uniform & alike[:, 0], :, :8] = own[:, :, np.newaxis]
+            for group, lane in np.argwhere(alike & ~uniform[:, np.newaxis]):
+                table[group, :, :8, lane] = own
         if faster is None:
             table[:, :, 8] = 0.0
         else:
