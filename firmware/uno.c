@@ -186,7 +186,8 @@ static void read_inputs(void)
 	board->adc = adc(0);
 	board->angle = (int16_t)(((int32_t)board->adc - ADC_CENTRE) * 10000 / ADC_SCALE);
 	/* 1e-4 rad per 10 ms are 1e-2 rad/s; a count is 0.23 rad/s, so smooth it */
-	board->rate = (int16_t)(board->rate + ((board->angle - last) * 10L - board->rate) / 4);
+	int32_t rate = board->rate + ((board->angle - last) * 10L - board->rate) / 4;
+	board->rate = (int16_t)clamp(rate, INT16_MIN, INT16_MAX); /* of a broken wire */
 }
 
 /* One pulse per tick, begun here and ended by the timer: a loop that hangs makes none. */

@@ -150,7 +150,12 @@ def test_what_is_no_plan_is_refused(tmp_path, text):
 
 def test_a_plan_knows_the_room_that_it_needs(plan):
     along, across, stop = plan.space
-    assert (along, across) == pytest.approx(plan.path.max(axis=0) - plan.path.min(axis=0))
+    reference = plan.reference
+    assert (along, across) == pytest.approx((np.ptp(reference.x), np.ptp(reference.y)))
+    straight = dataclasses.replace(
+        plan, path=np.column_stack([np.linspace(0.0, 99.0, len(plan.path)), 0 * plan.path[:, 0]])
+    )  # paths lead on beyond their end
+    assert straight.space == plan.space
     fastest = abs(plan.commands.speed).max()
     assert stop == max(stopping_distance(cause, fastest) for cause in Cause)
     assert stop > fastest**2 / 2

@@ -111,6 +111,25 @@ def test_in_the_lead_in_the_steering_leads_back_to_the_line_and_then_the_rows_al
     assert angles[0.5] == angles[0.8] == 0.1
 
 
+def test_the_line_of_a_lead_in_is_where_the_vehicle_rests_not_where_it_came_from():
+    playback = ready()
+    playback.load(Schedule(np.array([0.0, 1.0]), np.array([0.1, 0.1]), np.array([1.0, 1.0])), 7)
+    playback.parts.add_path(PATH, 7)
+    playback.parts.add_lead_in(0.9, 7)
+    for t in np.arange(9.0, 10.0, 0.02):  # in a turn until just before the start
+        turning = replace(AT_REST, yaw=AT_REST.yaw + 0.3 * (t - 10.0), speed=0.3)
+        playback.observe(turning, t, t)
+    playback.observe(AT_REST, 10.0, 10.0)
+    playback.hear(ARMED, 10.0)
+    playback.start(10.0)
+    for t in np.arange(10.0, 11.0, 0.01):
+        playback.observe(AT_REST, t, t)
+        playback.hear(ARMED, t)
+        command = playback.tick(t)
+    assert playback.state is PlaybackState.RUNNING
+    assert command.steering_motor_angle == pytest.approx(0.1)
+
+
 @pytest.mark.parametrize("end", [-0.1, np.nan, np.inf])
 def test_a_lead_in_that_ends_at_no_time_is_refused(end):
     with pytest.raises(PlanError, match="needs a time from 0"):
@@ -172,12 +191,15 @@ def test_the_newest_commands_of_a_run_are_taken_after_it():
     assert (playback.state, playback.plan_id) == (PlaybackState.DONE, "")
     with pytest.raises(PlanError, match="being stopped after a run"):
         playback.start(10.06)
+    held = None
     for t in (10.2, 12.1):
         playback.observe(AT_REST, t, t)
         playback.hear(ARMED, t)
-        playback.tick(t)
+        held = playback.tick(t) or held
     assert (playback.state, playback.plan_id) == (PlaybackState.WAITING, "newest")
     playback.start(12.1)
+    playback.abort("test")
+    assert playback.tick(12.11).steering_motor_angle == held.steering_motor_angle != 0.0
 
 
 def test_commands_that_come_while_the_vehicle_is_stopped_are_taken_when_it_rests():

@@ -138,11 +138,13 @@ def operator(ros_node) -> Iterator[Operator]:
 def start_bridge(ros_environment) -> Iterator[Callable[..., subprocess.Popen]]:
     running: list[subprocess.Popen] = []
 
-    def start(**parameters: object) -> subprocess.Popen:
+    def start(*remapped: str, **parameters: object) -> subprocess.Popen:
         arguments = [f"{name}:={value}" for name, value in {"boot_wait": 0.0, **parameters}.items()]
         command = [sys.executable, "-m", "tricycle_bridge.bridge_node", "--ros-args"]
         for argument in arguments:
             command += ["-p", argument]
+        for rule in remapped:
+            command += ["-r", rule]
         bridge = subprocess.Popen(
             command,
             env=ros_environment,
@@ -374,6 +376,19 @@ def test_commands_at_1_khz_overload_nothing(bridge, operator, plc_pair):
     assert after - before < 110 * (last - first) + 5
     assert 0.5 < plc_pair.speed <= 4.8
     assert plc_pair.steering_angle == pytest.approx(0.7461, abs=1e-4)
+
+
+def test_publishers_without_a_name_are_counted_on_a_remapped_topic_too(
+    start_bridge, operator, plc_pair
+):
+    paths = {"steer_port": plc_pair.steer_path, "drive_port": plc_pair.drive_path}
+    start_bridge("cmd_vel:=teleop/cmd_vel", **paths)
+    operator.node.destroy_publisher(operator.twists)
+    operator.twists, _ = (
+        operator.node.create_publisher(TwistStamped, "teleop/cmd_vel", 10) for _ in range(2)
+    )
+    operator.twist = (0.0, 0.0)
+    operator.wait_for("vehicle", "2 publishers of cmd_vel that do not say who sends")
 
 
 @pytest.mark.parametrize("stamped", [True, False])

@@ -304,3 +304,25 @@ def test_boards_that_lose_the_commands_do_not_arm(vehicle):
     armed, text = vehicle.arm()
     assert not armed
     assert text == "not armed: steer PLC is SAFE and refused ARM: preconditions"
+
+
+def test_a_vehicle_stands_until_both_boards_are_armed_whatever_is_commanded(vehicle):
+    _lose_commands(vehicle, STEER)
+    vehicle.bridge.arm(vehicle.now, vehicle.outcomes.append)
+    while not vehicle.outcomes:
+        if vehicle.state(DRIVE) is PlcState.ARMED:
+            vehicle.target = (0.3, 1.0)
+        vehicle.step()
+        assert vehicle.measured[DRIVE].speed == 0.0
+    assert vehicle.target == (0.3, 1.0)
+    assert not vehicle.outcomes[0].armed
+
+
+def test_a_commander_that_starts_while_arming_is_followed_once_armed(vehicle):
+    vehicle.bridge.arm(vehicle.now, vehicle.outcomes.append)
+    vehicle.step(2)
+    vehicle.target = (0.0, 0.5)
+    vehicle.step(30)
+    assert vehicle.outcomes == [(True, "armed")]
+    vehicle.step(100)
+    assert vehicle.measured[DRIVE].speed == pytest.approx(0.5)

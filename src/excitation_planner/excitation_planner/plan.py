@@ -309,7 +309,7 @@ class Plan:
         The last is the longest of the published stops (`tricycle_core.stopping`) from the fastest
         point.
         """
-        along, across = np.ptp(self.path, axis=0)
+        along, across = np.ptp([self.reference.x, self.reference.y], axis=1)
         stop = longest_stop(np.abs(self.commands.speed).max())
         return float(along), float(across), float(stop)
 

@@ -531,6 +531,9 @@ class Playback:
             if reason := self.watch.moves() or self._displaced():
                 self.abort(reason)
                 return self._held
+            # by the poses since the start was asked for: the vehicle may have moved before
+            if self._plan is not None:
+                self._lead_in = self._lead_in_of(self._plan) or self._lead_in
             self.start_time, self.state = now, PlaybackState.RUNNING
         self.elapsed = now - self.start_time
         if self.elapsed >= schedule.duration - 1e-6:
@@ -606,7 +609,7 @@ class Playback:
             return
         self._plan, self._next = self._next, None
         self._anchor = None
-        self._held = JointCommand(0.0, 0.0)
+        self._held = JointCommand(self._held.steering_motor_angle, 0.0)
         self.state, self.reason = PlaybackState.WAITING, ""
         self.start_time, self.elapsed = None, 0.0
 

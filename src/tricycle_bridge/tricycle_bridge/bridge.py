@@ -481,6 +481,8 @@ class Bridge:
         )
         if command is None:
             return
+        if self._arming is not None:  # until both boards are armed, the vehicle stands
+            command = VehicleCommand(self.resting_angle(), 0.0)
         flags = (_ENABLE if self._enabled else 0) | (_ESTOP if self._estopped else 0)
         steer = steer_command(command, self.settings, flags | self._standstill_flag(now))
         drive = drive_command(command, self.settings, flags, self._gear)

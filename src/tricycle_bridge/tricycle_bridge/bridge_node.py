@@ -432,7 +432,10 @@ class BridgeNode(LifecycleNode):
 
     def _report(self, bridge: Bridge, now: float) -> None:
         stamp = time_message(self._ros_time(now))
-        publishers = {source: self.count_publishers(source.value) for source in Source}
+        publishers = {
+            source: self.count_publishers(self.resolve_topic_name(source.value))
+            for source in Source
+        }
         array = DiagnosticArray()
         array.header.stamp = stamp
         for diagnosis in diagnose(bridge, now, publishers):

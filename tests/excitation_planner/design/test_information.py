@@ -122,6 +122,43 @@ def test_two_drives_learn_what_one_cannot(criterion):
     assert abs(both.x[0] - both.x[1]) == pytest.approx(1.5, abs=0.05)  # as different as can be
 
 
+def test_the_run_in_the_middle_of_the_box_may_fail():
+    def f(x, P):
+        Y = _mix(x, P)
+        Y[np.all(P == 0.5, axis=1)] = np.nan
+        return Y
+
+    found = design(f, "p", Criterion.C)
+    assert found.failed > 0
+    assert found.sensitivity.main[0] > 0.5
+
+
+def test_a_maneuver_at_which_most_draws_fail_is_none():
+    """Where it would be best, two thirds of the vehicles fail."""
+
+    def f(x, P):
+        Y = _mix(x, P)
+        if x[0] < 0.3:
+            Y[P[:, 1] > 0.33] = np.nan
+        return Y
+
+    found = design(f, "p", Criterion.C, draws=32, budget=8000)
+    assert found.x[0] > 0.29
+
+
+@pytest.mark.parametrize("criterion", [Criterion.C, Criterion.D, Criterion.A])
+@pytest.mark.parametrize("std", [1e-8, 1e-10, 1e-12])
+def test_what_rounding_makes_indefinite_is_refused(criterion, std):
+    """Both parameters act alike."""
+
+    def f(x, P):
+        moved = (1.0 + x[0]) * P.sum(axis=1, keepdims=True) * TIME
+        return np.stack([moved, 0.0 * moved], axis=-1)
+
+    with pytest.raises(DesignError, match="lost in rounding"):
+        design(f, "p", criterion, trajectory_noise=TrajectoryNoise(std=std))
+
+
 def test_draws_with_failed_simulations_are_left_out():
     def f(x, P):
         Y = _mix(x, P)

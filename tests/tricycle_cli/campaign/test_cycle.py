@@ -148,6 +148,11 @@ def test_a_bag_that_cannot_be_identified_is_kept_and_identified_again(tmp_path, 
     assert track.driven == 1
     (tmp_path / "c/bags/01").rename(tmp_path / "bad")  # by who wants it to be driven again
     assert not again.driven
+    with pytest.raises(KeyboardInterrupt):
+        again.drive(Track(fails_at=1).drive, lambda done, total: None)
+    del again
+    again = Campaign(tmp_path / "c", request())
+    assert not again.driven  # half a bag is there
     again.drive(track.drive, lambda done, total: None)
     assert track.driven == 2
     again.identify(track.read)

@@ -233,6 +233,21 @@ def test_a_frame_that_a_reset_cuts_does_not_swallow_the_boot(line):
 
 
 @pytest.mark.slow
+def test_a_broken_wire_of_the_potentiometer_turns_the_measured_rate_to_the_right(driving):
+    """From the left it is a step of more than 16 bits hold."""
+    assert driving.angle > 0.25
+    broken = driving.unos[STEER]
+    broken.steering_angle(-9.0)  # 0 V
+    broken.steering_angle = lambda _: None
+    rates = []
+    for _ in range(5):
+        driving.run(0.01)
+        rates.append(driving.telemetry(STEER).rate)
+    assert min(rates) == -32768
+    assert max(rates[1:]) <= 0
+
+
+@pytest.mark.slow
 def test_silence_stops_the_firmware(driving):
     driving.target = None
     driving.run(2.5)

@@ -227,7 +227,7 @@ def _assess_trajectories(
     rows = (U.shape[1] + 1) * problem.draws * (VERIFICATION if verification else 1)
     F = sum(information(U[:rows], Y[:rows], problem.trajectory_noise, beside) for Y in outputs)
     F = np.asarray(F)[np.isfinite(np.asarray(F)).all(axis=(1, 2))]  # draws with no failed run
-    if len(F) == 0:
+    if 2 * len(F) < rows // (U.shape[1] + 1):
         reason = f"{failed} of {n} simulations failed"
         return _rejected(problem, x, reason, simulations=n, failed=failed)
     covariance = posterior_covariance(F, problem.prior, beside)
@@ -237,7 +237,7 @@ def _assess_trajectories(
     sensitivity = None
     if verification:
         # mean squared deviation from the middle of the box: Eq. 14 on the time points given
-        m = np.sum([((Y[rows + 1 :] - Y[rows]) ** 2).sum(axis=(1, 2)) for Y in outputs], axis=0)
+        m = np.sum([_squared_deviations(Y[rows + 1 :], Y[rows]) for Y in outputs], axis=0)
         m /= sum(Y.shape[1] for Y in outputs)
         samples = U[rows + 1 :, :k]
         try:
@@ -255,6 +255,15 @@ def _assess_trajectories(
         failed=failed,
     )
     return Verified(evaluation, (cost - half, cost + half), sensitivity)
+
+
+def _squared_deviations(Y: FloatArray, middle: FloatArray) -> FloatArray:
+    """Squares (n,) of trajectories (n, t, c) about one, or about their mean if that failed."""
+    valid = np.isfinite(Y).all(axis=(1, 2))
+    if not np.isfinite(middle).all() and valid.any():
+        middle = Y[valid].mean(axis=0)
+    squares: FloatArray = ((Y - middle) ** 2).sum(axis=(1, 2))
+    return squares
 
 
 def cost_interval(

@@ -219,6 +219,7 @@ def posterior_covariance(
         PRIOR_INFORMATION * np.eye(k) if prior is None else np.linalg.inv(prior.covariance)
     )
     try:
+        np.linalg.cholesky(F + known)  # what rounding has made indefinite has an inverse too
         covariance = np.asarray(np.linalg.inv(F + known), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise DesignError(

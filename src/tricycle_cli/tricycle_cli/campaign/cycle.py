@@ -314,6 +314,9 @@ class Campaign:
         step = self.steps[-1]
         if self.driven:
             return
+        if step.driven:  # its bag was moved away
+            step = dataclasses.replace(step, driven=False)
+            self._keep((*self.steps[:-1], step))
         bag = self.folder / step.bag
         if bag.exists():  # what a kill has left of it
             shutil.rmtree(bag)
