@@ -66,7 +66,7 @@ def _request(settings: Settings) -> PlanRequest:
         seed=settings["seed"],
         noise=MeasurementNoise(**{name: settings[name] for name in NOISE_FIELDS}),
         area=load_area(Path(settings["area_file"])) if settings["area_file"] else None,
-        effects=named_effects(settings["effects"]),
+        effects=named_effects(settings["effects"], planned=True),
     )
 
 

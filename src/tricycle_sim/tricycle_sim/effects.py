@@ -189,21 +189,26 @@ def check_effects(names: Sequence[str]) -> None:
             raise VehicleError(f"{name!r} is no effect{hint}")
 
 
-def named_effects(names: str) -> tuple[str, ...]:
+def named_effects(names: str, *, planned: bool = False) -> tuple[str, ...]:
     """Return the names of effects as users list them.
 
     Parameters
     ----------
     names : str
         Of the effects, separated by commas; or "all" or "none".
+    planned : bool
+        Whether a plan is to count them, which counts no deviations.
 
     Raises
     ------
     VehicleError
-        If one is none of an effect.
+        If one is none of an effect, or of a deviation and `planned`.
     """
     chosen = {"all": EFFECTS, "none": ()}.get(names, tuple(names.split(",")))
     check_effects(chosen)
+    deviations = {e.option for e in _OTHERS if e.process}
+    if planned and names != "all" and (uncounted := [n for n in chosen if n in deviations]):
+        raise VehicleError(f"{', '.join(uncounted)}: plans count no deviations: leave it out")
     return chosen
 
 

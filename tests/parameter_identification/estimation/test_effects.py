@@ -12,7 +12,7 @@ from parameter_identification.estimation.model import DriveModel
 from parameter_identification.identification import identify
 from tricycle_core.errors import VehicleError
 from tricycle_sim.commands import Commands
-from tricycle_sim.effects import EFFECTS, effects_of, extend
+from tricycle_sim.effects import EFFECTS, effects_of, extend, named_effects
 from tricycle_sim.vehicle.batch import simulate
 
 ZERO = np.radians(1.5)  # of the steering
@@ -26,6 +26,13 @@ def off_centre(**others):
         driven(c, seed=i, name=name, vehicle=vehicle, **others)
         for i, (name, c) in enumerate(commands_of_pair().items())
     ]
+
+
+def test_a_plan_that_names_a_deviation_is_refused():
+    assert named_effects("all", planned=True) == EFFECTS
+    assert named_effects("steering-zero", planned=True) == ("steering-zero",)
+    with pytest.raises(VehicleError, match="speed-deviation: plans count no deviations"):
+        named_effects("steering-zero,speed-deviation", planned=True)
 
 
 def test_a_wrong_name_is_refused_with_the_right_one():

@@ -6,7 +6,7 @@ import json
 import pytest
 from driven_bags import Scene, sideways
 
-from tricycle_core.errors import BagError, JudgeError
+from tricycle_core.errors import BagError, JudgeError, PlanError
 
 
 @pytest.mark.parametrize(
@@ -15,6 +15,7 @@ from tricycle_core.errors import BagError, JudgeError
         (("judge", "nowhere"), BagError, "nowhere: no such bag"),
         (("judge", "{bag}"), JudgeError, "no topic maneuver/reference"),
         (("judge", "{bag}", "--reference", "x"), JudgeError, "no topic x"),
+        (("judge", "{bag}", "--output", "folder"), PlanError, "--output: only with --export"),
     ],
 )
 def test_mistakes(tricycle, bag, arguments, error, reason):

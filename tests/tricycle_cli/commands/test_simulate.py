@@ -110,6 +110,12 @@ def test_infeasible_drives_are_reported_not_hidden(tricycle, tmp_path, capsys):
         (["--set", "mass"], PlanError, "'mass': want name=number"),
         (["--set", "mass=heavy"], PlanError, "'mass=heavy': want name=number"),
         (["--set", "mass=40", "mass=50"], PlanError, "mass is given twice"),
+        (
+            ["--set", "mass=50", "cornering_stiffness=700", "--samples", "3"],
+            VehicleError,
+            "--set: cornering_stiffness is unknown, and --samples draws it",
+        ),
+        (["--range", "radius=3:4"], PlanError, "--range: only with --maneuver"),
         (["--samples", "1000000"], CommandsError, "401000000 rows are more than"),
         (["--vehicle", "absent.yaml"], FileNotFoundError, "absent.yaml"),
         (["--vehicle", __file__], VehicleError, "is not valid YAML"),
@@ -160,6 +166,15 @@ def test_bad_options_exit_with_2(tricycle, commands, option, capsys):
         tricycle("simulate", "--commands", commands, *option)
     assert caught.value.code == 2
     assert "error: argument" in capsys.readouterr().err
+
+
+def test_a_picture_that_cannot_be_drawn_is_refused_before_anything_is_written(
+    tricycle, commands, tmp_path, monkeypatch
+):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(ExcitationError, match=r"a picture needs matplotlib.*\[plots\]"):
+        tricycle("simulate", "--commands", commands, "--output", tmp_path / "o.csv", "--plot")
+    assert list(tmp_path.iterdir()) == [commands]
 
 
 def test_parquet_without_its_package_is_refused(tricycle, commands, capsys, monkeypatch):

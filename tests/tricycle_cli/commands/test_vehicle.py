@@ -1,5 +1,6 @@
 """`tricycle vehicle`: what a vehicle file says, what is odd in it, what follows from it."""
 
+import errno
 import io
 import json
 import math
@@ -70,6 +71,21 @@ def test_the_picture_shows_every_wheel_with_its_load(tricycle, tmp_path):
     assert ElementTree.fromstring(text).tag.endswith("svg")
     for shown in ("left", "right", "rear", "driven", "braked", "95 kg", "wheelbase 1.6 m"):
         assert f"<!-- {shown}" in text or shown in text
+
+
+def test_a_picture_that_cannot_be_written_leaves_the_old_one(tricycle, tmp_path, monkeypatch):
+    picture = tmp_path / "cargo.svg"
+    picture.write_text("mine")
+
+    def half(figure, path, **options):
+        path.write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", half)
+    with pytest.raises(OSError, match=r"No space left on device: .*cargo\.svg"):
+        tricycle("vehicle", "check", CARGO, "--draw", picture, "--overwrite")
+    assert picture.read_text() == "mine"
+    assert [file.name for file in tmp_path.iterdir()] == ["cargo.svg"]
 
 
 def test_a_picture_of_another_format_is_refused(tricycle, tmp_path):

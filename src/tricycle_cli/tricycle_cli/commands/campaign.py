@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
         true_seed=None if args.vehicle_nodes else args.true_seed or 0,
         area=None if args.area is None else load_area(args.area),
         **effects_asked(args),
-        plan_effects=named_effects(args.plan_effects),
+        plan_effects=named_effects(args.plan_effects, planned=True),
     )
     campaign = Campaign(args.output, request)
     campaign.read_by(topics_of(args, campaign.topics))

@@ -27,6 +27,7 @@ from tricycle_cli.progress import progress_bar
 from tricycle_cli.reports.identification_files import FILES, IDENTIFICATION, VEHICLE, remove_older
 from tricycle_core.documents import check_folder, write_whole
 from tricycle_core.errors import IdentificationError
+from tricycle_core.optional import check_installed
 from tricycle_sim.vehicle import load_vehicle
 
 TABLE_WIDTH = 120  # characters; folded numbers cannot be read
@@ -155,12 +156,12 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.estimation.redrawn import redraw_of
     from parameter_identification.identification import identify
     from parameter_identification.identification_file import document_of
-    from tricycle_cli.reports.identification_page import save_identification
     from tricycle_cli.reports.remarks import remarks, remarks_on_drives
     from tricycle_cli.reports.tables import parameter_table, table_console
     from tricycle_sim.vehicle.batch import CommandedBatch
 
     if args.output is not None:
+        check_installed("jinja2", "the report of an identification")
         check_output_files((args.output / name for name in FILES), args)
     columns = None if args.columns is None else load_columns(args.columns)
     effects = effects_asked(args, "none" if args.fmu or columns else "weighed")
@@ -201,6 +202,8 @@ def run(args: argparse.Namespace) -> int:
     for remark in (*remarks(found), *read.remarks, *of_drives):
         console.print(remark, soft_wrap=True)
     if args.output is not None:
+        from tricycle_cli.reports.identification_page import save_identification
+
         save_identification(found, args.vehicle, args.output)
         console.print(f"vehicle file, figures and report: {args.output}", soft_wrap=True)
     if args.json:

@@ -19,11 +19,13 @@ from tricycle_cli.arguments import (
     add_topic_options,
     bag_argument,
     check_output_files,
+    refuse_given,
     topics_of,
 )
 from tricycle_cli.progress import progress_bar
 from tricycle_core.documents import check_folder
 from tricycle_core.errors import BagError, JudgeError, message_of
+from tricycle_core.optional import check_installed
 
 if TYPE_CHECKING:
     from parameter_identification.judging.judgement import Judgement
@@ -59,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=[one.value for one in ExportFormat],
         help="save measured and reference trajectory at the points of Eq. 14",
     )
-    add("--output", type=Path, default=Path(), metavar="DIR", help="directory for --export")
+    add("--output", type=Path, metavar="DIR", help="directory for --export (default: this one)")
     add_overwrite_option(parser)
     add(
         "--anchor",
@@ -83,10 +85,14 @@ def run(args: argparse.Namespace) -> int:
     from parameter_identification.judging.judgement import judge
 
     if args.plot:
+        check_installed("matplotlib", "a figure")
         check_output_files([args.plot], args)
-    if args.export:
-        check_folder(args.output)
-        files = exported_files(args.bags, args.output, ExportFormat(args.export))
+    folder = args.output or Path()
+    if args.export is None:
+        refuse_given(args, ["output"], "only with --export")
+    else:
+        check_folder(folder)
+        files = exported_files(args.bags, folder, ExportFormat(args.export))
         check_output_files(chain.from_iterable(files), args)
     topics = topics_of(args)
     judgements, mistakes = [], []
@@ -114,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
 
         table_console(width=WIDEST).print(judgement_table(judgements))
     if args.export:
-        for path in export(judgements, args.output, ExportFormat(args.export)):
+        for path in export(judgements, folder, ExportFormat(args.export)):
             print(f"saved {path}", file=sys.stderr)
     if args.plot:
         plot(judgements, args.plot)

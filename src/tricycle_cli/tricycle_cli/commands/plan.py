@@ -216,7 +216,7 @@ def _request(args: argparse.Namespace) -> PlanRequest:
         seed=args.seed,
         noise=noise,
         area=None if args.area is None else load_area(args.area),
-        effects=named_effects(args.effects),
+        effects=named_effects(args.effects, planned=True),
     )
 
 
@@ -281,7 +281,7 @@ def _summary(plan: Plan) -> str:
         room = (
             f"starts at x {x:.2f} m, y {y:.2f} m, heading {math.degrees(heading):.1f}° "
             f"in {plan.area.frame}; {plan.clearance:.2f} m to the border are left, "
-            "whatever stops it where"
+            "wherever and by whatever it is stopped"
         )
     return (
         f"search box: {', '.join([shown_ranges(plan.ranges), *at_limit])} (--range sets it)\n"

@@ -28,11 +28,13 @@ from tricycle_cli.arguments import (
     describe_later,
     parse_assignments,
     ranges_of,
+    refuse_given,
     seed,
     warn_about,
 )
 from tricycle_cli.progress import progress_bar
-from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError
+from tricycle_core.errors import CommandsError, InfeasibleManeuver, PlanError, VehicleError
+from tricycle_core.optional import check_installed
 from tricycle_core.quantities import FloatArray
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands, load_commands
@@ -118,11 +120,17 @@ def run(args: argparse.Namespace) -> int:
     from tricycle_sim.vehicle.batch import simulate
 
     nominal = load_vehicle(args.vehicle)
-    vehicle = nominal.replace(**parse_assignments(args.set))
+    values = parse_assignments(args.set)
+    vehicle = nominal.replace(**values)
+    if args.samples is not None and (drawn := values.keys() & vehicle.unknown.keys()):
+        names = ", ".join(sorted(drawn))
+        raise VehicleError(f"--set: {names} is unknown, and --samples draws it: leave out one")
     commands = _commands(args, nominal)
     if args.samples is not None:
         warn_about(vehicle, args)
     picture = args.output.with_suffix(".png") if args.plot == Path() else args.plot
+    if picture is not None:
+        check_installed("matplotlib", "a picture")
     check_output_files(filter(None, (args.output, picture)), args)
     _check_size(args.samples or 1, commands)
     parameters = None if args.samples is None else _draw(vehicle, args.samples, args.seed)
@@ -150,6 +158,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _commands(args: argparse.Namespace, vehicle: Vehicle) -> Commands:
     if args.commands is not None:
+        refuse_given(args, ("range", "ranges"), "only with --maneuver")
         if args.output.exists() and args.output.samefile(args.commands):
             raise CommandsError(f"{args.output}: --output would overwrite the commands")
         return load_commands(args.commands)

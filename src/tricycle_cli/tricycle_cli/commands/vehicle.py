@@ -14,6 +14,7 @@ from tricycle_cli.completion import HelpFormatter
 from tricycle_cli.console import plain_console
 from tricycle_core.documents import write_whole
 from tricycle_core.errors import VehicleError
+from tricycle_core.optional import check_installed
 from tricycle_core.timing import TICK
 from tricycle_sim.vehicle import Vehicle, load_vehicle, warnings_about
 
@@ -159,7 +160,7 @@ def run_check(args: argparse.Namespace) -> int:
     vehicle = load_vehicle(args.file)
     check_step(vehicle, TICK)
     if args.draw is not None:
-        _draw(vehicle, args)
+        _draw(vehicle, args)  # before anything is printed: it may be refused
     fastest, _ = fastest_mode(vehicle)
     warnings = (*warnings_about(vehicle), *_about_the_boards(vehicle))
     names = [wheel.name for wheel in vehicle.wheels]
@@ -196,6 +197,7 @@ def _draw(vehicle: Vehicle, args: argparse.Namespace) -> None:
     from tricycle_cli.reports.vehicle_drawing import SUFFIXES, draw_vehicle
 
     path: Path = args.draw
+    check_installed("matplotlib", "a drawing")
     if path.suffix not in SUFFIXES:
         raise VehicleError(f"{path}: must end in {', '.join(SUFFIXES)}")
     check_output_files([path], args)

@@ -11,6 +11,7 @@ from excitation_planner.area.polygons import placed
 from excitation_planner.area.tube import footprint_of
 from parameter_identification.judging.judgement import Judgement
 from tricycle_cli.reports.static_figures import MEASURED, REFERENCE
+from tricycle_core.documents import replacing
 from tricycle_core.quantities import Progress
 from tricycle_sim.vehicle import Vehicle
 
@@ -71,13 +72,14 @@ def write_film(
     longest = max(judgement.duration for judgement in judgements)
     times = np.arange(0.0, longest + speed / FRAMES, speed / FRAMES)
     writer = PillowWriter(fps=FRAMES)
-    writer.setup(figure, str(path), dpi=80)
-    for number, time in enumerate(times, start=1):
-        if number == 2:
-            figure.set_layout_engine("none")  # as the first frame was laid out
-        for s_time, artist, points in moving:
-            k = min(int(np.searchsorted(s_time, time)), len(s_time) - 1)
-            artist.set_data(*(points[k] if points.ndim == 3 else points[: k + 1]).T)
-        writer.grab_frame()
-        progress(number, len(times))
-    writer.finish()  # writes the file
+    with replacing(path) as new:
+        writer.setup(figure, str(new), dpi=80)
+        for number, time in enumerate(times, start=1):
+            if number == 2:
+                figure.set_layout_engine("none")  # as the first frame was laid out
+            for s_time, artist, points in moving:
+                k = min(int(np.searchsorted(s_time, time)), len(s_time) - 1)
+                artist.set_data(*(points[k] if points.ndim == 3 else points[: k + 1]).T)
+            writer.grab_frame()
+            progress(number, len(times))
+        writer.finish()  # writes the file

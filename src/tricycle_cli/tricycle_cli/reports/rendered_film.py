@@ -9,6 +9,7 @@ from PIL import Image
 from parameter_identification.judging.judgement import TimeSeries
 from tricycle_bridge.settings import BridgeSettings
 from tricycle_cli.reports.static_figures import MEASURED, REFERENCE
+from tricycle_core.documents import replacing
 from tricycle_core.quantities import Progress
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
@@ -79,7 +80,8 @@ def write_rendered_film(
         way.append((rig.state.x, rig.state.y))
         progress(tick + 1, ticks)
     first, *others = frames
-    first.save(path, save_all=True, append_images=others, duration=1000 // FRAMES, loop=0)
+    with replacing(path) as new:
+        first.save(new, save_all=True, append_images=others, duration=1000 // FRAMES, loop=0)
     seen = series.time <= (len(way) - 1) * TICK
     x, y = (
         np.interp(series.time[seen], TICK * np.arange(len(way)), row)

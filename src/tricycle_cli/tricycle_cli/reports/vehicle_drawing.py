@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.transforms import Affine2D
 
+from tricycle_core.documents import replacing
 from tricycle_core.palette import BLUE, GREY, VERMILLION
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.kinematics import curvature, steered_wheels
@@ -75,7 +76,8 @@ def draw_vehicle(vehicle: Vehicle, path: Path) -> None:
     axes.grid(visible=True, color="0.92")
     axes.set_axisbelow(True)
     title = f"{vehicle.name}, hash {vehicle.fingerprint}"
-    figure.savefig(path, bbox_inches="tight", metadata={"Title": title})
+    with replacing(path) as new:
+        figure.savefig(new, bbox_inches="tight", metadata={"Title": title})
 
 
 def _draw_frame(axes: Axes, vehicle: Vehicle) -> None:
