@@ -183,6 +183,9 @@ def test_a_missing_column_and_a_file_that_is_not_packed_are_told(tmp_path: Path)
     (tmp_path / "b.csv.gz").write_text("no")
     with pytest.raises(IdentificationError, match="is not a gzip file"):
         read_recording(tmp_path / "b.csv.gz", PLAIN)
+    (tmp_path / "b.csv.gz").write_bytes(gzip.compress(HEADER.encode())[:-9])
+    with pytest.raises(IdentificationError, match=r"b\.csv\.gz: is cut off"):
+        read_recording(tmp_path / "b.csv.gz", PLAIN)
     with pytest.raises(IdentificationError, match="sensor: needs the column yaw"):
         read_recording(
             write(tmp_path / "c.csv", "0,0,0,0,0,,", "1,1,0,0,0,,"),

@@ -472,7 +472,9 @@ def _text(path: Path) -> str:
             if len(content) > MAX_BYTES:
                 raise IdentificationError(f"{path}: unpacks to more than {MAX_BYTES} bytes")
         return content.decode("utf-8-sig")
-    except (OSError, EOFError, zlib.error) as error:
+    except EOFError as error:
+        raise IdentificationError(f"{path}: is cut off: the gzip file ends too early") from error
+    except (OSError, zlib.error) as error:
         raise IdentificationError(f"{path}: is not a gzip file: {error}") from error
     except UnicodeDecodeError as error:
         raise IdentificationError(f"{path}: is not a CSV file in UTF-8") from error
