@@ -102,7 +102,7 @@ def test_a_plan_is_no_table(tmp_path):
 def test_a_binary_file_is_no_csv(tmp_path):
     path = tmp_path / "c.csv"
     path.write_bytes(b"\xff\xfe\x00\x81")
-    with pytest.raises(CommandsError, match="is not a CSV file"):
+    with pytest.raises(CommandsError, match=r"is not a CSV file in UTF-8$"):
         load_commands(path)
 
 

@@ -124,8 +124,10 @@ def load_commands(path: Path) -> Commands:
         text.seek(0)
         rows_of_text = csv.reader(text, delimiter=separator)
         lines = [line for line in rows_of_text if any(cell.strip() for cell in line)]
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise CommandsError(f"{path}: is not a CSV file") from error
+    except UnicodeDecodeError as error:
+        raise CommandsError(f"{path}: is not a CSV file in UTF-8") from error
+    except csv.Error as error:
+        raise CommandsError(f"{path}: is not a CSV file: {error}") from error
     if not lines:
         raise CommandsError(f"{path}: is empty; needs the header {','.join(COLUMNS)} and rows")
     header = [cell.strip() for cell in lines[0]]

@@ -124,9 +124,23 @@ def test_a_clock_in_another_unit_or_of_a_pose_is_refused(tmp_path: Path) -> None
     gyro = Columns(time="t", x="px", y="py", steering="cmd", yaw_rate=Column("w", clock="ts"))
     with pytest.raises(IdentificationError, match=r"a.csv: ts: \d+% of its times are outside"):
         read_recording(path, gyro)
+    rows = [f"{10 * i},{i},0,0,0,{0.01 * i:.2f},{i}" for i in range(500)]  # t in ms
+    gyro = dataclasses.replace(gyro, time=Column("t", unit="us"))
+    with pytest.raises(IdentificationError, match=r"or the unit of `time` is wrong$"):
+        read_recording(write(tmp_path / "b.csv", *rows), gyro)
     pose = Columns(time="t", x=Column("px", clock="ts"), y="py", steering="cmd")
     with pytest.raises(IdentificationError, match="x: takes no clock"):
         read_recording(path, pose)
+
+
+def test_a_clock_that_goes_back_is_told_with_its_row_of_the_file(tmp_path: Path) -> None:
+    rows = [f"{0.01 * i:.2f},{i},0,0,0,{0.01 * i:.2f},{i}" for i in range(60)]
+    rows[:20] = [",0,0,0,0,,"] * 20
+    rows[30:35] = [rows[29]] * 5
+    rows[40] = "0.40,40,0,0,0,0.10,40"
+    gyro = Columns(time="t", x="px", y="py", steering="cmd", yaw_rate=Column("w", clock="ts"))
+    with pytest.raises(IdentificationError, match=r"a.csv: ts: goes back by 0.29 s at row 41;"):
+        read_recording(write(tmp_path / "a.csv", *rows), gyro)
 
 
 def test_the_pose_is_moved_from_the_sensor_to_the_com(tmp_path: Path) -> None:
@@ -168,6 +182,9 @@ def test_a_missing_column_and_a_file_that_is_not_packed_are_told(tmp_path: Path)
         read_recording(write(tmp_path / "a.csv", header="t,x"), PLAIN)
     (tmp_path / "b.csv.gz").write_text("no")
     with pytest.raises(IdentificationError, match="is not a gzip file"):
+        read_recording(tmp_path / "b.csv.gz", PLAIN)
+    (tmp_path / "b.csv.gz").write_bytes(gzip.compress(HEADER.encode())[:-9])
+    with pytest.raises(IdentificationError, match=r"b\.csv\.gz: is cut off"):
         read_recording(tmp_path / "b.csv.gz", PLAIN)
     with pytest.raises(IdentificationError, match="sensor: needs the column yaw"):
         read_recording(

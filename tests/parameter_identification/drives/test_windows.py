@@ -241,6 +241,12 @@ def test_what_cannot_be_taken_is_told(tmp_path: Path, columns: Columns) -> None:
     still = dataclasses.replace(recording, x=0 * recording.x, y=0 * recording.y)
     with pytest.raises(IdentificationError, match="cannot be estimated: less than 2 s"):
         estimate_map(still, VEHICLE)
+    small = dataclasses.replace(recording, x=1e-3 * recording.x, y=1e-3 * recording.y)
+    with pytest.raises(
+        IdentificationError,
+        match=r"are the units wrong\? In the mean, the poses come every 0.02 s .* at 0.001\d+ m/s$",
+    ):
+        estimate_map(small, VEHICLE)
 
 
 def test_what_is_left_out_is_counted_by_its_reason(

@@ -273,7 +273,7 @@ def test_a_part_that_was_only_begun_hides_no_other(tmp_path: Path) -> None:
         (lambda path: None, "no such bag"),
         (lambda path: path.mkdir(), "holds no metadata.yaml and no .mcap file"),
         (lambda path: path.write_text("hello"), "want a rosbag2 directory, .mcap or .db3 file"),
-        (lambda path: BagWriter(path).close(), "empty bag: no topic was recorded"),
+        (lambda path: BagWriter(path).close(), "empty bag: no topic was recorded$"),
     ],
     ids=["missing", "no bag", "text", "empty"],
 )
@@ -292,7 +292,10 @@ def test_files_that_are_not_what_they_are_called(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").touch()
     with pytest.raises(BagError, match="is empty"):
         BagReader(tmp_path / "empty.mcap")
-    write_own(tmp_path / "bag")
+    content = (write_own(tmp_path / "bag") / "bag_0.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(content[:20])
+    with pytest.raises(BagError, match="or it was cut off before its first message"):
+        BagReader(tmp_path / "cut.mcap")
     (tmp_path / "bag" / "metadata.yaml").write_text("- a\n- b\n")
     with BagReader(tmp_path / "bag") as reader:  # the files have all that is needed
         assert list(reader.messages()) == MESSAGES

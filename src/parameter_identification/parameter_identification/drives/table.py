@@ -387,7 +387,7 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
     for name, values in si.items():
         own = found[name].clock
         if own:
-            samples[name] = _on_the_clock(values[rows], table[own][rows], time, f"{path}: {own}")
+            samples[name] = _on_the_clock(values, table[own], rows, time, f"{path}: {own}")
         else:
             kept = np.isfinite(values[rows])
             samples[name] = Samples(time[kept], values[rows][kept])
@@ -472,15 +472,20 @@ def _text(path: Path) -> str:
             if len(content) > MAX_BYTES:
                 raise IdentificationError(f"{path}: unpacks to more than {MAX_BYTES} bytes")
         return content.decode("utf-8-sig")
-    except (OSError, EOFError, zlib.error) as error:
+    except EOFError as error:
+        raise IdentificationError(f"{path}: is cut off: the gzip file ends too early") from error
+    except (OSError, zlib.error) as error:
         raise IdentificationError(f"{path}: is not a gzip file: {error}") from error
     except UnicodeDecodeError as error:
         raise IdentificationError(f"{path}: is not a CSV file in UTF-8") from error
 
 
-def _new_times(clock: FloatArray, where: str) -> NDArray[np.int64]:
-    """Rows whose time is there and not that of the row before."""
-    rows = np.flatnonzero(np.isfinite(clock))
+def _new_times(
+    clock: FloatArray, where: str, among: NDArray[np.int64] | None = None
+) -> NDArray[np.int64]:
+    """Rows (of all, or among these) whose time is there and not that of the row before."""
+    rows = np.arange(len(clock)) if among is None else among
+    rows = rows[np.isfinite(clock[rows])]
     steps = np.diff(clock[rows])
     if len(back := np.flatnonzero(steps < 0.0)):
         row = rows[back[0] + 1]
@@ -493,20 +498,25 @@ def _new_times(clock: FloatArray, where: str) -> NDArray[np.int64]:
     return rows
 
 
-def _on_the_clock(values: FloatArray, own: FloatArray, time: FloatArray, where: str) -> Samples:
-    """Samples with a clock of their own, shifted by the median difference of both clocks."""
-    rows = _new_times(own, where)
+def _on_the_clock(
+    values: FloatArray, own: FloatArray, among: NDArray[np.int64], time: FloatArray, where: str
+) -> Samples:
+    """Samples with a clock of their own, shifted by the median difference of both clocks.
+
+    Of the table's rows only those `among` them, with these times, count.
+    """
+    rows = _new_times(own, where, among)
     rows = rows[np.isfinite(values[rows])]
     if not len(rows):
         return Samples(time[:0], values[:0])
-    shift = float(np.median(time[rows] - own[rows]))
+    shift = float(np.median(time[np.searchsorted(among, rows)] - own[rows]))
     at = own[rows] + shift
     # a clock may begin elsewhere than it goes on
     known = (at > time[0] - BESIDE) & (at < time[-1] + BESIDE)
     if np.mean(known) < 0.5:
         raise IdentificationError(
             f"{where}: {np.mean(~known):.0%} of its times are outside of those of the rows: it "
-            "must be in s, and at their pace"
+            "must be in s, and at their pace, or the unit of `time` is wrong"
         )
     return Samples(at[known], values[rows][known])
 

@@ -187,7 +187,8 @@ class BagReader(Closing):
                         raise BagError(f"{path}: {error}") from error
                     self.topics[topic.name] = replace(known, count=known.count + topic.count)
             if not self.topics:
-                raise BagError(f"{path} is an empty bag: no topic was recorded")
+                cut = "" if self.complete else ", or it was cut off before its first message"
+                raise BagError(f"{path} is an empty bag: no topic was recorded{cut}")
             self.kind = self._storages[0].kind
             self.files = [file for storage in self._storages for file in storage.files]
             self.complete &= not _missing(path, information, files)
