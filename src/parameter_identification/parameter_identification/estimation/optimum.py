@@ -159,7 +159,8 @@ def _compare(
 ) -> tuple[Fit, list[FloatArray], int]:
     """Repeat other fits with the final noise: the best of all, its rivals (k,), and the agreement.
 
-    A rival is a different minimum whose cost is within what the interval allows.
+    A rival is a different minimum whose cost is within what the interval allows, at parameters
+    that the intervals do not hold anyway: along a valley fits end wherever they are near enough.
     """
     allowed = chi_square.quantile(level, 1)
     k, agreed = problem.k, 0
@@ -170,7 +171,10 @@ def _compare(
             agreed += 1
             continue
         again = problem.minimise(fit.at, tolerance=ROUGH)
-        if _near(again, best, k):
+        apart = again.at[:k] - best.at[:k]
+        covariance = problem.quadratic(best.at).covariance()[:k, :k]
+        if _near(again, best, k) or apart @ np.linalg.solve(covariance, apart) < allowed:
+            best = min(best, again, key=lambda fit: fit.cost)
             agreed += 1
         elif again.cost < best.cost:
             best, rivals = again, [*rivals, best.at[:k]]

@@ -373,7 +373,7 @@ class LeastSquares(Closing):
         """
         free = np.ones(self.n, dtype=bool) if free is None else free
         here = self.quadratic(np.where(free, np.clip(start, self.low, self.high), start))
-        damping = np.zeros(self.n)
+        damping, undamped = np.zeros(self.n), False  # the latter: tried since the last success
         for _ in range(MAX_STEPS):
             step = here.step(self.low, self.high, free=free, damping=damping)
             decrease = here.decrease(step)
@@ -382,11 +382,14 @@ class LeastSquares(Closing):
             if decrease < tolerance * scale:
                 return Fit(following, here.cost - decrease)
             if damping.any() and decrease < ROUGHNESS * scale:
-                break
+                if undamped:
+                    break
+                damping, undamped = np.zeros(self.n), True  # it may be damped for a step long ago
+                continue
             trial = self.quadratic(following)
             if trial.cost < here.cost - 0.1 * decrease and trial.finite:
                 here = trial
-                damping = np.where(damping > 1.0, damping / 10.0, 0.0)
+                damping, undamped = np.where(damping > 1.0, damping / 10.0, 0.0), False
             elif np.any(free & self._rough):  # near by it is not the slope on average
                 free = free & ~self._rough
             else:
