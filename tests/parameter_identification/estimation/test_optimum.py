@@ -1,0 +1,53 @@
+"""The best of several fits, and which others are rivals."""
+
+import numpy as np
+import pytest
+
+from parameter_identification.estimation.optimum import find_optimum
+from parameter_identification.estimation.problem import Fit
+from parameter_identification.estimation.quadratic import Quadratic
+
+VALLEY = np.array([1.0, 1.0]) / np.sqrt(2.0)  # along it the cost hardly rises
+INFORMATION = 1e4 * np.eye(2) - (1e4 - 4.0) * np.outer(VALLEY, VALLEY)
+
+
+class Valleys:
+    """Two parameters; a search ends where it comes into the nearest of some valleys."""
+
+    k = n = 2
+
+    def __init__(self, starts, bottoms):
+        self.noise = {}
+        self.starts, self.bottoms = map(np.array, (starts, bottoms))
+
+    def candidates(self, count, seed):
+        return list(self.starts)
+
+    def minimise(self, start, free=None, *, tolerance=0.01):
+        across = np.array([1.0, -1.0]) / np.sqrt(2.0)
+        bottom = min(self.bottoms, key=lambda bottom: abs((start - bottom) @ across))
+        at = start - across * ((start - bottom) @ across)
+        return Fit(at, float((at - bottom) @ INFORMATION @ (at - bottom)))
+
+    def quadratic(self, at):
+        bottom = min(self.bottoms, key=lambda bottom: np.linalg.norm(at - bottom))
+        return Quadratic(at, 0.0, INFORMATION @ (at - bottom), INFORMATION)
+
+    def estimate_sizes(self, v): ...
+
+    def estimate_noise(self, v, step): ...
+
+
+@pytest.mark.parametrize(
+    ("second", "rivals"),
+    [
+        ([0.6, 0.6], 0),  # farther along the same valley: its interval holds it
+        ([0.2, 0.8], 1),  # another valley
+    ],
+)
+def test_fits_along_one_valley_are_one_minimum_and_another_valley_is_a_rival(second, rivals):
+    problem = Valleys([[0.5, 0.5], second], [[0.5, 0.5], [0.2, 0.8]])
+    found = find_optimum(problem, starts=2, seed=0, level=0.95)
+    np.testing.assert_allclose(found.fit.at, [0.5, 0.5])
+    assert len(found.rivals) == rivals
+    assert found.starts == (2, 2 - rivals)
