@@ -146,7 +146,7 @@ def test_a_domain_that_there_is_not_is_refused(domain, monkeypatch, capsys):
     ("library", "words", "extra"),
     [
         ("matplotlib", ["plan", "--output", "plan.json"], "plots"),
-        ("jinja2", ["identify", "bag"], "reports"),
+        ("jinja2", ["identify", "bag", "--output", "found"], "reports"),
         ("rclpy", ["demo"], "ros"),
         ("rclpy", ["monitor"], "ros"),
     ],
