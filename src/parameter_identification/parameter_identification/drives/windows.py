@@ -209,12 +209,12 @@ def _quiet(recording: Recording, motion: Motion) -> NDArray[np.bool_]:
         raise IdentificationError(
             f"{recording.name}: the steering map cannot be estimated: less than 2 s at more than "
             f"{SLOWEST:g} m/s with a lateral acceleration below {QUIET:g} m/s^2: give it; or "
-            f"{_are_units_wrong(recording, motion)}"
+            f"{_question_of_units(recording, motion)}"
         )
     return quiet
 
 
-def _are_units_wrong(recording: Recording, motion: Motion) -> str:
+def _question_of_units(recording: Recording, motion: Motion) -> str:
     """Question for the end of an error, with what shows the answer."""
     return (
         "are the units wrong? In the mean, "
@@ -361,7 +361,7 @@ def select_windows(
             f"{recording.name}: no window of {windows.length:g} s begins {lead * TICK:g} s after "
             f"the first pose or later, at more than {windows.above:g} m/s, without a gap or jump "
             f"of the poses (left out: {selection}): choose a shorter length or a lower speed; or "
-            f"{_are_units_wrong(recording, motion)}"
+            f"{_question_of_units(recording, motion)}"
         )
     return selection
 

@@ -171,9 +171,7 @@ def _compare(
             agreed += 1
             continue
         again = problem.minimise(fit.at, tolerance=ROUGH)
-        apart = again.at[:k] - best.at[:k]
-        covariance = problem.quadratic(best.at).covariance()[:k, :k]
-        if _near(again, best, k) or apart @ np.linalg.solve(covariance, apart) < allowed:
+        if _near(again, best, k) or _in_one_valley(problem, again, best, allowed):
             best = min(best, again, key=lambda fit: fit.cost)
             agreed += 1
         elif again.cost < best.cost:
@@ -181,6 +179,13 @@ def _compare(
         elif again.cost < best.cost + allowed:
             rivals.append(again.at[:k])
     return best, rivals, agreed
+
+
+def _in_one_valley(problem: LeastSquares, fit: Fit, best: Fit, allowed: float) -> bool:
+    """Whether the intervals of the best fit hold the parameters of another one."""
+    apart = (fit.at - best.at)[: problem.k]
+    covariance = problem.quadratic(best.at).covariance()[: problem.k, : problem.k]
+    return bool(apart @ np.linalg.solve(covariance, apart) < allowed)
 
 
 def _near(a: Fit, b: Fit, k: int) -> bool:
