@@ -12,6 +12,8 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from tricycle_cli.operation import processes
+from tricycle_sim.rig.emulated import EmulatedRig
+from tricycle_sim.vehicle import load_vehicle
 
 QUIET = 0.1  # s
 # processes that share the tests count on from one process's domain in turns, so that two of them
@@ -19,6 +21,12 @@ QUIET = 0.1  # s
 _processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 _pid = os.getppid() if _processes > 1 else os.getpid()
 _tests = itertools.count(int(os.environ.get("PYTEST_XDIST_WORKER", "gw0")[2:]), _processes)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _compiled_vehicle_model() -> None:
+    """Compile it before a test with nodes begins to wait for its simulation."""
+    EmulatedRig(load_vehicle()).step()
 
 
 @pytest.fixture

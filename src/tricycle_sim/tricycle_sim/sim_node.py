@@ -214,8 +214,16 @@ class TricycleSim(Node):
                         self.get_logger().error("the vehicle has rolled over", once=True)
                 period = TICK / self._factor if self._factor else 0.0
                 now = time.monotonic()
+                due = min(due, now) + period
                 # what is late is caught up, but never more than ten ticks
-                due = max(min(due, now) + period, now - 10 * period)
+                if due < now - 10 * period:
+                    due = now - 10 * period
+                    if self._factor and not self._patience:  # with patience it waits for its host
+                        self.get_logger().warning(
+                            "the simulation does not keep up with real_time_factor "
+                            f"{self._factor:g}: this machine is too slow for it, or busy",
+                            throttle_duration_sec=5.0,
+                        )
 
     def _plug(self, selector: selectors.BaseSelector) -> None:
         """Pull the cables of the boards that have none, and put back the others."""
