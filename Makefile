@@ -112,8 +112,8 @@ rehearsal: setup firmware  ## a scripted day on a foreign plant behind the firmw
 
 soak: setup  ## an hour of driving on a bad line, a hundred cables pulled, fifty recorders killed, 1000 faults
 	$(BIN)/python benchmarks/link_soak.py
-	FUZZ_RUNS=20000 $(BIN)/python -m pytest -q tests/tricycle_bridge/test_fuzz.py
-	REPLUGS=100 $(BIN)/python -m pytest -q tests/tricycle_bridge/test_serial_port.py -k replugs
+	FUZZ_RUNS=20000 $(BIN)/python -m pytest -q -o faulthandler_timeout=0 tests/tricycle_bridge/test_fuzz.py
+	REPLUGS=100 $(BIN)/python -m pytest -q -o faulthandler_timeout=0 tests/tricycle_bridge/test_serial_port.py -k replugs
 	$(BIN)/python benchmarks/recorder_kills.py
 	$(MAKE) -C firmware host
 	$(BIN)/python benchmarks/fault_soak.py --backend native
