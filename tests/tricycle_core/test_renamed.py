@@ -1,4 +1,4 @@
-"""Module names that documentation showed import the modules of today, in any order."""
+"""Module names that documentation showed import the modules of today, in any order, and say so."""
 
 import os
 import subprocess
@@ -7,12 +7,16 @@ import sys
 import pytest
 
 LOOK = """
-import importlib, sys
+import importlib, sys, warnings
 from tricycle_core.renamed import RENAMED
 for old, new in RENAMED.items():
     if sys.argv[1] == "new first":
         importlib.import_module(new)
-    assert importlib.import_module(old) is importlib.import_module(new), old
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        found = importlib.import_module(old)
+    assert any(f"{old} is {new} now" in str(w.message) for w in warned), old
+    assert found is importlib.import_module(new), old
     package, _, name = old.rpartition(".")
     assert getattr(sys.modules[package], name) is sys.modules[new], old
 """

@@ -1,9 +1,10 @@
-"""Modules under the names that the documentation of earlier versions showed."""
+"""Modules under the names that the documentation of 0.1 showed; they go with 0.3."""
 
 from __future__ import annotations
 
 import importlib
 import sys
+import warnings
 from collections.abc import Sequence
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -35,7 +36,10 @@ class _Loader(Loader):
     """Puts the module of the present name in place of the one that is imported."""
 
     def exec_module(self, module: ModuleType) -> None:
-        sys.modules[module.__name__] = importlib.import_module(RENAMED[module.__name__])
+        now = RENAMED[module.__name__]
+        message = f"{module.__name__} is {now} now; the old name goes with version 0.3"
+        warnings.warn(message, DeprecationWarning, stacklevel=2)
+        sys.modules[module.__name__] = importlib.import_module(now)
 
 
 class _Finder(MetaPathFinder):
