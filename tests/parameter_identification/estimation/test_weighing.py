@@ -11,7 +11,12 @@ from scipy.stats import multivariate_normal, norm
 from parameter_identification.estimation.intervals import half_width, interval
 from parameter_identification.estimation.problem import Fit
 from parameter_identification.estimation.quadratic import Quadratic
-from parameter_identification.estimation.weighing import NEGLECTED, mixture, refitted
+from parameter_identification.estimation.weighing import (
+    NEGLECTED,
+    indispensable,
+    mixture,
+    refitted,
+)
 
 NOISE = 0.3
 PARAMETERS = 2
@@ -150,6 +155,12 @@ def test_an_effect_that_hides_behind_a_parameter_widens_its_tails():
     assert 0.05 < found.weights @ found.acting[:, 2] < 0.15
 
 
+def quadratic_of(residual, v):
+    columns = np.column_stack([approx_fprime(v, residual, 1e-7), residual(v)])
+    priors = np.append(np.full(len(v), 1e-6), 0.0)
+    return Quadratic.of_gram(v, columns.T @ columns + np.diag(priors))
+
+
 class Bent:
     """What is measured is linear in each of two variables, and in a third one, not in all."""
 
@@ -165,8 +176,7 @@ class Bent:
         return 100.0 * (is_so - seen)
 
     def quadratic(self, v):
-        columns = np.column_stack([approx_fprime(v, self.residual, 1e-7), self.residual(v)])
-        return Quadratic.of_gram(v, columns.T @ columns + np.diag([1e-6, 1e-6, 1e-6, 0.0]))
+        return quadratic_of(self.residual, v)
 
     def minimise(self, start, free, *, tolerance):
         def residual(some):
@@ -187,3 +197,24 @@ def test_an_effect_is_kept_where_the_fit_without_it_is_worse_than_linear(bend, k
     assert indispensable == kept
     assert free.tolist() == [True, bool(kept), False]
     assert fit.cost == pytest.approx(0.0, abs=1e-3)
+
+
+class Saturating:
+    """An effect beside a parameter, which changes nothing any more from 1 on."""
+
+    low, high = np.full(2, -9.0), np.full(2, 9.0)
+
+    def residual(self, v):
+        p, effect = v
+        return 100.0 * np.array([p + min(effect, 1.0) - 2.0, p - 1.0])
+
+    def quadratic(self, v):
+        return quadratic_of(self.residual, v)
+
+
+@pytest.mark.parametrize(("effect", "held"), [(0.9, []), (2.0, ["effect"])])
+def test_an_effect_without_which_the_cost_is_more_than_linear_is_indispensable(effect, held):
+    problem, free = Saturating(), np.ones(2, dtype=bool)
+    here = problem.quadratic(np.array([1.0, effect]))
+    assert indispensable(problem, here, free, {"effect": [1]}) == held
+    assert indispensable(problem, here, np.array([True, False]), {"effect": [1]}) == []

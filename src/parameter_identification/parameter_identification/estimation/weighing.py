@@ -37,6 +37,7 @@ ROUNDS = 5  # of weights, and fit with the most probable effects
 SURPRISE = 30.0  # of the cost, from which a fit shows that the motion is not linear in an effect
 ENOUGH = 0.1  # of it, to which such fits are compared
 NOTICEABLE = 0.1  # standard deviations of its prior, from which an effect may be the cause
+SURELY = 0.99  # probability of one that needs no further look
 INDISPENSABLE = 1.0 - 1e-15  # probability of such an effect
 
 
@@ -475,13 +476,13 @@ def weigh_effects(
     rest = np.setdiff1d(np.arange(problem.n), variables)
     least = {where[i]: problem.low[i] for i in of_effects if problem.low[i] > -CERTAIN}
     fit, free, sizes = optimum.fit, np.ones(problem.n, dtype=bool), problem.sizes()
-    for later in reversed(range(ROUNDS)):
-        here = problem.quadratic(fit.at)
-        likely = _likely_sizes(problem, here, free)
 
-        def weighed(
-            chosen: tuple[dict[str, float], float], here: Quadratic = here
-        ) -> tuple[Mixture, float]:
+    def average(
+        here: Quadratic, likely: Sequence[tuple[dict[str, float], float]]
+    ) -> tuple[Mixture, FloatArray]:
+        """That over all subsets and those sizes of the deviations, and the sizes' evidence."""
+
+        def weighed(chosen: tuple[dict[str, float], float]) -> tuple[Mixture, float]:
             of_deviations, prior = chosen
             H, pull = here.information + np.diag(problem.more_precision(of_deviations)), here.pull
             onto = np.linalg.solve(H[np.ix_(rest, rest)], H[np.ix_(rest, variables)])
@@ -495,7 +496,12 @@ def weigh_effects(
             return found, prior + found.evidence + _log_evidence(H, pull, rest)
 
         mixtures, evidence = zip(*problem.each(weighed, likely), strict=True)
-        found = joined(mixtures, np.array(evidence))
+        return joined(mixtures, np.array(evidence)), np.array(evidence)
+
+    for later in reversed(range(ROUNDS)):
+        here = problem.quadratic(fit.at)
+        likely = _likely_sizes(problem, here, free)
+        found, evidence = average(here, likely)
         acts = np.ones(problem.n, dtype=bool)
         for at, acting in zip(places, found.acting[0], strict=True):
             acts[at] = acting
@@ -509,13 +515,22 @@ def weigh_effects(
             chances[names.index(name)] = INDISPENSABLE
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)
+    doubtful = {
+        name: at
+        for name, at, chance in zip(names, places, found.weights @ found.acting, strict=True)
+        if chance < SURELY
+    }
+    if held := indispensable(problem, here, free, doubtful):
+        for name in held:
+            chances[names.index(name)] = INDISPENSABLE
+        found, evidence = average(here, likely)
     covariance = np.zeros((problem.n, problem.n))
-    information = problem.quadratic(fit.at).information
+    information = here.information
     covariance[np.ix_(free, free)] = np.linalg.inv(information[np.ix_(free, free)])
     covariance[np.ix_(variables, variables)] = found.covariance(fit.at[variables])
     acting_in_all = np.fmin(found.weights @ found.acting, 1.0)  # 1 but for round-off
     probable = dict(zip(names, acting_in_all.tolist(), strict=True))
-    shares = np.exp(np.array(evidence) - found.evidence).tolist()
+    shares = np.exp(evidence - found.evidence).tolist()
     for name in sizes:
         of_name = zip(shares, (chosen[name] for chosen, _ in likely), strict=True)
         probable[name] = sum(share for share, size in of_name if size != NO_DEVIATION)
@@ -570,6 +585,41 @@ def refitted(
         found, free = with_one[best]
         indispensable.append(best)
     return found, free, indispensable
+
+
+def indispensable(
+    problem: LeastSquares,
+    here: Quadratic,
+    free: NDArray[np.bool_],
+    places: Mapping[str, Sequence[int]],
+) -> list[str]:
+    """Return the effects without which the cost is more than a motion linear in them says.
+
+    Where an effect is so large that it changes nothing any more, as at the shortest relaxation,
+    its derivatives are 0, and the quadratic cost says that the fit is as good without it.
+
+    Parameters
+    ----------
+    problem : LeastSquares
+        With `quadratic`, `low` and `high`.
+    here : Quadratic
+        At the fit.
+    free : ndarray of bool, shape (n,)
+        Which variables are free in the fit.
+    places : mapping of str to sequence of int
+        Variables of each effect that is asked for, by its name.
+    """
+    found = []
+    for name, at in places.items():
+        if free[at].any() and np.abs(here.at[at]).max() > NOTICEABLE:
+            off, others = np.zeros(len(free)), free.copy()
+            off[at], others[at] = -here.at[at], False
+            moved = replace(here, at=here.at + off, gradient=here.gradient + here.information @ off)
+            off += moved.step(problem.low, problem.high, free=others)
+            expected = here.cost - here.decrease(off)
+            if problem.quadratic(here.at + off).cost > expected + SURPRISE:
+                found.append(name)
+    return found
 
 
 def _likely_sizes(
