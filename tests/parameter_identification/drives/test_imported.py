@@ -9,9 +9,11 @@ from simulated_drives import VEHICLE, commands_of_pair, driven
 from parameter_identification.drives.imported import recording_of, write_bag
 from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
 from parameter_identification.drives.recorded import read_drive
+from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.drives.table import SteeringMap
 from trajectory_recorder.bag.reader import BagReader
+from trajectory_recorder.bag.topics import jazzy
 from tricycle_core.errors import IdentificationError, JudgeError
 from tricycle_core.stamps import SECOND
 
@@ -108,3 +110,56 @@ def test_the_state_of_a_bag_comes_as_the_drivers(drive, tmp_path):
     with BagReader(tmp_path / "bag") as bag:
         stamps = [message.stamp for message in bag.messages(["/maneuver/state"])]
     assert np.diff(stamps).max() <= 0.5 * SECOND
+
+
+@pytest.mark.parametrize("wrong", ["x and y swapped", "degrees"])
+def test_what_contradicts_the_poses_is_refused(drive, tmp_path, wrong):
+    recording = recording_of(drive)
+    changed = {"yaw": np.degrees(recording.yaw)}
+    if wrong != "degrees":
+        changed = {"x": recording.y, "y": recording.x}
+    recording = dataclasses.replace(recording, **changed)
+    with pytest.raises(IdentificationError, match="are x and y swapped, is the unit of yaw"):
+        write_bag(recording, VEHICLE, SteeringMap(), tmp_path / "bag")
+    assert not (tmp_path / "bag").exists()
+
+
+def test_a_gap_of_the_steering_while_the_vehicle_moves_is_refused(drive, tmp_path):
+    recording = recording_of(drive)
+    time = recording.steering.time
+    there = (time < 5.0) | (time > 7.0)
+    steering = Samples(time[there], recording.steering.values[there])
+    gap = dataclasses.replace(recording, steering=steering)
+    with pytest.raises(IdentificationError, match=r"gap of the steering of more than .* at 4\.99"):
+        write_bag(gap, VEHICLE, SteeringMap(), tmp_path / "bag")
+
+
+def test_a_sensor_heard_before_the_first_pose_has_a_time(drive, tmp_path):
+    recording = recording_of(drive)
+    rate = recording.more["yaw_rate"]
+    early = dataclasses.replace(rate, time=rate.time - rate.time[0] - 0.004)
+    write_bag(
+        dataclasses.replace(recording, more=recording.more | {"yaw_rate": early}),
+        *(VEHICLE, SteeringMap(), tmp_path / "bag"),
+    )
+    with BagReader(tmp_path / "bag") as bag:
+        assert bag.span[0] == 0
+
+
+def test_an_acceleration_that_was_not_measured_is_no_number(drive, tmp_path):
+    recording = recording_of(drive)
+    time = recording.more["acceleration_y"].time
+    ahead = Samples(time[:100], np.full(100, 1.23))
+    write_bag(
+        dataclasses.replace(recording, more=recording.more | {"acceleration_x": ahead}),
+        *(VEHICLE, SteeringMap(), tmp_path / "bag"),
+    )
+    with BagReader(tmp_path / "bag") as bag:
+        imu = [
+            jazzy().deserialize_cdr(data, "sensor_msgs/msg/Imu")
+            for _, _, data in bag.messages({"/imu"})
+        ]
+    of_force = [m.linear_acceleration for m in imu if m.linear_acceleration_covariance[0] != -1.0]
+    assert [a.x for a in of_force[:100]] == [1.23] * 100
+    assert np.isnan([a.x for a in of_force[100:]]).all()
+    assert np.isfinite([a.y for a in of_force]).all()

@@ -113,6 +113,29 @@ def test_satellite_fixes_need_datum_and_a_fitted_anchor(tmp_path: Path) -> None:
     assert j.te == pytest.approx(exact.te, rel=1e-2)
     assert math.isnan(j.rms_heading)
 
+    def lose_some(messages: dict[str, list[Any]]) -> None:
+        for _, message in messages["/odom"][::50]:
+            message.status.status, message.latitude, message.longitude = -1, 0.0, 0.0
+
+    lost = Scene(deviation=sideways(0.2), poses="fix", edit=lose_some).write(tmp_path / "lost")
+    found = judge(lost, topics=TopicNames(datum=DATUM), anchor=Anchor.FIT)
+    assert found.te == pytest.approx(j.te, rel=1e-3)
+
+
+def test_of_two_vehicles_the_one_whose_state_is_named_is_judged(tmp_path: Path) -> None:
+    one, other = Scene(deviation=sideways(0.2)), Scene(deviation=sideways(0.4))
+    both = Scene()
+    messages, types = {}, {}
+    for namespace, scene in (("/a", one), ("/b", other)):
+        for name, rows in scene.messages().items():
+            messages[namespace + name], types[namespace + name] = rows, scene.types()[name]
+    both.messages, both.types = lambda: messages, lambda: types
+    bag = both.write(tmp_path / "bag")
+    with pytest.raises(JudgeError, match="name the one to use"):
+        judge(bag)
+    names = {"pose": "/b/odom", "reference": "/b/maneuver/reference", "state": "/b/maneuver/state"}
+    assert judge(bag, topics=TopicNames(**names)).te == pytest.approx(0.16 * 3 / 8, rel=1e-3)
+
 
 def test_a_bag_in_parts_and_in_a_namespace(tmp_path: Path) -> None:
     scene = Scene(deviation=sideways(0.2))

@@ -4,7 +4,7 @@ import errno
 import json
 
 import pytest
-from driven_bags import Scene, sideways
+from driven_bags import DATUM, Scene, sideways
 
 from tricycle_core.errors import BagError, JudgeError, PlanError
 
@@ -57,3 +57,12 @@ def test_bags_beside_one_that_cannot_be_opened_are_judged(tricycle, tmp_path, mo
     printed = capsys.readouterr()
     assert [one["bag"] for one in json.loads(printed.out)["bags"]] == [str(bag)]
     assert f"tricycle: {tmp_path / 'locked'}: Permission denied" in printed.err
+
+
+def test_poses_without_heading_are_null_in_json(tricycle, tmp_path, capsys):
+    bag = Scene(deviation=sideways(0.2), poses="fix").write(tmp_path / "bag")
+    datum = f"{DATUM.latitude},{DATUM.longitude},{DATUM.altitude}"
+    assert tricycle("judge", bag, "--datum", datum, "--anchor", "fit", "--json") == 0
+    found = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
+    assert found["te_by_anchor"]["start"] is None
+    assert found["te_by_anchor"]["fit"] == found["te"]

@@ -112,7 +112,8 @@ def write_bag(
     CommandsError
         If the commands are beyond what the model takes.
     IdentificationError
-        If the vehicle has no wheel of a name, or a time is none of a bag.
+        If the vehicle has no wheel of a name, a time is none of a bag, or what was recorded of a
+        drive with a start event contradicts the poses or has a gap.
     """
     rows = list(_sensed(recording, vehicle, steering))
     start = _start(recording)
@@ -154,7 +155,8 @@ def _sensed(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> It
     more = recording.more
     ahead, left = more.get("acceleration_x"), more.get("acceleration_y")
     if ahead is not None and left is not None:  # one message holds both
-        ahead = Samples(left.time, ahead.at(left.time))
+        known = left.time[ahead.known(left.time)]
+        ahead = Samples(known, ahead.at(known))
     for stamp, *values in _rows(recording, [more.get("yaw_rate"), ahead, left]):
         yield stamp, "/imu", _imu(stamp, *values)
     told, angle = recording.steering, None
@@ -227,7 +229,9 @@ def _driven(
 
 
 def _stamp(recording: Recording, time: float) -> int:
-    start = max(recording.start, 0.0)  # a message has no time before 0
+    every = (recording, recording.steering, *recording.more.values())
+    first = min(float(samples.time[0]) for samples in every)
+    start = max(recording.start, -first)  # a message has no time before 0
     if start + time >= LAST:
         raise IdentificationError(
             f"{recording.name}: time {start + time:.10g} s: a bag's end in 2038, at {LAST:.0f} s; "
@@ -289,7 +293,6 @@ def _joint_state(stamp: int, joints: Mapping[str, tuple[float, ...]]) -> Any:
 def _imu(stamp: int, rate: float, ahead: float, left: float) -> Any:
     unknown = np.array([-1.0, *[0.0] * 8])  # the message's way to say that there is none
     turning, there = math.isfinite(rate), math.isfinite(ahead) or math.isfinite(left)
-    force = (value if math.isfinite(value) else 0.0 for value in (ahead, left))
     return _message(
         KINDS["/imu"],
         header=_header(stamp, BASE_LINK),
@@ -297,7 +300,7 @@ def _imu(stamp: int, rate: float, ahead: float, left: float) -> Any:
         orientation_covariance=unknown,
         angular_velocity=_vector(z=rate if turning else 0.0),
         angular_velocity_covariance=np.zeros(9) if turning else unknown,
-        linear_acceleration=_vector(*force),
+        linear_acceleration=_vector(ahead, left) if there else _vector(),
         linear_acceleration_covariance=np.zeros(9) if there else unknown,
     )
 

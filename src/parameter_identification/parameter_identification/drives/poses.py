@@ -16,6 +16,8 @@ from tricycle_core.quantities import FloatArray
 from tricycle_core.rotations import is_unit, yaw_of
 from tricycle_core.stamps import nanoseconds_of
 
+NO_FIX = -1  # sensor_msgs/NavSatStatus
+
 
 @dataclass(frozen=True)
 class Datum:
@@ -98,7 +100,7 @@ class PoseCollector:
             "tf2_msgs/msg/TFMessage": lambda m: chain.from_iterable(
                 self._of_child_frame(transform, transform.transform) for transform in m.transforms
             ),
-            "sensor_msgs/msg/NavSatFix": lambda m: [(stamp_of(m), *self._fix(m), math.nan)],
+            "sensor_msgs/msg/NavSatFix": self._of_satellites,
         }
         if type_name not in readers:
             raise JudgeError(
@@ -167,10 +169,12 @@ class PoseCollector:
         else:
             self._other_frames.add(message.child_frame_id.lstrip("/"))
 
-    def _fix(self, message: Any) -> tuple[float, float]:
+    def _of_satellites(self, message: Any) -> Iterator[tuple[int, float, float, float]]:
         if self._datum is None:
             raise JudgeError("positions of satellites need a datum")
-        return east_north(message.latitude, message.longitude, message.altitude, self._datum)
+        if message.status.status != NO_FIX:
+            at = message.latitude, message.longitude, message.altitude
+            yield stamp_of(message), *east_north(*at, self._datum), math.nan
 
 
 def stamp_of(message: Any) -> int:

@@ -295,9 +295,9 @@ class _Collector:
         self.reference = self._name(topics.reference, without)
         self.state = self._name(topics.state, "the drive's start event is recorded there")
         self.pose = self._name(topics.pose, "name the topic of the poses")
-        self.commands = self._name(topics.commands)
+        self.commands = self._beside(topics.commands) or self._name(topics.commands)
         self.lead_in = self._beside(topics.lead_in, PATH)
-        self.played = self._name(topics.played)
+        self.played = self._beside(topics.played) or self._name(topics.played)
         self.readiness = self._beside(topics.readiness, STATUS)
         self.diagnostics = self._beside(topics.diagnostics, DIAGNOSTICS)
         self.imu = self._sensor(topics.imu, IMU) if sensors else ""
@@ -407,11 +407,12 @@ class _Collector:
             raise JudgeError(f"{self.bag} holds no {type_name} in {name}; it holds: {there}")
         return found
 
-    def _beside(self, name: str, type_name: str) -> str:
+    def _beside(self, name: str, type_name: str = "") -> str:
         """Topic of this name and type in the namespace of the driver's state; "" if none."""
-        own = (self.state.removesuffix(self.topics.state) or "/") + name
+        usual = TopicNames.state
+        own = (self.state.removesuffix(usual) if self.state.endswith(usual) else "/") + name
         topic = self.reader.topics.get(own)
-        return own if topic and topic.type == type_name else ""
+        return own if topic and type_name in ("", topic.type) else ""
 
     def _commands(self, messages: Iterable[Any], plan_id: str) -> Any:
         """Newest commands of the plan driven; of any plan where they carry no id."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tricycle_core.quantities import FloatArray
 
@@ -42,6 +43,22 @@ class Samples:
         just_after = time + CLOCK_STEP
         return self.values[np.maximum(np.searchsorted(self.time, just_after, side="right") - 1, 0)]
 
+    def known(self, time: FloatArray) -> NDArray[np.bool_]:
+        """Return whether the values at other times (t,) are known: at a sample, or within no gap.
+
+        Parameters
+        ----------
+        time : ndarray of float, shape (t,)
+            Of the recording [s].
+        """
+        own = np.concatenate([[-math.inf], self.time, [math.inf]])
+        after = np.searchsorted(self.time, time - CLOCK_STEP) + 1
+        apart = np.diff(self.time)
+        widest = GAP * float(np.median(apart)) if len(apart) else 0.0
+        at_a_sample = np.abs(own[after] - time) <= CLOCK_STEP
+        found: NDArray[np.bool_] = at_a_sample | (own[after] - own[after - 1] <= widest)
+        return found
+
 
 def common_times(columns: Sequence[Samples]) -> FloatArray:
     """Return the times (m,) at which all of some quantities are known [s].
@@ -56,10 +73,5 @@ def common_times(columns: Sequence[Samples]) -> FloatArray:
     """
     times = min((samples.time for samples in columns), key=len)
     for samples in columns:
-        own = np.concatenate([[-math.inf], samples.time, [math.inf]])
-        after = np.searchsorted(samples.time, times - CLOCK_STEP) + 1
-        apart = np.diff(samples.time)
-        widest = GAP * float(np.median(apart)) if len(apart) else 0.0
-        at_a_sample = np.abs(own[after] - times) <= CLOCK_STEP
-        times = times[at_a_sample | (own[after] - own[after - 1] <= widest)]
+        times = times[samples.known(times)]
     return times

@@ -389,9 +389,6 @@ def _beginnings(
     among them.
     """
     length = round(windows.length / TICK)
-    inputs = {"steering": recording.steering}
-    if "speed_command" in recording.more:
-        inputs["speed_command"] = recording.more["speed_command"]
     jump = np.abs(motion.jolt) > JUMP
     jump |= motion.missed > max(MISSED * float(np.median(motion.missed)), LEAST_MISSED)
     reasons = {
@@ -400,11 +397,8 @@ def _beginnings(
             motion.time, recording.time, MAX_GAP
         ),
         "with a jump of the poses or a kink of the speed": jump,
+        **_gaps_of_inputs(recording, motion),
     }
-    for name, told in inputs.items():
-        most = max(MAX_GAP, SPARSE * float(np.median(np.diff(told.time, append=told.time[-1]))))
-        reason = f"with a gap of the {name} of more than {most:.2g} s"
-        reasons[reason] = _lost(motion.time, told.time, most)
     step, free = max(1, round(windows.every / TICK)), 0
     for first in range(0, len(motion.time) - length, step):
         last = first + (0 if windows.overlapping else length)
@@ -418,6 +412,19 @@ def _beginnings(
         yield first, reason
         if not reason:
             free = 0 if windows.overlapping else first + length + 1
+
+
+def _gaps_of_inputs(recording: Recording, motion: Motion) -> dict[str, NDArray[np.bool_]]:
+    """Whether ticks (t,) are in a gap of the steering, or of the speed's set-points, in words."""
+    inputs = {"steering": recording.steering}
+    if "speed_command" in recording.more:
+        inputs["speed_command"] = recording.more["speed_command"]
+    found = {}
+    for name, told in inputs.items():
+        most = max(MAX_GAP, SPARSE * float(np.median(np.diff(told.time, append=told.time[-1]))))
+        reason = f"with a gap of the {name} of more than {most:.2g} s"
+        found[reason] = _lost(motion.time, told.time, most)
+    return found
 
 
 def _lost(ticks: FloatArray, told: FloatArray, gap: float) -> NDArray[np.bool_]:
@@ -500,9 +507,19 @@ def recorded_commands(
     ------
     CommandsError
         If they are beyond what the model takes.
+    IdentificationError
+        If a column contradicts the poses, or has a gap while the vehicle moves.
     """
     motion = motion_of(recording)
     angle, _ = setpoints_of(recording, motion, vehicle, steering)
+    check_agreement(recording, motion, vehicle, angle, turned_angle(motion, vehicle))
+    moving = (motion.time >= start) & (np.abs(motion.speed) > SLOWEST)
+    for reason, gap in _gaps_of_inputs(recording, motion).items():
+        if (gap & moving).any():
+            raise IdentificationError(
+                f"{recording.name}: drives {reason}, at {motion.time[gap & moving][0]:.2f} s: cut "
+                "the table off there, or identify windows of it (tricycle identify --columns)"
+            )
     first = np.searchsorted(motion.time, start - 0.5 * TICK)  # its tick, whatever its round-off
     rows = slice(int(first), len(motion.time))
     speed = _recorded_setpoints(recording, vehicle, motion, rows)

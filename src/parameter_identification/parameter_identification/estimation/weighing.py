@@ -509,9 +509,9 @@ def weigh_effects(
         if later == 0 or (np.array_equal(acts, free) and best == sizes):
             break  # so that the weights are those of the fit
         problem.set_sizes(best)
-        fit, free, indispensable = refitted(problem, fit, acts, at_effect)
+        fit, free, needed = refitted(problem, fit, acts, at_effect)
         sizes = best
-        for name in indispensable:
+        for name in needed:
             chances[names.index(name)] = INDISPENSABLE
         problem.estimate_noise(fit.at)
         fit = problem.minimise(fit.at, free)

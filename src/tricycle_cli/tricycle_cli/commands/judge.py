@@ -6,6 +6,7 @@ import argparse
 import json
 import math
 import sys
+from collections.abc import Mapping
 from contextlib import nullcontext
 from itertools import chain
 from pathlib import Path
@@ -144,10 +145,15 @@ def _as_json(judgement: Judgement) -> dict[str, Any]:
     }
     values |= {
         "bag": str(judgement.bag),
-        "te_by_anchor": {name.value: te for name, te in judgement.te_by_anchor.items()},
+        "te_by_anchor": _known({name.value: te for name, te in judgement.te_by_anchor.items()}),
         "anchor": judgement.anchor.value,
-        "anchor_pose": {"x": anchor.x, "y": anchor.y, "heading": anchor.heading},
+        "anchor_pose": _known({"x": anchor.x, "y": anchor.y, "heading": anchor.heading}),
     }
+    return _known(values)
+
+
+def _known(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values, with null for NaN, of which JSON knows nothing."""
     return {
         name: None if isinstance(value, float) and math.isnan(value) else value
         for name, value in values.items()
