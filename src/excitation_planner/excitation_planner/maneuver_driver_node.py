@@ -32,7 +32,7 @@ from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import RouteRequest, find_route
 from tricycle_bridge.commands.kinematics import TurningGeometry
-from tricycle_core.diagnostics import Level
+from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import LinkError, PlanError
 from tricycle_core.frames import MANEUVER
 from tricycle_core.joints import JOINTS
@@ -305,8 +305,7 @@ class ManeuverDriver(Node):
         self._playback.observe(_planar_state(message), stamp, self._now())
 
     def _on_readiness(self, message: DiagnosticStatus) -> None:
-        values = {pair.key: pair.value for pair in message.values}
-        self._playback.hear(Readiness.from_values(values), self._now())
+        self._playback.hear(Readiness.from_values(values_of(message)), self._now())
 
     def _on_hold(self, message: Bool) -> None:
         self._playback.hold(message.data, self._now())
@@ -315,8 +314,8 @@ class ManeuverDriver(Node):
         for status in message.status:
             if status.name.startswith(REPORTING):
                 level, now = Level.of(status.level), self._clocks()
-                values = {pair.key: pair.value for pair in status.values}
-                self._reports[status.name] = Report(level, status.message, now, values)
+                report = Report(level, status.message, now, values_of(status))
+                self._reports[status.name] = report
 
     def _clocks(self) -> tuple[float, float]:
         """Present time on the node's clock, which may be a simulation's, and the computer's [s]."""

@@ -23,6 +23,7 @@ from parameter_identification.drives.poses import (
 from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import deserialize
+from tricycle_core.diagnostics import values_of
 from tricycle_core.errors import JudgeError
 from tricycle_core.frames import BASE_LINK
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
@@ -379,7 +380,7 @@ class _Collector:
 
     def _state(self, message: Any) -> ManeuverState:
         try:
-            return ManeuverState.from_values({v.key: v.value for v in message.values})
+            return ManeuverState.from_values(values_of(message))
         except ValueError as error:
             raise JudgeError(
                 f"{self.bag}: {self.state}: {error}; want start_time and duration in seconds"
@@ -557,7 +558,7 @@ def _planned_and_played(
 def _readiness(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:
     """What `vehicle/state` says, and when."""
     for at, message in messages:
-        yield at, Readiness.from_values({pair.key: pair.value for pair in message.values})
+        yield at, Readiness.from_values(values_of(message))
 
 
 def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:
