@@ -35,6 +35,7 @@ from tricycle_bridge.commands.kinematics import TurningGeometry
 from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import LinkError, PlanError
 from tricycle_core.frames import MANEUVER
+from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
@@ -65,15 +66,10 @@ def _schedule(message: JointTrajectory) -> Schedule:
     points = message.points
     if len(points) > MAX_ROWS:  # before each is looked at
         raise PlanError(f"{len(points)} rows; at most {MAX_ROWS}")
-    steer, wheel = (message.joint_names.index(name) for name in JOINTS)
     for row, point in enumerate(points):
         if len(point.positions) != 2 or len(point.velocities) != 2:
             raise PlanError(f"row {row} needs two positions and two velocities")
-    return Schedule(
-        np.array([seconds_of(p.time_from_start) for p in points]),
-        np.array([p.positions[steer] for p in points]),
-        np.array([p.velocities[wheel] for p in points]),
-    )
+    return Schedule(*rows_of(message).T)
 
 
 def _points(message: Path) -> FloatArray:

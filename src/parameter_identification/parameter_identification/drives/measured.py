@@ -21,9 +21,9 @@ from parameter_identification.drives.poses import PlanarTrajectory
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
 from parameter_identification.drives.samples import Samples, common_times
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
-from tricycle_core.joints import JOINTS
+from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.quantities import FloatArray
-from tricycle_core.stamps import SECOND, seconds_of
+from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
@@ -476,11 +476,7 @@ def commands_of(message: Any, vehicle: Vehicle, where: str) -> Commands:
         If a joint or a value is missing, or the commands are none.
     """
     try:
-        steer, wheel = map(list(message.joint_names).index, JOINTS)
-        return Commands(
-            [seconds_of(p.time_from_start) for p in message.points],
-            [p.positions[steer] for p in message.points],
-            [p.velocities[wheel] * vehicle.driven_radius for p in message.points],
-        )
+        time, angle, rate = rows_of(message).T
+        return Commands(time, angle, rate * vehicle.driven_radius)
     except (ValueError, IndexError, CommandsError) as error:
         raise IdentificationError(f"{where}: commands: {error}") from error

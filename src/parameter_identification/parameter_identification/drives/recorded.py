@@ -26,12 +26,12 @@ from trajectory_recorder.bag.topics import deserialize
 from tricycle_core.diagnostics import values_of
 from tricycle_core.errors import JudgeError
 from tricycle_core.frames import BASE_LINK
+from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS
 from tricycle_core.readiness import Readiness
-from tricycle_core.stamps import seconds_of
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 
@@ -544,9 +544,8 @@ def _planned_and_played(
     planned: Any, played: Iterable[Any], start: int, begin: float, end: float | None
 ) -> Iterator[tuple[float, float, float, float]]:
     """Angle and wheel speed planned, then those played, of each set-point from begin to end."""
-    times = [seconds_of(point.time_from_start) for point in planned.points]
-    steer, wheel = (planned.joint_names.index(name) for name in JOINTS)
-    rows = [(point.positions[steer], point.velocities[wheel]) for point in planned.points]
+    times, *columns = rows_of(planned).T.tolist()
+    rows = list(zip(*columns, strict=True))
     for setpoint in played:
         elapsed = (stamp_of(setpoint) - start) * 1e-9
         if setpoint.name and begin <= elapsed < (times[-1] if end is None else end):
