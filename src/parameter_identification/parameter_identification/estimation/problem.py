@@ -45,7 +45,6 @@ MAX_STEPS = 50
 ROUGHNESS = 0.3  # of the cost: a step that lowers it by less, after one that failed, is not tried
 KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
 LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
-SIZE_ROUNDS = 1
 
 _T = TypeVar("_T")
 
@@ -429,13 +428,12 @@ class LeastSquares(Closing):
         """
         if not self._processes:
             return
-        for _ in range(SIZE_ROUNDS):
-            variance = np.diag(self.quadratic(v).covariance())
-            for at in self._processes.values():
-                of_priors = np.array(at) - self.k
-                shown = np.sum(1.0 - self._precision[of_priors] * variance[at])
-                size = np.sum(v[at] ** 2) / max(shown, 1e-3)
-                self._precision[of_priors] = 1.0 / np.clip(size, LEAST_SIZE**2, MOST_SIZE**2)
+        variance = np.diag(self.quadratic(v).covariance())
+        for at in self._processes.values():
+            of_priors = np.array(at) - self.k
+            shown = np.sum(1.0 - self._precision[of_priors] * variance[at])
+            square = np.sum(v[at] ** 2) / max(shown, 1e-3)  # of the size
+            self._precision[of_priors] = 1.0 / np.clip(square, LEAST_SIZE**2, MOST_SIZE**2)
 
     def sizes(self) -> dict[str, float]:
         """Return the size of each deviation, in standard deviations of its prior, by name."""
