@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.design.prior import PRIOR_INFORMATION
-from parameter_identification.drives.kept import began
+from parameter_identification.drives.kept import beginning_of
 from parameter_identification.drives.recorded import TopicNames
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
@@ -190,7 +190,7 @@ def identify_fleet(
             f"{len(files)} vehicles with drives that can be used ({', '.join(files)}) are no "
             f"fleet: {FEWEST} are needed"
         )
-    when, unit = _times([began(file) for drives in files.values() for file in drives])
+    when, unit = _times([beginning_of(file) for drives in files.values() for file in drives])
     if changing and not unit > 0.0:
         raise IdentificationError(
             f"{', '.join(changing)}: no change is seen where drives have no times that differ"

@@ -27,13 +27,13 @@ from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.drives.kept import (
-    began,
+    beginning_of,
     content_key,
     is_kept,
     keep,
-    kept,
-    measured_key,
-    told_by,
+    load_kept,
+    measured_in,
+    positions_key,
 )
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
@@ -291,7 +291,7 @@ def _look(
     setting, files, places, before = job
     with threadpool_limits(1, user_api="blas"):
         return [
-            share_of(setting, kept(file), place, own)
+            share_of(setting, load_kept(file), place, own)
             for file, place, own in zip(files, places, before, strict=True)
         ]
 
@@ -467,7 +467,7 @@ def read_bags(
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
-        if not reason and (key := measured_key(file)) in measured:
+        if not reason and (key := positions_key(file)) in measured:
             reason = f"{bag} and {measured[key]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
@@ -533,7 +533,9 @@ def begin(
             whole,
             rates,
         )
-        times = np.array([since(began(file)) for file in own]) if rates else np.zeros(len(own))
+        times = (
+            np.array([since(beginning_of(file)) for file in own]) if rates else np.zeros(len(own))
+        )
         found.append(
             VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates))))
         )
@@ -548,11 +550,11 @@ def _begin(
     """The best fit of a few drives, with all that any drive tells, and their noise."""
     files, vehicle, effects, prior, seed = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
-    drives: dict[Path, MeasuredDrive] = {file: kept(file) for file in files if file in chosen}
-    known = set().union(*map(told_by, drives))
+    drives: dict[Path, MeasuredDrive] = {file: load_kept(file) for file in files if file in chosen}
+    known = set().union(*map(measured_in, drives))
     for file in files:
-        if not known >= (more := told_by(file)):
-            drives[file] = kept(file)
+        if not known >= (more := measured_in(file)):
+            drives[file] = load_kept(file)
             known |= more
     return first_fit(list(drives.values()), vehicle, effects, prior, seed)
 
