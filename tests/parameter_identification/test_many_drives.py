@@ -251,7 +251,7 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
     again = load_kept(tmp_path / "drive.npz")
     told = again.steering_angle
     assert np.array_equal([told.time, told.values], [time, np.sin(time)])
-    for field in ("name", "truth", "complete", "began", "told"):
+    for field in ("name", "truth", "complete", "began", "measured_throughout"):
         assert getattr(again, field) == getattr(drive, field), field
     assert measured_in(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():

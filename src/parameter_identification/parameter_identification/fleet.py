@@ -181,9 +181,9 @@ def identify_fleet(
         other_vehicle=other_vehicle,
     )
     files = {
-        name: here
+        name: usable
         for name, drives in bags.items()
-        if (here := [known[bag] for bag in drives if bag in known])
+        if (usable := [known[bag] for bag in drives if bag in known])
     }
     if len(files) < FEWEST:
         raise IdentificationError(
@@ -225,14 +225,14 @@ def identify_fleet(
         if parameter in changing:
             at.append(fits[0].variables.common + list(changing).index(parameter))
         parts = found.without_prior(at, level)
-        told = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
-        if len(told) < FEWEST:
+        showing = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
+        if len(showing) < FEWEST:
             continue
         if parameter in changing:
             per_day = (high - low) / (unit / DAY)
-            changes[parameter] = parts.population(told, 1, (0.0, per_day), level)
+            changes[parameter] = parts.population(showing, 1, (0.0, per_day), level)
             parts = parts.with_rates(changes[parameter], per_day, level)
-        populations[parameter] = parts.population(told, 0, (low, high - low), level)
+        populations[parameter] = parts.population(showing, 0, (low, high - low), level)
     return Fleet(vehicles, populations, changes, alike, tuple(own), when, tuple(left_out), level)
 
 

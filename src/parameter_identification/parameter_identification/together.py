@@ -247,19 +247,18 @@ class Joint:
         root = np.linalg.cholesky(self.of_common)
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
-            told_apart = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
+            narrowed = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
             growth, for_intervals = growth_of(fit, level)
-            shown.append(bool(told_apart and not beyond_of(fit, for_intervals)[at[0]]))
-            told = np.linalg.inv(self.alone[i][np.ix_(places, places)])
-            rest = np.linalg.inv(told - np.diag(prior))
+            shown.append(bool(narrowed and not beyond_of(fit, for_intervals)[at[0]]))
+            with_prior = np.linalg.inv(self.alone[i][np.ix_(places, places)])
+            covariance = np.linalg.inv(with_prior - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]
-            estimates.append(rest @ (told @ self.at[i, at] - prior * variables.mean[list(at)]))
-            covariances.append(rest * np.outer(factors, factors))
-            together.append(rest @ told @ self.follow[i][places] @ root)
-        kept = np.array(shown)
-        return Alone(
-            np.array(estimates)[kept], np.array(covariances)[kept], np.array(together)[kept], shown
-        )
+            pull = with_prior @ self.at[i, at] - prior * variables.mean[list(at)]
+            estimates.append(covariance @ pull)
+            covariances.append(covariance * np.outer(factors, factors))
+            together.append(covariance @ with_prior @ self.follow[i][places] @ root)
+        own, of_own, common = (np.array(v)[shown] for v in (estimates, covariances, together))
+        return Alone(own, of_own, common, shown)
 
 
 @dataclass(frozen=True, eq=False)

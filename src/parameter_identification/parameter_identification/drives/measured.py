@@ -246,8 +246,8 @@ class MeasuredDrive:
                 raise IdentificationError(f"{self.name}: {sensor.value}: needs {columns} columns")
 
     @property
-    def told(self) -> frozenset[Input]:
-        """Inputs measured throughout the commands; the speed may begin to be after a start."""
+    def measured_throughout(self) -> frozenset[Input]:
+        """Inputs measured all along the commands; from rest the speed may begin a little later."""
         found, end = set(), self.commands.duration
         if self.steering_angle is not None and _throughout(self.steering_angle.time, 0.0, end):
             found.add(Input.STEERING)

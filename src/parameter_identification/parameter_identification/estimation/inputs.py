@@ -96,16 +96,16 @@ def measured_inputs(
     """
     if inputs is Inputs.COMMANDS:
         return frozenset()
-    told = frozenset(Input).intersection(*(drive.told for drive in drives))
+    in_all = frozenset(Input).intersection(*(drive.measured_throughout for drive in drives))
     if not has_gains(vehicle):
-        told -= {Input.SPEED}
+        in_all -= {Input.SPEED}
     if inputs is Inputs.MEASURED:
-        if not told:
+        if not in_all:
             raise IdentificationError(
                 "not all drives tell throughout a steering angle, or a wheel speed: identify from "
                 "the commands"
             )
-        return told
+        return in_all
     found: set[Input] = set()
     other = [
         drive.name
@@ -113,16 +113,16 @@ def measured_inputs(
         if drive.steering_angle is not None
         and servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_SERVO
     ]
-    if other and Input.STEERING not in told:
-        untold = next(drive.name for drive in drives if Input.STEERING not in drive.told)
+    if other and Input.STEERING not in in_all:
+        lacks = next(d.name for d in drives if Input.STEERING not in d.measured_throughout)
         raise IdentificationError(
-            f"{untold}: does not tell the steering angle throughout, and that of {other[0]} is not "
+            f"{lacks}: does not tell the steering angle throughout, and that of {other[0]} is not "
             "what the servo of the vehicle file makes of its commands: leave this drive out, or "
             "take the commands of all (inputs: commands), whose intervals do not count it"
         )
     if other:
         found.add(Input.STEERING)
-    if Input.SPEED in told and all(
+    if Input.SPEED in in_all and all(
         max(speed_misfits(drives[:FITTED], vehicle, effects, found)) > OTHER_LOOP
         for effects in (LOADING, _LOADING_TOO)  # the first mostly do, in a third of the time
     ):

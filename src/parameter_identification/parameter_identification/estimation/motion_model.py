@@ -163,7 +163,7 @@ class MotionModel:
         measured: Collection[Input],
     ) -> None:
         can_follow = frozenset(Input) if has_gains(vehicle) else {Input.STEERING}
-        self.measured = drive.told & can_follow & frozenset(measured)
+        self.measured = drive.measured_throughout & can_follow & frozenset(measured)
         if Input.SPEED in self.measured:
             vehicle = with_stiff_loop(vehicle)
         self._vehicle = vehicle

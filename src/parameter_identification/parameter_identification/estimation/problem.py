@@ -112,14 +112,14 @@ class LeastSquares(Closing):
         sizes = [len(model.nuisances) - model.shared for model in models]
         ends = shared + np.cumsum([0, *sizes])
         self.n = int(ends[-1])
-        self._at = [
+        self._places = [
             np.concatenate([np.arange(shared), np.arange(first, last)])
             for first, last in itertools.pairwise(ends)
         ]
         self.low, self.high = np.zeros(self.n), np.ones(self.n)
         self._of_effects, self._rough = np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool)
         self._processes: dict[Effect, list[int]] = {}
-        for model, at in zip(models, self._at, strict=True):
+        for model, at in zip(models, self._places, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
                 self.low[i], self.high[i] = (n.low - n.mean) / n.std, (n.high - n.mean) / n.std
                 self._of_effects[i] = n.effect is not None
@@ -189,7 +189,7 @@ class LeastSquares(Closing):
             model, at = pair
             return model.predict(v[: self.k], v[at[self.k :]])
 
-        found = list(self.each(predict, zip(self.models, self._at, strict=True)))
+        found = list(self.each(predict, zip(self.models, self._places, strict=True)))
         if len(self._predicted) == KEPT:
             del self._predicted[next(iter(self._predicted))]
         self._predicted[key] = found
@@ -217,7 +217,7 @@ class LeastSquares(Closing):
     ) -> Iterator[FloatArray]:
         return self.each(
             lambda predicted, samples, at: self._signals_gram(predicted, samples, at, noise),
-            *(predictions, self._samples, self._at),
+            *(predictions, self._samples, self._places),
         )
 
     def slopes(self, v: FloatArray) -> FloatArray:
@@ -232,7 +232,7 @@ class LeastSquares(Closing):
         """
         grams = self._grams(self.predictions(v), self.noise)
         slopes = np.array([gram[:-1, -1] for gram in grams])
-        for slope, at in zip(slopes, self._at, strict=True):
+        for slope, at in zip(slopes, self._places, strict=True):
             own = at[self.shared :]
             slope[own] += self._precision[own - self.k] * v[own]
         return slopes
@@ -250,7 +250,9 @@ class LeastSquares(Closing):
             Those that are estimated: the parameters, and others.
         """
         prior, estimates, variances = self._prior_gram(v), [], []
-        for gram, at in zip(self._grams(self.predictions(v), self.noise), self._at, strict=True):
+        for gram, at in zip(
+            self._grams(self.predictions(v), self.noise), self._places, strict=True
+        ):
             own, both = at[free[at]], gram + prior
             covariance = np.linalg.inv(both[np.ix_(own, own)])
             estimates.append((v[own] - covariance @ both[own, -1])[: self.k])
@@ -275,7 +277,7 @@ class LeastSquares(Closing):
         grams, prior = list(self._grams(self.predictions(v), self.noise)), self._prior_gram(v)
         whole = sum(grams, prior)
         kept = np.flatnonzero(free)
-        for gram, at in zip(grams, self._at, strict=True):
+        for gram, at in zip(grams, self._places, strict=True):
             rest = whole - gram
             covariance = np.zeros((self.n, self.n))
             covariance[np.ix_(kept, kept)] = np.linalg.inv(rest[np.ix_(kept, kept)])
@@ -403,12 +405,12 @@ class LeastSquares(Closing):
         drive : int
             Number of the drive.
         """
-        return self._at[drive][self.k :]
+        return self._places[drive][self.k :]
 
     def constant_effects(self) -> dict[Effect, list[int]]:
         """Return the places among the variables of each effect that is no deviation."""
         found: dict[Effect, set[int]] = {}
-        for model, at in zip(self.models, self._at, strict=True):
+        for model, at in zip(self.models, self._places, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
                 if n.effect is not None and not n.effect.process:
                     found.setdefault(n.effect, set()).add(i)
@@ -541,7 +543,7 @@ class LeastSquares(Closing):
                     place[np.append(at, self.n)[own]],
                     s[sensor],
                 )
-                for found, s, at in zip(predictions, self._samples, self._at, strict=True)
+                for found, s, at in zip(predictions, self._samples, self._places, strict=True)
                 for own in [np.append(~self._of_effects[at], True)]
                 for p in found
                 if p.sensor is sensor

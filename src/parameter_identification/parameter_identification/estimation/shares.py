@@ -156,9 +156,9 @@ def share_of(
     own : ndarray of float, shape (q,), optional
         Where the search of its own variables begins. Default: the means of their priors.
     """
-    if untold := setting.measured - drive.told:
+    if lacks := setting.measured - drive.measured_throughout:
         raise IdentificationError(
-            f"{drive.name}: does not tell throughout the {', the '.join(i.value for i in untold)}, "
+            f"{drive.name}: does not tell throughout the {', the '.join(i.value for i in lacks)}, "
             "which moves otherwise than servo and speed loop of the vehicle file make it move"
         )
     model = DriveModel(setting.vehicle, drive, setting.effects, measured=setting.measured)
