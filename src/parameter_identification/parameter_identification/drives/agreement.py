@@ -18,7 +18,7 @@ from tricycle_sim.vehicle import Vehicle
 
 STEP = 0.2  # s of way that shows a course
 FASTEST = 30.0  # m/s over a step, beyond which the pose jumped
-ALONG = 0.5  # mean cosine of twice the angle between course and heading; no drift is 30 degrees
+ALONG = 0.5  # least mean cosine of twice the angle between course and heading: 30 degrees
 ALIKE = 0.9  # cosine from which two quantities differ by a factor
 FACTOR = 2.0  # that is one of units; slip, roll and understeer explain less
 STEERING_FACTOR = 5.0  # likewise; a map may be a guess

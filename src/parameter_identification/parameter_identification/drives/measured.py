@@ -28,8 +28,8 @@ from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
 FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
-UNTOLD = 0.2  # s between samples from which an input is not known throughout
-UNTOLD_START = 1.5  # s, likewise before the first speed from rest: pulses do not tell slow ones
+LONGEST_GAP = 0.2  # s between samples of an input that is measured throughout
+LATEST_SPEED = 1.5  # s from rest to its first speed: a sensor of pulses does not tell slow ones
 SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag
 
 
@@ -201,8 +201,8 @@ class MeasuredDrive:
     steering_angle : Samples, optional
         Measured angle of the steering motor, left positive [rad], since the start event [s].
     speed : ndarray of float, shape (t,), optional
-        Forward, of the COM, at each tick of the commands [m/s]: the vehicle has it, whatever its
-        speed loop would make of them.
+        Forward, of the COM, at each tick of the commands [m/s]. The model has this speed, whatever
+        its speed loop would make of the commands.
     speed_std : float
         Standard deviation of it [m/s].
     turn_std : float
@@ -253,7 +253,7 @@ class MeasuredDrive:
             found.add(Input.STEERING)
         if (wheels := self.signals.get(Sensor.WHEEL_SPEED)) is not None:
             first = float(wheels.time[0]) if self.start.speed == 0.0 else 0.0
-            if _throughout(wheels.time, min(max(first, 0.0), UNTOLD_START), end):
+            if _throughout(wheels.time, min(max(first, 0.0), LATEST_SPEED), end):
                 found.add(Input.SPEED)
         return frozenset(found)
 
@@ -370,10 +370,10 @@ def of_wheels(wheels: Mapping[str, Samples]) -> Signal:
 
 
 def usable(signals: Mapping[Sensor, Signal], vehicle: Vehicle) -> dict[Sensor, Signal]:
-    """Return the signals that tell something: not of too few samples, none twice.
+    """Return the signals without those of too few samples, and without what would count twice.
 
-    Where the speed of the motor is there and that of every driven wheel, whose mean it is, the last
-    one of these is left out: it would be counted twice.
+    The speed of the motor is the mean of the driven wheels'. Where it and the speeds of all driven
+    wheels were measured, that of the last driven wheel is left out.
 
     Parameters
     ----------
@@ -421,7 +421,7 @@ def _steering_angle(drive: RecordedDrive, end: float) -> Samples | None:
 def _throughout(time: FloatArray, begin: float, end: float) -> bool:
     """Whether there is no long gap between samples from a time to another one."""
     there = time[(time >= begin) & (time <= end)]
-    return bool(np.diff(there, prepend=begin, append=end).max() <= UNTOLD)
+    return bool(np.diff(there, prepend=begin, append=end).max() <= LONGEST_GAP)
 
 
 def _samples(bag: Path, what: str, stamps: FloatArray, values: FloatArray) -> Samples:

@@ -42,7 +42,7 @@ CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
 OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
 MAX_STEPS = 50
-ROUGHNESS = 0.3  # of the cost: a step that lowers it by less, after one that failed, is not tried
+ROUGHNESS = 0.3  # of the cost: a damped step that would lower it by less is not tried
 KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
 LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
 
@@ -264,8 +264,8 @@ class LeastSquares(Closing):
     ) -> Iterator[tuple[FloatArray, FloatArray, Quadratic]]:
         """Yield the variables (n,) without each drive, their covariance, and the drive's own cost.
 
-        One step of those that are free; the others keep their values. The drive's cost is that of
-        its variables at `v`, with the priors of its own ones.
+        The variables are those after one step of the free ones. The drive's own cost is that near
+        `v`, of its variables only, with the priors of those that no other drive has.
 
         Parameters
         ----------
@@ -385,13 +385,13 @@ class LeastSquares(Closing):
             if damping.any() and decrease < ROUGHNESS * scale:
                 if undamped:
                     break
-                damping, undamped = np.zeros(self.n), True  # it may be damped for a step long ago
+                damping, undamped = np.zeros(self.n), True  # it may be of a step long ago
                 continue
             trial = self.quadratic(following)
             if trial.cost < here.cost - 0.1 * decrease and trial.finite:
                 here = trial
                 damping, undamped = np.where(damping > 1.0, damping / 10.0, 0.0), False
-            elif np.any(free & self._rough):  # near by it is not the slope on average
+            elif np.any(free & self._rough):  # their slope at a point is not that on average
                 free = free & ~self._rough
             else:
                 damping = np.maximum(10.0 * damping, here.lacking(step, trial))
@@ -455,7 +455,7 @@ class LeastSquares(Closing):
         self._precision = self._precision + self.more_precision(sizes)[self.k :]
 
     def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
-        """Return how much more information (n,) the prior has with other sizes of the deviations.
+        """Return what other sizes of the deviations add to the prior's information (n,).
 
         Parameters
         ----------

@@ -1,8 +1,9 @@
 """What one drive says of the variables that it has in common with others, its own eliminated.
 
 Every drive has start pose, clocks and bias of its own, and shares parameters and effects with the
-others: the information matrix has the shape of an arrow. A drive is therefore looked at alone, its
-own variables are eliminated (Schur complement), and what is left, a small matrix, can be summed.
+others: the information matrix has the shape of an arrow. Drives can therefore be fitted one by one:
+a drive's own variables are eliminated (Schur complement), and the small matrices that are left are
+summed.
 
 Letters of shapes: `c` common variables, parameters in their ranges and then the effects of all
 drives in standard deviations of their priors; `q` variables of the drive alone.
