@@ -124,6 +124,11 @@ def _curvature(message: MultiDOFJointTrajectory) -> FloatArray:
     return np.array([point.velocities[0].angular.z for point in message.points])
 
 
+def _summary(playback: Playback) -> str:
+    """State, and why a run ended before its last command."""
+    return ": ".join(filter(None, (playback.state.value, playback.reason)))
+
+
 AREA_MESSAGES: dict[str, tuple[type, Callable[[Any], Any]]] = {
     "ground": (PolygonStamped, _ground),
     "footprint": (PolygonStamped, _footprint),
@@ -376,10 +381,9 @@ class ManeuverDriver(Node):
         return response
 
     def _on_go_back(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        playback = self._playback
         return self._attempt(
             response,
-            lambda: playback.go_back(self._now(), self._others()),
+            lambda: self._playback.go_back(self._now(), self._others()),
             "going back",
             drives=True,
         )
@@ -469,11 +473,10 @@ class ManeuverDriver(Node):
 
     def _log_state(self) -> None:
         playback = self._playback
-        text = ": ".join(filter(None, (playback.state.value, playback.reason)))
         if playback.state is PlaybackState.ABORTED:
-            self.get_logger().warning(text)
+            self.get_logger().warning(_summary(playback))
         else:
-            self.get_logger().info(f"{text}, plan {playback.plan_id}")
+            self.get_logger().info(f"{_summary(playback)}, plan {playback.plan_id}")
 
     def _publish_state(self) -> None:
         """Publish the state when it changes, and every `STATE_EVERY` while running."""
@@ -504,7 +507,7 @@ class ManeuverDriver(Node):
             DiagnosticStatus(
                 level=bytes([Level.ERROR if playback.state is PlaybackState.ABORTED else Level.OK]),
                 name="maneuver_driver: maneuver",
-                message=": ".join(filter(None, (playback.state.value, playback.reason))),
+                message=_summary(playback),
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
         )
