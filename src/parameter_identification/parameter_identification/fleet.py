@@ -19,6 +19,7 @@ import numpy as np
 from excitation_planner.design.prior import PRIOR_INFORMATION
 from parameter_identification.drives.kept import beginning_of
 from parameter_identification.drives.recorded import TopicNames
+from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
@@ -298,19 +299,17 @@ def course(found: ManyDrives, parameter: str) -> Course:
     at = np.array([np.mean([shares[d].at for d in g], axis=0) for g in groups])
     information = np.array([sum(shares[d].information for d in g) for g in groups])
     gradient = np.array([sum(shares[d].gradient for d in g) for g in groups])
+    information[:, i, i] = np.maximum(information[:, i, i], 1e-300)
     # every group has its own value; the others are off by the same in all groups
     rest = np.flatnonzero(np.arange(c) != i)
-    alone = np.maximum(information[:, i, i], 1e-300)
-    across = information[:, i, rest]
-    reduced = information[:, rest[:, None], rest]
-    reduced = reduced - across[:, :, None] * across[:, None, :] / alone[:, None, None]
-    slopes = gradient[:, rest] - across * (gradient[:, i] / alone)[:, None]
     prior = np.append(np.full(k, PRIOR_INFORMATION), np.ones(c - k))[rest]
     mean = np.append(np.full(k, 0.5), np.zeros(c - k))[rest]
-    of_rest = np.linalg.inv(reduced.sum(axis=0) + np.diag(prior))
-    step = -of_rest @ (slopes.sum(axis=0) + prior * (at.mean(axis=0)[rest] - mean))
-    values = at[:, i] - (gradient[:, i] + across @ step) / alone
-    variances = 1.0 / alone + np.einsum("gi,ij,gj->g", across, of_rest, across) / alone**2
+    pull = prior * (at.mean(axis=0)[rest] - mean)
+    arrow = Arrow(information, gradient, rest, np.diag(prior), pull)
+    free = np.full_like(at, np.inf)
+    values = (at + arrow.step(-free, free))[:, i]
+    of_rest, alone, follow = arrow.covariances()
+    variances = alone[:, 0, 0] + np.einsum("gi,ij,gj->g", follow[:, 0], of_rest, follow[:, 0])
     return Course(
         np.array([np.mean([shares[d].began for d in g]) for g in groups]),
         low + (high - low) * values,

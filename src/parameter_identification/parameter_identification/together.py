@@ -96,11 +96,14 @@ class Together:
         for fit, point, there in zip(self.fits, points, sums, strict=True):
             fit.at, fit.here = point, there
 
-    def _repeated(self) -> FloatArray:
-        """Prior information (s, s) of what is common that the vehicles' fits count too often."""
-        prior = self.fits[0].variables.information
+    def _prior(self) -> FloatArray:
+        """Prior information (s, s) of what is common."""
         places = np.array(self.common, dtype=np.int64)
-        return (len(self.fits) - 1) * prior[np.ix_(places, places)]
+        return self.fits[0].variables.information[np.ix_(places, places)]
+
+    def _repeated(self) -> FloatArray:
+        """What the vehicles' fits count of it too often: once for each but one."""
+        return (len(self.fits) - 1) * self._prior()
 
     def _cost(self, sums: Sequence[Sum]) -> float:
         off = (sums[0].at - self.fits[0].variables.mean)[list(self.common)]
@@ -135,7 +138,7 @@ class Together:
         covariance, alone, follow = arrow.covariances()
         beyond = np.zeros(len(self.common), dtype=bool)
         if self.common:
-            prior = self._repeated() / (len(self.fits) - 1)
+            prior = self._prior()
             # few vehicles do not show how they scatter; their drives may
             clusters = list(arrow.gradient[:, np.newaxis])
             if len(clusters) < SCATTER:
