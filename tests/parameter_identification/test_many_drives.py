@@ -13,7 +13,7 @@ from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
 from parameter_identification.drives.imported import recording_of, write_bag
-from parameter_identification.drives.kept import keep, kept, told_by
+from parameter_identification.drives.kept import keep, load_kept, measured_in
 from parameter_identification.drives.measured import Input, Sensor, read_measured_drive
 from parameter_identification.drives.samples import Samples
 from parameter_identification.drives.simulated import SensorNoise
@@ -171,7 +171,7 @@ def test_a_kept_drive_that_was_damaged_is_read_again(bags, tmp_path):
         assert_same(identify_many(bags[:1], VEHICLE, folder=tmp_path), first)
     file.write_bytes(whole.replace(b"PK\x03\x04", b"PK\x03\x05"))  # the list at the end is good
     with pytest.raises(IdentificationError, match="damaged: delete it"):
-        kept(file)
+        load_kept(file)
 
 
 def test_a_full_disk_is_no_bad_bag(bags, tmp_path, monkeypatch):
@@ -248,12 +248,12 @@ def test_a_kept_drive_is_the_one_that_was_kept(tmp_path):
         drive, complete=False, began=1.5e9, steering_angle=Samples(time, np.sin(time))
     )
     keep(drive, tmp_path / "drive.npz")
-    again = kept(tmp_path / "drive.npz")
+    again = load_kept(tmp_path / "drive.npz")
     told = again.steering_angle
     assert np.array_equal([told.time, told.values], [time, np.sin(time)])
-    for field in ("name", "truth", "complete", "began", "told"):
+    for field in ("name", "truth", "complete", "began", "measured_throughout"):
         assert getattr(again, field) == getattr(drive, field), field
-    assert told_by(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
+    assert measured_in(tmp_path / "drive.npz") == {*drive.signals, Input.STEERING}
     for sensor, signal in drive.signals.items():
         assert np.array_equal(again.signals[sensor].time, signal.time)
         assert np.array_equal(again.signals[sensor].values, signal.values)

@@ -6,7 +6,7 @@ from scipy.stats import binom
 from simulated_drives import TRUTH, VEHICLE, driven, planned
 
 from excitation_planner.maneuver import Circle
-from parameter_identification.drives.kept import keep, kept
+from parameter_identification.drives.kept import keep, load_kept
 from parameter_identification.drives.measured import Sensor
 from parameter_identification.drives.simulated import SensorNoise
 from parameter_identification.estimation.model import DriveModel
@@ -49,7 +49,7 @@ class Dense:
             first = len(SHARED) + len(self.own) * number
             parameters[self.own] = first + np.arange(len(self.own))
             for file in fit.files:
-                model = DriveModel(VEHICLE, kept(file))
+                model = DriveModel(VEHICLE, load_kept(file))
                 problem = LeastSquares([model], np.full(K, 0.5), np.zeros((K, K)), Loss.SQUARED)
                 problem.noise = dict(fit.setting.noise)
                 q = problem.n - K

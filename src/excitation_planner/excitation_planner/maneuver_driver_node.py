@@ -32,9 +32,10 @@ from excitation_planner.way_back.dubins import Arc
 from excitation_planner.way_back.pursuit import Chassis
 from excitation_planner.way_back.route import RouteRequest, find_route
 from tricycle_bridge.commands.kinematics import TurningGeometry
-from tricycle_core.diagnostics import Level
+from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import LinkError, PlanError
 from tricycle_core.frames import MANEUVER
+from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.joints import JOINTS
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, RECORDED, declare, overridable, run_node
@@ -65,15 +66,10 @@ def _schedule(message: JointTrajectory) -> Schedule:
     points = message.points
     if len(points) > MAX_ROWS:  # before each is looked at
         raise PlanError(f"{len(points)} rows; at most {MAX_ROWS}")
-    steer, wheel = (message.joint_names.index(name) for name in JOINTS)
     for row, point in enumerate(points):
         if len(point.positions) != 2 or len(point.velocities) != 2:
             raise PlanError(f"row {row} needs two positions and two velocities")
-    return Schedule(
-        np.array([seconds_of(p.time_from_start) for p in points]),
-        np.array([p.positions[steer] for p in points]),
-        np.array([p.velocities[wheel] for p in points]),
-    )
+    return Schedule(*rows_of(message).T)
 
 
 def _points(message: Path) -> FloatArray:
@@ -126,6 +122,11 @@ def _curvature(message: MultiDOFJointTrajectory) -> FloatArray:
     if any(len(point.velocities) != 1 for point in message.points):
         raise PlanError("every row needs one velocity")
     return np.array([point.velocities[0].angular.z for point in message.points])
+
+
+def _summary(playback: Playback) -> str:
+    """State, and why a run ended before its last command."""
+    return ": ".join(filter(None, (playback.state.value, playback.reason)))
 
 
 AREA_MESSAGES: dict[str, tuple[type, Callable[[Any], Any]]] = {
@@ -305,8 +306,7 @@ class ManeuverDriver(Node):
         self._playback.observe(_planar_state(message), stamp, self._now())
 
     def _on_readiness(self, message: DiagnosticStatus) -> None:
-        values = {pair.key: pair.value for pair in message.values}
-        self._playback.hear(Readiness.from_values(values), self._now())
+        self._playback.hear(Readiness.from_values(values_of(message)), self._now())
 
     def _on_hold(self, message: Bool) -> None:
         self._playback.hold(message.data, self._now())
@@ -315,8 +315,8 @@ class ManeuverDriver(Node):
         for status in message.status:
             if status.name.startswith(REPORTING):
                 level, now = Level.of(status.level), self._clocks()
-                values = {pair.key: pair.value for pair in status.values}
-                self._reports[status.name] = Report(level, status.message, now, values)
+                report = Report(level, status.message, now, values_of(status))
+                self._reports[status.name] = report
 
     def _clocks(self) -> tuple[float, float]:
         """Present time on the node's clock, which may be a simulation's, and the computer's [s]."""
@@ -381,10 +381,9 @@ class ManeuverDriver(Node):
         return response
 
     def _on_go_back(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        playback = self._playback
         return self._attempt(
             response,
-            lambda: playback.go_back(self._now(), self._others()),
+            lambda: self._playback.go_back(self._now(), self._others()),
             "going back",
             drives=True,
         )
@@ -474,11 +473,10 @@ class ManeuverDriver(Node):
 
     def _log_state(self) -> None:
         playback = self._playback
-        text = ": ".join(filter(None, (playback.state.value, playback.reason)))
         if playback.state is PlaybackState.ABORTED:
-            self.get_logger().warning(text)
+            self.get_logger().warning(_summary(playback))
         else:
-            self.get_logger().info(f"{text}, plan {playback.plan_id}")
+            self.get_logger().info(f"{_summary(playback)}, plan {playback.plan_id}")
 
     def _publish_state(self) -> None:
         """Publish the state when it changes, and every `STATE_EVERY` while running."""
@@ -509,7 +507,7 @@ class ManeuverDriver(Node):
             DiagnosticStatus(
                 level=bytes([Level.ERROR if playback.state is PlaybackState.ABORTED else Level.OK]),
                 name="maneuver_driver: maneuver",
-                message=": ".join(filter(None, (playback.state.value, playback.reason))),
+                message=_summary(playback),
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
         )

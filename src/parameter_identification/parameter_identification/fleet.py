@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 
 from excitation_planner.design.prior import PRIOR_INFORMATION
-from parameter_identification.drives.kept import began
+from parameter_identification.drives.kept import beginning_of
 from parameter_identification.drives.recorded import TopicNames
+from parameter_identification.estimation.arrow import Arrow
 from parameter_identification.estimation.population import FEWEST, Member, Population
 from parameter_identification.estimation.results import Estimate
 from parameter_identification.estimation.unknown import check_unknown
@@ -181,16 +182,16 @@ def identify_fleet(
         other_vehicle=other_vehicle,
     )
     files = {
-        name: here
+        name: usable
         for name, drives in bags.items()
-        if (here := [known[bag] for bag in drives if bag in known])
+        if (usable := [known[bag] for bag in drives if bag in known])
     }
     if len(files) < FEWEST:
         raise IdentificationError(
             f"{len(files)} vehicles with drives that can be used ({', '.join(files)}) are no "
             f"fleet: {FEWEST} are needed"
         )
-    when, unit = _times([began(file) for drives in files.values() for file in drives])
+    when, unit = _times([beginning_of(file) for drives in files.values() for file in drives])
     if changing and not unit > 0.0:
         raise IdentificationError(
             f"{', '.join(changing)}: no change is seen where drives have no times that differ"
@@ -225,14 +226,14 @@ def identify_fleet(
         if parameter in changing:
             at.append(fits[0].variables.common + list(changing).index(parameter))
         parts = found.without_prior(at, level)
-        told = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
-        if len(told) < FEWEST:
+        showing = [name for name, shown in zip(files, parts.shown, strict=True) if shown]
+        if len(showing) < FEWEST:
             continue
         if parameter in changing:
             per_day = (high - low) / (unit / DAY)
-            changes[parameter] = parts.population(told, 1, (0.0, per_day), level)
+            changes[parameter] = parts.population(showing, 1, (0.0, per_day), level)
             parts = parts.with_rates(changes[parameter], per_day, level)
-        populations[parameter] = parts.population(told, 0, (low, high - low), level)
+        populations[parameter] = parts.population(showing, 0, (low, high - low), level)
     return Fleet(vehicles, populations, changes, alike, tuple(own), when, tuple(left_out), level)
 
 
@@ -298,19 +299,17 @@ def course(found: ManyDrives, parameter: str) -> Course:
     at = np.array([np.mean([shares[d].at for d in g], axis=0) for g in groups])
     information = np.array([sum(shares[d].information for d in g) for g in groups])
     gradient = np.array([sum(shares[d].gradient for d in g) for g in groups])
+    information[:, i, i] = np.maximum(information[:, i, i], 1e-300)
     # every group has its own value; the others are off by the same in all groups
     rest = np.flatnonzero(np.arange(c) != i)
-    alone = np.maximum(information[:, i, i], 1e-300)
-    across = information[:, i, rest]
-    reduced = information[:, rest[:, None], rest]
-    reduced = reduced - across[:, :, None] * across[:, None, :] / alone[:, None, None]
-    slopes = gradient[:, rest] - across * (gradient[:, i] / alone)[:, None]
     prior = np.append(np.full(k, PRIOR_INFORMATION), np.ones(c - k))[rest]
     mean = np.append(np.full(k, 0.5), np.zeros(c - k))[rest]
-    of_rest = np.linalg.inv(reduced.sum(axis=0) + np.diag(prior))
-    step = -of_rest @ (slopes.sum(axis=0) + prior * (at.mean(axis=0)[rest] - mean))
-    values = at[:, i] - (gradient[:, i] + across @ step) / alone
-    variances = 1.0 / alone + np.einsum("gi,ij,gj->g", across, of_rest, across) / alone**2
+    pull = prior * (at.mean(axis=0)[rest] - mean)
+    arrow = Arrow(information, gradient, rest, np.diag(prior), pull)
+    free = np.full_like(at, np.inf)
+    values = (at + arrow.step(-free, free))[:, i]
+    of_rest, alone, follow = arrow.covariances()
+    variances = alone[:, 0, 0] + np.einsum("gi,ij,gj->g", follow[:, 0], of_rest, follow[:, 0])
     return Course(
         np.array([np.mean([shares[d].began for d in g]) for g in groups]),
         low + (high - low) * values,

@@ -26,7 +26,7 @@ from parameter_identification.live_identification import (
     Moment,
     Planned,
 )
-from tricycle_core.diagnostics import Level
+from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import ExcitationError, IdentificationError, message_of
 from tricycle_core.frames import of_frame
 from tricycle_core.joints import REAR_WHEEL_JOINT, STEERING_JOINT
@@ -175,7 +175,7 @@ class IdentificationMonitor(Node):
 
     def _on_state(self, message: DiagnosticStatus) -> None:
         try:
-            state = ManeuverState.from_values({pair.key: pair.value for pair in message.values})
+            state = ManeuverState.from_values(values_of(message))
         except ValueError as error:
             self.get_logger().error(f"maneuver/state: {error}", throttle_duration_sec=10.0)
             return

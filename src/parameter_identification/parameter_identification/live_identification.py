@@ -519,18 +519,13 @@ class LiveIdentification:
             covariance = problem.quadratic(fit.at).covariance()
             drive.keep(problem, fit.at)
         std = np.sqrt(np.diag(covariance))[: problem.k] * model.width
-        planned = None if drive.planned is None else drive.planned.at(elapsed)
+        values = model.motion.parameters(fit.at[: problem.k])
+        planned: list[float | None] = [None] * problem.k
+        if drive.planned is not None:
+            planned = drive.planned.at(elapsed).tolist()
+        columns = (self._vehicle.unknown, values.tolist(), std.tolist(), planned)
         found = {
-            name: LiveEstimate(
-                self._vehicle.unit(name),
-                float(value),
-                float(std[i]),
-                None if planned is None else float(planned[i]),
-            )
-            for i, (name, value) in enumerate(
-                zip(
-                    self._vehicle.unknown, model.motion.parameters(fit.at[: problem.k]), strict=True
-                )
-            )
+            name: LiveEstimate(self._vehicle.unit(name), value, own, expected)
+            for name, value, own, expected in zip(*columns, strict=True)
         }
         return Moment(elapsed, found)

@@ -7,9 +7,10 @@ What each drive has of its own is eliminated from it alone (`estimation.shares`)
 of the common variables is summed: time and memory grow in proportion to the drives. A few drives,
 evenly chosen, give the start and the noise, which is taken to be the same in all.
 
-What a model lacks does not become less with more drives, and the deviations do. They are therefore
-those of the drives' own scatter (cluster-robust; Liang and Zeger, Biometrika 73, 1986), where it is
-larger than the noise explains, and the drives whose residuals are not white are counted.
+More drives make the standard deviations smaller, but not what the model lacks. Where the drives
+scatter more than their noise explains, the deviations are therefore those of this scatter
+(cluster-robust; Liang and Zeger, Biometrika 73, 1986); and the drives whose residuals are not white
+are counted.
 """
 
 import hashlib
@@ -27,13 +28,13 @@ from threadpoolctl import threadpool_limits
 
 from excitation_planner.design.prior import SHOWN
 from parameter_identification.drives.kept import (
-    began,
+    beginning_of,
     content_key,
     is_kept,
     keep,
-    kept,
-    measured_key,
-    told_by,
+    load_kept,
+    measured_in,
+    positions_key,
 )
 from parameter_identification.drives.measured import MeasuredDrive, read_measured_drive
 from parameter_identification.drives.recorded import TopicNames
@@ -130,17 +131,17 @@ class ManyDrives:
 
     @property
     def white(self) -> bool:
-        """Whether no more drives are not white than one expects of a model that lacks nothing."""
+        """Whether the drives that are not white are so few that they may be so by chance."""
         return few_coloured(self.not_white, len(self.drives))
 
 
 def few_coloured(not_white: int, drives: int) -> bool:
-    """Return whether no more drives are not white than one expects of a model that lacks nothing.
+    """Return whether the drives that are not white are so few that they may be so by chance.
 
     Parameters
     ----------
     not_white, drives : int
-        Numbers of those that are not, and of all.
+        Number of drives whose residuals are not white, and of all.
     """
     from scipy.stats import binom  # takes half a second to import
 
@@ -287,11 +288,11 @@ def look(
 def _look(
     job: tuple[Setting, Sequence[Path], Sequence[FloatArray], Sequence[FloatArray | None]],
 ) -> list[DriveShare]:
-    """What each of some drives says at its point; searches begin at its own variables of before."""
+    """What each of some drives says at its point; its own variables are searched from the last."""
     setting, files, places, before = job
     with threadpool_limits(1, user_api="blas"):
         return [
-            share_of(setting, kept(file), place, own)
+            share_of(setting, load_kept(file), place, own)
             for file, place, own in zip(files, places, before, strict=True)
         ]
 
@@ -467,7 +468,7 @@ def read_bags(
     for done, (bag, (file, reason)) in enumerate(
         zip(bags, each(executor, _read, jobs), strict=True), start=1
     ):
-        if not reason and (key := measured_key(file)) in measured:
+        if not reason and (key := positions_key(file)) in measured:
             reason = f"{bag} and {measured[key]} are the same drive"
         if reason and not leave_out:
             raise IdentificationError(reason)
@@ -533,7 +534,9 @@ def begin(
             whole,
             rates,
         )
-        times = np.array([since(began(file)) for file in own]) if rates else np.zeros(len(own))
+        times = (
+            np.array([since(beginning_of(file)) for file in own]) if rates else np.zeros(len(own))
+        )
         found.append(
             VehicleFit(own, setting, variables, times, np.append(at, np.zeros(len(rates))))
         )
@@ -545,14 +548,14 @@ def begin(
 def _begin(
     job: tuple[Sequence[Path], Vehicle, tuple[Effect, ...], tuple[FloatArray, FloatArray], int],
 ) -> tuple[Setting, FloatArray]:
-    """The best fit of a few drives, with all that any drive tells, and their noise."""
+    """The best fit of a few drives, among them one with each sensor, and the sensors' noise."""
     files, vehicle, effects, prior, seed = job
     chosen = {files[i] for i in np.linspace(0, len(files) - 1, LOOKED_AT).round().astype(int)}
-    drives: dict[Path, MeasuredDrive] = {file: kept(file) for file in files if file in chosen}
-    known = set().union(*map(told_by, drives))
+    drives: dict[Path, MeasuredDrive] = {file: load_kept(file) for file in files if file in chosen}
+    known = set().union(*map(measured_in, drives))
     for file in files:
-        if not known >= (more := told_by(file)):
-            drives[file] = kept(file)
+        if not known >= (more := measured_in(file)):
+            drives[file] = load_kept(file)
             known |= more
     return first_fit(list(drives.values()), vehicle, effects, prior, seed)
 
@@ -583,7 +586,7 @@ def each(executor: Executor | None, work: Callable[[T], R], jobs: Iterable[T]) -
 
 
 def _read(job: tuple[Path, Vehicle, Path, TopicNames | None, bool]) -> tuple[Path, str]:
-    """Keep the drive of a bag; return the file, and why there is none."""
+    """Keep the drive of a bag; return its file and "", or the bag and why it cannot be used."""
     bag, vehicle, folder, topics, other_vehicle = job
     drive = None
     try:

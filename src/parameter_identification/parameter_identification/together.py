@@ -96,11 +96,14 @@ class Together:
         for fit, point, there in zip(self.fits, points, sums, strict=True):
             fit.at, fit.here = point, there
 
-    def _repeated(self) -> FloatArray:
-        """Prior information (s, s) of what is common that the vehicles' fits count too often."""
-        prior = self.fits[0].variables.information
+    def _prior(self) -> FloatArray:
+        """Prior information (s, s) of what is common."""
         places = np.array(self.common, dtype=np.int64)
-        return (len(self.fits) - 1) * prior[np.ix_(places, places)]
+        return self.fits[0].variables.information[np.ix_(places, places)]
+
+    def _repeated(self) -> FloatArray:
+        """What the vehicles' fits count of it too often: once for each but one."""
+        return (len(self.fits) - 1) * self._prior()
 
     def _cost(self, sums: Sequence[Sum]) -> float:
         off = (sums[0].at - self.fits[0].variables.mean)[list(self.common)]
@@ -135,7 +138,7 @@ class Together:
         covariance, alone, follow = arrow.covariances()
         beyond = np.zeros(len(self.common), dtype=bool)
         if self.common:
-            prior = self._repeated() / (len(self.fits) - 1)
+            prior = self._prior()
             # few vehicles do not show how they scatter; their drives may
             clusters = list(arrow.gradient[:, np.newaxis])
             if len(clusters) < SCATTER:
@@ -247,19 +250,18 @@ class Joint:
         root = np.linalg.cholesky(self.of_common)
         for i, fit in enumerate(self.fits):
             whole = np.linalg.inv(self.covariance(i)[np.ix_(at, at)])
-            told_apart = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
+            narrowed = whole[0, 0] * SHOWN**2 >= variables.information[at[0], at[0]]
             growth, for_intervals = growth_of(fit, level)
-            shown.append(bool(told_apart and not beyond_of(fit, for_intervals)[at[0]]))
-            told = np.linalg.inv(self.alone[i][np.ix_(places, places)])
-            rest = np.linalg.inv(told - np.diag(prior))
+            shown.append(bool(narrowed and not beyond_of(fit, for_intervals)[at[0]]))
+            with_prior = np.linalg.inv(self.alone[i][np.ix_(places, places)])
+            covariance = np.linalg.inv(with_prior - np.diag(prior))
             factors = np.fmax(growth, 1.0)[list(at)]
-            estimates.append(rest @ (told @ self.at[i, at] - prior * variables.mean[list(at)]))
-            covariances.append(rest * np.outer(factors, factors))
-            together.append(rest @ told @ self.follow[i][places] @ root)
-        kept = np.array(shown)
-        return Alone(
-            np.array(estimates)[kept], np.array(covariances)[kept], np.array(together)[kept], shown
-        )
+            pull = with_prior @ self.at[i, at] - prior * variables.mean[list(at)]
+            estimates.append(covariance @ pull)
+            covariances.append(covariance * np.outer(factors, factors))
+            together.append(covariance @ with_prior @ self.follow[i][places] @ root)
+        own, of_own, common = (np.array(v)[shown] for v in (estimates, covariances, together))
+        return Alone(own, of_own, common, shown)
 
 
 @dataclass(frozen=True, eq=False)

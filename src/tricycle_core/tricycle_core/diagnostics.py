@@ -1,8 +1,9 @@
-"""Levels of diagnostic_msgs/DiagnosticStatus, without ROS."""
+"""Levels and values of diagnostic_msgs/DiagnosticStatus, without ROS."""
 
 from __future__ import annotations
 
 import enum
+from typing import Any
 
 
 class Level(enum.IntEnum):
@@ -23,3 +24,14 @@ class Level(enum.IntEnum):
             As the message has it.
         """
         return cls(int.from_bytes(level, "little") & 3)
+
+
+def values_of(status: Any) -> dict[str, str]:
+    """Return the key-value pairs of a DiagnosticStatus.
+
+    Parameters
+    ----------
+    status : DiagnosticStatus message
+        Of rosbags or rclpy.
+    """
+    return {pair.key: pair.value for pair in status.values}

@@ -301,6 +301,31 @@ def with_effects(vehicle: Vehicle, effects: Sequence[Effect]) -> Vehicle:
     return dataclasses.replace(vehicle, unknown=unknown)
 
 
+def add_effects(
+    points: FloatArray,
+    place: Mapping[str, int],
+    effects: Sequence[Effect],
+    values: Mapping[str, FloatArray],
+) -> None:
+    """Add what effects change constants by to the constants of vehicles, in place.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (n, k)
+        Values of the unknown parameters of `with_effects`.
+    place : mapping of str to int
+        Column of each constant.
+    effects : sequence of Effect
+        Of the vehicle.
+    values : mapping of str to ndarray of float, shape (n,)
+        By name of the effect, in its unit; one that has none does not act.
+    """
+    for e in effects:
+        if e.name in values:
+            for constant, change in e.constants.items():
+                points[:, place[constant]] += change * values[e.name]
+
+
 def corrected(vehicle: Vehicle, estimates: Mapping[str, float]) -> tuple[Vehicle, frozenset[str]]:
     """Return a vehicle whose constants have what effects were found to be, and these effects.
 

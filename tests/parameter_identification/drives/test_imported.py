@@ -86,7 +86,7 @@ def test_a_measured_steering_angle_is_in_the_bag(drive, tmp_path):
     steering = SteeringMap(gain=0.5)
     start = write_bag(recording, VEHICLE, steering, tmp_path / "bag")
     again = read_measured_drive(tmp_path / "bag", VEHICLE)
-    assert Input.STEERING in again.told
+    assert Input.STEERING in again.measured_throughout
     angle = again.steering_angle
     expected = steering.angle(recording.steering.at(angle.time + start))
     np.testing.assert_allclose(angle.values, expected, atol=1e-9)

@@ -61,7 +61,7 @@ def test_a_steering_angle_that_is_not_told_throughout_is_not_used(bag: Path) -> 
         angle[(joints.time > begin) & (joints.time < end)] = np.nan
         states = replace(joints, steering_motor_angle=angle)
         drive = measured_drive(replace(recorded, joint_states=states), VEHICLE)
-        assert (Input.STEERING in drive.told) == used
+        assert (Input.STEERING in drive.measured_throughout) == used
 
 
 def test_a_bag_without_commands_is_told(tmp_path: Path) -> None:

@@ -119,8 +119,8 @@ def test_wheels_that_are_not_heard_throughout_are_no_input():
         **drive.signals,
         Sensor.WHEEL_SPEED: Signal(wheels.time[heard], wheels.values[heard]),
     }
-    assert drive.told == {Input.SPEED}
-    assert dataclasses.replace(drive, signals=signals).told == set()
+    assert drive.measured_throughout == {Input.SPEED}
+    assert dataclasses.replace(drive, signals=signals).measured_throughout == set()
 
 
 def test_the_wheels_turn_as_measured(worlds):

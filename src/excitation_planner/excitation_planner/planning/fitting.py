@@ -1,9 +1,10 @@
 """The search on an area: the best maneuvers that fit it, found by few simulations each.
 
-The most informative maneuvers that fit lie at the limit of what does, and on a small area most of
-an operation box does not fit. Here a maneuver is judged by two vehicles, and its room is found by
-eight, unless enough others that fit are cheaper. Cost and shortage are interpolated between those
-tried so far; tried next are the cheapest that should fit, at several distances from them.
+The most informative maneuvers that fit lie at the limit of what fits, and on a small area most of
+an operation box does not fit. Here the cost of a maneuver is that of a few vehicles, and the room
+that it needs is found by eight, unless enough cheaper maneuvers are known to fit. Cost and shortage
+are interpolated between the maneuvers tried so far; tried next are the cheapest that should fit, at
+several distances from those.
 
 Source: Regis (2014), Constrained optimization by radial basis function interpolation for
 high-dimensional expensive black-box problems with infeasible initial points; Regis and Shoemaker
@@ -90,8 +91,9 @@ APART = 0.03
 class _Tried:
     """A maneuver that can be driven: point (l,) of the unit box, and what was found out about it.
 
-    The shortage is that of a rough tube, or where it is known not to fit that of all vehicles [m];
-    NaN where the room was not looked for, infinite where one of a few vehicles cannot drive it.
+    The shortage [m] is that of a rough tube; once the maneuver is known not to fit, that of all
+    vehicles. It is NaN before the room was looked for, infinite where one of the rough tube's
+    vehicles cannot drive it.
     """
 
     u: FloatArray

@@ -31,6 +31,7 @@ from tricycle_sim.effects import (
     DRIVE_DEAD_TIME,
     SERVO_DEAD_TIME,
     Effect,
+    add_effects,
     as_sensed,
     effects_of,
     with_effects,
@@ -150,13 +151,12 @@ def replayed(
     """
     every, rest = round(PERIOD / TICK), round(STANDSTILL / PERIOD)
     affected, n, k = with_effects(vehicle, effects), len(parameters), len(vehicle.unknown)
-    batch, place = CommandedBatch(affected, commands), list(affected.unknown).index
+    batch = CommandedBatch(affected, commands)
+    place = {name: i for i, name in enumerate(affected.unknown)}
     points = np.tile(affected.nominal_point(), (n, 1))
-    points[:, [place(name) for name in vehicle.unknown]] = parameters[:, :k]
+    points[:, [place[name] for name in vehicle.unknown]] = parameters[:, :k]
     values = {e.name: e.std * parameters[:, k + i] for i, e in enumerate(effects)}
-    for e in effects:
-        for constant, change in e.constants.items():
-            points[:, place(constant)] += change * values[e.name]
+    add_effects(points, place, effects, values)
     steering, drive = values.get(SERVO_DEAD_TIME), values.get(DRIVE_DEAD_TIME, np.zeros(n))
     motion = dict.fromkeys([*columns, *(SENSED if effects else ())])
     found = np.empty((n, rest + len(batch.time[::every]), len(columns)))

@@ -3,6 +3,7 @@
 No model of the vehicle is asked, so that slow drives and gentle turns tell it too.
 """
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,7 +18,7 @@ from tricycle_sim.vehicle import Vehicle
 
 STEP = 0.2  # s of way that shows a course
 FASTEST = 30.0  # m/s over a step, beyond which the pose jumped
-ALONG = 0.5  # mean cosine of twice the angle between course and heading; no drift is 30 degrees
+ALONG = 0.5  # least mean cosine of twice the angle between course and heading: 30 degrees
 ALIKE = 0.9  # cosine from which two quantities differ by a factor
 FACTOR = 2.0  # that is one of units; slip, roll and understeer explain less
 STEERING_FACTOR = 5.0  # likewise; a map may be a guess
@@ -59,18 +60,53 @@ def check_agreement(
     moving = np.abs(motion.speed) > SLOWEST
     moving &= np.abs(motion.speed) < FASTEST
     for name, given, expected, least in _pairs(recording, motion, vehicle):
-        if problem := _contradiction(given[moving], expected[moving], least):
+        if problem := _contradiction_of(given[moving], expected[moving], least):
             raise IdentificationError(
-                f"{recording.name}: {name} {problem} the poses give: mend its unit or sign in the "
-                "mapping, or theirs"
+                f"{recording.name}: {name} {problem} what the poses give: mend its unit or sign in "
+                "the mapping, or theirs"
             )
     ahead = moving & (motion.speed > 0.0)
     given, expected = steering[ahead], turned[ahead]
-    if problem := _contradiction(given, expected, LEAST_STEERING, STEERING_FACTOR):
+    if problem := _contradiction_of(given, expected, LEAST_STEERING, STEERING_FACTOR):
         raise IdentificationError(
-            f"{recording.name}: steering {problem} the turns of the poses need: positive is "
+            f"{recording.name}: steering {problem} what the turns of the poses need: positive is "
             "to the left; mend its unit in the mapping, or the gain of steering_map"
         )
+
+
+def contradiction(
+    given: FloatArray,
+    expected: FloatArray,
+    *,
+    least: float,
+    factor: float,
+    least_slope: float = 0.0,
+) -> str:
+    """Return what is wrong with values that are proportional to those expected; else an empty text.
+
+    Parameters
+    ----------
+    given, expected : ndarray of float, shape (m,)
+        Of one quantity, in one unit.
+    least : float
+        Root mean square of those expected up to which nothing is concluded.
+    factor : float
+        From which the unit is another one.
+    least_slope : float
+        Share of those expected that values of the wrong sign have at least.
+    """
+    energy, own = float(expected @ expected), float(given @ given)
+    if not energy > least**2 * len(expected):
+        return ""
+    if own == 0.0:  # who measures nothing writes zeros
+        return "is 0 times"
+    slope = float(given @ expected) / energy
+    cosine = float(given @ expected) / math.sqrt(energy * own)
+    if slope < -least_slope and cosine < OPPOSITE:
+        return "has the opposite sign of"
+    if abs(cosine) > ALIKE and not 1.0 / factor < abs(slope) < factor:
+        return f"is {slope:.2g} times"
+    return ""
 
 
 def _check_way(name: str, motion: Motion, *, headed: bool) -> None:
@@ -118,20 +154,11 @@ def _pairs(
             yield name, given, motion.speed / radius, SLOWEST / radius
 
 
-def _contradiction(
-    given: FloatArray, expected: FloatArray, least: float, most: float = FACTOR
+def _contradiction_of(
+    given: FloatArray, expected: FloatArray, least: float, factor: float = FACTOR
 ) -> str:
+    """As `contradiction`, of the values that are there; nothing if these are few."""
     there: NDArray[np.bool_] = np.isfinite(given) & np.isfinite(expected)
-    given, expected = given[there], expected[there]
-    energy, own = float(expected @ expected), float(given @ given)
-    if len(given) < ENOUGH or energy < least**2 * len(given):  # too little to tell
+    if np.count_nonzero(there) < ENOUGH:
         return ""
-    if own == 0.0:  # loggers that measure nothing write zeros
-        return "is 0 times what"
-    cosine = float(given @ expected) / float(np.sqrt(energy * own))
-    if cosine < OPPOSITE:
-        return "has the opposite sign of what"
-    factor = float(given @ expected) / energy
-    if cosine > ALIKE and not 1.0 / most < factor < most:
-        return f"is {factor:.2g} times what"
-    return ""
+    return contradiction(given[there], expected[there], least=least, factor=factor)

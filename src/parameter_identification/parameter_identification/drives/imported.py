@@ -148,10 +148,10 @@ def _start(recording: Recording) -> float | None:
 
 
 def _sensed(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> Iterator[Row]:
-    yaw = recording.yaw if recording.yaw is not None else np.zeros(len(recording.time))
+    yaw = [None] * len(recording.time) if recording.yaw is None else recording.yaw
     for time, x, y, heading in zip(recording.time, recording.x, recording.y, yaw, strict=True):
         stamp = _stamp(recording, time)
-        yield stamp, "/odom", _odometry(stamp, x, y, heading if recording.yaw is not None else None)
+        yield stamp, "/odom", _odometry(stamp, x, y, heading)
     more = recording.more
     ahead, left = more.get("acceleration_x"), more.get("acceleration_y")
     if ahead is not None and left is not None:  # one message holds both
@@ -159,9 +159,10 @@ def _sensed(recording: Recording, vehicle: Vehicle, steering: SteeringMap) -> It
         ahead = Samples(known, ahead.at(known))
     for stamp, *values in _rows(recording, [more.get("yaw_rate"), ahead, left]):
         yield stamp, "/imu", _imu(stamp, *values)
-    told, angle = recording.steering, None
+    angle = None
     if recording.steering_measured:
-        angle = Samples(told.time, steering.angle(told.values))
+        measured = recording.steering
+        angle = Samples(measured.time, steering.angle(measured.values))
     driving = [angle, more.get("wheel_speed"), more.get("motor_torque")]
     for stamp, *row in _rows(recording, driving):
         joints = {
@@ -229,9 +230,8 @@ def _driven(
 
 
 def _stamp(recording: Recording, time: float) -> int:
-    every = (recording, recording.steering, *recording.more.values())
-    first = min(float(samples.time[0]) for samples in every)
-    start = max(recording.start, -first)  # a message has no time before 0
+    times = [recording.time, recording.steering.time, *(s.time for s in recording.more.values())]
+    start = max(recording.start, -min(float(time[0]) for time in times))  # no stamp is below 0
     if start + time >= LAST:
         raise IdentificationError(
             f"{recording.name}: time {start + time:.10g} s: a bag's end in 2038, at {LAST:.0f} s; "

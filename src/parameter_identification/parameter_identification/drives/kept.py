@@ -1,4 +1,4 @@
-"""Drives kept in files of numbers: read a hundred times faster than the bags that they are of."""
+"""Files of drives that were read from bags: they load a hundred times faster than the bags."""
 
 import hashlib
 import io
@@ -25,8 +25,8 @@ FORMAT = 4  # counted up with what is read of a bag, so that older files are rea
 def content_key(bag: Path, vehicle: Vehicle) -> str:
     """Return a hash of what a drive is read from: the bag's files and the vehicle.
 
-    Of a bag elsewhere it is of what the server tells of its files: sizes, and times or sums where
-    it has them.
+    For a remote bag, what the server says of its files is hashed instead of their content: sizes,
+    and times or checksums where it has them.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def content_key(bag: Path, vehicle: Vehicle) -> str:
 
 
 def keep(drive: MeasuredDrive, file: Path) -> None:
-    """Write a drive that stands still at its start event.
+    """Write a drive of a vehicle that stands still at the start event.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def keep(drive: MeasuredDrive, file: Path) -> None:
     write_whole(file, content.getvalue())
 
 
-def kept(file: Path) -> MeasuredDrive:
+def load_kept(file: Path) -> MeasuredDrive:
     """Read a drive that `keep` wrote.
 
     Parameters
@@ -118,8 +118,8 @@ def kept(file: Path) -> MeasuredDrive:
         )
 
 
-def measured_key(file: Path) -> str:
-    """Return a hash of the positions of a kept drive: that of all copies of it, in whatever bag.
+def positions_key(file: Path) -> str:
+    """Return a hash of the positions of a kept drive: the same for copies of it in other bags.
 
     Parameters
     ----------
@@ -136,8 +136,8 @@ def measured_key(file: Path) -> str:
         return hashlib.sha256(positions.tobytes()).hexdigest()
 
 
-def told_by(file: Path) -> frozenset[Sensor | Input]:
-    """Return which sensors a kept drive has, and whether it tells the steering.
+def measured_in(file: Path) -> frozenset[Sensor | Input]:
+    """Return which sensors a kept drive has, and `Input.STEERING` if it has the measured steering.
 
     Parameters
     ----------
@@ -145,11 +145,10 @@ def told_by(file: Path) -> frozenset[Sensor | Input]:
         Written by `keep`.
     """
     with _arrays_of(file) as arrays:
-        told = (*Sensor, Input.STEERING)
-        return frozenset(one for one in told if one.name in arrays)
+        return frozenset(one for one in (*Sensor, Input.STEERING) if one.name in arrays)
 
 
-def began(file: Path) -> float:
+def beginning_of(file: Path) -> float:
     """Return when a kept drive began [s since 1970]; NaN: not known.
 
     Parameters

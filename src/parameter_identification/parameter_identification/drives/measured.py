@@ -21,15 +21,15 @@ from parameter_identification.drives.poses import PlanarTrajectory
 from parameter_identification.drives.recorded import RecordedDrive, TopicNames, read_drive
 from parameter_identification.drives.samples import Samples, common_times
 from tricycle_core.errors import CommandsError, IdentificationError, JudgeError
-from tricycle_core.joints import JOINTS
+from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.quantities import FloatArray
-from tricycle_core.stamps import SECOND, seconds_of
+from tricycle_core.stamps import SECOND
 from tricycle_sim.commands import Commands
 from tricycle_sim.vehicle import Vehicle
 
 FEWEST = 10  # samples of a sensor in a drive, fewer tell nothing of its noise
-UNTOLD = 0.2  # s between samples from which an input is not known throughout
-UNTOLD_START = 1.5  # s, likewise before the first speed from rest: pulses do not tell slow ones
+LONGEST_GAP = 0.2  # s between samples of an input that is measured throughout
+LATEST_SPEED = 1.5  # s from rest to its first speed: a sensor of pulses does not tell slow ones
 SPEED_SOURCE, FROM_POSES = "speed_set_points_from", "poses"  # in the record of an imported bag
 
 
@@ -201,8 +201,8 @@ class MeasuredDrive:
     steering_angle : Samples, optional
         Measured angle of the steering motor, left positive [rad], since the start event [s].
     speed : ndarray of float, shape (t,), optional
-        Forward, of the COM, at each tick of the commands [m/s]: the vehicle has it, whatever its
-        speed loop would make of them.
+        Forward, of the COM, at each tick of the commands [m/s]. The model has this speed, whatever
+        its speed loop would make of the commands.
     speed_std : float
         Standard deviation of it [m/s].
     turn_std : float
@@ -246,14 +246,14 @@ class MeasuredDrive:
                 raise IdentificationError(f"{self.name}: {sensor.value}: needs {columns} columns")
 
     @property
-    def told(self) -> frozenset[Input]:
-        """Inputs measured throughout the commands; the speed may begin to be after a start."""
+    def measured_throughout(self) -> frozenset[Input]:
+        """Inputs measured all along the commands; from rest the speed may begin a little later."""
         found, end = set(), self.commands.duration
         if self.steering_angle is not None and _throughout(self.steering_angle.time, 0.0, end):
             found.add(Input.STEERING)
         if (wheels := self.signals.get(Sensor.WHEEL_SPEED)) is not None:
             first = float(wheels.time[0]) if self.start.speed == 0.0 else 0.0
-            if _throughout(wheels.time, min(max(first, 0.0), UNTOLD_START), end):
+            if _throughout(wheels.time, min(max(first, 0.0), LATEST_SPEED), end):
                 found.add(Input.SPEED)
         return frozenset(found)
 
@@ -370,10 +370,10 @@ def of_wheels(wheels: Mapping[str, Samples]) -> Signal:
 
 
 def usable(signals: Mapping[Sensor, Signal], vehicle: Vehicle) -> dict[Sensor, Signal]:
-    """Return the signals that tell something: not of too few samples, none twice.
+    """Return the signals without those of too few samples, and without what would count twice.
 
-    Where the speed of the motor is there and that of every driven wheel, whose mean it is, the last
-    one of these is left out: it would be counted twice.
+    The speed of the motor is the mean of the driven wheels'. Where it and the speeds of all driven
+    wheels were measured, that of the last driven wheel is left out.
 
     Parameters
     ----------
@@ -421,7 +421,7 @@ def _steering_angle(drive: RecordedDrive, end: float) -> Samples | None:
 def _throughout(time: FloatArray, begin: float, end: float) -> bool:
     """Whether there is no long gap between samples from a time to another one."""
     there = time[(time >= begin) & (time <= end)]
-    return bool(np.diff(there, prepend=begin, append=end).max() <= UNTOLD)
+    return bool(np.diff(there, prepend=begin, append=end).max() <= LONGEST_GAP)
 
 
 def _samples(bag: Path, what: str, stamps: FloatArray, values: FloatArray) -> Samples:
@@ -476,11 +476,7 @@ def commands_of(message: Any, vehicle: Vehicle, where: str) -> Commands:
         If a joint or a value is missing, or the commands are none.
     """
     try:
-        steer, wheel = map(list(message.joint_names).index, JOINTS)
-        return Commands(
-            [seconds_of(p.time_from_start) for p in message.points],
-            [p.positions[steer] for p in message.points],
-            [p.velocities[wheel] * vehicle.driven_radius for p in message.points],
-        )
+        time, angle, rate = rows_of(message).T
+        return Commands(time, angle, rate * vehicle.driven_radius)
     except (ValueError, IndexError, CommandsError) as error:
         raise IdentificationError(f"{where}: commands: {error}") from error

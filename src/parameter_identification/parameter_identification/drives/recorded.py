@@ -23,14 +23,15 @@ from parameter_identification.drives.poses import (
 from parameter_identification.drives.samples import Samples
 from trajectory_recorder.bag.reader import BagReader
 from trajectory_recorder.bag.topics import deserialize
+from tricycle_core.diagnostics import values_of
 from tricycle_core.errors import JudgeError
 from tricycle_core.frames import BASE_LINK
+from tricycle_core.joint_trajectory import rows_of
 from tricycle_core.joints import JOINTS, REAR_WHEEL_JOINT, SPIN_JOINT, STEERING_JOINT
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.quantities import FloatArray
 from tricycle_core.readiness import TOPIC as READINESS
 from tricycle_core.readiness import Readiness
-from tricycle_core.stamps import seconds_of
 from tricycle_core.timing import TICK
 from tricycle_sim.commands import Commands
 
@@ -304,11 +305,7 @@ class _Collector:
         self.joint_states = self._sensor(topics.joint_states, JOINT_STATE) if sensors else ""
 
     def drive(self) -> RecordedDrive:
-        topics = self.topics
-        kinds = {name: topic.type for name, topic in self.reader.topics.items()}
-        poses = PoseCollector(
-            self.bag, self.pose, kinds[self.pose], topics.child_frame, topics.datum
-        )
+        poses = self._pose_collector()
         latched: dict[str, dict[bytes, Any]] = {
             name: {} for name in (self.reference, self.commands, self.lead_in)
         }
@@ -320,14 +317,17 @@ class _Collector:
         }
         wanted = ({self.pose} | latched.keys() | every.keys() | timed.keys()) - {""}
         for name, recorded, data in self.reader.messages(wanted):
+            if name in latched and data in latched[name]:  # repeated at the beginning of each file
+                continue
+            message = self._message(name, data)
             if name == self.pose:
-                poses.add(deserialize(kinds[name], data))
+                poses.add(message)
             elif name in timed:
-                timed[name].append((recorded, deserialize(kinds[name], data)))
-            elif name not in latched:
-                every[name].append(deserialize(kinds[name], data))
-            elif data not in latched[name]:  # repeated at the beginning of each file
-                latched[name][data] = deserialize(kinds[name], data)
+                timed[name].append((recorded, message))
+            elif name in latched:
+                latched[name][data] = message
+            else:
+                every[name].append(message)
         event = self._start_event(timed[self.state])
         self._check_armed(event, timed[self.readiness], timed[self.diagnostics])
         start, plan_id = event.time, event.plan_id
@@ -357,19 +357,15 @@ class _Collector:
             joint_states=_joint_states(every[self.joint_states], start),
             imu=_imu_samples(every[self.imu], start),
             wheel_rates=_wheel_rates(every[self.joint_states], start),
-            topics=topics,
+            topics=self.topics,
             ended_early=event.early,
             lead_in=lead_in,
         )
 
     def way_back(self) -> PlanarTrajectory | None:
-        kinds = {name: topic.type for name, topic in self.reader.topics.items()}
-        topics, returning, found = self.topics, False, False
-        poses = PoseCollector(
-            self.bag, self.pose, kinds[self.pose], topics.child_frame, topics.datum
-        )
+        poses, returning, found = self._pose_collector(), False, False
         for name, _, data in self.reader.messages({self.pose, self.state}):
-            message = deserialize(kinds[name], data)
+            message = self._message(name, data)
             if name == self.state:
                 returning = self._state(message).state is PlaybackState.RETURNING
             elif returning:
@@ -377,9 +373,16 @@ class _Collector:
                 found = True
         return poses.since(0) if found else None
 
+    def _pose_collector(self) -> PoseCollector:
+        kind, topics = self.reader.topics[self.pose].type, self.topics
+        return PoseCollector(self.bag, self.pose, kind, topics.child_frame, topics.datum)
+
+    def _message(self, topic: str, data: bytes) -> Any:
+        return deserialize(self.reader.topics[topic].type, data)
+
     def _state(self, message: Any) -> ManeuverState:
         try:
-            return ManeuverState.from_values({v.key: v.value for v in message.values})
+            return ManeuverState.from_values(values_of(message))
         except ValueError as error:
             raise JudgeError(
                 f"{self.bag}: {self.state}: {error}; want start_time and duration in seconds"
@@ -424,7 +427,7 @@ class _Collector:
         self, messages: Iterable[Any], commands: Any, played: Iterable[Any], start: int
     ) -> SteeredLeadIn | None:
         """The lead-in with the stamp of the commands, as it was steered; None without one."""
-        own = [m for m in messages if commands is not None and stamp_of(m) == stamp_of(commands)]
+        own = _stamped_alike(messages, commands)
         if not own or not own[-1].poses:
             return None
         end = stamp_of(own[-1].poses[-1]) * 1e-9
@@ -440,9 +443,8 @@ class _Collector:
     def _reference(self, messages: Iterable[Any], commands: Any) -> PlanarTrajectory:
         """The reference with the stamp of the commands; the only one where none has it."""
         every = list(messages)
-        own = [m for m in every if commands is not None and stamp_of(m) == stamp_of(commands)]
         paths = {}
-        for message in own or every:
+        for message in _stamped_alike(every, commands) or every:
             rows = [(stamp_of(pose) * 1e-9, *planar(pose.pose)) for pose in message.poses]
             paths[np.array(rows).tobytes()] = np.array(rows).reshape(-1, 4)
         if not paths:
@@ -540,13 +542,17 @@ class _Collector:
             )
 
 
+def _stamped_alike(messages: Iterable[Any], commands: Any) -> list[Any]:
+    """Messages with the stamp of the commands; none where there are no commands."""
+    return [m for m in messages if commands is not None and stamp_of(m) == stamp_of(commands)]
+
+
 def _planned_and_played(
     planned: Any, played: Iterable[Any], start: int, begin: float, end: float | None
 ) -> Iterator[tuple[float, float, float, float]]:
     """Angle and wheel speed planned, then those played, of each set-point from begin to end."""
-    times = [seconds_of(point.time_from_start) for point in planned.points]
-    steer, wheel = (planned.joint_names.index(name) for name in JOINTS)
-    rows = [(point.positions[steer], point.velocities[wheel]) for point in planned.points]
+    times, *columns = rows_of(planned).T.tolist()
+    rows = list(zip(*columns, strict=True))
     for setpoint in played:
         elapsed = (stamp_of(setpoint) - start) * 1e-9
         if setpoint.name and begin <= elapsed < (times[-1] if end is None else end):
@@ -558,7 +564,7 @@ def _planned_and_played(
 def _readiness(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:
     """What `vehicle/state` says, and when."""
     for at, message in messages:
-        yield at, Readiness.from_values({pair.key: pair.value for pair in message.values})
+        yield at, Readiness.from_values(values_of(message))
 
 
 def _diagnosed(messages: Iterable[tuple[int, Any]]) -> Iterator[tuple[int, Readiness]]:

@@ -373,7 +373,7 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
         for name, c in found.items()
     }
     clock = si.pop("time")
-    rows = _new_times(clock, f"{path}: {found['time'].column}")
+    rows = _at_new_times(np.arange(len(clock)), clock, f"{path}: {found['time'].column}")
     start = float(clock[rows[0]])
     time = clock[rows] - start
     pose = np.column_stack([si.pop(name)[rows] for name in ("x", "y", "yaw") if name in si])
@@ -387,10 +387,10 @@ def read_recording(path: Path | str, columns: Columns, vehicle: Vehicle | None =
     for name, values in si.items():
         own = found[name].clock
         if own:
-            samples[name] = _on_the_clock(values, table[own], rows, time, f"{path}: {own}")
+            samples[name] = _by_own_clock(values, table[own], rows, time, f"{path}: {own}")
         else:
-            kept = np.isfinite(values[rows])
-            samples[name] = Samples(time[kept], values[rows][kept])
+            known = np.isfinite(values[rows])
+            samples[name] = Samples(time[known], values[rows][known])
         if not len(samples[name].time):
             raise IdentificationError(f"{path}: {found[name].column}: holds no number")
     return Recording(
@@ -480,11 +480,8 @@ def _text(path: Path) -> str:
         raise IdentificationError(f"{path}: is not a CSV file in UTF-8") from error
 
 
-def _new_times(
-    clock: FloatArray, where: str, among: NDArray[np.int64] | None = None
-) -> NDArray[np.int64]:
-    """Rows (of all, or among these) whose time is there and not that of the row before."""
-    rows = np.arange(len(clock)) if among is None else among
+def _at_new_times(rows: NDArray[np.int64], clock: FloatArray, where: str) -> NDArray[np.int64]:
+    """Those of some rows that have a time, and not the same one as the row before."""
     rows = rows[np.isfinite(clock[rows])]
     steps = np.diff(clock[rows])
     if len(back := np.flatnonzero(steps < 0.0)):
@@ -498,27 +495,28 @@ def _new_times(
     return rows
 
 
-def _on_the_clock(
-    values: FloatArray, own: FloatArray, among: NDArray[np.int64], time: FloatArray, where: str
+def _by_own_clock(
+    values: FloatArray, own: FloatArray, rows: NDArray[np.int64], time: FloatArray, where: str
 ) -> Samples:
-    """Samples with a clock of their own, shifted by the median difference of both clocks.
+    """Samples with a clock of their own, shifted to that of the poses.
 
-    Of the table's rows only those `among` them, with these times, count.
+    Only these rows of the table count, whose times by the clock of the poses are `time`; the shift
+    is the median difference of both clocks.
     """
-    rows = _new_times(own, where, among)
-    rows = rows[np.isfinite(values[rows])]
-    if not len(rows):
+    new = _at_new_times(rows, own, where)
+    new = new[np.isfinite(values[new])]
+    if not len(new):
         return Samples(time[:0], values[:0])
-    shift = float(np.median(time[np.searchsorted(among, rows)] - own[rows]))
-    at = own[rows] + shift
+    shift = float(np.median(time[np.searchsorted(rows, new)] - own[new]))
+    shifted = own[new] + shift
     # a clock may begin elsewhere than it goes on
-    known = (at > time[0] - BESIDE) & (at < time[-1] + BESIDE)
-    if np.mean(known) < 0.5:
+    inside = (shifted > time[0] - BESIDE) & (shifted < time[-1] + BESIDE)
+    if np.mean(inside) < 0.5:
         raise IdentificationError(
-            f"{where}: {np.mean(~known):.0%} of its times are outside of those of the rows: it "
+            f"{where}: {np.mean(~inside):.0%} of its times are outside of those of the rows: it "
             "must be in s, and at their pace, or the unit of `time` is wrong"
         )
-    return Samples(at[known], values[rows][known])
+    return Samples(shifted[inside], values[new][inside])
 
 
 def _pose_of_com(pose: FloatArray, sensor: SensorPlace, where: str) -> FloatArray:

@@ -258,17 +258,17 @@ def setpoints_of(
     """
     if not recording.steering_measured:
         return steering.angle(_steering(recording, motion)), 0.0
-    time, told = recording.steering.time, recording.steering.values
+    time, measured = recording.steering.time, recording.steering.values
     if len(time) < LEAST:
         raise IdentificationError(
             f"{recording.name}: {len(time)} steering angles: at least {LEAST} are needed"
         )
-    angles = smooth(time, steering.angle(told)[:, np.newaxis])
+    angles = smooth(time, steering.angle(measured)[:, np.newaxis])
     angle = angles.spline(np.clip(motion.time, time[0], time[-1]))[:, 0]
     road_angle = functions_for(vehicle).road_angle
     turned = road_angle(angles.value_std, steering_constants(vehicle, TICK))
     wanted = steering_setpoints(angle, vehicle)
-    # what is told ahead of an angle near the stop may lie beyond it
+    # the set-point that leads to an angle near the stop may lie beyond it
     within = np.abs(angle) <= STEERING_END_STOP
     wanted[within] = np.clip(wanted[within], -STEERING_END_STOP, STEERING_END_STOP)
     return wanted, abs(turned) / vehicle.wheelbase
@@ -381,19 +381,17 @@ def _run_in(recording: Recording, vehicle: Vehicle) -> float:
 def _beginnings(
     recording: Recording, motion: Motion, windows: Windows, lead: int, late: float
 ) -> Iterator[tuple[int, str]]:
-    """Ticks at which windows could begin, `lead` ticks after the drive that leads into them.
+    """Ticks at which windows could begin, each with why that one is left out; empty: it is not.
 
-    Their commands go on for `late` s.
-
-    With the reason why one is left out, empty where it is not; ticks of the windows before are not
-    among them.
+    The commands of a window begin `lead` ticks before it and go on for `late` s after it. Ticks of
+    a window that was used are not among those that follow, unless windows may overlap.
     """
     length = round(windows.length / TICK)
     jump = np.abs(motion.jolt) > JUMP
     jump |= motion.missed > max(MISSED * float(np.median(motion.missed)), LEAST_MISSED)
     reasons = {
         f"faster than {MAX_SPEED:g} m/s": np.abs(motion.speed) > MAX_SPEED,
-        f"with a gap of the poses of more than {MAX_GAP:g} s": _lost(
+        f"with a gap of the poses of more than {MAX_GAP:g} s": _in_gap(
             motion.time, recording.time, MAX_GAP
         ),
         "with a jump of the poses or a kink of the speed": jump,
@@ -420,20 +418,21 @@ def _gaps_of_inputs(recording: Recording, motion: Motion) -> dict[str, NDArray[n
     if "speed_command" in recording.more:
         inputs["speed_command"] = recording.more["speed_command"]
     found = {}
-    for name, told in inputs.items():
-        most = max(MAX_GAP, SPARSE * float(np.median(np.diff(told.time, append=told.time[-1]))))
+    for name, samples in inputs.items():
+        steps = np.diff(samples.time, append=samples.time[-1])
+        most = max(MAX_GAP, SPARSE * float(np.median(steps)))
         reason = f"with a gap of the {name} of more than {most:.2g} s"
-        found[reason] = _lost(motion.time, told.time, most)
+        found[reason] = _in_gap(motion.time, samples.time, most)
     return found
 
 
-def _lost(ticks: FloatArray, told: FloatArray, gap: float) -> NDArray[np.bool_]:
-    """Whether ticks (t,) are within a larger gap of the times told, or as far outside of them."""
-    lost: NDArray[np.bool_] = (ticks < told[0] - gap) | (ticks > told[-1] + gap)
-    large = np.diff(told) > gap
-    for begin, end in zip(told[:-1][large], told[1:][large], strict=True):
-        lost |= (ticks > begin) & (ticks < end)
-    return lost
+def _in_gap(ticks: FloatArray, times: FloatArray, gap: float) -> NDArray[np.bool_]:
+    """Whether ticks (t,) are in a larger gap between sample times, or so far outside of them."""
+    found: NDArray[np.bool_] = (ticks < times[0] - gap) | (ticks > times[-1] + gap)
+    large = np.diff(times) > gap
+    for begin, end in zip(times[:-1][large], times[1:][large], strict=True):
+        found |= (ticks > begin) & (ticks < end)
+    return found
 
 
 def _signals(recording: Recording, vehicle: Vehicle) -> dict[Sensor, Signal]:

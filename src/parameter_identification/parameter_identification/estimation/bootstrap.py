@@ -1,7 +1,7 @@
-"""How far estimates are from a vehicle that is known: the fitted one, measured and fitted again.
+"""How far estimates are from a known vehicle: the fitted one is simulated, measured and fitted.
 
-What is done to measurements before the fit, such as a speed that is smoothed from positions, may
-err alike in all drives. No term of the fit counts that; drives that are simulated and treated alike
+What is done to measurements before the fit, such as smoothing a speed from positions, may err alike
+in all drives. No term of the fit counts that; simulated drives that are treated in the same way
 show it.
 """
 
@@ -38,8 +38,8 @@ def bootstrap_deviations(
 ) -> FloatArray:
     """Return the standard deviations (k,) that give intervals of a level, by repeating the fit.
 
-    They are of the estimates around the parameters that the drives were redrawn with, their common
-    error included, and larger by as much as few repeats tell them badly (Student's t).
+    They are root mean squares of the estimates' errors, common errors included, about the
+    parameters that the drives were redrawn with; and wider by Student's t, as the repeats are few.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def bootstrap_deviations(
             again.noise |= problem.noise
             again.set_sizes(problem.sizes())
             start = np.append(at[: problem.k], np.zeros(again.n - problem.k))
-            # a range cuts off an estimate, not what errs
+            # without the range, which would cut errors off
             found = again.quadratic(again.minimise(start).at).minimum()
             errors[repeat] = found[: problem.k] - at[: problem.k]
         step()

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from parameter_identification.drives.agreement import contradiction
 from parameter_identification.drives.following import servo_angle
 from parameter_identification.drives.measured import (
     FEWEST,
@@ -29,8 +30,6 @@ MIN_MOTION = 0.5  # m that a vehicle must have come from its start
 SAME_VEHICLE = 2e-3  # m between a reference and the model that it was planned with
 LONG = 5.0  # s, of a drive that is looked at by itself
 LEAST_SLOPE = 0.5  # of what is measured, over what is expected, where a sign is wrong
-OPPOSITE = -0.7  # cosine between both, from which it is
-ALIKE = 0.9  # cosine from which they differ by a factor
 UNIT = 5.0  # factor from which it is that of another unit
 LEAST = {
     Sensor.HEADING: (math.inf, 0.05),
@@ -199,7 +198,9 @@ def check_signs(drives: Sequence[MeasuredDrive], vehicle: Vehicle) -> None:
 def _check_alike(pair: FloatArray, least: float, what: str, positive: str) -> None:
     """Raise if samples cannot be of the expected ones, which precede them (2, m)."""
     expected, measured = pair
-    if problem := _contradiction(expected, measured, least):
+    if problem := contradiction(
+        measured, expected, least=least, factor=UNIT, least_slope=LEAST_SLOPE
+    ):
         if not measured.any():
             raise IdentificationError(
                 f"{what} {problem} what the commands give: if nothing measures it, leave out its "
@@ -209,22 +210,6 @@ def _check_alike(pair: FloatArray, least: float, what: str, positive: str) -> No
             f"{what} {problem} what the commands give: it must be positive {positive}, and so must "
             "be the commands; mend the sign or unit that is wrong"
         )
-
-
-def _contradiction(expected: FloatArray, measured: FloatArray, least: float) -> str:
-    """What samples (m,) are of the expected ones, where they cannot be of them; else ""."""
-    energy, product = float(expected @ expected), float(expected @ measured)
-    own = float(measured @ measured)
-    if not energy > least**2 * len(expected):
-        return ""
-    if own == 0.0:  # drivers that measure nothing write zeros
-        return "is 0 times"
-    slope, cosine = product / energy, product / math.sqrt(energy * own)
-    if slope < -LEAST_SLOPE and cosine < OPPOSITE:
-        return "has the opposite sign of"
-    if abs(cosine) > ALIKE and not 1.0 / UNIT < abs(slope) < UNIT:
-        return f"is {slope:.2g} times"
-    return ""
 
 
 def _expected_and_measured(

@@ -66,7 +66,8 @@ def scatter_factors(
     count = len(slopes)
     if count < SCATTER:
         return np.full(len(covariance), math.nan), np.ones(len(covariance))
-    slopes = slopes - slopes.mean(axis=0)  # where a parameter ends at its range, there is one
+    # their mean is not 0 where a parameter is held at an end of its range
+    slopes = slopes - slopes.mean(axis=0)
     middle = slopes.T @ slopes * count / (count - 1) + prior
     robust = covariance @ middle @ covariance
     growth = np.asarray(np.sqrt(np.diag(robust) / np.diag(covariance)))
@@ -161,7 +162,7 @@ def beyond_ranges(
 
 
 def pulled_effects(problem: LeastSquares, here: Quadratic) -> NDArray[np.bool_]:
-    """Return which of what acts in a fit, but for parameters, data pull beyond what it may be.
+    """Return which nuisances that act in a fit the data pull beyond their bounds.
 
     Parameters
     ----------
@@ -257,9 +258,9 @@ def doubt_of(
     missing : ndarray of float, shape (d, k), optional
         Estimates without each of a few drives, if these miss each other (`CrossPrediction`).
     white : bool
-        Whether residuals look white. If not, or if drives contradict or miss each other, the model
-        is wrong for this vehicle, and where a parameter is at an end of its range or an effect
-        pulled beyond what it may be all are doubted.
+        Whether residuals look white. If they do not, or if drives contradict or miss each other,
+        the model is wrong for this vehicle. All parameters are then doubted as soon as one of them
+        is at an end of its range, or an effect is pulled beyond its bounds.
     level : float
         Probability of the intervals.
     """
@@ -291,7 +292,7 @@ def doubt_of(
     beyond = beyond_ranges(at[:k], free[:k], factors[:k] * std[:k], low, high)
     wrong = not white or missing is not None or scatter.max() > CONTRADICTING
     if wrong and (problem.at_an_end(at)[:k].any() or pulled_effects(problem, here).any()):
-        beyond[:] = True  # what is held there bends the others
+        beyond[:] = True  # what is held at a bound makes the others wrong
     before = np.asarray(np.linalg.inv(problem.information), dtype=np.float64)
     covariance = with_prior_variance(covariance, before, beyond)
     widening = np.sqrt(np.diag(covariance)[:k] / np.diag(optimum.covariance)[:k])

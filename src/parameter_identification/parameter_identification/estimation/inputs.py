@@ -1,4 +1,4 @@
-"""Whether servo and speed loop are of the vehicle file's kind, by what drives tell of them."""
+"""Whether servo and speed loop are of the vehicle file's kind, by their measured outputs."""
 
 import math
 from collections.abc import Collection, Sequence
@@ -82,7 +82,7 @@ def measured_inputs(
     Parameters
     ----------
     drives : sequence of MeasuredDrive
-        What one of them does not tell is commanded in all.
+        An input that one of them does not measure throughout is commanded in all.
     vehicle : Vehicle
         The gains of its servo and speed loop, and their dead times, may be others.
     inputs : Inputs
@@ -91,21 +91,21 @@ def measured_inputs(
     Raises
     ------
     IdentificationError
-        If measured ones are asked for, and there is none that all drives tell; or if the servo is
-        of another kind, and not all tell the steering angle.
+        If measured ones are asked for, and all drives have none in common; or if the servo is of
+        another kind, and not all drives measure the steering angle.
     """
     if inputs is Inputs.COMMANDS:
         return frozenset()
-    told = frozenset(Input).intersection(*(drive.told for drive in drives))
+    in_all = frozenset(Input).intersection(*(drive.measured_throughout for drive in drives))
     if not has_gains(vehicle):
-        told -= {Input.SPEED}
+        in_all -= {Input.SPEED}
     if inputs is Inputs.MEASURED:
-        if not told:
+        if not in_all:
             raise IdentificationError(
                 "not all drives tell throughout a steering angle, or a wheel speed: identify from "
                 "the commands"
             )
-        return told
+        return in_all
     found: set[Input] = set()
     other = [
         drive.name
@@ -113,16 +113,16 @@ def measured_inputs(
         if drive.steering_angle is not None
         and servo_misfit(drive.commands, drive.steering_angle, vehicle) > OTHER_SERVO
     ]
-    if other and Input.STEERING not in told:
-        untold = next(drive.name for drive in drives if Input.STEERING not in drive.told)
+    if other and Input.STEERING not in in_all:
+        lacks = next(d.name for d in drives if Input.STEERING not in d.measured_throughout)
         raise IdentificationError(
-            f"{untold}: does not tell the steering angle throughout, and that of {other[0]} is not "
+            f"{lacks}: does not tell the steering angle throughout, and that of {other[0]} is not "
             "what the servo of the vehicle file makes of its commands: leave this drive out, or "
             "take the commands of all (inputs: commands), whose intervals do not count it"
         )
     if other:
         found.add(Input.STEERING)
-    if Input.SPEED in told and all(
+    if Input.SPEED in in_all and all(
         max(speed_misfits(drives[:FITTED], vehicle, effects, found)) > OTHER_LOOP
         for effects in (LOADING, _LOADING_TOO)  # the first mostly do, in a third of the time
     ):
@@ -136,10 +136,10 @@ def speed_misfits(
     effects: Sequence[str],
     measured: Collection[Input] = (),
 ) -> list[float]:
-    """Return how far the wheels of each drive are from those of the nearest vehicle of the model.
+    """Return how far the wheels of each drive are from those of the best fit of the model.
 
-    Root mean square in units of what the sensor is off by: its noise or rounding, and when it was
-    read. Only the speed of the wheels is fitted.
+    It is a root mean square, in standard deviations of the sensor: of its noise or rounding, and of
+    the time at which it was read. Only the speed of the wheels is fitted.
 
     Parameters
     ----------
@@ -168,9 +168,10 @@ def speed_misfits(
 
 
 def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> float:
-    """Return how far the nearest servo of a law is from a measured angle (root mean square).
+    """Return how far the best fit of the vehicle's servo is from a measured angle.
 
-    In units of what the sensor is off by: its noise or rounding, and when it was read.
+    It is a root mean square, in standard deviations of the sensor: of its noise or rounding, and of
+    the time at which it was read.
 
     Parameters
     ----------
@@ -204,8 +205,8 @@ def servo_misfit(commands: Commands, measured: Samples, vehicle: Vehicle) -> flo
 def _sensor_noise(
     time: FloatArray, values: FloatArray, rates: ArrayLike, jitter: float
 ) -> FloatArray:
-    """What a sensor is off by, when its values change at such rates and stamps are off [s]."""
-    # what pulses tell stays for several samples: they err by a step, and not anew in each
+    """Standard deviations of samples whose values change at rates, with jitter of stamps [s]."""
+    # a speed from pulses is the same for several samples: they err alike, by up to a step
     rounding = resolution(values) / (1.0 if jitter >= PULSE_JITTER else math.sqrt(12.0))
     white = max(white_level(time, values[:, np.newaxis]), rounding)
     return np.maximum(np.hypot(white, jitter * np.asarray(rates)), 1e-9)

@@ -62,8 +62,8 @@ RADIUS = 0.01  # share by which the radius of a single wheel may differ from the
 def errors_of(sensor: Sensor, signal: Signal) -> tuple[SensorError, ...]:
     """Return the errors of a sensor.
 
-    What a sensor sees has a row per channel; that of the lateral acceleration has the yaw
-    acceleration as a second one, by which an accelerometer before the COM reads more.
+    What a sensor sees has a row for each channel. Of the lateral acceleration it has a second row,
+    the yaw acceleration, in proportion to which an accelerometer ahead of the COM reads more.
 
     Parameters
     ----------

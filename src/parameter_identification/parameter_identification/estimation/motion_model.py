@@ -42,6 +42,7 @@ from tricycle_sim.effects import (
     START_DEVIATION,
     TURN_DEVIATION,
     Effect,
+    add_effects,
     as_sensed,
     with_effects,
 )
@@ -163,7 +164,7 @@ class MotionModel:
         measured: Collection[Input],
     ) -> None:
         can_follow = frozenset(Input) if has_gains(vehicle) else {Input.STEERING}
-        self.measured = drive.told & can_follow & frozenset(measured)
+        self.measured = drive.measured_throughout & can_follow & frozenset(measured)
         if Input.SPEED in self.measured:
             vehicle = with_stiff_loop(vehicle)
         self._vehicle = vehicle
@@ -208,16 +209,11 @@ class MotionModel:
             for name in (START_DEVIATION, *_SPACING)
         }
         self._nominal = simulated.nominal_point()
-        place = {name: i for i, name in enumerate(simulated.unknown)}
-        self._parameters = [place[name] for name in vehicle.unknown]
+        self._effects = effects
+        self._place = {name: i for i, name in enumerate(simulated.unknown)}
+        self._parameters = [self._place[name] for name in vehicle.unknown]
         self.low, high = np.array(list(vehicle.unknown.values())).T
         self.width = high - self.low
-        self._changes = [
-            (place[constant], i, change)
-            for i, n in acting
-            if n.effect is not None
-            for constant, change in n.effect.constants.items()
-        ]
         acting.sort(key=lambda pair: _way(pair[1]))
         self.lanes: NDArray[np.int64] = np.array([i for i, _ in acting])
         self._simulated = sum(_way(n) is _Way.SIMULATED for _, n in acting)
@@ -317,8 +313,8 @@ class MotionModel:
         simulated = min(len(Z), 1 + len(self.low) + self._simulated)
         points = np.tile(self._nominal, (simulated, 1))
         points[:, self._parameters] = self.parameters(Z[:simulated])
-        for constant, i, change in self._changes:
-            points[:, constant] += change * values[:simulated, i]
+        of = {name: values[:simulated, i] for name, i in self._at.items()}
+        add_effects(points, self._place, self._effects, of)
         motion = self._run(self._batch, points, values[:simulated])
         if DRIVE_DEAD_TIME in self._at and len(Z) > simulated:
             later = values[simulated : simulated + 1]

@@ -42,10 +42,9 @@ CANDIDATES = 128  # points of the Sobol' sequence that are looked at for starts
 STAMPS_ALIKE = 1.0  # s for which stamps err alike: the samples within count as one
 OUTLYING = 3.0  # standard deviations from which samples are down-weighted by the robust loss
 MAX_STEPS = 50
-ROUGHNESS = 0.3  # of the cost: a step that lowers it by less, after one that failed, is not tried
+ROUGHNESS = 0.3  # of the cost: a damped step that would lower it by less is not tried
 KEPT = 2  # points of which the predictions are kept: noise, sizes and tests look at the same one
 LEAST_SIZE, FIRST_SIZE, MOST_SIZE = 0.02, 0.1, 20.0  # of a deviation, in deviations of its prior
-SIZE_ROUNDS = 1
 
 _T = TypeVar("_T")
 
@@ -113,14 +112,14 @@ class LeastSquares(Closing):
         sizes = [len(model.nuisances) - model.shared for model in models]
         ends = shared + np.cumsum([0, *sizes])
         self.n = int(ends[-1])
-        self._at = [
+        self._places = [
             np.concatenate([np.arange(shared), np.arange(first, last)])
             for first, last in itertools.pairwise(ends)
         ]
         self.low, self.high = np.zeros(self.n), np.ones(self.n)
         self._of_effects, self._rough = np.zeros(self.n, dtype=bool), np.zeros(self.n, dtype=bool)
         self._processes: dict[Effect, list[int]] = {}
-        for model, at in zip(models, self._at, strict=True):
+        for model, at in zip(models, self._places, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
                 self.low[i], self.high[i] = (n.low - n.mean) / n.std, (n.high - n.mean) / n.std
                 self._of_effects[i] = n.effect is not None
@@ -190,7 +189,7 @@ class LeastSquares(Closing):
             model, at = pair
             return model.predict(v[: self.k], v[at[self.k :]])
 
-        found = list(self.each(predict, zip(self.models, self._at, strict=True)))
+        found = list(self.each(predict, zip(self.models, self._places, strict=True)))
         if len(self._predicted) == KEPT:
             del self._predicted[next(iter(self._predicted))]
         self._predicted[key] = found
@@ -218,7 +217,7 @@ class LeastSquares(Closing):
     ) -> Iterator[FloatArray]:
         return self.each(
             lambda predicted, samples, at: self._signals_gram(predicted, samples, at, noise),
-            *(predictions, self._samples, self._at),
+            *(predictions, self._samples, self._places),
         )
 
     def slopes(self, v: FloatArray) -> FloatArray:
@@ -233,7 +232,7 @@ class LeastSquares(Closing):
         """
         grams = self._grams(self.predictions(v), self.noise)
         slopes = np.array([gram[:-1, -1] for gram in grams])
-        for slope, at in zip(slopes, self._at, strict=True):
+        for slope, at in zip(slopes, self._places, strict=True):
             own = at[self.shared :]
             slope[own] += self._precision[own - self.k] * v[own]
         return slopes
@@ -251,7 +250,9 @@ class LeastSquares(Closing):
             Those that are estimated: the parameters, and others.
         """
         prior, estimates, variances = self._prior_gram(v), [], []
-        for gram, at in zip(self._grams(self.predictions(v), self.noise), self._at, strict=True):
+        for gram, at in zip(
+            self._grams(self.predictions(v), self.noise), self._places, strict=True
+        ):
             own, both = at[free[at]], gram + prior
             covariance = np.linalg.inv(both[np.ix_(own, own)])
             estimates.append((v[own] - covariance @ both[own, -1])[: self.k])
@@ -263,8 +264,8 @@ class LeastSquares(Closing):
     ) -> Iterator[tuple[FloatArray, FloatArray, Quadratic]]:
         """Yield the variables (n,) without each drive, their covariance, and the drive's own cost.
 
-        One step of those that are free; the others keep their values. The drive's cost is that of
-        its variables at `v`, with the priors of its own ones.
+        The variables are those after one step of the free ones. The drive's own cost is that near
+        `v`, of its variables only, with the priors of those that no other drive has.
 
         Parameters
         ----------
@@ -276,7 +277,7 @@ class LeastSquares(Closing):
         grams, prior = list(self._grams(self.predictions(v), self.noise)), self._prior_gram(v)
         whole = sum(grams, prior)
         kept = np.flatnonzero(free)
-        for gram, at in zip(grams, self._at, strict=True):
+        for gram, at in zip(grams, self._places, strict=True):
             rest = whole - gram
             covariance = np.zeros((self.n, self.n))
             covariance[np.ix_(kept, kept)] = np.linalg.inv(rest[np.ix_(kept, kept)])
@@ -384,13 +385,13 @@ class LeastSquares(Closing):
             if damping.any() and decrease < ROUGHNESS * scale:
                 if undamped:
                     break
-                damping, undamped = np.zeros(self.n), True  # it may be damped for a step long ago
+                damping, undamped = np.zeros(self.n), True  # it may be of a step long ago
                 continue
             trial = self.quadratic(following)
             if trial.cost < here.cost - 0.1 * decrease and trial.finite:
                 here = trial
                 damping, undamped = np.where(damping > 1.0, damping / 10.0, 0.0), False
-            elif np.any(free & self._rough):  # near by it is not the slope on average
+            elif np.any(free & self._rough):  # their slope at a point is not that on average
                 free = free & ~self._rough
             else:
                 damping = np.maximum(10.0 * damping, here.lacking(step, trial))
@@ -404,12 +405,12 @@ class LeastSquares(Closing):
         drive : int
             Number of the drive.
         """
-        return self._at[drive][self.k :]
+        return self._places[drive][self.k :]
 
     def constant_effects(self) -> dict[Effect, list[int]]:
         """Return the places among the variables of each effect that is no deviation."""
         found: dict[Effect, set[int]] = {}
-        for model, at in zip(self.models, self._at, strict=True):
+        for model, at in zip(self.models, self._places, strict=True):
             for n, i in zip(model.nuisances, at[self.k :].tolist(), strict=True):
                 if n.effect is not None and not n.effect.process:
                     found.setdefault(n.effect, set()).add(i)
@@ -429,13 +430,12 @@ class LeastSquares(Closing):
         """
         if not self._processes:
             return
-        for _ in range(SIZE_ROUNDS):
-            variance = np.diag(self.quadratic(v).covariance())
-            for at in self._processes.values():
-                of_priors = np.array(at) - self.k
-                shown = np.sum(1.0 - self._precision[of_priors] * variance[at])
-                size = np.sum(v[at] ** 2) / max(shown, 1e-3)
-                self._precision[of_priors] = 1.0 / np.clip(size, LEAST_SIZE**2, MOST_SIZE**2)
+        variance = np.diag(self.quadratic(v).covariance())
+        for at in self._processes.values():
+            of_priors = np.array(at) - self.k
+            shown = np.sum(1.0 - self._precision[of_priors] * variance[at])
+            square = np.sum(v[at] ** 2) / max(shown, 1e-3)  # of the size
+            self._precision[of_priors] = 1.0 / np.clip(square, LEAST_SIZE**2, MOST_SIZE**2)
 
     def sizes(self) -> dict[str, float]:
         """Return the size of each deviation, in standard deviations of its prior, by name."""
@@ -455,7 +455,7 @@ class LeastSquares(Closing):
         self._precision = self._precision + self.more_precision(sizes)[self.k :]
 
     def more_precision(self, sizes: Mapping[str, float]) -> FloatArray:
-        """Return how much more information (n,) the prior has with other sizes of the deviations.
+        """Return what other sizes of the deviations add to the prior's information (n,).
 
         Parameters
         ----------
@@ -543,7 +543,7 @@ class LeastSquares(Closing):
                     place[np.append(at, self.n)[own]],
                     s[sensor],
                 )
-                for found, s, at in zip(predictions, self._samples, self._at, strict=True)
+                for found, s, at in zip(predictions, self._samples, self._places, strict=True)
                 for own in [np.append(~self._of_effects[at], True)]
                 for p in found
                 if p.sensor is sensor

@@ -117,16 +117,17 @@ class Table:
                 continue
             if columns:
                 more[name] = Samples(samples.time, at(samples.time, columns[0], noise.get(sensor)))
-        told = Samples(recording.steering.time, self.steering.angle(recording.steering.values))
+        given = recording.steering
+        steering = Samples(given.time, self.steering.angle(given.values))
         if recording.steering_measured and seen.steering_motor_angle is not None:
-            white = NoiseLevel(smooth(told.time, told.values[:, np.newaxis]).white)
-            told = Samples(told.time, at(told.time, seen.steering_motor_angle, white))
+            white = NoiseLevel(smooth(given.time, steering.values[:, np.newaxis]).white)
+            steering = Samples(given.time, at(given.time, seen.steering_motor_angle, white))
         time = recording.time
         x, y = (at(time, column, noise.get(Sensor.POSITION)) for column in (seen.x, seen.y))
         yaw = None
         if recording.yaw is not None:
             yaw = at(time, seen.heading, noise.get(Sensor.HEADING))
-        again = dataclasses.replace(recording, x=x, y=y, yaw=yaw, steering=told, more=more)
+        again = dataclasses.replace(recording, x=x, y=y, yaw=yaw, steering=steering, more=more)
         return dataclasses.replace(self, recording=again, steering=SteeringMap())
 
 

@@ -71,7 +71,7 @@ class Estimate:
 
 
 def in_range(limits: tuple[float, float], share: float) -> float:
-    """Return the value at a share of a range, which round-off takes not beyond it.
+    """Return the value at a share of a range, never beyond its ends.
 
     Parameters
     ----------
@@ -385,8 +385,8 @@ class Identification:
         Largest ratio of a standard deviation by the drives' scatter to that by the noise; NaN for
         one drive. Far above 1 the drives contradict each other: the model lacks something.
     missed : float
-        By how much farther than expected the worst of the drives is from where the others predict
-        it [m] (RMS); 0 where that may be chance.
+        How much farther than expected the worst drive is from the others' prediction of it [m]
+        (RMS); 0 where that may be chance.
     measured : frozenset of Input
         What moved as measured, not as the commands say.
     friction_used : float

@@ -1,8 +1,9 @@
 """What one drive says of the variables that it has in common with others, its own eliminated.
 
 Every drive has start pose, clocks and bias of its own, and shares parameters and effects with the
-others: the information matrix has the shape of an arrow. A drive is therefore looked at alone, its
-own variables are eliminated (Schur complement), and what is left, a small matrix, can be summed.
+others: the information matrix has the shape of an arrow. Drives can therefore be fitted one by one:
+a drive's own variables are eliminated (Schur complement), and the small matrices that are left are
+summed.
 
 Letters of shapes: `c` common variables, parameters in their ranges and then the effects of all
 drives in standard deviations of their priors; `q` variables of the drive alone.
@@ -156,9 +157,9 @@ def share_of(
     own : ndarray of float, shape (q,), optional
         Where the search of its own variables begins. Default: the means of their priors.
     """
-    if untold := setting.measured - drive.told:
+    if lacks := setting.measured - drive.measured_throughout:
         raise IdentificationError(
-            f"{drive.name}: does not tell throughout the {', the '.join(i.value for i in untold)}, "
+            f"{drive.name}: does not tell throughout the {', the '.join(i.value for i in lacks)}, "
             "which moves otherwise than servo and speed loop of the vehicle file make it move"
         )
     model = DriveModel(setting.vehicle, drive, setting.effects, measured=setting.measured)

@@ -25,9 +25,9 @@ from tricycle_core.quantities import FloatArray
 from tricycle_sim.effects import SPEED_DEVIATION, TURN_DEVIATION
 
 DEVIATIONS = ((SPEED_DEVIATION, "%", 100.0), (TURN_DEVIATION, "(1/m)", 1.0))
-"""Those that go on all along a drive: name, unit as shown, and its size in the deviation's."""
-CHANCE = 0.01  # of a drive that is farther from where the others predict it
-NO_SIZE = 0.01  # of a deviation, in standard deviations of its prior: it does not act
+"""Those that go on all along a drive: name, unit that is shown, and the factor to it."""
+CHANCE = 0.01  # probability from which a drive is as far from its prediction as by chance
+NO_SIZE = 0.01  # of a deviation, in standard deviations of its prior, up to which it does not act
 
 
 def fits_of_drives(
@@ -323,7 +323,7 @@ def _by_rest(
 ) -> FloatArray:
     """Derivatives (m, 2, r) of residuals by r variables, while those fitted to the drive follow.
 
-    These take up a part of what the rest is off by.
+    What is fitted compensates a part of the error of those r variables.
     """
     rest = ~fitted
     taken = np.linalg.solve(information[np.ix_(fitted, fitted)], information[np.ix_(fitted, rest)])
@@ -334,8 +334,8 @@ def _by_rest(
 def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel) -> FloatArray:
     """Covariance of the variables of a drive that was not used.
 
-    An effect that each drive has for itself is as large as in the drives that were used, and so is
-    the share of a deviation that stays all along a drive.
+    An effect that each drive has for itself is taken to be as large as in the drives that were
+    used. So is the share of a deviation that is constant along a drive.
     """
     known = problem.k + model.shared
     moments = optimum.covariance + np.outer(optimum.fit.at, optimum.fit.at)
@@ -354,7 +354,7 @@ def _held_covariance(problem: LeastSquares, optimum: Optimum, model: DriveModel)
 
 
 def _staying_share(problem: LeastSquares, moments: FloatArray, name: str) -> float:
-    """Share of a deviation's variance that stays along each drive: the correlation of its knots."""
+    """Share of a deviation's variance that is constant along each drive: its knots' correlation."""
     together = alone = 0.0
     for drive, model in enumerate(problem.models):
         knots = problem.nuisances_at(drive)[model.motion.knots_of(name)]

@@ -114,7 +114,9 @@ def resolution(values: FloatArray) -> float:
 
 
 def coloured(tests: tuple[Whiteness, ...]) -> tuple[Whiteness, ...]:
-    """Return the channels that contradict, at `SIGNIFICANCE` for all of them together (Bonferroni).
+    """Return the channels whose residuals are not white.
+
+    `SIGNIFICANCE` is that of all channels together (Bonferroni).
 
     Parameters
     ----------

@@ -58,7 +58,8 @@ def run(args: argparse.Namespace) -> int:
         Parsed arguments.
     """
     from parameter_identification.drives.recorded import read_drive
-    from tricycle_cli.reports.run_folder import IDENTIFIED, read_run
+    from tricycle_cli.reports.identification_files import IDENTIFICATION
+    from tricycle_cli.reports.run_folder import read_run
     from tricycle_cli.reports.run_page import page_of, run_sections
 
     vehicle = load_vehicle(args.vehicle)
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         check_folder(args.figures)
     found = read_run(args.directory, read=partial(read_drive, topics=topics_of(args)))
     # identify keeps its own report beside its result
-    name = "run.html" if (args.directory / IDENTIFIED).exists() else "report.html"
+    name = "run.html" if (args.directory / IDENTIFICATION).exists() else "report.html"
     output: Path = args.output or args.directory / name
     check_output_files([output], args)
     with progress_bar("reporting") as progress:

@@ -20,6 +20,7 @@ from tricycle_cli.operation.dashboard import (
 )
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
+from tricycle_core.diagnostics import values_of
 from tricycle_core.joints import JOINTS
 from tricycle_core.nodes import LATCHED
 
@@ -86,7 +87,7 @@ class Monitor(Closing):
 
     def _on_maneuver(self, message: DiagnosticStatus) -> None:
         self._hear()
-        self.dashboard.maneuver = {pair.key: pair.value for pair in message.values}
+        self.dashboard.maneuver = values_of(message)
 
     def _on_estimates(self, message: DiagnosticStatus) -> None:
         self._hear()

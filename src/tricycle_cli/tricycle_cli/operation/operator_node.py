@@ -29,7 +29,7 @@ from tricycle_cli.operation.dashboard import DiagnosticEntry, diagnostic_entries
 from tricycle_cli.operation.enough import Enough
 from tricycle_cli.operation.processes import interrupts_held
 from tricycle_core.closing import Closing
-from tricycle_core.diagnostics import Level
+from tricycle_core.diagnostics import Level, values_of
 from tricycle_core.errors import NodeError
 from tricycle_core.maneuver_state import ManeuverState, PlaybackState
 from tricycle_core.nodes import LATCHED, ignore_impossible_times
@@ -529,7 +529,7 @@ class Operator(Closing):
 
     def _on_state(self, message: DiagnosticStatus) -> None:
         with suppress(ValueError):  # of another publisher
-            self._state = ManeuverState.from_values({v.key: v.value for v in message.values})
+            self._state = ManeuverState.from_values(values_of(message))
             self._heard += 1
 
     def _on_preflight(self, message: DiagnosticArray) -> None:
@@ -537,7 +537,7 @@ class Operator(Closing):
         self._preflight = diagnostic_entries(message.status, time.monotonic())
 
     def _on_estimates(self, message: DiagnosticStatus) -> None:
-        values = {pair.key: pair.value for pair in message.values}
+        values = values_of(message)
         if values.get("known") == "true":
             self._taught = values.get("plan_id", "")
 

@@ -18,7 +18,7 @@ from tricycle_cli.reports.tables import MONTH, shown_interval
 from tricycle_core.documents import replacing, write_whole
 from tricycle_core.quantities import FloatArray, with_deviation
 
-FILES = "report.html", "fleet.json", "fleet.png"
+REPORT, DOCUMENT, FIGURE = FILES = "report.html", "fleet.json", "fleet.png"
 """What `save_fleet` writes."""
 WIDTH, HEIGHT, EDGE = 128, 36, 3  # of a sparkline, in its own units
 AHEAD = (
@@ -276,7 +276,7 @@ def save_fleet(fleet: Fleet, document: str, folder: Path) -> None:
         If something cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "report.html", fleet_page(fleet))
-    write_whole(folder / "fleet.json", document + "\n")
-    with replacing(folder / "fleet.png") as file:
+    write_whole(folder / REPORT, fleet_page(fleet))
+    write_whole(folder / DOCUMENT, document + "\n")
+    with replacing(folder / FIGURE) as file:
         fleet_figure(fleet).savefig(file, dpi=150)

@@ -51,6 +51,25 @@ class TableBlock:
         if any(len(row) != len(self.headings) for row in self.rows):
             raise ValueError(f"{self.caption}: every row must have {len(self.headings)} cells")
 
+    @classmethod
+    def without_empty_columns(
+        cls, headings: Sequence[str], rows: Sequence[Sequence[str]], caption: str = ""
+    ) -> Self:
+        """Return a table of the columns in which something stands.
+
+        Parameters
+        ----------
+        headings : sequence of str
+            Of all columns.
+        rows : sequence of sequence of str
+            With a cell in each column.
+        caption : str
+            Text above it.
+        """
+        filled = [k for k in range(len(headings)) if any(row[k] for row in rows)]
+        cells = tuple(tuple(row[k] for k in filled) for row in rows)
+        return cls(tuple(headings[k] for k in filled), cells, caption)
+
 
 @dataclass(frozen=True)
 class FigureBlock:

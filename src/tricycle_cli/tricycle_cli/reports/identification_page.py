@@ -238,7 +238,11 @@ def identification_page(found: Identification) -> str:
     few = "" if drawn == len(found.drives) else f"; of {count} the worst {drawn}"
     sections = [
         Section(
-            "Parameters", (TableBlock(*_without_empty(parameter_rows(found))), *remarks(found))
+            "Parameters",
+            (
+                TableBlock.without_empty_columns(HEADINGS, parameter_rows(found)),
+                *remarks(found),
+            ),
         ),
         Section(
             "Trajectories",
@@ -264,14 +268,6 @@ def identification_page(found: Identification) -> str:
         sections.insert(-1, Section("What the model lacks", (block,)))
     title = f"Identified from {named_drives(found)}"
     return html_page(title, sections, subtitle=f"vehicle {found.vehicle}")
-
-
-def _without_empty(
-    rows: list[tuple[str, ...]],
-) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Headings and rows without columns in which nothing stands."""
-    kept = [i for i in range(len(HEADINGS)) if any(row[i] for row in rows)]
-    return tuple(HEADINGS[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in rows)
 
 
 def _start(drive: DriveFit) -> TableBlock:

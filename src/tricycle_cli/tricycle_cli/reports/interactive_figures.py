@@ -89,7 +89,7 @@ def _mark_start(figure: go.Figure, x: FloatArray, y: FloatArray) -> None:
 
 
 def _enlargement(x: FloatArray, y: FloatArray, deviation: float) -> int:
-    """Round factor by which a deviation becomes a tenth of the trajectory's extent; 1: it is."""
+    """Largest round factor by which a deviation is at most a tenth of the trajectory's extent."""
     extent = max(float(np.ptp(x)), float(np.ptp(y)))
     wanted = 0.1 * extent / deviation if deviation > 0.0 else 1.0
     return max((k for k in (1, 2, 5, 10, 20, 50, 100) if k <= wanted), default=1)

@@ -29,6 +29,8 @@ OFTEN_OUTSIDE = 0.15  # of a drive more than expected: its samples err together
 MUCH_FRICTION = 0.5
 """Share of a tyre's friction above which its stiffness depends on the law that it is given."""
 
+NOT_WHOLE = "cut off before the drive's end, or a file or messages are missing"
+
 EXACT = 1e-4  # m, noise of positions below which no sensor has told them
 
 
@@ -237,8 +239,8 @@ def _not_whole(drives: Sequence[str]) -> list[str]:
     if not drives:
         return []
     return [
-        f"bags that are not whole (cut off before the drive's end, or a file or messages are "
-        f"missing), used as far as they go: {len(drives)} ({_some(drives)})"
+        f"bags that are not whole ({NOT_WHOLE}), used as far as they go: {len(drives)} "
+        f"({_some(drives)})"
     ]
 
 
@@ -311,15 +313,12 @@ def remarks_on_drives(
     redrawn : bool
         Whether the intervals count what smoothing the speed errs by.
     """
-    from parameter_identification.drives.measured import Input, Sensor
+    from parameter_identification.drives.measured import Sensor
     from parameter_identification.estimation.redrawn import SCATTERED
 
     for drive in (*used, *held_out):
         if not drive.complete:
-            yield (
-                f"{drive.name}: its bag is not whole (cut off before the drive's end, or a file or "
-                "messages are missing); used as far as it goes"
-            )
+            yield f"{drive.name}: its bag is not whole ({NOT_WHOLE}); used as far as it goes"
     inputs = {Sensor.WHEEL_SPEED} if Input.SPEED in found.measured else set()
     unused = set(chain.from_iterable(drive.signals for drive in used)) - {*found.noise} - inputs
     for sensor in sorted(unused, key=lambda sensor: sensor.value):

@@ -16,13 +16,12 @@ from parameter_identification.identification_file import (
     load_identification_file,
 )
 from parameter_identification.judging.judgement import Judgement, judge_drive
+from tricycle_cli.reports.identification_files import IDENTIFICATION
 from tricycle_cli.reports.result_file import DemoResult
 from tricycle_core.errors import BagError, JudgeError, PlanError, ReportError
 from tricycle_core.quantities import FloatArray
 from tricycle_sim.vehicle import Vehicle
 from tricycle_sim.vehicle.batch import simulate
-
-IDENTIFIED = "identification.json"
 
 
 @dataclass(frozen=True)
@@ -126,12 +125,14 @@ def read_run(folder: Path, *, read: Callable[[Path], RecordedDrive] = read_drive
         }
         found |= drives or {file: Maneuver(_name(file), plan)}
     maneuvers = _named_apart(found | driven, folder)
-    files = [found for depth in ("", "*/", "*/*/") for found in folder.glob(f"{depth}{IDENTIFIED}")]
-    identifications = tuple(_identification(file, result) for file in sorted(files))
+    depths = ("", "*/", "*/*/")
+    files = sorted(file for depth in depths for file in folder.glob(f"{depth}{IDENTIFICATION}"))
+    identifications = tuple(_identification(file, result) for file in files)
     if not maneuvers and not identifications:
         raise ReportError(
             f"{folder}: holds no plan (plan.json, plan-1.json, plans/*.json), no bag "
-            f"(metadata.yaml or *.mcap) and no {IDENTIFIED}, here or up to two directories below"
+            f"(metadata.yaml or *.mcap) and no {IDENTIFICATION}, here or up to two directories "
+            "below"
         )
     return Run(folder, maneuvers, identifications, left_out)
 

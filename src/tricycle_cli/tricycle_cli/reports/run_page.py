@@ -7,6 +7,7 @@ from parameter_identification.identification_file import IdentificationDocument,
 from tricycle_cli.reports import interactive_figures as figures
 from tricycle_cli.reports.html_page import PlotBlock, Section, TableBlock, html_page
 from tricycle_cli.reports.run_folder import Maneuver, Run, wheel_loads
+from tricycle_cli.reports.tables import shown_truth
 from tricycle_core.errors import PlanError
 from tricycle_core.quantities import Progress, with_deviation
 from tricycle_sim.vehicle import Vehicle
@@ -117,11 +118,7 @@ def _results(run: Run) -> list[Block]:
         "largest / mm": lambda m: "" if m.judgement is None else f"{1e3 * m.judgement.max:.1f}",
     }
     rows = [[text(maneuver) for text in columns.values()] for maneuver in run.maneuvers]
-    shown = [k for k in range(len(columns)) if any(row[k] for row in rows)]
-    headings = list(columns)
-    table = TableBlock(
-        tuple(headings[k] for k in shown), tuple(tuple(row[k] for k in shown) for row in rows)
-    )
+    table = TableBlock.without_empty_columns(list(columns), rows)
     failures = [maneuver.failure for maneuver in run.maneuvers if maneuver.failure]
     return [table, LEGEND, *failures]
 
@@ -196,11 +193,6 @@ def _blocks(maneuver: Maneuver, vehicle: Vehicle) -> list[Block]:
 
 
 def _estimates(name: str, found: IdentificationDocument) -> TableBlock:
-    def truth(p: ParameterEntry) -> str:
-        if p.truth is None:
-            return ""
-        return f"{p.truth:.4g} {'✓' if p.low <= p.truth <= p.high else '✗'}"
-
     def estimate(p: ParameterEntry) -> str:
         if not p.identifiable:
             return "not shown"
@@ -214,17 +206,13 @@ def _estimates(name: str, found: IdentificationDocument) -> TableBlock:
             f"{p.range[0]:.4g} … {p.range[1]:.4g}",
             estimate(p),
             f"{p.low:.4g} … {p.high:.4g}",
-            truth(p),
+            "" if p.truth is None else shown_truth(p, p.truth),
         )
         for parameter, p in found.parameters.items()
     ]
     headings = ["parameter", "unit", "range", "estimate ± σ", f"{100 * found.level:g} %", "truth"]
-    kept = [k for k in range(len(headings)) if any(row[k] for row in rows)]
-    return TableBlock(
-        tuple(headings[k] for k in kept),
-        tuple(tuple(row[k] for k in kept) for row in rows),
-        f"{name}: estimates from the drives; ✗: the interval misses the truth",
-    )
+    caption = f"{name}: estimates from the drives; ✗: the interval misses the truth"
+    return TableBlock.without_empty_columns(headings, rows, caption)
 
 
 def _index_table(plan: Plan) -> TableBlock:

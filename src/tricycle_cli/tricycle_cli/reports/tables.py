@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from parameter_identification.estimation.population import Interval, Population
     from parameter_identification.fleet import Fleet
     from parameter_identification.identification import Estimate, Identification
+    from parameter_identification.identification_file import ParameterEntry
     from parameter_identification.many_drives import ManyDrives
 
 HEADINGS = ("parameter", "unit", "range", "estimate ± 1σ", "interval", "truth")
@@ -195,14 +196,23 @@ def parameter_rows(
             f"{e.range[0]:.4g} – {e.range[1]:.4g}",
             with_deviation(e.estimate, e.standard_deviation) if e.identifiable else "not shown",
             f"{_short(e.low)} – {_short(e.high)}",
-            _truth(e, known[name]) if name in known else "",
+            shown_truth(e, known[name]) if name in known else "",
         )
         for name, e in found.parameters.items()
     ]
 
 
-def _truth(e: Estimate, value: float) -> str:
-    return f"{value:.4g} {'✓' if e.low <= value <= e.high else '✗'}"
+def shown_truth(found: Estimate | ParameterEntry, value: float) -> str:
+    """Return a true value as text, and whether the interval of its estimate holds it.
+
+    Parameters
+    ----------
+    found : Estimate or ParameterEntry
+        With the interval.
+    value : float
+        True value.
+    """
+    return f"{value:.4g} {'✓' if found.low <= value <= found.high else '✗'}"
 
 
 def _short(value: float) -> str:
